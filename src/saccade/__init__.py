@@ -1,0 +1,87 @@
+"""Active vision: where to look, what to keep, and the map it makes.
+
+An image goes in, attention says where to look, interest points say what to
+keep, landmarks say where things are, and a map comes out.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from saccade import datasets, slam, viewing
+    from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
+    from saccade.attention.scanpath import ScanpathConfig, scanpath
+    from saccade.errors import ConfigError, ImageError, LogError, OutputError, SaccadeError
+    from saccade.image import read_image
+    from saccade.keypoints.matching import match
+    from saccade.keypoints.sift import Sift, SiftConfig
+    from saccade.types import (
+        Keypoints,
+        LandmarkLog,
+        LandmarkMap,
+        Observation,
+        Scanpath,
+        Trajectory,
+    )
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "saccade.attention.contrast": ("ContrastConfig", "ContrastMaps", "contrast_saliency"),
+    "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
+    "saccade.errors": ("ConfigError", "ImageError", "LogError", "OutputError", "SaccadeError"),
+    "saccade.image": ("read_image",),
+    "saccade.keypoints.matching": ("match",),
+    "saccade.keypoints.sift": ("Sift", "SiftConfig"),
+    "saccade.types": (
+        "Keypoints",
+        "LandmarkLog",
+        "LandmarkMap",
+        "Observation",
+        "Scanpath",
+        "Trajectory",
+    ),
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+_ROOMS = ("datasets", "slam", "viewing")
+
+__all__ = [
+    "ConfigError",
+    "ContrastConfig",
+    "ContrastMaps",
+    "ImageError",
+    "Keypoints",
+    "LandmarkLog",
+    "LandmarkMap",
+    "LogError",
+    "Observation",
+    "OutputError",
+    "SaccadeError",
+    "Scanpath",
+    "ScanpathConfig",
+    "Sift",
+    "SiftConfig",
+    "Trajectory",
+    "contrast_saliency",
+    "datasets",
+    "match",
+    "read_image",
+    "scanpath",
+    "slam",
+    "viewing",
+]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    """Load a public name when it is first used: `import saccade` stays light."""
+    if name in _ROOMS:
+        return import_module(f"saccade.{name}")
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'saccade' has no attribute {name!r}")
+    value = getattr(import_module(_HOME_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -1,0 +1,1 @@
+"""Recorded data, each source read into the nouns of `saccade.types`."""

@@ -1,0 +1,31 @@
+"""What can go wrong, in words a user can act on.
+
+Every message names the culprit (a file, a line or an argument), what was
+expected and what was found.
+"""
+
+
+class SaccadeError(Exception):
+    """Input that `saccade` cannot work with; the message is one line."""
+
+
+class ImageError(SaccadeError, ValueError):
+    """Not an image, or one that the algorithm cannot use."""
+
+
+class LogError(SaccadeError, ValueError):
+    """A landmark log that is broken, or is not of the format it was said to be."""
+
+
+class ConfigError(SaccadeError, ValueError):
+    """A setting outside its range, or one that does not exist."""
+
+
+class OutputError(SaccadeError, OSError):
+    """A result that could not be written."""
+
+
+def require(holds: bool, name: str, expected: str, found: object) -> None:
+    """Raise `ConfigError` unless `holds`; `name` is the setting, `expected` its range."""
+    if not holds:
+        raise ConfigError(f"{name}: expected {expected}, found {found!r}")

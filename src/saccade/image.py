@@ -1,0 +1,130 @@
+"""Reading, checking and converting images: the only file that knows image files."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from saccade.errors import ImageError
+from saccade.types import Float32Array, Image
+
+OVERSHOOT = 1e-3
+"""By how much a float image may leave [0, 1]; interpolation and rounding leave such traces."""
+
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+"""Weights of R, G and B in grey, after ITU-R BT.601."""
+
+
+def read_image(path: str | Path) -> Float32Array:
+    """The picture in a file, turned upright as its EXIF note says.
+
+    Args:
+        path: any format that OpenCV reads; grey, colour, 8 or 16 bit. Transparency is ignored.
+
+    Returns:
+        (H, W, 3) RGB in [0, 1].
+
+    Raises:
+        ImageError: the file is missing, is not an image, or is cut short.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be read: {error.strerror}") from error
+    if not data:
+        raise ImageError(f"{path}: expected an image, found an empty file")
+    if _is_cut_short(data):
+        raise ImageError(f"{path}: the image is cut short")
+    with _quiet_opencv():
+        try:
+            bgr = cv2.imdecode(
+                np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
+            )
+        except cv2.error as error:
+            raise ImageError(f"{path}: cannot be decoded: {error.err}") from error
+    if bgr is None:
+        raise ImageError(f"{path}: expected an image (PNG, JPEG, TIFF, ...), found something else")
+    return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
+
+
+def as_rgb(image: Image, name: str = "image") -> Float32Array:
+    """Any image that `saccade` accepts, as (H, W, 3) RGB in [0, 1]; grey is repeated.
+
+    Args:
+        image: see `saccade.types.Image`.
+        name: what an error message calls it.
+
+    Raises:
+        ImageError: not an image, empty, not finite, or outside [0, 1].
+    """
+    pixels = _in_unit_range(image, name)
+    if pixels.ndim == 2:
+        return np.repeat(pixels[:, :, None], 3, axis=2)
+    return np.ascontiguousarray(pixels[:, :, :3])
+
+
+def as_gray(image: Image, name: str = "image") -> Float32Array:
+    """Any image that `saccade` accepts, as (H, W) grey in [0, 1] (ITU-R BT.601 weights).
+
+    Args:
+        image: see `saccade.types.Image`.
+        name: what an error message calls it.
+
+    Raises:
+        ImageError: not an image, empty, not finite, or outside [0, 1].
+    """
+    pixels = _in_unit_range(image, name)
+    if pixels.ndim == 2:
+        return pixels
+    return cv2.transform(np.ascontiguousarray(pixels[:, :, :3]), LUMA[None]).reshape(
+        pixels.shape[:2]
+    )
+
+
+def _in_unit_range(image: Image, name: str) -> Float32Array:
+    image = np.asarray(image)
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[:, :, 0]
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
+        raise ImageError(f"{name}: expected shape (H, W), (H, W, 3) or (H, W, 4), found {image.shape}")
+    if image.size == 0:
+        raise ImageError(f"{name}: expected at least one pixel, found shape {image.shape}")
+    if image.dtype in (np.uint8, np.uint16):
+        return image.astype(np.float32) * np.float32(1 / np.iinfo(image.dtype).max)
+    if image.dtype == np.bool_:
+        return image.astype(np.float32)
+    if image.dtype.kind != "f":
+        raise ImageError(f"{name}: expected uint8, uint16, bool or float, found {image.dtype}")
+    pixels = np.ascontiguousarray(image, dtype=np.float32)
+    low, high = float(pixels.min()), float(pixels.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        raise ImageError(f"{name}: expected finite values, found NaN or infinity")
+    if low < -OVERSHOOT or high > 1 + OVERSHOOT:
+        raise ImageError(
+            f"{name}: expected float values in [0, 1], found {low:.6g} to {high:.6g}; "
+            "scale it, or pass uint8 or uint16"
+        )
+    return pixels if low >= 0 and high <= 1 else pixels.clip(0, 1)
+
+
+def _is_cut_short(data: bytes) -> bool:
+    """Whether a JPEG or PNG lacks its end: OpenCV fills the rest with grey and says nothing."""
+    if data.startswith(b"\xff\xd8"):
+        start_of_scan, end_of_image = data.rfind(b"\xff\xda"), data.rfind(b"\xff\xd9")
+        return end_of_image < start_of_scan
+    if data.startswith(b"\x89PNG"):
+        return b"IEND" not in data[-64:] and data.rfind(b"IEND") < data.rfind(b"IDAT")
+    return False
+
+
+@contextmanager
+def _quiet_opencv() -> Iterator[None]:
+    level = cv2.getLogLevel()
+    cv2.setLogLevel(0)
+    try:
+        yield
+    finally:
+        cv2.setLogLevel(level)

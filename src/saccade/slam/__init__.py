@@ -1,0 +1,1 @@
+"""Where things are: range-bearing landmark SLAM; it never sees an image."""

@@ -1,0 +1,161 @@
+"""The nouns that flow through `saccade`: values, never changed once made.
+
+Points are (x, y) with the centre of the top-left pixel at (0, 0); arrays are
+indexed [row, column]. On the ground x and y are metres, angles radians in
+(-pi, pi], counter-clockwise from the x axis.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Image: TypeAlias = npt.NDArray[Any]
+"""(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+Float32Array: TypeAlias = npt.NDArray[np.float32]
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Keypoints:
+    """Interest points of one image, strongest response first unless a detector says otherwise."""
+
+    xy: Float32Array
+    """(n, 2) place in image pixels."""
+    size: Float32Array
+    """(n,) diameter in image pixels, as OpenCV means it."""
+    angle: Float32Array
+    """(n,) orientation in radians, from x towards y (clockwise on the screen)."""
+    response: Float32Array
+    """(n,) strength; its unit is the detector's."""
+    octave: npt.NDArray[np.int32]
+    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself."""
+    descriptors: npt.NDArray[np.uint8] | None = None
+    """(n, 128), or None where only places were asked for."""
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def __getitem__(self, index: slice | npt.NDArray[Any]) -> "Keypoints":
+        """The points that a slice, a mask or an index array names."""
+        return Keypoints(
+            self.xy[index],
+            self.size[index],
+            self.angle[index],
+            self.response[index],
+            self.octave[index],
+            None if self.descriptors is None else self.descriptors[index],
+        )
+
+    def __repr__(self) -> str:
+        described = "without descriptors" if self.descriptors is None else "with descriptors"
+        return f"Keypoints({len(self)} points, {described})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scanpath:
+    """Fixations in the order in which they win."""
+
+    xy: FloatArray
+    """(n, 2) place in image pixels."""
+    time: FloatArray
+    """(n,) seconds since the onset of the image."""
+    saliency: FloatArray
+    """(n,) value of the saliency map at the winner."""
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def __repr__(self) -> str:
+        last = f", {self.time[-1]:.3f} s" if len(self) else ""
+        return f"Scanpath({len(self)} fixations{last})"
+
+
+class Observation(NamedTuple):
+    """One landmark as the robot sees it."""
+
+    z: FloatArray
+    """(2,) range in metres and bearing in radians, in the robot's frame."""
+    covariance: FloatArray
+    """(2, 2) of `z`."""
+    landmark: int = -1
+    """Identity of the landmark, -1 where it is unknown."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """Where the robot was, in the frame of its map."""
+
+    time: FloatArray
+    """(t,) seconds; the number of the pose where the source has no clock."""
+    pose: FloatArray
+    """(t, 3) x and y in metres, heading in radians."""
+    covariance: FloatArray | None = None
+    """(t, 3, 3), or None where it is not known."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        length = float(np.hypot(*np.diff(self.pose[:, :2], axis=0).T).sum()) if len(self) else 0.0
+        return f"Trajectory({len(self)} poses, {length:.1f} m)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LandmarkMap:
+    """Where the landmarks are."""
+
+    id: IntArray
+    """(n,) identity in the log; the order of first sight where the log has none."""
+    xy: FloatArray
+    """(n, 2) metres, in the frame of the trajectory."""
+    covariance: FloatArray | None = None
+    """(n, 2, 2) square metres, or None where it is not known."""
+    sightings: IntArray | None = None
+    """(n,) how many observations went into each."""
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def __repr__(self) -> str:
+        return f"LandmarkMap({len(self)} landmarks)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LandmarkLog:
+    """What a robot drove and what it saw: t controls between t + 1 poses, k observations."""
+
+    name: str
+    """The data set, for headings and messages."""
+    start: FloatArray
+    """(3,) pose at the beginning."""
+    time: FloatArray
+    """(t + 1,) of each pose, in seconds; the number of the pose where the log has no clock."""
+    motion: Literal["drive", "compose"]
+    """What a control is: "drive" (distance, turn), turned before driven as in C.5; or
+    "compose" (forward, left, turn), the next pose in the frame of the last."""
+    control: FloatArray
+    """(t, 2) or (t, 3): from pose i to pose i + 1."""
+    control_covariance: FloatArray
+    """(t, 2, 2) or (t, 3, 3)."""
+    observation_pose: IntArray
+    """(k,) number of the pose from which each observation was made, ascending."""
+    observation: FloatArray
+    """(k, 2) range in metres, bearing in radians."""
+    observation_covariance: FloatArray
+    """(k, 2, 2)."""
+    landmark: IntArray
+    """(k,) identity of what was seen, -1 where the log does not say."""
+    truth: Trajectory | None = None
+    """Where the robot really was, if known; its times need not be those of the log."""
+    landmark_truth: LandmarkMap | None = None
+    """Where the landmarks really are, if known."""
+
+    def __repr__(self) -> str:
+        return (
+            f"LandmarkLog({self.name}: {len(self.control)} controls, "
+            f"{len(self.observation)} observations)"
+        )

@@ -1,0 +1,30 @@
+"""Where the tests find their data."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT.parent / "shared"
+DATA = Path(__file__).parent / "data"
+
+
+def pytest_collection_modifyitems(items):
+    if SHARED.is_dir():
+        return
+    absent = pytest.mark.skip(reason=f"reference data is not at {SHARED}")
+    for item in items:
+        if item.get_closest_marker("shared"):
+            item.add_marker(absent)
+
+
+@pytest.fixture(scope="session")
+def shared():
+    """The folder of reference data, for tests that are marked `shared`."""
+    return SHARED
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20261121)
