@@ -6,7 +6,7 @@ a change in another file.
 
 import logging
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import event
@@ -16,18 +16,21 @@ _logger = logging.getLogger(__name__)
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-class _Announcer(event.Listener):  # type: ignore[misc]
+class _Announcer(event.Listener):
     """Says once per process that kernels are being compiled: it takes seconds."""
 
-    def on_start(self, event: Any) -> None:  # noqa: ANN401
-        _logger.info("compiling for this machine (once; the result is cached)")
-        numba.core.event.unregister("numba:compile", self)
+    announced = False
 
-    def on_end(self, event: Any) -> None:  # noqa: ANN401
+    def on_start(self, event: event.Event) -> None:
+        if not self.announced:
+            _logger.info("compiling for this machine (once; the result is cached)")
+        self.announced = True
+
+    def on_end(self, event: event.Event) -> None:
         """Required by Numba; nothing to say."""
 
 
-event.register("numba:compile", _Announcer())
+event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]
 
 
 def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
@@ -41,12 +44,17 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
         A decorator; the compiled function keeps its plain Python body as `.py_func`
         unless Numba's JIT is switched off.
     """
-    options = {"nogil": True, "error_model": "numpy", "fastmath": set(fastmath)}
 
     def compile_lazily(function: F) -> F:
+        def compiled(*, cache: bool) -> F:
+            dispatcher = numba.njit(
+                function, cache=cache, nogil=True, error_model="numpy", fastmath=set(fastmath)
+            )
+            return cast("F", dispatcher)
+
         try:
-            return numba.njit(cache=True, **options)(function)  # type: ignore[no-any-return]
+            return compiled(cache=True)
         except RuntimeError:  # no folder can be written: a read-only install without a home
-            return numba.njit(cache=False, **options)(function)  # type: ignore[no-any-return]
+            return compiled(cache=False)
 
     return compile_lazily

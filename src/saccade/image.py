@@ -79,9 +79,8 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
     pixels = _in_unit_range(image, name)
     if pixels.ndim == 2:
         return pixels
-    return cv2.transform(np.ascontiguousarray(pixels[:, :, :3]), LUMA[None]).reshape(
-        pixels.shape[:2]
-    )
+    luma: Float32Array = np.einsum("hwc,c->hw", pixels[:, :, :3], LUMA)
+    return luma
 
 
 def _in_unit_range(image: Image, name: str) -> Float32Array:
@@ -89,7 +88,9 @@ def _in_unit_range(image: Image, name: str) -> Float32Array:
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise ImageError(f"{name}: expected shape (H, W), (H, W, 3) or (H, W, 4), found {image.shape}")
+        raise ImageError(
+            f"{name}: expected shape (H, W), (H, W, 3) or (H, W, 4), found {image.shape}"
+        )
     if image.size == 0:
         raise ImageError(f"{name}: expected at least one pixel, found shape {image.shape}")
     if image.dtype in (np.uint8, np.uint16):
@@ -122,9 +123,9 @@ def _is_cut_short(data: bytes) -> bool:
 
 @contextmanager
 def _quiet_opencv() -> Iterator[None]:
-    level = cv2.getLogLevel()
-    cv2.setLogLevel(0)
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         yield
     finally:
-        cv2.setLogLevel(level)
+        cv2.utils.logging.setLogLevel(level)
