@@ -1,1 +1,18 @@
 """Pictures and pages, made from the nouns of `saccade.types`."""
+
+from saccade.viewing.attention import attention_figure
+from saccade.viewing.keypoints import keypoint_figure, match_figure
+from saccade.viewing.maps import map_figure
+from saccade.viewing.page import Picture, Section, html_page
+from saccade.viewing.style import save_figure
+
+__all__ = [
+    "Picture",
+    "Section",
+    "attention_figure",
+    "html_page",
+    "keypoint_figure",
+    "map_figure",
+    "match_figure",
+    "save_figure",
+]

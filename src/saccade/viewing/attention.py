@@ -1,0 +1,61 @@
+"""Pictures of attention: where the model looks, and why."""
+
+from collections.abc import Mapping
+
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from saccade.types import Float32Array, Scanpath
+from saccade.viewing.style import HEAT, ORANGE, figure_for, picture_axes
+
+_OUTLINE = [patheffects.withStroke(linewidth=3, foreground="black")]
+
+
+def attention_figure(
+    image: Float32Array, maps: Mapping[str, Float32Array], path: Scanpath
+) -> Figure:
+    """The photo with its scanpath, then each map as heat.
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+        maps: by title; each (h, w), the first is the saliency map. Drawn from 0 to its maximum.
+        path: fixations in image pixels, numbered in their order.
+    """
+    height, width = image.shape[:2]
+    columns = 2 if len(maps) <= 3 else 3
+    rows = -(-(1 + len(maps)) // columns)
+    figure = figure_for(width, height, columns, rows)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    panels[0].imshow(image, interpolation="antialiased")
+    picture_axes(panels[0], f"scanpath, {len(path)} fixations")
+    draw_scanpath(panels[0], path)
+    for axes, (title, values) in zip(panels[1:], maps.items(), strict=False):
+        extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+        axes.imshow(values, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
+        picture_axes(axes, title)
+    for axes in panels[1 + len(maps) :]:
+        axes.set_axis_off()
+    return figure
+
+
+def draw_scanpath(axes: Axes, path: Scanpath) -> None:
+    """Number the fixations in their order and join them."""
+    axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=_OUTLINE)
+    for number, (x, y) in enumerate(path.xy, start=1):
+        first = number == 1
+        axes.text(
+            x,
+            y,
+            str(number),
+            color="black",
+            fontsize=8,
+            ha="center",
+            va="center",
+            bbox={
+                "boxstyle": "circle,pad=0.25",
+                "facecolor": "white" if first else ORANGE,
+                "edgecolor": "black",
+            },
+            clip_on=True,
+        )
