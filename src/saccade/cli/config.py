@@ -1,0 +1,25 @@
+"""`saccade config`: a configuration and its presets, as TOML."""
+
+from typing import Annotated
+
+import typer
+
+from saccade.cli.options import Preset
+
+
+def config(
+    kind: Annotated[str, typer.Argument(help="contrast, scanpath, sift or slam.")],
+    preset: Preset = None,
+) -> None:
+    """Print a configuration with its presets as TOML.
+
+    Save the preset you want to a file, change it, and hand it to a command with --config.
+    Without --preset every preset is printed, a table each.
+    """
+    from saccade.cli.settings import as_toml, load_settings, preset_names
+
+    if preset is not None:
+        typer.echo(as_toml(load_settings(kind, preset)), nl=False)
+        return
+    tables = [f"[{name}]\n{as_toml(load_settings(kind, name))}" for name in preset_names(kind)]
+    typer.echo("\n".join(tables), nl=False)

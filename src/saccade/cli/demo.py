@@ -1,0 +1,136 @@
+"""`saccade demo`: look, match and map on what ships with the package."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from saccade.cli.options import Json
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for what is made.")] = Path(
+        "saccade-demo"
+    ),
+    as_json: Json = False,
+) -> None:
+    """Look at a photograph, match two others, and map a park; then open index.html.
+
+    Everything it needs ships with the package. The first run compiles and takes up to a minute,
+    the next ones take seconds.
+    """
+    from importlib.resources import as_file, files
+
+    from saccade.cli.output import print_json, print_table, say, write_text
+
+    with as_file(files("saccade") / "data") as data:
+        looked, matched, mapped = _make(data, out)
+    page = out / "index.html"
+    write_text(page, _page(looked, matched, mapped))
+    if as_json:
+        print_json({"page": str(page), "look": looked, "match": matched, "slam": mapped})
+        return
+    print_table(
+        "saccade demo",
+        ["made", "what"],
+        [
+            [looked["picture"], f"{len(looked['scanpath'])} fixations"],
+            [matched["picture"], f"{matched['matches']} matches"],
+            [mapped["files"]["picture"], f"{mapped['landmarks']} landmarks"],
+            [str(page), "all of it"],
+        ],
+    )
+    say(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
+
+
+def _make(data: Path, out: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """The three systems, one after the other, with a progress bar where someone watches."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from saccade import datasets
+    from saccade.cli.look import look_at
+    from saccade.cli.match import match_images
+    from saccade.cli.settings import load_settings
+    from saccade.cli.slam import map_log
+    from saccade.keypoints.sift import Sift
+
+    columns = (TextColumn("{task.description:<44}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        looking = progress.add_task("attention: where to look in a photograph", total=1)
+        matching = progress.add_task("interest points: what two photographs share", total=1)
+        mapping = progress.add_task("EKF-SLAM: a car in Victoria Park", total=None)
+
+        looked = look_at(data / "rocket.jpg", out / "look", load_settings("contrast"), fixations=10)
+        progress.update(looking, completed=1)
+
+        pair = (data / "hallway_1.jpg", data / "hallway_2.jpg")
+        matched = match_images(*pair, out, Sift(load_settings("sift")), ratio=0.8, mutual=True)
+        progress.update(matching, completed=1)
+
+        log = datasets.load("victoria-park", data / "victoria_park.txt")
+        mapped = map_log(
+            log,
+            out,
+            load_settings("slam"),
+            lambda done, total: progress.update(mapping, completed=done, total=total),
+        )
+    return looked, matched, mapped
+
+
+def _page(looked: dict[str, Any], matched: dict[str, Any], mapped: dict[str, Any]) -> str:
+    from saccade.cli.slam import facts
+    from saccade.viewing import Picture, Section, html_page
+
+    sections = [
+        Section(
+            "Attention: where to look",
+            "The contrast-saliency model looks for places that differ from their surroundings in "
+            "intensity, color or orientation. A winner-take-all network then visits the most "
+            "salient places one by one.",
+            [
+                Picture(
+                    Path(looked["picture"]).name,
+                    "The photograph with numbered fixations, its saliency map, and the "
+                    "conspicuity maps of intensity, color and orientation as heat",
+                    "Rocket on the pad at dusk: scanpath, saliency and the three conspicuity "
+                    "maps. Photograph: SpaceX, CC0.",
+                )
+            ],
+            links=[Path(looked["arrays"]).name],
+        ),
+        Section(
+            "Interest points: what to keep",
+            "SIFT finds places that can be found again from elsewhere. Two laps through the same "
+            "hallway, matched by nearest neighbors with ratio test and mutual check.",
+            [
+                Picture(
+                    Path(matched["picture"]).name,
+                    "Two photographs of one hallway, joined by lines between matched points",
+                    f"{matched['matches']} matches between {matched['first_points']} and "
+                    f"{matched['second_points']} interest points. "
+                    "Photographs: RTAB-Map samples, BSD-3.",
+                )
+            ],
+            links=[Path(matched["table"]).name],
+        ),
+        Section(
+            "EKF-SLAM: where things are",
+            "A car drives through a park and sees trees with its laser. The filter estimates both "
+            "the drive and the trees, and says how sure it is of each.",
+            [
+                Picture(
+                    Path(mapped["files"]["picture"]).name,
+                    "The estimated drive, the drive from odometry alone, and the landmarks with "
+                    "their ellipses",
+                    "Victoria Park, Sydney. Log: J. Guivant and E. Nebot, as distributed with "
+                    "GTSAM, BSD.",
+                )
+            ],
+            facts=facts(mapped),
+            links=[*(Path(path).name for path in mapped["files"].values()), "run.json"],
+        ),
+    ]
+    lead = "An image goes in, attention says where to look, interest points say what to keep, "
+    lead += "landmarks say where things are, and a map comes out."
+    return html_page("saccade demo", lead, sections)

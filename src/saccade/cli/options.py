@@ -1,0 +1,18 @@
+"""Arguments and options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Images = Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Photographs to work on.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for what is made.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
+Preset = Annotated[
+    str | None,
+    typer.Option("--preset", "-p", help="A named configuration; `saccade config` lists them."),
+]
+Settings = Annotated[
+    Path | None,
+    typer.Option("--config", "-c", help="A TOML file as `saccade config` prints it."),
+]

@@ -1,0 +1,95 @@
+"""What commands print and write."""
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from saccade.errors import OutputError, SaccadeError
+from saccade.files import whole_file
+
+
+def say(message: str) -> None:
+    """A message for the person at the terminal, on stderr."""
+    print(f"saccade: {message}", file=sys.stderr)
+
+
+def print_json(result: Mapping[str, Any]) -> None:
+    """A result for programs, on stdout."""
+    json.dump(result, sys.stdout, indent=2)
+    print()
+
+
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """A result for people, on stdout."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for number, column in enumerate(columns):
+        table.add_column(column, justify="left" if number == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write named arrays as .npz, whole or not at all."""
+    import numpy as np
+
+    with whole_file(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+
+
+def names_for(paths: Sequence[Path]) -> dict[Path, str]:
+    """A name for the results of each input: its stem, numbered where two share one."""
+    names: dict[Path, str] = {}
+    for path in paths:
+        taken, name, number = set(names.values()), path.stem, 2
+        while name in taken:
+            name, number = f"{path.stem}-{number}", number + 1
+        names.setdefault(path, name)
+    return names
+
+
+def for_each_image(
+    paths: Sequence[Path], out: Path, work: Callable[[Path, str], dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Do `work(path, name)` for every image; a bad one is told and the others still done.
+
+    Args:
+        paths: the images.
+        out: folder that is named where something was left out.
+        work: what to do for one; gives the row of the result.
+
+    Returns:
+        The rows of those that went well.
+
+    Raises:
+        SaccadeError: at the end, where an image was bad; the message of a single one as it is.
+    """
+    rows: list[dict[str, Any]] = []
+    errors: list[SaccadeError] = []
+    for path, name in names_for(paths).items():
+        try:
+            rows.append(work(path, name))
+        except OutputError:
+            raise
+        except SaccadeError as error:
+            errors.append(error)
+            if len(paths) > 1:
+                say(str(error))
+    if errors and len(paths) > 1:
+        message = f"{len(errors)} of {len(paths)} images left out; the others are in {out}"
+        raise SaccadeError(message)
+    if errors:
+        raise errors[0]
+    return rows

@@ -1,0 +1,103 @@
+"""Configurations from presets and TOML files."""
+
+import tomllib
+from dataclasses import asdict, fields
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from saccade.errors import ConfigError
+
+KINDS = {
+    "contrast": ("saccade.attention.contrast", "ContrastConfig"),
+    "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
+    "sift": ("saccade.keypoints.sift", "SiftConfig"),
+    "slam": ("saccade.slam", "EkfConfig"),
+}
+"""Where the configuration of each kind lives."""
+
+DEFAULT = "default"
+
+
+def load_settings(kind: str, preset: str | None = None, path: Path | None = None) -> Any:  # noqa: ANN401
+    """A configuration: a preset, with the settings of a file on top.
+
+    Args:
+        kind: one of `KINDS`.
+        preset: its name; None or "default" for the defaults.
+        path: a TOML file as `saccade config` prints it.
+
+    Raises:
+        ConfigError: no such kind, preset or setting, or a value outside its range.
+    """
+    settings = _named(kind, preset or DEFAULT)
+    if path is None:
+        return settings
+    values = {**asdict(settings), **_from_file(path, settings)}
+    try:
+        return type(settings)(**values)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def preset_names(kind: str) -> list[str]:
+    """The names of the presets of a kind, the default first."""
+    return [DEFAULT, *_presets(_configuration(kind))]
+
+
+def as_toml(settings: Any) -> str:  # noqa: ANN401
+    """A configuration as TOML; what is None is left out, since TOML has no word for it."""
+    import tomli_w
+
+    values = {name: value for name, value in asdict(settings).items() if value is not None}
+    return tomli_w.dumps(values)
+
+
+def _configuration(kind: str) -> Any:  # noqa: ANN401
+    if kind not in KINDS:
+        raise ConfigError(f"kind: expected one of {', '.join(KINDS)}, found {kind!r}")
+    module, name = KINDS[kind]
+    return getattr(import_module(module), name)
+
+
+def _presets(configuration: type) -> list[str]:
+    return [name for name, value in vars(configuration).items() if isinstance(value, classmethod)]
+
+
+def _named(kind: str, preset: str) -> Any:  # noqa: ANN401
+    configuration = _configuration(kind)
+    if preset == DEFAULT:
+        return configuration()
+    if preset not in _presets(configuration):
+        raise ConfigError(
+            f"preset: expected one of {', '.join(preset_names(kind))}, found {preset!r}"
+        )
+    return getattr(configuration, preset)()
+
+
+def _from_file(path: Path, settings: Any) -> dict[str, Any]:  # noqa: ANN401
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: expected TOML: {error}") from error
+    names = [field.name for field in fields(settings)]
+    unknown = sorted(set(values) - set(names))
+    if unknown:
+        raise ConfigError(f"{path}: no setting {unknown[0]!r}; expected any of {', '.join(names)}")
+    return {
+        name: _like(value, getattr(settings, name), f"{path}: {name}")
+        for name, value in values.items()
+    }
+
+
+def _like(value: Any, model: Any, name: str) -> Any:  # noqa: ANN401
+    """`value` in the type of `model`: TOML has lists for tuples and may write 1 for 1.0."""
+    if isinstance(model, tuple) and isinstance(value, list):
+        return tuple(_like(each, model[0], name) if model else each for each in value)
+    if type(model) is float and type(value) is int:
+        return float(value)
+    if model is not None and type(value) is not type(model):
+        raise ConfigError(f"{name}: expected {type(model).__name__}, found {value!r}")
+    return value

@@ -1,0 +1,108 @@
+"""`saccade slam`: a landmark log in, a trajectory and a map out."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from saccade.cli.options import Json, Out, Preset, Settings
+
+
+def slam(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The recorded log, a file or folder.")],
+    out: Out = Path("saccade-slam"),
+    format: Annotated[
+        str, typer.Option(help="victoria-park, mrclam or isam; auto finds out.")
+    ] = "auto",
+    robot: Annotated[int, typer.Option(min=1, help="Which robot, where a log has several.")] = 1,
+    association: Annotated[
+        str | None, typer.Option(help="known: the log says what was seen; nearest: find out.")
+    ] = None,
+    preset: Preset = None,
+    config: Settings = None,
+    as_json: Json = False,
+) -> None:
+    """Map landmarks from a recorded log with an extended Kalman filter.
+
+    The trajectory (trajectory.tum, for evo), the landmarks with their covariance (landmarks.csv),
+    the picture (map.png) and the settings with the figures (run.json) appear in --out.
+    """
+    from dataclasses import replace
+
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from saccade import datasets
+    from saccade.cli.output import print_json, print_table
+    from saccade.cli.settings import load_settings
+
+    settings = load_settings("slam", preset, config)
+    if association is not None:
+        settings = replace(settings, association=association)
+    recorded = datasets.load(format, log, robot=robot)
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(f"{recorded.name}", total=None)
+        row = map_log(
+            recorded,
+            out,
+            settings,
+            lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    if as_json:
+        print_json(row)
+        return
+    print_table(f"{recorded.name} -> {out}", ["", ""], facts(row).items())
+
+
+def facts(row: dict[str, Any]) -> dict[str, str]:
+    """The figures of a run as a person reads them: plain numbers only."""
+    return {
+        name.replace("_", " "): f"{value:.3f}" if isinstance(value, float) else str(value)
+        for name, value in row.items()
+        if isinstance(value, (int, float))
+    }
+
+
+def map_log(
+    log: Any,  # noqa: ANN401
+    out: Path,
+    settings: Any,  # noqa: ANN401
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Run the filter over a log: write trajectory, map, picture and run.json, give the row.
+
+    Args:
+        log: a LandmarkLog.
+        out: folder for what is made.
+        settings: an EkfConfig.
+        progress: called with the steps done and their number.
+    """
+    import json
+    from dataclasses import asdict
+
+    import saccade
+    from saccade.cli.output import write_text
+    from saccade.datasets import write_landmarks, write_trajectory
+    from saccade.slam import run
+    from saccade.viewing import map_figure, save_figure
+
+    result = run(log, settings, progress=progress)
+    figure = map_figure(result.trajectory, result.map, result.dead_reckoning, log.truth)
+    files = {
+        "picture": save_figure(figure, out / "map.png"),
+        "trajectory": write_trajectory(out / "trajectory.tum", result.trajectory),
+        "landmarks": write_landmarks(out / "landmarks.csv", result.map),
+    }
+    row = {
+        "log": log.name,
+        "poses": len(result.trajectory),
+        "observations": len(log.observation),
+        "observations_used": int((result.association >= 0).sum()),
+        "landmarks": len(result.map),
+        "version": saccade.__version__,
+        "settings": asdict(settings),
+        "files": {name: str(path) for name, path in files.items()},
+    }
+    write_text(out / "run.json", json.dumps(row, indent=2) + "\n")
+    return row

@@ -1,0 +1,156 @@
+"""The walls of the house: who imports whom, and what stays unloaded."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import saccade
+
+SOURCE = Path(saccade.__file__).parent
+FOUNDATION = {"types", "errors", "files"}
+ALLOWED = {
+    "types": set(),
+    "errors": set(),
+    "files": {"errors"},
+    "_jit": {"errors"},
+    "image": {"types", "errors"},
+    "pyramid": {"types", "errors", "_jit"},
+    "attention": {"types", "errors", "_jit", "image", "pyramid"},
+    "keypoints": {"types", "errors", "_jit", "image", "pyramid"},
+    "slam": {"types", "errors", "_jit"},
+    "datasets": FOUNDATION | {"image"},
+    "viewing": FOUNDATION,
+}
+"""What each room may import besides itself; `cli` may import everything, nobody imports it."""
+HEAVY = ("numba", "cv2", "scipy", "matplotlib")
+
+
+def rooms_imported(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        modules = []
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: import by the full name"
+            modules = [node.module]
+            if node.module == "saccade":
+                modules = [f"saccade.{name.name}" for name in node.names]
+        elif isinstance(node, ast.Import):
+            modules = [name.name for name in node.names]
+        for module in modules:
+            if module.startswith("saccade."):
+                yield module.split(".")[1]
+
+
+def room_of(path):
+    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("room", sorted(ALLOWED))
+def test_a_room_imports_only_what_it_may(room):
+    files = [path for path in SOURCE.rglob("*.py") if room_of(path) == room]
+    assert files
+    for path in files:
+        strangers = set(rooms_imported(path)) - ALLOWED[room] - {room}
+        assert not strangers, f"{path.relative_to(SOURCE)} imports {strangers}"
+
+
+def test_every_room_has_its_rule():
+    rooms = {room_of(path) for path in SOURCE.rglob("*.py")}
+    assert rooms == set(ALLOWED) | {"__init__", "__main__", "cli"}
+
+
+@pytest.mark.parametrize(("module", "owner"), [("numba", "_jit.py"), ("typer", "cli")])
+def test_some_libraries_have_one_door(module, owner):
+    users = set()
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            if any(name.split(".")[0] == module for name in names):
+                users.add(path.relative_to(SOURCE).parts[0])
+    assert users == {owner}
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import saccade",
+        "from saccade.cli import main; import sys; sys.argv[1:] = ['--help']; main()",
+    ],
+)
+def test_the_start_is_light(statement):
+    report = f"""
+import atexit, sys
+atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr))
+{statement}
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", report], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stderr.strip() == "[]"
+
+
+def test_every_public_name_is_there():
+    for name in saccade.__all__:
+        assert getattr(saccade, name) is not None
+    assert set(saccade.__all__) <= set(dir(saccade))
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        saccade.nonsense  # noqa: B018
+
+
+def test_no_file_outgrows_its_subject():
+    for path in SOURCE.rglob("*.py"):
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path
+
+
+def test_kernels_run_where_no_cache_can_be_written(tmp_path):
+    installed = tmp_path / "saccade"
+    shutil.copytree(SOURCE, installed, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in [installed, *(path for path in installed.rglob("*") if path.is_dir())]:
+        (folder / "__pycache__").write_text("a file stands where the cache would be made")
+    nowhere = tmp_path / "nowhere"
+    nowhere.write_text("nor is there a home")
+    environment = {
+        **{name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")},
+        "PYTHONPATH": str(tmp_path),
+        "HOME": str(nowhere),
+        "XDG_CACHE_HOME": str(nowhere),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    script = """
+import numpy as np, saccade
+from saccade._jit import kernel
+image = np.zeros((48, 48), np.float32)
+image[16:24, 16:24] = 1
+print(saccade.__file__, len(saccade.Sift()(image)) > 0)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(installed / "__init__.py"), "True"]
+
+
+def test_kernels_mean_the_same_without_the_compiler():
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-m", "kernel", "-p", "no:cacheprovider"],
+        cwd=Path(__file__).parents[1],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-3000:]
+    assert " passed" in done.stdout

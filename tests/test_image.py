@@ -1,0 +1,122 @@
+"""Images of every accepted kind mean the same; everything else gets one clear line."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from saccade.errors import ImageError
+from saccade.image import as_gray, as_rgb, read_image
+
+COLORS = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".bmp"])
+def test_a_file_reads_back_as_it_was_written(tmp_path, suffix):
+    path = tmp_path / f"grün und blau{suffix}"
+    path.write_bytes(cv2.imencode(suffix, COLORS[:, :, ::-1])[1].tobytes())
+    np.testing.assert_allclose(read_image(path), COLORS / 255, atol=1e-7)
+
+
+def test_sixteen_bits_keep_their_depth(tmp_path):
+    deep = np.array([[0, 1], [256, 65535]], np.uint16)
+    path = tmp_path / "deep.png"
+    cv2.imwrite(str(path), deep)
+    np.testing.assert_allclose(read_image(path)[:, :, 1], deep / 65535, atol=1e-7)
+
+
+def test_gray_and_transparent_files_are_read_as_color(tmp_path):
+    gray, clear = tmp_path / "gray.png", tmp_path / "clear.png"
+    cv2.imwrite(str(gray), COLORS[:, :, 0])
+    cv2.imwrite(str(clear), np.dstack([COLORS[:, :, ::-1], np.full((5, 7), 9, np.uint8)]))
+    np.testing.assert_allclose(read_image(gray)[:, :, 2], COLORS[:, :, 0] / 255, atol=1e-7)
+    np.testing.assert_allclose(read_image(clear), COLORS / 255, atol=1e-7)
+
+
+def test_a_rotated_photograph_is_turned_upright(tmp_path):
+    tall = np.zeros((40, 16, 3), np.uint8)
+    tall[:20] = 255
+    jpeg = cv2.imencode(".jpg", np.rot90(tall))[1].tobytes()
+    turn_right = bytes.fromhex(
+        "ffe1 0022 457869660000 4d4d002a00000008 0001 0112 0003 00000001 0006 0000 00000000"
+    )
+    path = tmp_path / "phone.jpg"
+    path.write_bytes(jpeg[:2] + turn_right + jpeg[2:])
+    image = read_image(path)
+    assert image.shape == (40, 16, 3)
+    assert image[5].mean() > 0.9
+    assert image[35].mean() < 0.1
+
+
+@given(arrays(np.uint8, (4, 6, 3)))
+def test_every_dtype_means_the_same_picture(pixels):
+    expected = as_rgb(pixels)
+    np.testing.assert_allclose(as_rgb(pixels / 255), expected, atol=1e-7)
+    np.testing.assert_allclose(as_rgb(pixels.astype(np.uint16) * 257), expected, atol=1e-7)
+    np.testing.assert_array_equal(as_rgb(np.dstack([pixels, pixels[:, :, 0]])), expected)
+    np.testing.assert_array_equal(as_rgb(pixels[:, ::-1])[:, ::-1], expected)
+
+
+@given(arrays(np.uint8, (5, 4, 3)))
+def test_gray_is_that_of_opencv(pixels):
+    expected = cv2.cvtColor((pixels / 255).astype(np.float32), cv2.COLOR_RGB2GRAY)
+    np.testing.assert_allclose(as_gray(pixels), expected, atol=1e-6)
+
+
+@given(st.sampled_from([np.uint8, np.uint16, np.float32, np.float64, np.bool_]))
+def test_the_caller_s_array_is_left_alone(dtype):
+    image = np.ones((3, 3, 3), dtype)
+    image.setflags(write=False)
+    as_rgb(image)
+    as_gray(image)
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.zeros((0, 5)), "at least one pixel"),
+        (np.zeros(5), r"shape .*found \(5,\)"),
+        (np.zeros((4, 4, 2)), r"found \(4, 4, 2\)"),
+        (np.full((4, 4), np.nan), "NaN"),
+        (np.full((4, 4), np.inf), "infinity"),
+        (np.full((4, 4), 255.0), r"\[0, 1\], found 255 to 255"),
+        (np.zeros((4, 4), np.int32), "found int32"),
+        (np.zeros((4, 4), complex), "found complex128"),
+    ],
+)
+def test_what_is_no_image_is_refused_in_one_line(image, words):
+    with pytest.raises(ImageError, match=words) as caught:
+        as_rgb(image)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.98])
+def test_a_truncated_file_is_refused(tmp_path, capfd, suffix, share):
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
+    data = cv2.imencode(suffix, noise)[1].tobytes()
+    path = tmp_path / f"cut{suffix}"
+    path.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(ImageError, match=f"cut{suffix}: .*cut short"):
+        read_image(path)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "No such file"), (b"", "empty file"), (b"a letter", "something else")],
+)
+def test_a_file_that_is_no_image_is_named(tmp_path, capfd, content, words):
+    path = tmp_path / "letter.png"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ImageError, match=f"letter.png: .*{words}"):
+        read_image(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_folder_is_not_an_image(tmp_path):
+    with pytest.raises(ImageError, match="directory"):
+        read_image(tmp_path)
