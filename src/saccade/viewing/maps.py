@@ -40,7 +40,7 @@ def map_figure(
         "+",
         color="black",
         markersize=5,
-        label=f"{len(landmarks)} landmarks",
+        label=f"{len(landmarks)} landmarks, {SIGMAS:.0f} sigma",
     )
     if landmarks.covariance is not None and len(landmarks):
         _draw_ellipses(axes, landmarks.xy, landmarks.covariance)
@@ -72,6 +72,5 @@ def _draw_ellipses(axes: Axes, centers: FloatArray, covariance: FloatArray) -> N
             facecolors="none",
             edgecolors=ORANGE,
             linewidths=0.9,
-            label=f"{SIGMAS:.0f} sigma",
         )
     )

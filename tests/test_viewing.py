@@ -1,0 +1,122 @@
+"""Pictures hold what they are said to hold, and pages show every word as a word."""
+
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+
+from saccade.errors import OutputError
+from saccade.types import Keypoints, LandmarkMap, Scanpath, Trajectory
+from saccade.viewing import (
+    Picture,
+    Section,
+    attention_figure,
+    html_page,
+    keypoint_figure,
+    map_figure,
+    match_figure,
+    save_figure,
+)
+
+IMAGE = np.random.default_rng(1).random((60, 90, 3), np.float32)
+SCANPATH = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.1, 0.2]), np.ones(2))
+KEYPOINTS = Keypoints(
+    xy=np.array([[20, 30], [60, 10]], np.float32),
+    size=np.array([8, 20], np.float32),
+    angle=np.array([0, np.pi / 2], np.float32),
+    response=np.ones(2, np.float32),
+    octave=np.zeros(2, np.int32),
+)
+
+
+def ellipses_of(figure):
+    (axes,) = figure.axes
+    return [each for each in axes.collections if isinstance(each, EllipseCollection)]
+
+
+def test_a_scanpath_is_numbered_at_its_fixations():
+    figure = attention_figure(IMAGE, {"saliency": IMAGE[::4, ::4, 0]}, SCANPATH)
+    numbers = {text.get_text(): text.get_position() for text in figure.axes[0].texts}
+    assert numbers == {"1": (10, 20), "2": (70, 40)}
+
+
+@pytest.mark.parametrize("count", [1, 3, 4])
+def test_every_map_has_a_panel_over_the_whole_photograph(count):
+    maps = {f"map {i}": IMAGE[::8, ::8, 0] for i in range(count)}
+    figure = attention_figure(IMAGE, maps, SCANPATH)
+    shown = [axes for axes in figure.axes if axes.images]
+    assert len(shown) == 1 + count
+    assert all(axes.images[0].get_extent() == [-0.5, 89.5, 59.5, -0.5] for axes in shown)
+
+
+def test_keypoints_are_circles_of_their_size():
+    (circles,) = ellipses_of(keypoint_figure(IMAGE, KEYPOINTS))
+    np.testing.assert_allclose(circles.get_widths(), [20, 8])
+    np.testing.assert_allclose(circles.get_offsets(), [[60, 10], [20, 30]])
+
+
+def test_matches_are_joined():
+    pairs = np.array([[0, 1], [1, 0]])
+    figure = match_figure((IMAGE, IMAGE), (KEYPOINTS, KEYPOINTS), pairs)
+    assert [(line.xy1, line.xy2) for line in figure.artists] == [
+        ((20, 30), (60, 10)),
+        ((60, 10), (20, 30)),
+    ]
+
+
+def test_ellipses_have_the_axes_of_the_covariance():
+    tilt = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
+    covariance = tilt @ np.diag([4.0, 1.0]) @ tilt.T
+    drive = Trajectory(np.arange(2.0), np.zeros((2, 3)))
+    landmarks = LandmarkMap(np.array([7]), np.array([[1.0, 2.0]]), covariance[None])
+    (ellipses,) = ellipses_of(map_figure(drive, landmarks))
+    assert ellipses.get_widths()[0] == pytest.approx(12)
+    assert ellipses.get_heights()[0] == pytest.approx(6)
+    assert np.degrees(0.5) == pytest.approx(ellipses.get_angles()[0] % 180)
+
+
+def test_an_empty_result_can_still_be_drawn(tmp_path):
+    nothing = KEYPOINTS[:0]
+    nowhere = Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    empty_map = LandmarkMap(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+    still = Trajectory(np.zeros(0), np.zeros((0, 3)))
+    figures = [
+        attention_figure(IMAGE, {"saliency": IMAGE[:, :, 0]}, nowhere),
+        keypoint_figure(IMAGE, nothing),
+        match_figure((IMAGE, IMAGE), (nothing, nothing), np.zeros((0, 2), np.int64)),
+        map_figure(still, empty_map, still, still),
+    ]
+    for number, figure in enumerate(figures):
+        assert save_figure(figure, tmp_path / f"{number}.png").stat().st_size > 1000
+
+
+def test_a_figure_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="file"):
+        save_figure(Figure(), tmp_path / "file" / "figure.png")
+
+
+class _Reader(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.words = [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_a_page_escapes_every_word():
+    nasty = '<script>"&'
+    section = Section(nasty, nasty, [Picture(nasty, nasty, nasty)], {nasty: nasty}, [nasty])
+    reader = _Reader()
+    reader.feed(html_page(nasty, nasty, [section]))
+    tags = [tag for tag, _ in reader.tags]
+    assert "script" not in tags
+    assert ("img", {"src": nasty, "alt": nasty}) in reader.tags
+    assert ("a", {"href": nasty}) in reader.tags
+    assert reader.words.count(nasty) == 9
