@@ -159,3 +159,23 @@ class LandmarkLog:
             f"LandmarkLog({self.name}: {len(self.control)} controls, "
             f"{len(self.observation)} observations)"
         )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FixationTable:
+    """Where people looked, one row per fixation."""
+
+    image: npt.NDArray[np.str_]
+    """(n,) file name of the image."""
+    viewer: IntArray
+    """(n,) who looked."""
+    index: IntArray
+    """(n,) 0 for the first fixation of a viewer on an image."""
+    xy: FloatArray
+    """(n, 2) place in image pixels."""
+
+    def __len__(self) -> int:
+        return len(self.image)
+
+    def __repr__(self) -> str:
+        return f"FixationTable({len(self)} fixations on {len(np.unique(self.image))} images)"
