@@ -22,6 +22,8 @@ INHIBITION = (1.5, 0.25)
 """The same for the surround."""
 GLOBAL_INHIBITION = 0.02
 """What every place loses in each iteration, by the map's maximum."""
+NARROWEST = 0.5
+"""Standard deviation in pixels under which a sampled Gaussian no longer sums to its strength."""
 KERNEL_CUT = 0.01
 """The Gaussians are cut where they fall below this part of their peak."""
 
@@ -118,7 +120,7 @@ def inhibit_laterally(values: FloatMap, iterations: int) -> FloatMap:
     Source: Itti & Koch (2000).
     """
     excitation, inhibition = (
-        gaussian_kernel(strength, share * max(values.shape), values.shape)
+        gaussian_kernel(strength, max(share * max(values.shape), NARROWEST), values.shape)
         for strength, share in (EXCITATION, INHIBITION)
     )
     for _ in range(iterations):
