@@ -1,21 +1,13 @@
 """Where to look: contrast saliency, and the scanpath over a saliency map."""
 
-from saccade.attention.contrast import (
-    ContrastConfig,
-    ContrastMaps,
-    FeatureMap,
-    contrast_saliency,
-)
-from saccade.attention.normalize import Normalization, normalize
+from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap, contrast_saliency
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 
 __all__ = [
     "ContrastConfig",
     "ContrastMaps",
     "FeatureMap",
-    "Normalization",
     "ScanpathConfig",
     "contrast_saliency",
-    "normalize",
     "scanpath",
 ]
