@@ -1,0 +1,459 @@
+"""The Scale-Invariant Feature Transform: the detector of appendix B.1."""
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade._jit import kernel
+from saccade.errors import ImageError, require
+from saccade.image import as_gray
+from saccade.keypoints.descriptor import Frames, describe, orientations
+from saccade.pyramid import (
+    SMALLEST_SIDE,
+    ScaleSpace,
+    difference_of_gaussians,
+    gaussian_scale_space,
+)
+from saccade.types import Float32Array, FloatArray, Image, IntArray, Keypoints
+
+REFITS = 5
+"""Moves to a neighboring sample before an extremum is given up."""
+HALFWAY = 0.5 + 1e-3
+"""Offset beyond which the next sample is nearer; the rest is for extrema exactly between two."""
+
+
+@dataclass(frozen=True)
+class SiftConfig:
+    """What the detector and the descriptor are to do; the default is `lowe2004`.
+
+    Thresholds are for images in [0, 1].
+    """
+
+    first_octave: int = -1
+    """-1 doubles the image first; 0 starts from the image: a quarter of the points."""
+    octaves: int = 0
+    """How many at most; 0 for as many as the image has room for."""
+    intervals: int = 3
+    """s, the scales to an octave."""
+    base_sigma: float = 1.6
+    """Blur of the first plane of an octave, in samples."""
+    camera_sigma: float = 0.5
+    """Blur that the image is assumed to have, in pixels."""
+    kernel_radius: float = 4.0
+    """Where Gaussian kernels are cut, in sigmas."""
+    doubling: Literal["aligned", "shifted"] = "aligned"
+    """"aligned" keeps every pixel in its place; "shifted" moves every point of the image
+    by a quarter pixel to the right and down, as OpenCV does."""
+    border: int = 1
+    """Samples at the edge of every octave that are not searched."""
+    contrast_threshold: float = 0.03
+    """tau_c: the least |D| at an extremum (B.6)."""
+    candidate_fraction: float = 0.5
+    """Share of `contrast_threshold` that a sample must exceed before the fit."""
+    edge_ratio: float = 10.0
+    """tau_r: the greatest ratio of the principal curvatures (B.10)."""
+    voting: Literal["linear", "nearest"] = "linear"
+    """Whether a gradient is shared by the two nearest of the 36 directions or goes to one."""
+    smoothing: int = 0
+    """Passes of [1 2 1] / 4 over the histogram of directions."""
+    max_orientations: int = 0
+    """Strongest directions to keep at a place; 0 for all over 80 % of the highest."""
+    upright: bool = False
+    """Give every point the angle 0."""
+    subpixel_patches: bool = True
+    """Centre orientation and descriptor on the point, not on the sample nearest to it."""
+    window_sigma: float = 0.5
+    """Of the descriptor's Gaussian window, in sides of the descriptor."""
+    descriptor: Literal["sift", "root"] = "sift"
+    """"root" L1-normalizes and takes the square root (RootSIFT)."""
+    max_keypoints: int = 0
+    """Keep this many of the strongest; 0 keeps all."""
+
+    def __post_init__(self) -> None:
+        require(self.first_octave in (-1, 0), "first_octave", "-1 or 0", self.first_octave)
+        require(self.octaves >= 0, "octaves", "0 or more", self.octaves)
+        require(1 <= self.intervals <= 16, "intervals", "1 to 16", self.intervals)
+        require(0.5 <= self.base_sigma <= 8, "base_sigma", "0.5 to 8", self.base_sigma)
+        require(0 <= self.camera_sigma <= 4, "camera_sigma", "0 to 4", self.camera_sigma)
+        require(1 <= self.kernel_radius <= 8, "kernel_radius", "1 to 8", self.kernel_radius)
+        require(
+            self.doubling in ("aligned", "shifted"),
+            "doubling",
+            "'aligned' or 'shifted'",
+            self.doubling,
+        )
+        require(self.border >= 1, "border", "1 or more", self.border)
+        require(
+            0 <= self.contrast_threshold < 1,
+            "contrast_threshold",
+            "at least 0 and under 1",
+            self.contrast_threshold,
+        )
+        require(
+            0 <= self.candidate_fraction <= 1,
+            "candidate_fraction",
+            "0 to 1",
+            self.candidate_fraction,
+        )
+        require(self.edge_ratio >= 1, "edge_ratio", "1 or more", self.edge_ratio)
+        require(
+            self.voting in ("linear", "nearest"), "voting", "'linear' or 'nearest'", self.voting
+        )
+        require(self.smoothing >= 0, "smoothing", "0 or more", self.smoothing)
+        require(self.max_orientations >= 0, "max_orientations", "0 or more", self.max_orientations)
+        require(self.window_sigma > 0, "window_sigma", "over 0", self.window_sigma)
+        require(
+            self.descriptor in ("sift", "root"), "descriptor", "'sift' or 'root'", self.descriptor
+        )
+        require(self.max_keypoints >= 0, "max_keypoints", "0 or more", self.max_keypoints)
+
+    @classmethod
+    def lowe2004(cls) -> "SiftConfig":
+        """Lowe (2004): the image doubled, all octaves, |D| over 0.03."""
+        return cls()
+
+    @classmethod
+    def kootstra2010(cls) -> "SiftConfig":
+        """Kootstra (2010): three octaves from the image itself, a wide descriptor window."""
+        return cls(
+            first_octave=0,
+            octaves=3,
+            kernel_radius=3.0,
+            contrast_threshold=0.02,
+            window_sigma=1.5,
+        )
+
+    @classmethod
+    def opencv(cls) -> "SiftConfig":
+        """As `cv2.SIFT_create()`, its shift by a quarter pixel included."""
+        return cls(
+            doubling="shifted",
+            border=5,
+            contrast_threshold=0.04 / 3,
+            candidate_fraction=3 / (0.04 * 255),  # OpenCV rounds down to one grey level
+            voting="nearest",
+            smoothing=2,
+            subpixel_patches=False,
+        )
+
+    @classmethod
+    def colmap(cls) -> "SiftConfig":
+        """COLMAP's settings of VLFeat; of more than 8192 points the strongest are kept."""
+        return cls(
+            octaves=4,
+            contrast_threshold=0.02 / 3,
+            candidate_fraction=0.8,
+            smoothing=8,  # the variance of VLFeat's six passes of [1 1 1] / 3
+            max_orientations=2,
+            descriptor="root",
+            max_keypoints=8192,
+        )
+
+
+class Sift:
+    """SIFT as a callable: `Sift(config)(image)` gives `Keypoints`."""
+
+    def __init__(self, config: SiftConfig | None = None) -> None:
+        self.config = SiftConfig.lowe2004() if config is None else config
+
+    def __repr__(self) -> str:
+        return f"Sift({self.config})"
+
+    def __call__(
+        self, image: Image, mask: npt.NDArray[np.bool_] | None = None, *, describe: bool = True
+    ) -> Keypoints:
+        """Detect interest points and describe them.
+
+        Args:
+            image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
+            mask: (H, W), points are kept where it is not zero; None keeps all.
+            describe: whether descriptors are wanted.
+
+        Returns:
+            The points, strongest first; of equally strong ones the upper left first. The
+            response is |D| at the extremum. An image under 8 px has none.
+
+        Raises:
+            ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
+                not fit.
+
+        Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
+        """
+        config = self.config
+        gray = as_gray(image)  # (H, W)
+        if mask is not None and mask.shape != gray.shape:
+            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {mask.shape}")
+        space = gaussian_scale_space(
+            gray,
+            first_octave=config.first_octave,
+            octaves=config.octaves,
+            intervals=config.intervals,
+            base_sigma=config.base_sigma,
+            camera_sigma=config.camera_sigma,
+            kernel_radius=config.kernel_radius,
+            shifted=config.doubling == "shifted",
+            smallest_side=max(SMALLEST_SIDE, 2 * config.border + 1),
+        )  # B.1-B.2
+        found = [Points.none()]
+        for number, octave in enumerate(space.octaves):
+            points = find_extrema(difference_of_gaussians(octave), number, config)  # B.3-B.10
+            if mask is not None:
+                points = points.inside(mask, space.sample_distance(number))
+            if not config.upright:
+                points = orient(octave, points, config)  # B.11-B.12
+            found.append(points)
+        points = strongest(concatenate(found), space, config.max_keypoints)
+        return keypoints(points, space, describe_all(space, points, config) if describe else None)
+
+
+class Points(NamedTuple):
+    """Interest points on their way: each is measured in samples of its octave."""
+
+    octave: IntArray
+    """(n,) number of the octave in the scale space, from 0."""
+    plane: IntArray
+    """(n,) the plane of that octave that is nearest in scale."""
+    xy: Float32Array
+    """(n, 2)."""
+    sigma: Float32Array
+    """(n,)."""
+    angle: Float32Array
+    """(n,) in radians from x towards y; 0 until it is known."""
+    response: Float32Array
+    """(n,) |D|."""
+
+    @classmethod
+    def none(cls) -> "Points":
+        """No points at all."""
+        number, real = np.zeros(0, np.int64), np.zeros(0, np.float32)
+        return cls(number, number, np.zeros((0, 2), np.float32), real, real, real)
+
+    @property
+    def frames(self) -> Frames:
+        """Plane, place and scale."""
+        return Frames(self.plane, self.xy, self.sigma)
+
+    def take(self, index: npt.NDArray[Any]) -> "Points":
+        """Those that a mask or an index array names."""
+        return Points(*(field[index] for field in self))
+
+    def inside(self, mask: npt.NDArray[np.bool_], distance: float) -> "Points":
+        """Those whose nearest pixel is set in an (H, W) mask, `distance` pixels to a sample."""
+        column, row = np.rint(self.xy * distance).astype(np.int64).T
+        height, width = mask.shape
+        return self.take(mask[row.clip(0, height - 1), column.clip(0, width - 1)] != 0)
+
+
+def concatenate(parts: list[Points]) -> Points:
+    """All points in one."""
+    return Points(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
+
+
+def find_extrema(dog: Float32Array, octave: int, config: SiftConfig) -> Points:
+    """The extrema of an octave's (s + 2, h, w) differences that stand out and are no edges.
+
+    Source: equations B.4-B.10.
+    """
+    threshold = config.candidate_fraction * config.contrast_threshold
+    seeds = np.empty((4096, 3), np.int64)  # (n, 3) plane, row, column
+    count = find_candidates(dog, threshold, config.border, seeds)
+    if count > len(seeds):
+        seeds = np.empty((count, 3), np.int64)
+        find_candidates(dog, threshold, config.border, seeds)
+    seeds = seeds[:count]
+
+    offsets = np.empty((count, 3))  # (n, 3) x, y, plane
+    values = np.empty(count)
+    fit_extrema(
+        dog, config.border, config.contrast_threshold, config.edge_ratio, seeds, offsets, values
+    )
+    kept = np.flatnonzero(values)
+    _, first = np.unique(seeds[kept], axis=0, return_index=True)
+    kept = kept[first]
+    plane, row, column = seeds[kept].T
+    x, y, scale = offsets[kept].T
+    sigma = config.base_sigma * 2 ** ((plane + scale) / config.intervals)
+    return Points(
+        np.full(len(kept), octave),
+        plane,
+        np.stack([column + x, row + y], axis=1).astype(np.float32),
+        sigma.astype(np.float32),
+        np.zeros(len(kept), np.float32),
+        np.abs(values[kept]).astype(np.float32),
+    )
+
+
+def orient(octave: Float32Array, points: Points, config: SiftConfig) -> Points:
+    """Each point once for every strong direction of its gradients (B.11-B.12)."""
+    index, angle, height = orientations(
+        octave,
+        points.frames,
+        linear=config.voting == "linear",
+        smoothing=config.smoothing,
+        subpixel=config.subpixel_patches,
+    )
+    if config.max_orientations:
+        order = np.lexsort((-height, index))
+        rank = np.arange(len(index)) - np.searchsorted(index, index)
+        chosen = np.sort(order[rank < config.max_orientations])
+        index, angle = index[chosen], angle[chosen]
+    return points.take(index)._replace(angle=angle)
+
+
+def strongest(points: Points, space: ScaleSpace, most: int) -> Points:
+    """Points by falling response, then by row, column, size and angle; `most` of them unless 0."""
+    distance = sample_distances(points, space)
+    x, y = points.xy.T * distance
+    order = np.lexsort((points.angle, points.sigma * distance, x, y, -points.response))
+    return points.take(order[:most] if most else order)
+
+
+def describe_all(
+    space: ScaleSpace, points: Points, config: SiftConfig
+) -> npt.NDArray[np.uint8]:
+    """(n, 128) descriptors, octave by octave."""
+    descriptors = np.empty((len(points.octave), 128), np.uint8)
+    for number, octave in enumerate(space.octaves):
+        here = points.octave == number
+        part = points.take(here)
+        descriptors[here] = describe(
+            octave,
+            part.frames,
+            part.angle,
+            window_sigma=config.window_sigma,
+            subpixel=config.subpixel_patches,
+            root=config.descriptor == "root",
+        )
+    return descriptors
+
+
+def keypoints(
+    points: Points, space: ScaleSpace, descriptors: npt.NDArray[np.uint8] | None
+) -> Keypoints:
+    """Points in pixels of the image."""
+    distance = sample_distances(points, space)
+    return Keypoints(
+        xy=points.xy * distance[:, None],
+        size=2 * points.sigma * distance,
+        angle=points.angle,
+        response=points.response,
+        octave=(points.octave + space.first_octave).astype(np.int32),
+        descriptors=descriptors,
+    )
+
+
+def sample_distances(points: Points, space: ScaleSpace) -> Float32Array:
+    """(n,) image pixels to a sample of each point's octave."""
+    return np.exp2(points.octave + space.first_octave).astype(np.float32)
+
+
+@kernel()
+def find_candidates(dog: Float32Array, threshold: float, border: int, out: IntArray) -> int:
+    """Fill `out` with plane, row and column of the extrema; return how many there are."""
+    planes, height, width = dog.shape
+    count = 0
+    for plane in range(1, planes - 1):
+        for row in range(border, height - border):
+            for column in range(border, width - border):
+                if abs(dog[plane, row, column]) <= threshold:
+                    continue
+                if is_extremum(dog, plane, row, column):
+                    if count < len(out):
+                        out[count, 0], out[count, 1], out[count, 2] = plane, row, column
+                    count += 1
+    return count
+
+
+@kernel()
+def is_extremum(dog: Float32Array, plane: int, row: int, column: int) -> bool:
+    """Whether a sample lies above or below its 26 neighbors; of equal ones the first does."""
+    value = dog[plane, row, column]
+    sign = 1 if value > 0 else -1
+    for p in range(plane - 1, plane + 2):
+        for r in range(row - 1, row + 2):
+            for c in range(column - 1, column + 2):
+                rise = sign * (dog[p, r, c] - value)
+                if rise > 0 or (rise == 0 and (p, r, c) < (plane, row, column)):
+                    return False
+    return True
+
+
+@kernel()
+def fit_extrema(
+    dog: Float32Array,
+    border: int,
+    contrast_threshold: float,
+    edge_ratio: float,
+    seeds: IntArray,
+    offsets: FloatArray,
+    values: FloatArray,
+) -> None:
+    """Move each seed to the sample nearest its extremum; value 0 where there is none to keep."""
+    planes, height, width = dog.shape
+    edge = (edge_ratio + 1) ** 2 / edge_ratio
+    for i in range(len(seeds)):
+        plane, row, column = seeds[i, 0], seeds[i, 1], seeds[i, 2]
+        values[i] = 0
+        for _ in range(REFITS):
+            x, y, scale, value, trace, determinant = fit_quadratic(dog, plane, row, column)
+            if abs(x) <= HALFWAY and abs(y) <= HALFWAY and abs(scale) <= HALFWAY:
+                strong = abs(value) >= contrast_threshold  # B.6
+                if strong and determinant > 0 and trace * trace < edge * determinant:  # B.10
+                    seeds[i, 0], seeds[i, 1], seeds[i, 2] = plane, row, column
+                    offsets[i, 0], offsets[i, 1], offsets[i, 2] = x, y, scale
+                    values[i] = value
+                break
+            column += step(x)
+            row += step(y)
+            plane += step(scale)
+            if not (
+                1 <= plane < planes - 1
+                and border <= row < height - border
+                and border <= column < width - border
+            ):
+                break
+
+
+@kernel()
+def step(offset: float) -> int:
+    """Towards the neighbor that is nearer than this sample, if any; 0 where it is not a number."""
+    return int(offset > HALFWAY) - int(offset < -HALFWAY)
+
+
+@kernel()
+def fit_quadratic(
+    dog: Float32Array, plane: int, row: int, column: int
+) -> tuple[float, float, float, float, float, float]:
+    """Where the quadratic through a sample's neighbors is flat, and how it is shaped there.
+
+    Returns:
+        Offset in x, y and plane (B.5), value (B.6), trace and determinant of the
+        spatial Hessian (B.8-B.9).
+    """
+    p, r, c = plane, row, column
+    v = float(dog[p, r, c])
+    gx = 0.5 * (dog[p, r, c + 1] - dog[p, r, c - 1])
+    gy = 0.5 * (dog[p, r + 1, c] - dog[p, r - 1, c])
+    gs = 0.5 * (dog[p + 1, r, c] - dog[p - 1, r, c])
+    xx = dog[p, r, c + 1] - 2 * v + dog[p, r, c - 1]
+    yy = dog[p, r + 1, c] - 2 * v + dog[p, r - 1, c]
+    ss = dog[p + 1, r, c] - 2 * v + dog[p - 1, r, c]
+    xy = 0.25 * (
+        dog[p, r + 1, c + 1] - dog[p, r + 1, c - 1] - dog[p, r - 1, c + 1] + dog[p, r - 1, c - 1]
+    )
+    xs = 0.25 * (
+        dog[p + 1, r, c + 1] - dog[p + 1, r, c - 1] - dog[p - 1, r, c + 1] + dog[p - 1, r, c - 1]
+    )
+    ys = 0.25 * (
+        dog[p + 1, r + 1, c] - dog[p + 1, r - 1, c] - dog[p - 1, r + 1, c] + dog[p - 1, r - 1, c]
+    )
+    # Cofactors of the symmetric Hessian: its inverse without a library call per point.
+    cxx, cxy, cxs = yy * ss - ys * ys, xs * ys - xy * ss, xy * ys - xs * yy
+    cyy, cys, css = xx * ss - xs * xs, xy * xs - xx * ys, xx * yy - xy * xy
+    whole = xx * cxx + xy * cxy + xs * cxs
+    x = -(cxx * gx + cxy * gy + cxs * gs) / whole
+    y = -(cxy * gx + cyy * gy + cys * gs) / whole
+    s = -(cxs * gx + cys * gy + css * gs) / whole
+    return x, y, s, v + 0.5 * (gx * x + gy * y + gs * s), xx + yy, css
