@@ -20,6 +20,8 @@ from saccade.types import Float32Array, FloatArray, Image, IntArray, Keypoints
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
+ByteArray: TypeAlias = npt.NDArray[np.uint8]
+
 REFITS = 5
 """Moves to a neighboring sample before an extremum is given up."""
 HALFWAY = 0.5 + 1e-3
@@ -45,9 +47,10 @@ class SiftConfig:
     """Blur that the image is assumed to have, in pixels."""
     kernel_radius: float = 4.0
     """Where Gaussian kernels are cut, in sigmas."""
-    doubling: Literal["aligned", "shifted"] = "aligned"
-    """"aligned" keeps every pixel in its place; "shifted" moves every point of the image
-    by a quarter pixel to the right and down, as OpenCV does."""
+    grid: Literal["centered", "shifted"] = "centered"
+    """"centered" gives unbiased places, and to a mirrored image the mirrored points;
+    "shifted" puts every point a quarter pixel too far to the right and down where the image
+    is doubled, as OpenCV does."""
     border: int = 1
     """Samples at the edge of every octave that are not searched."""
     contrast_threshold: float = 0.03
@@ -81,10 +84,10 @@ class SiftConfig:
         require(0 <= self.camera_sigma <= 4, "camera_sigma", "0 to 4", self.camera_sigma)
         require(1 <= self.kernel_radius <= 8, "kernel_radius", "1 to 8", self.kernel_radius)
         require(
-            self.doubling in ("aligned", "shifted"),
-            "doubling",
-            "'aligned' or 'shifted'",
-            self.doubling,
+            self.grid in ("centered", "shifted"),
+            "grid",
+            "'centered' or 'shifted'",
+            self.grid,
         )
         require(self.border >= 1, "border", "1 or more", self.border)
         require(
@@ -131,7 +134,7 @@ class SiftConfig:
     def opencv(cls) -> "SiftConfig":
         """As `cv2.SIFT_create()`, its shift by a quarter pixel included."""
         return cls(
-            doubling="shifted",
+            grid="shifted",
             border=5,
             contrast_threshold=0.04 / 3,
             candidate_fraction=3 / (0.04 * 255),  # OpenCV rounds down to one grey level
@@ -195,19 +198,20 @@ class Sift:
             base_sigma=config.base_sigma,
             camera_sigma=config.camera_sigma,
             kernel_radius=config.kernel_radius,
-            shifted=config.doubling == "shifted",
+            grid=config.grid,
             smallest_side=max(SMALLEST_SIDE, 2 * config.border + 1),
         )  # B.1-B.2
         found = [Points.none()]
         for number, octave in enumerate(space.octaves):
             points = find_extrema(difference_of_gaussians(octave), number, config)  # B.3-B.10
             if mask is not None:
-                points = points.inside(mask, space.sample_distance(number))
+                points = points.inside(mask, space)
             if not config.upright:
                 points = orient(octave, points, config)  # B.11-B.12
             found.append(points)
         points = strongest(concatenate(found), space, config.max_keypoints)
-        return keypoints(points, space, describe_all(space, points, config) if describe else None)
+        descriptors = describe_all(space, points, config) if describe else None
+        return keypoints(points, space, config.first_octave, descriptors)
 
 
 class Points(NamedTuple):
@@ -241,9 +245,15 @@ class Points(NamedTuple):
         """Those that a mask or an index array names."""
         return Points(*(field[index] for field in self))
 
-    def inside(self, mask: BoolArray, distance: float) -> "Points":
-        """Those whose nearest pixel is set in an (H, W) mask, `distance` pixels to a sample."""
-        column, row = np.rint(self.xy * distance).astype(np.int64).T
+    def in_image(self, space: ScaleSpace) -> tuple[FloatArray, FloatArray]:
+        """(n, 2) places and (n,) scales in pixels of the image."""
+        spacing = space.spacing[self.octave]
+        return space.origin[self.octave] + self.xy * spacing[:, None], self.sigma * spacing
+
+    def inside(self, mask: BoolArray, space: ScaleSpace) -> "Points":
+        """Those whose nearest pixel is set in an (H, W) mask."""
+        xy, _ = self.in_image(space)
+        column, row = np.rint(xy).astype(np.int64).T
         height, width = mask.shape
         return self.take(mask[row.clip(0, height - 1), column.clip(0, width - 1)] != 0)
 
@@ -306,15 +316,12 @@ def orient(octave: Float32Array, points: Points, config: SiftConfig) -> Points:
 
 def strongest(points: Points, space: ScaleSpace, most: int) -> Points:
     """Points by falling response, then by row, column, size and angle; `most` of them unless 0."""
-    distance = sample_distances(points, space)
-    x, y = points.xy.T * distance
-    order = np.lexsort((points.angle, points.sigma * distance, x, y, -points.response))
+    xy, sigma = points.in_image(space)
+    order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -points.response))
     return points.take(order[:most] if most else order)
 
 
-def describe_all(
-    space: ScaleSpace, points: Points, config: SiftConfig
-) -> npt.NDArray[np.uint8]:
+def describe_all(space: ScaleSpace, points: Points, config: SiftConfig) -> ByteArray:
     """(n, 128) descriptors, octave by octave."""
     descriptors = np.empty((len(points.octave), 128), np.uint8)
     for number, octave in enumerate(space.octaves):
@@ -332,23 +339,18 @@ def describe_all(
 
 
 def keypoints(
-    points: Points, space: ScaleSpace, descriptors: npt.NDArray[np.uint8] | None
+    points: Points, space: ScaleSpace, first_octave: int, descriptors: ByteArray | None
 ) -> Keypoints:
     """Points in pixels of the image."""
-    distance = sample_distances(points, space)
+    xy, sigma = points.in_image(space)
     return Keypoints(
-        xy=points.xy * distance[:, None],
-        size=2 * points.sigma * distance,
+        xy=xy.astype(np.float32),
+        size=(2 * sigma).astype(np.float32),
         angle=points.angle,
         response=points.response,
-        octave=(points.octave + space.first_octave).astype(np.int32),
+        octave=(points.octave + first_octave).astype(np.int32),
         descriptors=descriptors,
     )
-
-
-def sample_distances(points: Points, space: ScaleSpace) -> Float32Array:
-    """(n,) image pixels to a sample of each point's octave."""
-    return np.exp2(points.octave + space.first_octave).astype(np.float32)
 
 
 @kernel()
