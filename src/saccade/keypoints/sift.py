@@ -24,8 +24,13 @@ ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 REFITS = 5
 """Moves to a neighboring sample before an extremum is given up."""
-HALFWAY = 0.5 + 1e-3
-"""Offset beyond which the next sample is nearer; the rest is for extrema exactly between two."""
+TRUSTED = 0.25
+"""Samples by which the quartic may move what the quadratic has found."""
+
+QUARTIC = np.array(
+    [[0, 2, -1, -2, 1], [0, -16, 16, 4, -4], [24, 0, -30, 0, 6], [0, 16, 16, -4, -4], [0, -2, -1, 2, 1]]
+) / 24  # fmt: skip
+"""(5, 5) coefficients by sample and power of the quartic that is 1 at that sample, 0 at the rest."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +56,13 @@ class SiftConfig:
     """"centered" gives unbiased places, and to a mirrored image the mirrored points;
     "shifted" puts every point a quarter pixel too far to the right and down where the image
     is doubled, as OpenCV does."""
-    border: int = 1
+    border: int = 2
     """Samples at the edge of every octave that are not searched."""
     contrast_threshold: float = 0.03
     """tau_c: the least |D| at an extremum (B.6)."""
+    fit: Literal["quartic", "quadratic"] = "quartic"
+    """"quartic" refines the place that the quadratic of B.5 has found with two more samples
+    each way: a blob's centre is found within 0.003 px rather than 0.07."""
     candidate_fraction: float = 0.5
     """Share of `contrast_threshold` that a sample must exceed before the fit."""
     edge_ratio: float = 10.0
@@ -89,7 +97,8 @@ class SiftConfig:
             "'centered' or 'shifted'",
             self.grid,
         )
-        require(self.border >= 1, "border", "1 or more", self.border)
+        require(self.border >= 2, "border", "2 or more", self.border)
+        require(self.fit in ("quartic", "quadratic"), "fit", "'quartic' or 'quadratic'", self.fit)
         require(
             0 <= self.contrast_threshold < 1,
             "contrast_threshold",
@@ -136,6 +145,7 @@ class SiftConfig:
         return cls(
             grid="shifted",
             border=5,
+            fit="quadratic",
             contrast_threshold=0.04 / 3,
             candidate_fraction=3 / (0.04 * 255),  # OpenCV rounds down to one grey level
             voting="nearest",
@@ -279,7 +289,14 @@ def find_extrema(dog: Float32Array, octave: int, config: SiftConfig) -> Points:
     offsets = np.empty((count, 3))  # (n, 3) x, y, plane
     values = np.empty(count)
     fit_extrema(
-        dog, config.border, config.contrast_threshold, config.edge_ratio, seeds, offsets, values
+        dog,
+        config.border,
+        config.contrast_threshold,
+        config.edge_ratio,
+        config.fit == "quartic",
+        seeds,
+        offsets,
+        values,
     )
     kept = np.flatnonzero(values)
     _, first = np.unique(seeds[kept], axis=0, return_index=True)
@@ -423,6 +440,7 @@ def fit_extrema(
     border: int,
     contrast_threshold: float,
     edge_ratio: float,
+    quartic: bool,
     seeds: IntArray,
     offsets: FloatArray,
     values: FloatArray,
@@ -431,20 +449,25 @@ def fit_extrema(
     planes, height, width = dog.shape
     edge = (edge_ratio + 1) ** 2 / edge_ratio
     for i in range(len(seeds)):
-        plane, row, column = seeds[i, 0], seeds[i, 1], seeds[i, 2]
+        plane, row, column = seeds[i]
+        before = (plane, row, column)
         values[i] = 0
         for _ in range(REFITS):
             x, y, scale, value, trace, determinant = fit_quadratic(dog, plane, row, column)
-            if abs(x) <= HALFWAY and abs(y) <= HALFWAY and abs(scale) <= HALFWAY:
+            after = (plane + step(scale), row + step(y), column + step(x))
+            # Halfway between two samples the quadratic at each may point to the other.
+            between = after == before and max(abs(x), abs(y), abs(scale)) < 1
+            if after == (plane, row, column) or (quartic and between):
                 strong = abs(value) >= contrast_threshold  # B.6
                 if strong and determinant > 0 and trace * trace < edge * determinant:  # B.10
+                    if quartic:
+                        x, y, scale = refine_place(dog, plane, row, column, x, y, scale)
                     seeds[i, 0], seeds[i, 1], seeds[i, 2] = plane, row, column
                     offsets[i, 0], offsets[i, 1], offsets[i, 2] = x, y, scale
                     values[i] = value
                 break
-            column += step(x)
-            row += step(y)
-            plane += step(scale)
+            before = (plane, row, column)
+            plane, row, column = after
             if not (
                 1 <= plane < planes - 1
                 and border <= row < height - border
@@ -455,8 +478,8 @@ def fit_extrema(
 
 @kernel()
 def step(offset: float) -> int:
-    """Towards the neighbor that is nearer than this sample, if any; 0 where it is not a number."""
-    return int(offset > HALFWAY) - int(offset < -HALFWAY)
+    """Towards the neighbor that is nearer than this sample, if any."""
+    return int(offset > 0.5) - int(offset < -0.5)
 
 
 @kernel()
@@ -486,11 +509,84 @@ def fit_quadratic(
     ys = 0.25 * (
         dog[p + 1, r + 1, c] - dog[p + 1, r - 1, c] - dog[p - 1, r + 1, c] + dog[p - 1, r - 1, c]
     )
-    # Cofactors of the symmetric Hessian: its inverse without a library call per point.
+    x, y, s = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
+    return x, y, s, v + 0.5 * (gx * x + gy * y + gs * s), xx + yy, xx * yy - xy * xy
+
+
+@kernel()
+def refine_place(
+    dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
+) -> tuple[float, float, float]:
+    """Where the quartic in x and y, quadratic in scale, through 3x5x5 samples is flat.
+
+    Newton's method (B.5) from the offset given; that comes back where it leads away.
+    """
+    weights_x, weights_y = np.empty((3, 5)), np.empty((3, 5))
+    u, v, t = x, y, scale
+    for _ in range(3):
+        quartic_weights(u, weights_x)
+        quartic_weights(v, weights_y)
+        gx = gy = gs = xx = yy = ss = xy = xs = ys = 0.0
+        for i in range(3):
+            side = i - 1
+            at, slope, bend = 0.5 * t * (t + side), t + 0.5 * side, 1.0
+            if side == 0:
+                at, slope, bend = 1 - t * t, -2 * t, -2.0
+            for j in range(5):
+                level, along, curve = 0.0, 0.0, 0.0
+                for k in range(5):
+                    sample = float(dog[plane - 1 + i, row - 2 + j, column - 2 + k])
+                    level += weights_x[0, k] * sample
+                    along += weights_x[1, k] * sample
+                    curve += weights_x[2, k] * sample
+                w, dw, ddw = weights_y[0, j], weights_y[1, j], weights_y[2, j]
+                gx += at * w * along
+                gy += at * dw * level
+                gs += slope * w * level
+                xx += at * w * curve
+                yy += at * ddw * level
+                ss += bend * w * level
+                xy += at * dw * along
+                xs += slope * w * along
+                ys += slope * dw * level
+        du, dv, dt = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
+        u, v, t = u + du, v + dv, t + dt
+        if not max(abs(u - x), abs(v - y), abs(t - scale)) < TRUSTED:
+            return x, y, scale
+    return u, v, t
+
+
+@kernel()
+def quartic_weights(t: float, out: FloatArray) -> None:
+    """Fill (3, 5) `out` with what five samples at -2..2 weigh in the quartic through them at `t`.
+
+    The rows are for its value, slope and curvature.
+    """
+    for node in range(5):
+        a, b, c, d, e = QUARTIC[node]  # powers 0 to 4
+        out[0, node] = a + t * (b + t * (c + t * (d + t * e)))
+        out[1, node] = b + t * (2 * c + t * (3 * d + t * 4 * e))
+        out[2, node] = 2 * c + t * (6 * d + t * 12 * e)
+
+
+@kernel()
+def newton_step(
+    gx: float,
+    gy: float,
+    gs: float,
+    xx: float,
+    yy: float,
+    ss: float,
+    xy: float,
+    xs: float,
+    ys: float,
+) -> tuple[float, float, float]:
+    """-H^-1 g by cofactors of the symmetric H (B.5); not finite where H has no inverse."""
     cxx, cxy, cxs = yy * ss - ys * ys, xs * ys - xy * ss, xy * ys - xs * yy
     cyy, cys, css = xx * ss - xs * xs, xy * xs - xx * ys, xx * yy - xy * xy
     whole = xx * cxx + xy * cxy + xs * cxs
-    x = -(cxx * gx + cxy * gy + cxs * gs) / whole
-    y = -(cxy * gx + cyy * gy + cys * gs) / whole
-    s = -(cxs * gx + cys * gy + css * gs) / whole
-    return x, y, s, v + 0.5 * (gx * x + gy * y + gs * s), xx + yy, css
+    return (
+        -(cxx * gx + cxy * gy + cxs * gs) / whole,
+        -(cxy * gx + cyy * gy + cys * gs) / whole,
+        -(cxs * gx + cys * gy + css * gs) / whole,
+    )
