@@ -1,6 +1,7 @@
 """Images at many scales, shared by attention and interest points."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import log2, sqrt
 from typing import Literal
 
@@ -71,7 +72,7 @@ def gaussian_scale_space(
         spacing, blur = 0.5, 2 * camera_sigma
     plane = blurred(plane, sqrt(max(base_sigma**2 - blur**2, 0.01)), kernel_radius)
     sigmas = [base_sigma * 2 ** (i / intervals) for i in range(intervals + 3)]
-    steps = [sqrt(after**2 - before**2) for before, after in zip(sigmas, sigmas[1:], strict=False)]
+    steps = [sqrt(after**2 - before**2) for before, after in pairwise(sigmas)]
 
     stacks: list[Float32Array] = []
     origins, spacings = [], []
@@ -116,7 +117,8 @@ def double(gray: Float32Array) -> Float32Array:
 def double_shifted(gray: Float32Array) -> Float32Array:
     """(2H, 2W), aligned at the image's edges: sample X lies at pixel X / 2 - 1 / 4."""
     height, width = gray.shape
-    doubled: Float32Array = cv2.resize(gray, (2 * width, 2 * height))
+    doubled = np.empty((2 * height, 2 * width), np.float32)
+    cv2.resize(gray, (2 * width, 2 * height), dst=doubled)
     return doubled
 
 
@@ -170,7 +172,8 @@ def blurred(
     """
     sigma_y = sigma if sigma_y is None else sigma_y
     size = [round(2 * kernel_radius * s + 1) | 1 for s in (sigma, sigma_y)]
-    result: Float32Array = cv2.GaussianBlur(
-        plane, size, sigma, sigmaY=sigma_y, dst=out, borderType=cv2.BORDER_REFLECT_101
+    result = np.empty(plane.shape, np.float32) if out is None else out
+    cv2.GaussianBlur(
+        plane, size, sigma, dst=result, sigmaY=sigma_y, borderType=cv2.BORDER_REFLECT_101
     )
     return result

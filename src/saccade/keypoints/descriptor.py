@@ -6,13 +6,15 @@ that plane.
 """
 
 from math import ceil, cos, exp, floor, pi, sin, sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade._jit import kernel
 from saccade.types import Float32Array, IntArray
+
+ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 ORIENTATION_BINS = 36
 ORIENTATION_SIGMA = 1.5
@@ -83,7 +85,7 @@ def orientations(
     return point, angle.astype(np.float32), middle / highest[point, 0]
 
 
-def describe(
+def describe_frames(
     octave: Float32Array,
     frames: Frames,
     angle: Float32Array,
@@ -91,7 +93,7 @@ def describe(
     window_sigma: float,
     subpixel: bool,
     root: bool,
-) -> npt.NDArray[np.uint8]:
+) -> ByteArray:
     """The descriptors of points in one octave (B.2).
 
     Args:
@@ -116,15 +118,17 @@ def describe(
 def unit_rows(rows: Float32Array) -> Float32Array:
     """Each row at unit length; a row of zeros stays so."""
     length = np.sqrt(np.einsum("ij,ij->i", rows, rows))
-    return rows / np.maximum(length, np.finfo(np.float32).tiny)[:, None]
+    unit: Float32Array = rows / np.maximum(length, np.finfo(np.float32).tiny)[:, None]
+    return unit
 
 
-def quantize(unit: Float32Array, *, root: bool) -> npt.NDArray[np.uint8]:
+def quantize(unit: Float32Array, *, root: bool) -> ByteArray:
     """Unit descriptors in 8 bits: 512 to the unit, saturated at 255."""
     if root:
         total = np.maximum(unit.sum(axis=1), np.finfo(np.float32).tiny)
         unit = np.sqrt(unit / total[:, None])
-    return np.rint(np.minimum(unit * np.float32(QUANTUM), 255)).astype(np.uint8)
+    quantized: ByteArray = np.rint(np.minimum(unit * np.float32(QUANTUM), 255)).astype(np.uint8)
+    return quantized
 
 
 @kernel()
@@ -189,11 +193,12 @@ def fill_descriptors(
         along, across = np.float32(cos(angles[i]) / cell), np.float32(sin(angles[i]) / cell)
         radius = cell * reach * sqrt(2.0)
         left, right = max(ceil(x - radius), 1), min(floor(x + radius), width - 2) + 1
-        fill_window(weight, left, right, x, CELLS * window_sigma * cell)
+        window = CELLS * window_sigma * cell
+        fill_window(weight, left, right, x, window)
         cells[:] = 0
         for row in range(max(ceil(y - radius), 1), min(floor(y + radius), height - 2) + 1):
             fill_gradients(octave[planes[i]], row, left, right, magnitude, direction)
-            row_weight = np.float32(exp(-0.5 * ((row - y) / (CELLS * window_sigma * cell)) ** 2))
+            row_weight = np.float32(exp(-0.5 * ((row - y) / window) ** 2))
             dy = np.float32(row - y)
             for column in range(left, right):
                 dx = np.float32(column - x)
@@ -209,9 +214,9 @@ def fill_descriptors(
 
 @kernel()
 def share_trilinearly(
-    cells: Float32Array, row: float, column: float, turn: float, weight: float
+    cells: Float32Array, row: np.float32, column: np.float32, turn: np.float32, weight: np.float32
 ) -> None:
-    """Add `weight` to the eight entries around a place, none negative; the third axis is circular."""
+    """Add `weight` to the eight entries around a place >= 0; the third axis is circular."""
     r, c, t = int(row), int(column), int(turn)
     fr, fc, ft = row - np.float32(r), column - np.float32(c), turn - np.float32(t)
     first, second = t & (DIRECTIONS - 1), (t + 1) & (DIRECTIONS - 1)
