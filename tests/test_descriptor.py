@@ -115,6 +115,14 @@ def test_a_ramp_points_where_it_rises(degrees, smoothing, tolerance):
     np.testing.assert_allclose(height, 1)
 
 
+def test_half_a_turn_is_plus_pi():
+    falling = -np.tile(np.arange(41, dtype=np.float32), (41, 1))[None]
+    _, angle, _ = orientations(
+        falling, frame(20, 20, 2, plane=0), linear=True, smoothing=0, subpixel=True
+    )
+    np.testing.assert_array_equal(angle, [np.float32(np.pi)])
+
+
 def test_a_roof_has_two_orientations():
     _, column = np.indices((61, 61))
     roof = np.abs(column - 30).astype(np.float32)[None]

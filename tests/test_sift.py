@@ -9,6 +9,8 @@ from scipy.spatial import cKDTree
 
 from saccade.errors import ConfigError, ImageError
 from saccade.keypoints import Sift, SiftConfig, match
+from saccade.keypoints.sift import Points, orient, strongest
+from saccade.pyramid import gaussian_scale_space
 
 PRESETS = {
     name: getattr(SiftConfig, name)() for name in ("lowe2004", "kootstra2010", "opencv", "colmap")
@@ -167,12 +169,22 @@ def test_the_strongest_are_the_first(rng, count):
     assert_same(few, every[:count])
 
 
-def test_equal_points_are_ordered_by_place():
-    tile = blob((64, 64), 31.5, 31.5, 3.0)
-    found = Sift(SiftConfig(upright=True, octaves=3))(np.tile(tile, (3, 3)))
-    for response in np.unique(found.response):
-        xy = found.xy[found.response == response]
-        np.testing.assert_array_equal(xy, xy[np.lexsort(xy.T)])
+def test_equal_points_are_ordered_by_row_column_size_and_angle(rng):
+    space = gaussian_scale_space(np.zeros((20, 20), np.float32))
+    n = 81
+    row, column, sigma, angle = np.array(list(itertools.product(range(3), repeat=4)), np.float32).T
+    points = Points(
+        np.zeros(n, np.int64),
+        np.ones(n, np.int64),
+        np.stack([column, row], axis=1),
+        1 + sigma,
+        angle,
+        np.ones(n, np.float32),
+    )
+    ordered = strongest(points.take(rng.permutation(n)), space, 0)
+    for field, expected in zip(ordered, points, strict=True):
+        np.testing.assert_array_equal(field, expected)
+    assert len(strongest(points, space, 7).xy) == 7
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -234,6 +246,24 @@ def test_at_most_two_orientations(rng):
     for place, kept in few.items():
         assert len(kept) == min(2, len(every[place]))
         assert set(kept) <= set(every[place])
+
+
+def test_of_two_orientations_the_stronger_is_kept():
+    column = np.tile(np.arange(41.0, dtype=np.float32), (41, 1))[None]
+    point = Points.none()._replace(
+        octave=np.zeros(1, int),
+        plane=np.zeros(1, int),
+        xy=np.array([[20, 20]], np.float32),
+        sigma=np.ones(1, np.float32),
+        angle=np.zeros(1, np.float32),
+        response=np.ones(1, np.float32),
+    )
+    for left, right, expected in ((0.9, 1.0, [0, np.pi]), (1.0, 0.9, [np.pi, 0])):
+        roof = np.where(column < 20, left, right) * np.abs(column - 20)
+        both = orient(roof, point, SiftConfig())
+        one = orient(roof, point, SiftConfig(max_orientations=1))
+        np.testing.assert_allclose(np.abs(both.angle), [0, np.pi], atol=1e-3)
+        np.testing.assert_allclose(np.abs(one.angle), expected[:1], atol=1e-3)
 
 
 def test_root_descriptors_are_those_of_the_same_points(rng):
