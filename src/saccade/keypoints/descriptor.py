@@ -81,8 +81,9 @@ def orientations(
     left, middle, right = before[peaks], bins[peaks], after[peaks]
     place = peak + 0.5 * (left - right) / (left - 2 * middle + right)
     angle = np.remainder(place * (2 * pi / ORIENTATION_BINS) + pi, 2 * pi) - pi
-    angle[angle <= -pi] = pi
-    return point, angle.astype(np.float32), middle / highest[point, 0]
+    angle = angle.astype(np.float32)
+    angle[angle <= np.float32(-pi)] = pi
+    return point, angle, middle / highest[point, 0]
 
 
 def describe_frames(
