@@ -115,12 +115,19 @@ class SiftConfig:
 
     @classmethod
     def lowe2004(cls) -> "SiftConfig":
-        """Lowe (2004): the image doubled, all octaves, |D| over 0.03."""
+        """Lowe (2004): the image doubled, all octaves, |D| over 0.03.
+
+        The article leaves the sharing of gradients and the grid open; the place is refined
+        beyond its quadratic (see `fit`).
+        """
         return cls()
 
     @classmethod
     def kootstra2010(cls) -> "SiftConfig":
-        """Kootstra (2010): three octaves from the image itself, a wide descriptor window."""
+        """Kootstra (2010): three octaves from the image itself, a wide descriptor window.
+
+        What the source leaves open is as in the default.
+        """
         return cls(
             first_octave=0,
             octaves=3,
