@@ -259,7 +259,8 @@ def test_of_two_orientations_the_stronger_is_kept():
         response=np.ones(1, np.float32),
     )
     for left, right, expected in ((0.9, 1.0, [0, np.pi]), (1.0, 0.9, [np.pi, 0])):
-        roof = np.where(column < 20, left, right) * np.abs(column - 20)
+        slope = np.where(column < 20, np.float32(left), np.float32(right))
+        roof = slope * np.abs(column - 20)
         both = orient(roof, point, SiftConfig())
         one = orient(roof, point, SiftConfig(max_orientations=1))
         np.testing.assert_allclose(np.abs(both.angle), [0, np.pi], atol=1e-3)

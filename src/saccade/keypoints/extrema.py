@@ -79,7 +79,7 @@ def find_extrema(
     kept = np.flatnonzero(values)
     _, first = np.unique(seeds[kept], axis=0, return_index=True)
     kept = kept[first]
-    plane, row, column = seeds[kept].T
+    plane, row, column = np.ascontiguousarray(seeds[kept].T)
     x, y, scale = offsets[kept].T
     return Extrema(
         plane,
