@@ -124,14 +124,15 @@ class SiftConfig:
 
     @classmethod
     def kootstra2010(cls) -> "SiftConfig":
-        """Kootstra (2010): three octaves from the image itself, a wide descriptor window.
+        """Kootstra (2010): B.1-B.12 to the letter, three octaves from the image itself.
 
-        What the source leaves open is as in the default.
+        The descriptor's window is wide; what the source leaves open is as in the default.
         """
         return cls(
             first_octave=0,
             octaves=3,
             kernel_radius=3.0,
+            fit="quadratic",
             contrast_threshold=0.02,
             window_sigma=1.5,
         )
