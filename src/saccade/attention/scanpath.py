@@ -1,0 +1,260 @@
+"""Where the gaze goes in turn: winner-take-all over a saliency map, and inhibition of return.
+
+Two layers of leaky integrators look at the map, with one cell of each per cell of the map:
+
+    map layer      V[t+1] = V + dt ((drive S - V) / tau_V - g V)
+    winner layer   W[t+1] = W + dt (gain V[t+1] - W) / tau_W
+
+The first W over its threshold is a fixation. It makes the conductance g jump in a disc around
+the winner, which silences the map layer there until g has decayed. In the step after the next
+the answer of an interneuron resets the whole winner layer, and the race starts again.
+
+The network is defined by its steps, but is not run step by step: with g held the recurrence
+has a closed form, so that it leaps over many steps at once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade._jit import kernel
+from saccade.errors import ImageError, require
+from saccade.pyramid import FloatMap, cell_centers
+from saccade.types import FloatArray, Scanpath
+
+LEAP = 100
+"""The most steps at once; the inhibition decays by 1 % meanwhile."""
+POLE = 1e-9
+"""How near to its poles the closed form is used; nearer ones are moved here."""
+
+
+@dataclass(frozen=True)
+class ScanpathConfig:
+    """The winner-take-all network; potentials in volts.
+
+    Source: Itti, Koch & Niebur (1998), with the constants published with Walther & Koch (2006).
+    """
+
+    peak: float = 2.0
+    """What the map's maximum is scaled to; 0 takes the map as it is."""
+    time_step: float = 1e-4
+    """Of the network, in seconds."""
+    time_limit: float = 10.0
+    """Seconds after which the gaze rests, whether or not all fixations were made."""
+    drive: float = 0.01
+    """What the map layer rises to, by the saliency."""
+    background: float = 1e-5
+    """What drives every candidate besides its saliency, in the same unit."""
+    map_time_constant: float = 0.5
+    """Of the map layer, in seconds."""
+    gain: float = 5.0
+    """What the winner layer rises to, by the map layer."""
+    winner_time_constant: float = 0.1
+    """Of the winner layer, in seconds."""
+    threshold: float = 1e-3
+    """Potential over which a winner cell spikes."""
+    reset: float = -0.02
+    """Potential from which the winner layer starts again."""
+    inhibition_sigma: float = 0.025
+    """Width of the disc of inhibition of return, a Gaussian, as part of the map's longer side."""
+    inhibition_strength: float = 2e6
+    """Conductance at its center over capacitance, per second and volt of the winner's V."""
+    inhibition_surround: float = 1e-4
+    """Part of that strength which excites a surround four times as wide."""
+    inhibition_time_constant: float = 1.0
+    """With which the inhibition of return decays, in seconds."""
+
+    def __post_init__(self) -> None:
+        for name in (
+            "time_step",
+            "time_limit",
+            "drive",
+            "map_time_constant",
+            "gain",
+            "winner_time_constant",
+            "threshold",
+            "inhibition_sigma",
+            "inhibition_strength",
+            "inhibition_time_constant",
+        ):
+            value = getattr(self, name)
+            require(0 < value < np.inf, name, "a finite value above 0", value)
+        fastest = min(
+            self.map_time_constant, self.winner_time_constant, self.inhibition_time_constant
+        )
+        require(
+            self.time_step <= fastest / 10,
+            "time_step",
+            f"at most a tenth of the shortest time constant, {fastest:g} s",
+            self.time_step,
+        )
+        require(0 <= self.peak < np.inf, "peak", "a finite value of at least 0", self.peak)
+        require(self.reset <= 0, "reset", "at most 0", self.reset)
+        require(
+            0 <= self.inhibition_surround < 1,
+            "inhibition_surround",
+            "a part in [0, 1)",
+            self.inhibition_surround,
+        )
+
+
+def scanpath(
+    saliency: FloatMap,
+    image_shape: Sequence[int],
+    fixations: int = 10,
+    config: ScanpathConfig | None = None,
+) -> Scanpath:
+    """The first fixations on a saliency map.
+
+    Of several cells that reach the threshold in one step the first wins, down the columns and
+    then from left to right. Cells with no saliency never win: an empty map has no fixations,
+    and one with few places may have fewer than asked for.
+
+    Args:
+        saliency: (h, w), finite, not negative; its cells tile the image.
+        image_shape: (H, W), or more dimensions, of the image.
+        fixations: how many at most.
+        config: the network.
+
+    Returns:
+        Fixations at the centers of the winning cells, see `saccade.pyramid.cell_centers`.
+
+    Raises:
+        ImageError: the map is not two-dimensional, is empty, not finite, or negative somewhere;
+            or the image has no pixels.
+        ConfigError: `fixations` is negative.
+    """
+    config = config or ScanpathConfig()
+    saliency = np.asarray(saliency, dtype=np.float64)
+    if saliency.ndim != 2 or saliency.size == 0:
+        raise ImageError(f"saliency: expected a map of shape (h, w), found {saliency.shape}")
+    low, high = float(saliency.min()), float(saliency.max())
+    if not (np.isfinite(low) and np.isfinite(high) and low >= 0):
+        raise ImageError(
+            f"saliency: expected finite values of at least 0, found {low:g} to {high:g}"
+        )
+    if len(image_shape) < 2 or min(image_shape[:2]) < 1:
+        raise ImageError(f"image_shape: expected (H, W), found {tuple(image_shape)}")
+    require(fixations >= 0, "fixations", "0 or more", fixations)
+    if high == 0:
+        return Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+    strength = saliency * (config.peak / high) if config.peak > 0 else saliency
+    winners, steps = attend(strength, fixations, config)
+    columns, rows = np.divmod(winners, saliency.shape[0])
+    return Scanpath(
+        xy=cell_centers(rows, columns, saliency.shape, image_shape),
+        time=steps.astype(np.float64) * config.time_step,
+        saliency=saliency[rows, columns],
+    )
+
+
+def attend(
+    strength: FloatArray, fixations: int, config: ScanpathConfig
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """The winners of a map as indices down its columns, and the steps in which they spike."""
+    dt = config.time_step
+    leak = dt / config.map_time_constant
+    forget = dt / config.winner_time_constant
+    decay = dt / config.inhibition_time_constant
+    last_step = int(config.time_limit / dt)
+
+    candidates = np.flatnonzero(strength.T)  # (n,)
+    column, row = np.divmod(candidates, strength.shape[0])
+    current = leak * config.drive * (strength.T.ravel()[candidates] + config.background)
+    sigma = config.inhibition_sigma * max(strength.shape)
+
+    V = current.copy()  # after step 0, in which the winner layer is held down
+    W = np.full_like(V, config.reset)
+    g = np.zeros_like(V)
+    V_next, W_next = np.empty_like(V), np.empty_like(W)
+    winners: list[int] = []
+    spikes: list[int] = []
+    step, reset_at, stride = 0, 0, LEAP
+    while len(winners) < fixations and step < last_step:
+        stride = 1 if step < reset_at else min(stride, last_step - step)
+        leap(V, W, g, current, leak, forget, decay, config.gain, stride, V_next, W_next)
+        if step + stride == reset_at:
+            W_next[:] = config.reset
+        over = config.threshold < W_next
+        spiked = bool(over.any())
+        if spiked and stride > 1:
+            stride = max(1, stride // 4)
+            continue
+        step += stride
+        g *= (1 - decay) ** stride
+        V, V_next, W, W_next = V_next, V, W_next, W
+        if spiked:
+            first = int(np.argmax(over))
+            winners.append(int(candidates[first]))
+            spikes.append(step)
+            W[over] = 0
+            d2 = (row - row[first]) ** 2 + (column - column[first]) ** 2
+            disc = np.exp(-d2 / (2 * sigma**2))
+            surround = config.inhibition_surround * np.exp(-d2 / (2 * (4 * sigma) ** 2))
+            g += dt * config.inhibition_strength * V[first] * (disc - surround)
+            if reset_at <= step:
+                reset_at = step + 2
+        elif step == reset_at:
+            stride = LEAP
+    return np.array(winners, np.intp), np.array(spikes, np.intp)
+
+
+@kernel()
+def leap_cell(
+    V: float,
+    W: float,
+    g: float,
+    current: float,
+    leak: float,
+    forget: float,
+    decay: float,
+    gain: float,
+    steps: int,
+) -> tuple[float, float]:
+    """V and W of one cell after n steps.
+
+    With the conductance of the middle step throughout, `a = 1 - leak - g` and `b = 1 - forget`,
+    the potential is `V[j] = P + Q j + (V - P) a^j`, and W sums it, fading with b. P + Q j is
+    the equilibrium that V is drawn to; Q is how it rises as a strong inhibition decays.
+    """
+    middle = (steps - 1) / 2
+    g *= (1 - decay) ** middle
+    rate = leak + g
+    if abs(rate) < POLE:
+        rate = POLE
+    a, b = max(0.0, 1 - rate), 1 - forget
+    if abs(a - b) < POLE:
+        a = b + POLE
+    a_n, b_n = a**steps, b**steps
+    Q = current / rate * decay * g / rate if g > leak else 0.0
+    P = current / rate - Q * (middle + 1 / rate)
+    sum_of_one = (1 - b_n) / forget
+    sum_of_j = (steps - b * sum_of_one) / forget
+    sum_of_a = a * (a_n - b_n) / (a - b)
+    V_n = P + Q * steps + (V - P) * a_n
+    W_n = b_n * W + forget * gain * (P * sum_of_one + Q * sum_of_j + (V - P) * sum_of_a)
+    return V_n, W_n
+
+
+@kernel()
+def leap(
+    V: FloatArray,
+    W: FloatArray,
+    g: FloatArray,
+    current: FloatArray,
+    leak: float,
+    forget: float,
+    decay: float,
+    gain: float,
+    steps: int,
+    V_next: FloatArray,
+    W_next: FloatArray,
+) -> None:
+    """All cells after some steps, into `V_next` and `W_next`."""
+    for i in range(len(V)):
+        V_next[i], W_next[i] = leap_cell(
+            V[i], W[i], g[i], current[i], leak, forget, decay, gain, steps
+        )

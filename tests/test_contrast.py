@@ -1,0 +1,250 @@
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracles_attention as oracles
+from saccade.attention import ContrastConfig, contrast_saliency
+from saccade.attention.normalize import NORMALIZATIONS, normalize
+from saccade.errors import ConfigError, ImageError
+from saccade.image import read_image
+from saccade.pyramid import dyadic_pyramid, resize
+
+MAPS = ("saliency", "intensity", "color", "orientation")
+PRESETS = {
+    "default": ContrastConfig(),
+    "kootstra2010": ContrastConfig.kootstra2010(),
+    "itti1998": ContrastConfig.itti1998(),
+}
+PHOTOS = ("astronaut", "chelsea", "coffee", "motorcycle", "rocket")
+
+seeds = st.integers(0, 2**32 - 1)
+shapes = st.tuples(st.integers(17, 70), st.integers(17, 70))
+
+
+def noise(seed, shape, dtype=np.uint8):
+    """Patches of color with noise: structure on more than one scale."""
+    rng = np.random.default_rng(seed)
+    patches = cv2.resize(rng.random((4, 5, 3)), shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return ((0.7 * patches + 0.3 * rng.random((*shape, 3))) * np.iinfo(dtype).max).astype(dtype)
+
+
+@pytest.mark.parametrize("method", ["local-maxima", "local-maxima-1998", "none"])
+def test_every_equation_in_a_plain_second_reading(method):
+    image = noise(1, (64, 96)) / np.float32(255)
+    maps = contrast_saliency(image, ContrastConfig(normalization=method))
+    for name, expected in zip(MAPS, oracles.contrast_saliency(image, method), strict=True):
+        assert expected.max() > 0
+        np.testing.assert_allclose(getattr(maps, name), expected, atol=2e-5, err_msg=name)
+
+
+def test_features_are_differences_between_levels():
+    image = noise(2, (80, 64))
+    maps = contrast_saliency(image, keep_features=True)
+    levels = dyadic_pyramid((image / np.float32(255)).mean(axis=2), 6)
+    channels = ["intensity", "red-green", "blue-yellow"]
+    channels += [f"orientation {angle}" for angle in (0, 45, 90, 135)]
+    # The shorter side ends with level 6: of the six pairs three exist (A.7-A.10).
+    pairs = [(2, 5), (2, 6), (3, 6)]
+    assert [f[:3] for f in maps.features] == [(c, *pair) for c in channels for pair in pairs]
+    for _, center, surround, values in maps.features[:3]:
+        expected = abs(levels[center] - resize(levels[surround], levels[center].shape))
+        np.testing.assert_allclose(values, expected, atol=1e-6)
+    assert contrast_saliency(image).features == ()
+
+
+def test_a_large_image_has_42_feature_maps():
+    assert len(contrast_saliency(noise(3, (260, 300)), keep_features=True).features) == 42
+
+
+def test_a_step_in_intensity_by_hand():
+    """Left half 0, right half 1: center minus surround at the borders of the image."""
+    step = np.zeros((128, 256))
+    step[:, 128:] = 1
+    config = ContrastConfig(center_levels=(1,), surround_deltas=(6,), color_weight=0)
+    features = contrast_saliency(step, config, keep_features=True).features
+    level_7 = dyadic_pyramid(step, 7)[7][0]  # two cells
+    assert level_7[0] + level_7[1] == pytest.approx(1)
+    assert features[0].values[0, 0] == pytest.approx(level_7[0], abs=1e-6)
+    assert features[0].values[5, -1] == pytest.approx(1 - level_7[1], abs=1e-6)
+    horizontal = next(f for f in features if f.channel == "orientation 0")
+    vertical = next(f for f in features if f.channel == "orientation 90")
+    assert vertical.values.max() > 20 * horizontal.values.max()
+
+
+def test_saliency_is_the_weighted_mean_of_the_normalized_channels():
+    image = noise(4, (96, 128))
+    config = ContrastConfig(color_weight=2, orientation_weight=0.5)
+    maps = contrast_saliency(image, config)
+    parts = [normalize(getattr(maps, name), config.normalization) for name in MAPS[1:]]
+    expected = (parts[0] + 2 * parts[1] + 0.5 * parts[2]) / 3.5
+    np.testing.assert_allclose(maps.saliency, expected, atol=1e-6)  # A.14
+
+
+@pytest.mark.parametrize("channel", MAPS[1:])
+@pytest.mark.parametrize("method", NORMALIZATIONS)
+def test_each_channel_alone_with_each_normalization(channel, method):
+    weights = {f"{name}_weight": float(name == channel) for name in MAPS[1:]}
+    image = noise(5, (64, 80))
+    config = ContrastConfig(normalization=method, **weights)
+    maps = contrast_saliency(image, config)
+    for name in MAPS[1:]:
+        assert getattr(maps, name).any() == (name == channel)
+    np.testing.assert_allclose(maps.saliency, normalize(getattr(maps, channel), method), atol=1e-6)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, shapes, st.sampled_from(NORMALIZATIONS))
+def test_a_mirrored_image_has_mirrored_maps(seed, shape, method):
+    image = noise(seed, shape)
+    config = ContrastConfig(normalization=method)
+    maps = contrast_saliency(image, config)
+    left_right = contrast_saliency(image[:, ::-1], config)
+    upside_down = contrast_saliency(image[::-1], config)
+    for name in MAPS:
+        expected = getattr(maps, name)
+        np.testing.assert_allclose(getattr(left_right, name)[:, ::-1], expected, atol=1e-4)
+        np.testing.assert_allclose(getattr(upside_down, name)[::-1], expected, atol=1e-4)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, shapes, st.sampled_from(list(PRESETS)))
+def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
+    image = noise(seed, shape)
+    config = PRESETS[preset]
+    maps = contrast_saliency(image, config)
+    for same in (image / 255, image / np.float32(255), image.astype(np.uint16) * 257):
+        other = contrast_saliency(same, config)
+        for name in MAPS:
+            np.testing.assert_allclose(getattr(other, name), getattr(maps, name), atol=1e-4)
+    gray = contrast_saliency(image[:, :, 0], config)
+    assert not gray.color.any()
+    assert gray.saliency.any()
+    np.testing.assert_array_equal(
+        gray.saliency, contrast_saliency(np.repeat(image[:, :, :1], 3, axis=2), config).saliency
+    )
+
+
+@pytest.mark.parametrize("shape", [(17, 17), (32, 32), (32, 900), (700, 17), (33, 47), (250, 61)])
+@pytest.mark.parametrize("method", NORMALIZATIONS)
+def test_any_size_gives_finite_maps_that_are_not_negative(shape, method):
+    image = noise(6, shape)
+    maps = contrast_saliency(image, ContrastConfig(normalization=method))
+    for name in MAPS:
+        values = getattr(maps, name)
+        assert values.shape == (-(-shape[0] // 16), -(-shape[1] // 16))
+        assert values.dtype == np.float32
+        assert np.isfinite(values).all()
+        assert values.min() >= 0
+    assert maps.image_shape == shape
+    assert repr(maps) == (
+        f"ContrastMaps({-(-shape[1] // 16)} x {-(-shape[0] // 16)} cells "
+        f"of a {shape[1]} x {shape[0]} image)"
+    )
+
+
+@pytest.mark.parametrize("value", [0, 1, 77, 128, 254, 255])
+@pytest.mark.parametrize("method", NORMALIZATIONS)
+@pytest.mark.parametrize("shape", [(40, 55), (40, 55, 3)])
+def test_a_flat_image_has_nothing_salient(value, method, shape):
+    maps = contrast_saliency(np.full(shape, value, np.uint8), ContrastConfig(normalization=method))
+    assert not any(getattr(maps, name).any() for name in MAPS)
+
+
+def test_a_colored_flat_image_has_nothing_salient():
+    maps = contrast_saliency(np.full((300, 211, 3), (200, 13, 97), np.uint8))
+    assert not any(getattr(maps, name).any() for name in MAPS)
+
+
+@pytest.mark.parametrize("shape", [(16, 300), (8, 8), (1, 500), (16, 16, 3)])
+def test_too_small_an_image_is_refused_by_its_size(shape):
+    found = f"at least 17 px .* found {shape[1]} x {shape[0]} px"
+    with pytest.raises(ImageError, match=found):
+        contrast_saliency(np.zeros(shape))
+
+
+def test_an_image_that_is_none_is_refused():
+    with pytest.raises(ImageError, match="NaN"):
+        contrast_saliency(np.full((64, 64), np.nan))
+    with pytest.raises(ImageError, match="shape"):
+        contrast_saliency(np.zeros((64, 64, 2)))
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"color_weight": -1.0},
+        {"intensity_weight": np.inf},
+        {"dark": 2.0},
+        {"center_levels": ()},
+        {"center_levels": (-1, 2)},
+        {"surround_deltas": (0,)},
+        {"orientations": ()},
+        {"gabor_period": 1.0},
+        {"gabor_sigma": 0.0},
+        {"gabor_size": 8},
+        {"normalization": "Iterative"},
+        {"maxima_threshold": 1.5},
+        {"maxima_radius": 0.0},
+        {"iterations": 0},
+        {"map_level": -1},
+    ],
+)
+def test_a_broken_setting_is_named(broken):
+    with pytest.raises(ConfigError, match=next(iter(broken))):
+        ContrastConfig(**broken)
+
+
+def test_at_least_one_channel_must_count():
+    with pytest.raises(ConfigError, match="weights"):
+        ContrastConfig(intensity_weight=0, color_weight=0, orientation_weight=0)
+
+
+def test_the_image_is_left_alone():
+    image = noise(7, (64, 64)) / np.float32(255)
+    before = image.copy()
+    contrast_saliency(image)
+    np.testing.assert_array_equal(image, before)
+
+
+def rank_of_the_odd_item(saliency, image):
+    """1 for the most salient of 35 items; an item is as salient as its best pixel."""
+    foreground = np.abs(image - image[0, 0]).sum(axis=2) > 0.1
+    count, item, _, centers = cv2.connectedComponentsWithStats(foreground.astype(np.uint8))
+    assert count == 1 + 35
+    odd = int(np.argmin(np.hypot(*(centers[1:] - (502, 144)).T)))
+    enlarged = cv2.resize(saliency, image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    height = [enlarged[item == i].max() for i in range(1, count)]
+    return 1 + sum(other >= height[odd] for i, other in enumerate(height) if i != odd)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("map_level", [2, 3, 4])
+def test_pop_out(shared, preset, map_level):
+    config = dataclasses.replace(PRESETS[preset], map_level=map_level)
+    rank = {}
+    for display in ("orientation", "intensity", "color", "color_gray", "conjunction"):
+        file = shared / "reference" / "saliency" / "images" / f"popout_{display}.png"
+        image = read_image(file)
+        rank[display] = rank_of_the_odd_item(contrast_saliency(image, config).saliency, image)
+    assert rank.pop("conjunction") > 1
+    assert set(rank.values()) == {1}, rank
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("photo", PHOTOS)
+def test_conspicuity_resembles_the_reference(shared, photo):
+    """Another brightness, pyramid shape and interpolation, but the same model."""
+    folder = shared / "reference" / "saliency"
+    reference = np.load(folder / f"photo_{photo}.none.npz")
+    maps = contrast_saliency(
+        read_image(folder / "images" / f"photo_{photo}.png"), ContrastConfig(normalization="none")
+    )
+    for ours, theirs in ((maps.intensity, "Intensities"), (maps.color, "Color")):
+        expected = reference[f"CM_{theirs}"]
+        ours = resize(ours, expected.shape)[3:-3, 3:-3].ravel()
+        assert np.corrcoef(ours, expected[3:-3, 3:-3].ravel())[0, 1] > 0.7

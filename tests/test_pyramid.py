@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import oracles_attention as oracles
+from saccade.attention.channels import opponency
+from saccade.image import read_image
+from saccade.pyramid import (
+    cell_centers,
+    deepest_level,
+    dyadic_pyramid,
+    gabor_pair,
+    gabor_response,
+    halve,
+    level_shape,
+    resize,
+)
+
+sides = st.integers(1, 17)
+images = st.tuples(sides, sides).flatmap(
+    lambda shape: arrays(np.float64, shape, elements=st.floats(0, 1, width=16))
+)
+
+
+@given(images)
+def test_halve_is_its_formula(image):
+    np.testing.assert_allclose(halve(image), oracles.halve(image), atol=1e-6)
+
+
+@given(images)
+def test_halve_keeps_mirrors_and_the_mean_of_even_sides(image):
+    half = halve(image)
+    np.testing.assert_allclose(halve(image[:, ::-1].copy()), half[:, ::-1], atol=1e-6)
+    np.testing.assert_allclose(halve(image[::-1].copy()), half[::-1], atol=1e-6)
+    if image.shape[0] % 2 == image.shape[1] % 2 == 0:
+        assert half.mean() == pytest.approx(image.mean(), abs=1e-9)
+
+
+def test_the_kernel_of_a_level_is_the_binomial_of_six():
+    impulse = np.zeros((1, 16))
+    impulse[0, 6] = 32
+    np.testing.assert_allclose(halve(impulse)[0], [0, 0, 5, 10, 1, 0, 0, 0], atol=1e-12)
+
+
+def test_levels_end_with_a_single_pixel():
+    pyramid = dyadic_pyramid(np.ones((17, 100), np.float32), 99)
+    shapes = [level.shape for level in pyramid]
+    assert shapes == [(17, 100), (9, 50), (5, 25), (3, 13), (2, 7), (1, 4)]
+    assert shapes == [
+        level_shape((17, 100), level) for level in range(deepest_level((17, 100)) + 1)
+    ]
+    assert all(np.allclose(level, 1, atol=1e-6) for level in pyramid)
+    assert deepest_level((1, 50)) == 0
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_everything_keeps_its_dtype(dtype):
+    image = np.random.default_rng(1).random((20, 30)).astype(dtype)
+    levels = dyadic_pyramid(image, 3)
+    responses = [gabor_response(level, gabor_pair(0.5, 7, 7 / 3, 9)) for level in levels]
+    assert {m.dtype for m in (*levels, *responses, resize(image, (5, 6)))} == {np.dtype(dtype)}
+
+
+def test_resize_shrinks_by_means_and_grows_bilinearly(rng):
+    image = rng.random((8, 12))
+    np.testing.assert_allclose(resize(image, (4, 3)), oracles.block_mean(image, (4, 3)))
+    np.testing.assert_allclose(
+        resize(image, (16, 30)), oracles.bilinear(image, (16, 30)), atol=1e-6
+    )
+
+
+def test_cells_tile_the_image():
+    xy = cell_centers([0, 29], [0, 39], (30, 40), (480, 640, 3))
+    np.testing.assert_allclose(xy, [[7.5, 7.5], [631.5, 471.5]])
+    np.testing.assert_allclose(cell_centers(3, 4, (9, 9), (9, 9)), [4, 3])
+
+
+@given(st.floats(0, np.pi), st.integers(2, 7).map(lambda half: 2 * half + 1))
+def test_a_gabor_pair_has_zero_mean_unit_energy_and_two_phases(angle, size):
+    even, odd = gabor_pair(angle, 7, 7 / 3, size)
+    for filter_ in (even, odd):
+        assert filter_.sum() == pytest.approx(0, abs=1e-9)
+        assert (filter_**2).sum() == pytest.approx(1)
+    np.testing.assert_allclose(even, even[::-1, ::-1], atol=1e-12)
+    np.testing.assert_allclose(odd, -odd[::-1, ::-1], atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0, 45, 90, 135])
+def test_bars_are_answered_by_their_own_orientation(angle):
+    y, x = np.mgrid[:64, :64]
+    along = np.deg2rad(angle)
+    bars = 0.5 + 0.5 * np.cos(2 * np.pi * (y * np.cos(along) - x * np.sin(along)) / 7)
+    answer = {
+        theta: gabor_response(bars, gabor_pair(np.deg2rad(theta), 7, 7 / 3, 9)).mean()
+        for theta in (0, 45, 90, 135)
+    }
+    assert max(answer, key=answer.get) == angle
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", ["photo_coffee", "popout_color_gray"])
+def test_levels_and_responses_are_those_of_the_reference(shared, name):
+    """Its kernel is the same but for one stray tap, its borders are not."""
+    folder = shared / "reference" / "saliency"
+    reference = np.load(folder / f"{name}.iterative.npz")
+    image = read_image(folder / "images" / f"{name}.png").astype(np.float64)
+    red_green, blue_yellow = opponency(image, 0.1)
+    luma = image @ [0.298936, 0.587043, 0.114021]
+    pyramids = {
+        "Color_1": dyadic_pyramid(red_green, 3),
+        "Color_2": dyadic_pyramid(blue_yellow, 3),
+        "Intensities_1": dyadic_pyramid(luma, 3),
+    }
+    for i, angle in enumerate((0, 45, 90, 135), start=1):
+        pair = gabor_pair(np.deg2rad(angle), 7, 7 / 3, 9)
+        pyramids[f"Orientations_{i}"] = [
+            gabor_response(level, pair) for level in pyramids["Intensities_1"]
+        ]
+    for feature, levels in pyramids.items():
+        for level in (2, 3):
+            theirs = reference[f"PYR_{feature}_L{level + 1}"]
+            ours, theirs = levels[level][5:-5, 5:-5], theirs[5:-5, 5:-5]
+            if theirs.std() == 0:
+                assert ours.std() == 0
+            else:
+                assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.995, (feature, level)
