@@ -18,13 +18,14 @@ ALLOWED = {
     "errors": set(),
     "files": {"errors"},
     "_jit": {"errors"},
-    "image": {"types", "errors"},
+    "image": FOUNDATION,
     "pyramid": {"types", "errors", "_jit"},
     "scale_space": {"types", "errors", "_jit"},
     "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "slam": {"types", "errors", "_jit"},
     "datasets": FOUNDATION | {"image"},
+    "evaluation": FOUNDATION,
     "viewing": FOUNDATION,
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""

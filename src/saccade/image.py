@@ -1,14 +1,19 @@
 """Reading, checking and converting images: the only file that knows image files."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import ImageError
+from saccade.files import whole_file
 from saccade.types import Float32Array, Image
+
+IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 OVERSHOOT = 1e-3
 """By how much a float image may leave [0, 1]; interpolation and rounding leave such traces."""
@@ -48,6 +53,105 @@ def read_image(path: str | Path) -> Float32Array:
     if bgr is None:
         raise ImageError(f"{path}: expected an image (PNG, JPEG, TIFF, ...), found something else")
     return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
+
+
+def find_images(source: str | Path) -> list[Path]:
+    """The images that a file, a folder or a glob pattern names, in the order of their names.
+
+    Args:
+        source: a file; a folder, whose images are taken but not those of folders in it; or a
+            pattern such as `photos/**/*.jpg`.
+
+    Raises:
+        ImageError: a folder or a pattern without images.
+    """
+    path = Path(source)
+    if path.is_dir():
+        found = [each for each in sorted(path.iterdir()) if each.suffix.lower() in IMAGE_SUFFIXES]
+    elif not path.exists() and any(sign in str(source) for sign in "*?["):
+        found = sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
+    else:
+        return [path]
+    if not found:
+        raise ImageError(f"{source}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
+    return found
+
+
+def is_video(path: str | Path) -> bool:
+    """Whether the suffix of a file is that of a video."""
+    return Path(path).suffix.lower() in VIDEO_SUFFIXES
+
+
+def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.NDArray[np.uint8]]]:
+    """The frames of a video one by one.
+
+    Args:
+        path: any video that OpenCV reads.
+        every: take one frame of so many.
+
+    Yields:
+        Seconds since the start, and the (H, W, 3) RGB frame.
+
+    Raises:
+        ImageError: the file is missing, or is no video.
+    """
+    if not Path(path).is_file():
+        raise ImageError(f"{path}: cannot be read: no such file")
+    rate, number = video_rate(path), 0
+    with _quiet_opencv():
+        capture = cv2.VideoCapture(str(path))
+    try:
+        while capture.grab():
+            if number % every == 0:
+                whole, frame = capture.retrieve()
+                if not whole:
+                    break
+                yield number / rate, np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
+            number += 1
+    finally:
+        capture.release()
+    if number == 0:
+        raise ImageError(f"{path}: expected a video, found no frame that can be decoded")
+
+
+def video_rate(path: str | Path) -> float:
+    """Frames per second of a video; 25 where it does not say."""
+    with _quiet_opencv():
+        capture = cv2.VideoCapture(str(path))
+    try:
+        return capture.get(cv2.CAP_PROP_FPS) or 25.0
+    finally:
+        capture.release()
+
+
+@contextmanager
+def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], None]]:
+    """A function that adds an (H, W, 3) uint8 RGB frame to an MP4 file.
+
+    The file appears when the block ends well. All frames have the shape of the first.
+
+    Args:
+        path: the file to write.
+        rate: frames per second.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    writers: list[cv2.VideoWriter] = []
+    with whole_file(path) as temporary:
+
+        def write(frame: Image) -> None:
+            if not writers:
+                size = (frame.shape[1], frame.shape[0])
+                code = cv2.VideoWriter.fourcc(*"mp4v")
+                writers.append(cv2.VideoWriter(str(temporary), code, rate, size))
+            writers[0].write(np.ascontiguousarray(frame[:, :, ::-1]))
+
+        try:
+            yield write
+        finally:
+            for writer in writers:
+                writer.release()
 
 
 def as_rgb(image: Image, name: str = "image") -> Float32Array:

@@ -26,10 +26,12 @@ def detect(
     angle, response, octave, descriptors) appear in --out.
     """
     from saccade.cli.output import for_each_image, print_json, print_table
+    from saccade.image import find_images
 
     sift = make_detector(preset, config, most)
+    paths = [path for source in images for path in find_images(source)]
     rows = for_each_image(
-        images, out, lambda path, name: detect_in(path, out / f"{name}.keypoints", sift)
+        paths, out, lambda path, name: detect_in(path, out / f"{name}.keypoints", sift)
     )
     if as_json:
         print_json({"images": rows})

@@ -51,12 +51,14 @@ def fixations(
         scores = {
             name: asdict(each) for name, each in zip(result.image, result.scores, strict=True)
         }
-        print_json({"mean": asdict(mean), "low": asdict(low), "high": asdict(high), "images": scores})
+        print_json(
+            {"mean": asdict(mean), "low": asdict(low), "high": asdict(high), "images": scores}
+        )
         return
-    columns = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG [bit]"]
+    columns = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
     rows = [_row("mean", mean), _row("95 % from", low), _row("to", high)]
     if per_image:
-        rows += [_row(*each) for each in zip(result.image, result.scores, strict=True)]
+        rows += map(_row, result.image, result.scores)
     print_table(f"{len(result.image)} images, {maps or preset or 'default'}", columns, rows)
 
 
@@ -105,7 +107,8 @@ def _model(
     import numpy as np
 
     from saccade.cli.settings import load_settings
-    from saccade.image import as_gray, read_image, resize
+    from saccade.image import as_gray, read_image
+    from saccade.pyramid import resize
 
     if maps is None:
         from saccade.attention.contrast import contrast_saliency

@@ -40,7 +40,8 @@ class PredictionScores:
             method="percentile",
             rng=np.random.default_rng(SEED),
         ).confidence_interval
-        return FixationScores(*found.low.tolist()), FixationScores(*found.high.tolist())
+        low, high = np.asarray(found.low), np.asarray(found.high)
+        return FixationScores(*low.tolist()), FixationScores(*high.tolist())
 
     def _table(self) -> FloatArray:
         names = [field.name for field in fields(FixationScores)]

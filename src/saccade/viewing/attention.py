@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.ndimage import map_coordinates
 
-from saccade.types import Float32Array, Scanpath
+from saccade.types import Float32Array, Image, Scanpath
 from saccade.viewing.style import HEAT, ORANGE, figure_for, picture_axes
 
 _OUTLINE = [patheffects.withStroke(linewidth=3, foreground="black")]
@@ -52,12 +53,21 @@ def lit_by(image: Float32Array, values: Float32Array) -> Float32Array:
         image: (H, W, 3) in [0, 1].
         values: (h, w), not negative.
     """
-    height, width = image.shape[:2]
-    rows = np.linspace(0, values.shape[0] - 1, height)
-    columns = np.linspace(0, values.shape[1] - 1, width)
-    places = np.meshgrid(rows, columns, indexing="ij")
-    light = map_coordinates(values / max(float(values.max()), 1e-12), places, order=1)
+    light = cv2.resize(values / max(float(values.max()), 1e-12), image.shape[1::-1])
     return np.asarray(image * (0.15 + 0.85 * light[:, :, None]), np.float32)
+
+
+def heat_beside(frame: Image, values: Float32Array) -> npt.NDArray[np.uint8]:
+    """A frame and its map as heat, side by side: (H, 2 W, 3) RGB.
+
+    Args:
+        frame: (H, W, 3) uint8 RGB.
+        values: (h, w), not negative.
+    """
+    levels = values * (255 / max(float(values.max()), 1e-12))
+    large = cv2.resize(levels.astype(np.uint8), frame.shape[1::-1])
+    heat = cv2.applyColorMap(large, cv2.COLORMAP_CIVIDIS)[:, :, ::-1]
+    return np.hstack([frame, heat]).astype(np.uint8)
 
 
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:
