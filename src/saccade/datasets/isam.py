@@ -172,4 +172,4 @@ def _covariances(path: Path, lines: list[int], upper: FloatArray, kind: Entries)
             f"{path}, line {lines[i]}: expected the {kind} entries of a covariance, "
             f"found {upper[i].tolist()}"
         )
-    return full if kind == "covariance" else np.linalg.inv(full)
+    return full if kind == "covariance" else np.asarray(np.linalg.inv(full), np.float64)

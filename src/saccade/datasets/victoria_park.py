@@ -9,7 +9,7 @@ from saccade.datasets.cartesian import to_range_bearing
 from saccade.datasets.isam import read_isam
 from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.errors import LogError, require
-from saccade.types import FloatArray, LandmarkLog, Trajectory
+from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory
 
 WHEEL_BASE = 2.83
 """L: metres from the rear to the front axle."""
@@ -68,7 +68,7 @@ def read_victoria_park(
     control, control_covariance = integrate(time, speed, turn_rate, at, odometry_noise)
     trees = [_trees(path, number, scan) for number, scan in enumerate(scans)]
     seen = np.concatenate(trees)  # (k, 2) range and bearing from the laser
-    scan_of = np.repeat(np.arange(len(at)), [len(t) for t in trees])
+    scan_of = np.repeat(np.arange(len(at), dtype=np.int64), [len(t) for t in trees])
     observation, covariance = _from_laser(path, seen, scan_of, sensor_sigma)
     return LandmarkLog(
         name="Victoria Park",
@@ -77,7 +77,7 @@ def read_victoria_park(
         motion="compose",
         control=control,
         control_covariance=control_covariance,
-        observation_pose=scan_of.astype(np.int64),
+        observation_pose=scan_of,
         observation=observation,
         observation_covariance=covariance,
         landmark=np.full(len(seen), -1, np.int64),
@@ -136,7 +136,7 @@ def _trees(path: Path, number: int, scan: object) -> FloatArray:
 
 
 def _from_laser(
-    path: Path, seen: FloatArray, scan_of: FloatArray, sigma: tuple[float, float]
+    path: Path, seen: FloatArray, scan_of: IntArray, sigma: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
     r, c, s = seen[:, 0], np.cos(seen[:, 1]), np.sin(seen[:, 1])
     J = np.empty((len(seen), 2, 2))

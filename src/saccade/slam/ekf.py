@@ -7,6 +7,7 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.errors import LogError
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, drive, wrapped
+from saccade.slam.retraction import STANDARD, Retraction
 from saccade.types import FloatArray
 
 FIRST_CAPACITY = 32
@@ -21,7 +22,7 @@ class Innovation(NamedTuple):
     """What an observation said beyond what was expected."""
 
     value: FloatArray
-    """(2,) observed less expected."""
+    """(2,) observed less expected: range and bearing, or map coordinates (see `Retraction`)."""
     covariance: FloatArray
     """(2, 2) S of C.11, before the update."""
     nis: float
@@ -49,6 +50,7 @@ class EkfSlam:
         covariance: (3, 3) of the pose; zero where the pose defines the frame.
         motion: the motion model; `drive` (C.5-C.9) unless told otherwise.
         sensor: the sensor model; range and bearing (C.14-C.18) unless told otherwise.
+        retraction: how errors are measured; `Standard`, the source's, unless told otherwise.
 
     Raises:
         LogError: here and in every method, an argument of the wrong shape, one that
@@ -62,9 +64,11 @@ class EkfSlam:
         covariance: FloatArray,
         motion: Motion = drive,
         sensor: Sensor = RANGE_BEARING,
+        retraction: Retraction = STANDARD,
     ) -> None:
         self._motion = motion
         self._sensor = sensor
+        self._retraction = retraction
         self._count = 0
         self._s = np.zeros(3 + 2 * FIRST_CAPACITY)
         self._P = np.zeros((len(self._s), len(self._s)))
@@ -107,17 +111,19 @@ class EkfSlam:
         z = _vector("observation", z, 2)
         R = _covariance("covariance of the observation", R, 2)
         n, s, P, m = self._size, self._s, self._P, 3 + 2 * landmark
-        expected, H = self._sensor.observe(s[:3], s[m : m + 2])  # C.14, (2,), (2, 5)
-        v = self._sensor.difference(z, expected)
+        v, H, noise = self._retraction.linearize(self._sensor, s[:3], s[m : m + 2], z, R)  # C.14
         HP = np.empty((2, n))
         _observed_rows(P, m, H, HP)
-        S = HP[:, :3] @ H[:, :3].T + HP[:, m : m + 2] @ H[:, 3:].T + R  # C.11, (2, 2)
+        S = HP[:, :3] @ H[:, :3].T + HP[:, m : m + 2] @ H[:, 3:].T + noise  # C.11, (2, 2)
         A = _whitening(S)  # A S A^T = 1, thus S^-1 = A^T A
         V = A @ HP  # (2, n); the gain of C.12 is W = V^T A, and W S W^T = V^T V
         white = A @ v
-        s[:n] += white @ V  # C.10
-        s[2] = wrapped(s[2])
         _downdate(P, V)  # C.13
+        s[:n], D = self._retraction.apply(s[:n], white @ V)  # C.10
+        s[2] = wrapped(s[2])
+        if D is not None:
+            heading = np.concatenate([P[:2, 2], P[2, 2:n]])  # (n,) row of P
+            _transport(P, D, heading + heading[2] / 2 * D)
         return Innovation(v, S, float(white @ white))
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
@@ -245,6 +251,15 @@ def _downdate(P: FloatArray, V: FloatArray) -> None:
         a, b = V[0, i], V[1, i]
         for j in range(i, n):
             P[i, j] -= a * V[0, j] + b * V[1, j]
+
+
+@kernel(fastmath=("contract",))
+def _transport(P: FloatArray, D: FloatArray, a: FloatArray) -> None:
+    """Add D a^T + a D^T, D and a (n,), to the upper triangle of P's first n rows."""
+    n = len(D)
+    for i in range(n):
+        for j in range(i, n):
+            P[i, j] += D[i] * a[j] + a[i] * D[j]
 
 
 def _symmetric(upper: FloatArray) -> FloatArray:

@@ -12,16 +12,21 @@ from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.ekf import EkfSlam
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import Motion, compose, drive
+from saccade.slam.retraction import INVARIANT, STANDARD, Retraction
 from saccade.types import IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control that a log may hold."""
+RETRACTIONS: dict[str, Retraction] = {"invariant": INVARIANT, "standard": STANDARD}
+"""How each kind of filter measures errors."""
 
 
 @dataclass(frozen=True)
 class EkfConfig:
     """How a log is filtered."""
 
+    filter: Literal["invariant", "standard"] = "invariant"
+    """How errors are measured: in SE(2), which stays consistent, or as the source does."""
     association: Literal["auto", "known", "nearest"] = "auto"
     """Whose word is taken for what was seen: the log's, or the nearest landmark's; "auto"
     takes the log's where it names every landmark."""
@@ -41,6 +46,7 @@ class EkfConfig:
     """Standard deviation of the first pose: metres, metres, radians."""
 
     def __post_init__(self) -> None:
+        require(self.filter in RETRACTIONS, "filter", f"one of {(*RETRACTIONS,)}", self.filter)
         kinds = ("auto", "known", "nearest")
         require(self.association in kinds, "association", f"one of {kinds}", self.association)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
@@ -97,7 +103,7 @@ def run(
         LogError: known association is asked of a log that does not name its landmarks.
     """
     poses = len(log.time)
-    ekf = EkfSlam(log.start, np.diag(np.square(config.start_sigma)), MOTIONS[log.motion])
+    ekf = _filter(log, config)
     associate, candidates = _association(log, config)
     U = log.control_covariance * config.motion_noise_scale**2  # (t, c, c)
     R = log.observation_covariance * config.sensor_noise_scale**2  # (k, 2, 2)
@@ -135,7 +141,7 @@ def run(
 
 def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:
     """Where the controls alone lead, with the covariance that grows on the way."""
-    ekf = EkfSlam(log.start, np.diag(np.square(config.start_sigma)), MOTIONS[log.motion])
+    ekf = _filter(log, config)
     U = log.control_covariance * config.motion_noise_scale**2
     pose, covariance = np.empty((len(log.time), 3)), np.empty((len(log.time), 3, 3))
     pose[0], covariance[0] = ekf.pose, ekf.pose_covariance
@@ -143,6 +149,15 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
         ekf.predict(control, U[step])
         pose[step + 1], covariance[step + 1] = ekf.pose, ekf.pose_covariance
     return Trajectory(log.time, pose, covariance)
+
+
+def _filter(log: LandmarkLog, config: EkfConfig) -> EkfSlam:
+    return EkfSlam(
+        log.start,
+        np.diag(np.square(config.start_sigma)),
+        motion=MOTIONS[log.motion],
+        retraction=RETRACTIONS[config.filter],
+    )
 
 
 def _association(log: LandmarkLog, config: EkfConfig) -> tuple[Association, Candidates]:
