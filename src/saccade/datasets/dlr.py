@@ -4,11 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
+from saccade.datasets.archive import Archive
 from saccade.datasets.cartesian import to_range_bearing
 from saccade.errors import LogError
-from saccade.types import FloatArray, LandmarkLog
+from saccade.types import LandmarkLog
 
-_COLUMNS = {"odometry": 3, "odometry_cov_upper": 6, "observations": 7}
+_ODOMETRY = ("forward", "left", "turn")
+_UPPER = ("xx", "xy", "xt", "yy", "yt", "tt")
+_OBSERVATION = ("step", "landmark", "x", "y", "xx", "xy", "yy")
 
 
 def read_dlr(path: str | Path) -> LandmarkLog:
@@ -26,8 +29,10 @@ def read_dlr(path: str | Path) -> LandmarkLog:
         LogError: no such file, or not these tables.
     """
     path = Path(path)
-    tables = _tables(path)
-    odometry, upper, seen = (tables[name] for name in _COLUMNS)
+    archive = Archive(path)
+    odometry = archive.table("odometry", _ODOMETRY)
+    upper = archive.table("odometry_cov_upper", _UPPER)
+    seen = archive.table("observations", _OBSERVATION)
     steps = len(odometry)
     if len(upper) != steps:
         raise LogError(f"{path}: expected {steps} covariances of odometry, found {len(upper)}")
@@ -50,21 +55,3 @@ def read_dlr(path: str | Path) -> LandmarkLog:
         observation_covariance=observation_covariance,
         landmark=seen[:, 1].astype(np.int64),
     )
-
-
-def _tables(path: Path) -> dict[str, FloatArray]:
-    try:
-        archive = np.load(path, allow_pickle=False)
-        tables = {name: np.asarray(archive[name], np.float64) for name in _COLUMNS}
-    except KeyError as error:
-        raise LogError(f"{path}: expected the tables {', '.join(_COLUMNS)}: {error}") from error
-    except (OSError, ValueError, EOFError) as error:
-        raise LogError(f"{path}: expected an .npz of tables, found {error}") from error
-    for name, columns in _COLUMNS.items():
-        table = tables[name]
-        if table.ndim != 2 or table.shape[1] != columns or not np.isfinite(table).all():
-            raise LogError(
-                f"{path}, {name}: expected finite numbers in {columns} columns, "
-                f"found shape {table.shape}"
-            )
-    return tables

@@ -103,7 +103,7 @@ def read_isam(path: str | Path, entries: Entries = "auto") -> LandmarkLog:
 def _parse(path: Path) -> _Lines:
     found = _Lines()
     tags: list[str] = []
-    for line, words in fields(path, read_lines(path)):
+    for line, words in fields(read_lines(path)):
         tag = words[0]
         if tag not in _FIELDS:
             raise LogError(

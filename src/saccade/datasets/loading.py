@@ -1,9 +1,9 @@
 """One door to every landmark log."""
 
-import zipfile
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
+from saccade.datasets.archive import Archive
 from saccade.datasets.dlr import read_dlr
 from saccade.datasets.isam import Entries, read_isam
 from saccade.datasets.mrclam import MRCLAM_ODOMETRY, MRCLAM_SENSOR, read_mrclam
@@ -11,6 +11,7 @@ from saccade.datasets.odometry import OdometryNoise
 from saccade.datasets.victoria_park import (
     VICTORIA_PARK_ODOMETRY,
     VICTORIA_PARK_SENSOR,
+    Reference,
     read_victoria_park,
 )
 from saccade.errors import ConfigError, LogError, require
@@ -28,6 +29,7 @@ def load(
     entries: Entries | None = None,
     odometry_noise: OdometryNoise | None = None,
     sensor_sigma: tuple[float, float] | None = None,
+    reference: Reference | None = None,
 ) -> LandmarkLog:
     """Read a landmark log.
 
@@ -41,6 +43,8 @@ def load(
             goes astray.
         sensor_sigma: mrclam and the raw Victoria Park log: standard deviations of
             range (m) and bearing (rad).
+        reference: the raw Victoria Park log: whether poses are of the "laser", beside
+            the GPS antenna, or of the rear "axle".
 
     Returns:
         The log.
@@ -56,12 +60,13 @@ def load(
         raise LogError(f"{path}: expected a landmark log, found no such file or folder")
     if kind == "auto":
         kind = recognize(path)
-    raw = kind == "mrclam" or (kind == "victoria-park" and path.suffix.lower() == ".mat")
+    park = kind == "victoria-park" and path.suffix.lower() == ".mat"
     for name, given, has in (
         ("robot", robot, kind == "mrclam"),
         ("entries", entries, kind == "isam"),
-        ("odometry_noise", odometry_noise, raw),
-        ("sensor_sigma", sensor_sigma, raw),
+        ("odometry_noise", odometry_noise, kind == "mrclam" or park),
+        ("sensor_sigma", sensor_sigma, kind == "mrclam" or park),
+        ("reference", reference, park),
     ):
         if given is not None and not has:
             raise ConfigError(f"{name}: {path} read as {kind} does not have it; leave it out")
@@ -74,7 +79,10 @@ def load(
         )
     if kind == "victoria-park":
         return read_victoria_park(
-            path, odometry_noise or VICTORIA_PARK_ODOMETRY, sensor_sigma or VICTORIA_PARK_SENSOR
+            path,
+            odometry_noise or VICTORIA_PARK_ODOMETRY,
+            sensor_sigma or VICTORIA_PARK_SENSOR,
+            reference or "laser",
         )
     if kind == "dlr":
         return read_dlr(path)
@@ -93,14 +101,12 @@ def recognize(path: Path) -> Kind:
         raise LogError(f"{path}: expected a folder with Barcodes.dat (mrclam), found none")
     if path.suffix.lower() == ".mat":
         return "victoria-park"
-    if zipfile.is_zipfile(path):
-        with zipfile.ZipFile(path) as archive:
-            names = set(archive.namelist())
-        if "barcodes.npy" in names:
+    if path.suffix.lower() == ".npz":
+        archive = Archive(path)
+        if "barcodes" in archive:
             return "mrclam"
-        if "observations.npy" in names:
+        if "observations" in archive:
             return "dlr"
-        raise LogError(
-            f"{path}: expected the tables of mrclam or dlr, found {', '.join(sorted(names))[:80]}"
-        )
+        found = ", ".join(sorted(archive.tables))
+        raise LogError(f"{path}: expected the tables of mrclam or dlr, found {found[:80]}")
     return "isam"

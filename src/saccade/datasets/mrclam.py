@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from saccade.datasets.archive import Archive
 from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.datasets.text import read_columns
 from saccade.errors import LogError, require
@@ -14,6 +15,9 @@ ROBOTS = 5
 """Subjects 1 to 5 are the robots themselves; the others are landmarks."""
 LONGEST_STEP = 0.5
 """Seconds; poses are put between observations that are farther apart."""
+STALE = 0.2
+"""Seconds by which the first odometry sample may be stamped after the second: those of most
+robots of set 9 are, and are left out."""
 MRCLAM_ODOMETRY = OdometryNoise(distance=0.1, turn=0.1, drift=0.05)
 """Allows for wheels that overstate the way by several per cent over many metres."""
 MRCLAM_SENSOR = (0.15, 0.03)
@@ -74,10 +78,8 @@ def read_mrclam(
     subject_of = {int(barcode): int(subject) for subject, barcode in tables.barcode}
     subject = np.array([subject_of.get(int(b), -1) for b in tables.measurement[:, 1]], np.int64)
     seen = tables.measurement[subject > ROBOTS]  # (k, 4)
-    started = time[0]
-    if len(seen):
-        started = min(started, seen[0, 0])
-    at = _pose_times(started, max(time[-1], *seen[-1:, 0].tolist(), started), seen[:, 0])
+    whole = np.concatenate([time[[0, -1]], seen[:, 0]])
+    at = _pose_times(whole.min(), whole.max(), seen[:, 0])
     control, control_covariance = integrate(time, speed, turn_rate, at, odometry_noise)
     truth = _trajectory(tables.groundtruth)
     landmarks = tables.landmark
@@ -113,7 +115,7 @@ def _dat_tables(folder: Path, robot: int) -> _Tables:
     surveyed = (folder / "Landmark_Groundtruth.dat").exists()
     return _Tables(
         barcode=table("Barcodes.dat", _BARCODE),
-        odometry=table(f"Robot{robot}_Odometry.dat", _ODOMETRY),
+        odometry=read_columns(folder / f"Robot{robot}_Odometry.dat", _ODOMETRY, STALE),
         measurement=table(f"Robot{robot}_Measurement.dat", _MEASUREMENT),
         groundtruth=table(truth, _GROUNDTRUTH) if (folder / truth).exists() else None,
         landmark=table("Landmark_Groundtruth.dat", _LANDMARK) if surveyed else None,
@@ -121,35 +123,18 @@ def _dat_tables(folder: Path, robot: int) -> _Tables:
 
 
 def _npz_tables(path: Path, robot: int) -> _Tables:
-    try:
-        archive = np.load(path, allow_pickle=False)
-        held = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, AttributeError) as error:
-        raise LogError(f"{path}: expected an .npz of tables, found {error}") from error
+    archive = Archive(path)
 
     def table(name: str, columns: tuple[str, ...]) -> FloatArray:
-        if name not in held:
-            raise LogError(f"{path}: expected the table {name!r}, found {sorted(held)}")
-        values = np.asarray(held[name], np.float64)
-        if values.ndim != 2 or values.shape[1] != len(columns):
-            raise LogError(
-                f"{path}, {name}: expected columns {', '.join(columns)}, found {values.shape}"
-            )
-        if not np.isfinite(values).all():
-            row = int(np.argmin(np.isfinite(values).all(1)))
-            raise LogError(f"{path}, {name}, row {row}: expected finite numbers, found NaN")
-        if columns[0] == "time" and (np.diff(values[:, 0]) < 0).any():
-            row = int(np.argmax(np.diff(values[:, 0]) < 0)) + 1
-            raise LogError(f"{path}, {name}, row {row}: time goes back; sort the table by time")
-        return values
+        return archive.table(name, columns)
 
     truth = f"robot{robot}_groundtruth"
     return _Tables(
         barcode=table("barcodes", _BARCODE),
-        odometry=table(f"robot{robot}_odometry", _ODOMETRY),
+        odometry=archive.table(f"robot{robot}_odometry", _ODOMETRY, STALE),
         measurement=table(f"robot{robot}_measurement", _MEASUREMENT),
-        groundtruth=table(truth, _GROUNDTRUTH) if truth in held else None,
-        landmark=table("landmarks", _LANDMARK) if "landmarks" in held else None,
+        groundtruth=table(truth, _GROUNDTRUTH) if truth in archive else None,
+        landmark=table("landmarks", _LANDMARK) if "landmarks" in archive else None,
     )
 
 

@@ -68,7 +68,7 @@ def integrate(
     xy = np.concatenate([np.zeros((1, 2)), np.cumsum(chord, 0)])  # (p + 1, 2)
 
     edge = np.searchsorted(cut, at)  # (t + 1,) where each interval begins
-    interval = np.searchsorted(edge, np.arange(len(d)), side="right") - 1  # (p,)
+    interval = np.searchsorted(edge[:-1], np.arange(len(d)), side="right") - 1  # (p,)
     start, end = edge[:-1], edge[1:]
     control = np.empty((len(start), 3))
     control[:, :2] = _turn_back(xy[end] - xy[start], theta[start])

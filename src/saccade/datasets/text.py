@@ -1,6 +1,6 @@
 """Lines of numbers, with the line's number in every complaint."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import isfinite
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def read_lines(path: Path) -> list[str]:
     return text.splitlines()
 
 
-def fields(path: Path, lines: list[str]) -> Iterator[tuple[int, list[str]]]:
+def fields(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
     """Number and words of each line that is not empty and not a `#` comment."""
     for number, line in enumerate(lines, 1):
         words = line.split()
@@ -51,13 +51,14 @@ def numbers(path: Path, line: int, words: list[str]) -> list[float]:
     return values
 
 
-def read_columns(path: Path, names: tuple[str, ...]) -> FloatArray:
+def read_columns(path: Path, names: tuple[str, ...], stale: float = 0.0) -> FloatArray:
     """A table of numbers, one row a line, `#` lines left out.
 
     Args:
         path: the file.
         names: what the columns hold, for the messages; a first column called "time"
             must not go backwards.
+        stale: see `in_order`.
 
     Returns:
         (n, len(names)) values.
@@ -67,7 +68,7 @@ def read_columns(path: Path, names: tuple[str, ...]) -> FloatArray:
             number, or goes back in time; names the file and the line.
     """
     rows, number = [], []
-    for line, words in fields(path, read_lines(path)):
+    for line, words in fields(read_lines(path)):
         if len(words) != len(names):
             raise LogError(
                 f"{path}, line {line}: expected {len(names)} numbers ({', '.join(names)}), "
@@ -76,15 +77,35 @@ def read_columns(path: Path, names: tuple[str, ...]) -> FloatArray:
         rows.append(numbers(path, line, words))
         number.append(line)
     table = np.array(rows, np.float64).reshape(-1, len(names))
-    if names[0] == "time":
-        back = np.flatnonzero(np.diff(table[:, 0]) < 0)
-        if len(back):
-            here = int(back[0])
-            raise LogError(
-                f"{path}, line {number[here + 1]}: time goes back from {table[here, 0]:.3f} "
-                f"to {table[here + 1, 0]:.3f} s; sort the file by time"
-            )
-    return table
+    if names[0] != "time":
+        return table
+    return in_order(table, stale, lambda row: f"{path}, line {number[row]}")
+
+
+def in_order(table: FloatArray, stale: float, place: Callable[[int], str]) -> FloatArray:
+    """A table whose first column is a time that must not go backwards.
+
+    Args:
+        table: (n, c).
+        stale: seconds by which the first row may be later than the second; it is then left out.
+        place: what to call a row in a message.
+
+    Returns:
+        The table, without a stale first row.
+
+    Raises:
+        LogError: the time goes back; names the row.
+    """
+    time = table[:, 0]
+    skip = int(len(time) > 1 and 0 < time[0] - time[1] < stale)
+    back = np.flatnonzero(np.diff(time[skip:]) < 0) + skip
+    if len(back):
+        here = int(back[0])
+        raise LogError(
+            f"{place(here + 1)}: time goes back from {time[here]:.3f} to {time[here + 1]:.3f} s; "
+            "sort the log by time"
+        )
+    return table[skip:]
 
 
 def _is_finite_number(word: str) -> bool:

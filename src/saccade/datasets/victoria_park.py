@@ -1,7 +1,7 @@
 """The Victoria Park log: Guivant & Nebot (2001), a car among the trees of a park in Sydney."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.errors import LogError, require
 from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory
 
+Reference: TypeAlias = Literal["laser", "axle"]
+"""The point of the car that a pose is of."""
 WHEEL_BASE = 2.83
 """L: metres from the rear to the front axle."""
 ENCODER_OFFSET = 0.76
@@ -19,7 +21,7 @@ LASER = (3.78, 0.5)
 """a, b: the laser before and to the left of the middle of the rear axle, in metres."""
 VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.1, turn=0.1, drift=0.02)
 """Slip, and a steering angle that is off by a degree or so."""
-VICTORIA_PARK_SENSOR = (0.3, 0.03)
+VICTORIA_PARK_SENSOR = (0.2, 0.015)
 """Standard deviations of range (m) and bearing (rad) of a tree: its trunk is no point."""
 
 
@@ -27,19 +29,22 @@ def read_victoria_park(
     path: str | Path,
     odometry_noise: OdometryNoise = VICTORIA_PARK_ODOMETRY,
     sensor_sigma: tuple[float, float] = VICTORIA_PARK_SENSOR,
+    reference: Reference = "laser",
 ) -> LandmarkLog:
     """Read the Victoria Park log, raw or as GTSAM distributes it.
 
     The raw .mat holds speed and steering angle at 40 Hz and the trees found in
-    each laser scan. There is a pose, of the middle of the rear axle, at the time of each
-    scan; between them the car's path is integrated by `integrate`. Trees are
-    moved from the laser to the rear axle, covariance and all, and have no
-    identity. The log begins at the origin.
+    each laser scan. There is a pose at the time of each scan; between them the
+    path of the rear axle is integrated by `integrate` and moved to the
+    reference point. Trees have no identity. The log begins at the origin.
 
     Args:
         path: the .mat, or the .txt with known identities, which brings its own noise.
         odometry_noise: of speed and steering in the .mat.
         sensor_sigma: standard deviations of range (m) and bearing (rad) in the .mat.
+        reference: what the poses of the .mat are of: the "laser", beside which the GPS
+            antenna stands, or the middle of the rear "axle", to which the
+            observations are then moved, covariance and all.
 
     Returns:
         The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it is
@@ -47,8 +52,9 @@ def read_victoria_park(
 
     Raises:
         LogError: no such file, or not this log.
-        ConfigError: a deviation that is not positive.
+        ConfigError: a deviation that is not positive, or another reference point.
     """
+    require(reference in get_args(Reference), "reference", "laser or axle", reference)
     require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
     if path.suffix.lower() != ".mat":
@@ -69,7 +75,12 @@ def read_victoria_park(
     trees = [_trees(path, number, scan) for number, scan in enumerate(scans)]
     seen = np.concatenate(trees)  # (k, 2) range and bearing from the laser
     scan_of = np.repeat(np.arange(len(at), dtype=np.int64), [len(t) for t in trees])
-    observation, covariance = _from_laser(path, seen, scan_of, sensor_sigma)
+    observation = seen
+    covariance = np.tile(np.diag(np.square(sensor_sigma)), (len(seen), 1, 1))
+    if reference == "laser":
+        control, control_covariance = _to_laser(control, control_covariance)
+    else:
+        observation, covariance = _to_axle(path, seen, covariance, scan_of)
     return LandmarkLog(
         name="Victoria Park",
         start=np.zeros(3),
@@ -135,15 +146,27 @@ def _trees(path: Path, number: int, scan: object) -> FloatArray:
     return np.stack([found[0], found[1] - np.pi / 2], 1)  # the scan begins at the right
 
 
-def _from_laser(
-    path: Path, seen: FloatArray, scan_of: IntArray, sigma: tuple[float, float]
+def _to_laser(control: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Relative poses of the laser, from those of the rear axle."""
+    c, s = np.cos(control[:, 2]), np.sin(control[:, 2])
+    arm = np.stack([c * LASER[0] - s * LASER[1], s * LASER[0] + c * LASER[1]], 1)  # (t, 2)
+    moved = control.copy()
+    moved[:, :2] += arm - LASER
+    A = np.tile(np.eye(3), (len(control), 1, 1))
+    A[:, 0, 2], A[:, 1, 2] = -arm[:, 1], arm[:, 0]
+    return moved, A @ covariance @ A.transpose(0, 2, 1)
+
+
+def _to_axle(
+    path: Path, seen: FloatArray, covariance: FloatArray, scan_of: IntArray
 ) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing from the rear axle, from those of the laser."""
     r, c, s = seen[:, 0], np.cos(seen[:, 1]), np.sin(seen[:, 1])
-    J = np.empty((len(seen), 2, 2))
-    J[:, 0, 0], J[:, 0, 1] = c, -r * s
-    J[:, 1, 0], J[:, 1, 1] = s, r * c
+    A = np.empty((len(seen), 2, 2))
+    A[:, 0, 0], A[:, 0, 1] = c, -r * s
+    A[:, 1, 0], A[:, 1, 1] = s, r * c
     xy = np.stack([LASER[0] + r * c, LASER[1] + r * s], 1)
-    spread = J @ np.diag(np.square(sigma)) @ J.transpose(0, 2, 1)
+    spread = A @ covariance @ A.transpose(0, 2, 1)
     return to_range_bearing(xy, spread, [f"{path}, scan {number}" for number in scan_of])
 
 

@@ -118,12 +118,14 @@ class EkfSlam:
         A = _whitening(S)  # A S A^T = 1, thus S^-1 = A^T A
         V = A @ HP  # (2, n); the gain of C.12 is W = V^T A, and W S W^T = V^T V
         white = A @ v
-        _downdate(P, V)  # C.13
         s[:n], D = self._retraction.apply(s[:n], white @ V)  # C.10
         s[2] = wrapped(s[2])
-        if D is not None:
-            heading = np.concatenate([P[:2, 2], P[2, 2:n]])  # (n,) row of P
-            _transport(P, D, heading + heading[2] / 2 * D)
+        if D is None:
+            _add_product(P, -V, V)  # C.13
+        else:
+            heading = np.concatenate([P[:2, 2], P[2, 2:n]]) - V[:, 2] @ V  # (n,) after C.13
+            a = heading + heading[2] / 2 * D
+            _add_product(P, np.vstack([-V, D, a]), np.vstack([V, a, D]))  # C.13, then transport
         return Innovation(v, S, float(white @ white))
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
@@ -233,33 +235,29 @@ class EkfSlam:
 @kernel()
 def _observed_rows(P: FloatArray, m: int, H: FloatArray, HP: FloatArray) -> None:
     """Fill HP (2, n) from P's upper triangle; H (2, 5) is by the pose and rows m and m + 1."""
-    for i in range(HP.shape[1]):
-        for k in range(2):
-            total = 0.0
-            for j in range(3):
-                total += H[k, j] * P[min(i, j), max(i, j)]
-            for j in range(2):
-                total += H[k, 3 + j] * P[min(i, m + j), max(i, m + j)]
-            HP[k, i] = total
+    n = HP.shape[1]
+    HP[:] = 0.0
+    for k in range(2):
+        for c in range(5):
+            h = H[k, c]
+            row = c if c < 3 else m + c - 3
+            for i in range(row):
+                HP[k, i] += h * P[i, row]
+            for i in range(row, n):
+                HP[k, i] += h * P[row, i]
 
 
 @kernel(fastmath=("contract",))
-def _downdate(P: FloatArray, V: FloatArray) -> None:
-    """Take V^T V, V (2, n), from the upper triangle of P's first n rows."""
-    n = V.shape[1]
+def _add_product(P: FloatArray, X: FloatArray, Y: FloatArray) -> None:
+    """Add X^T Y, X and Y (k, n) and k even, to the upper triangle of P's first n rows."""
+    k, n = X.shape
     for i in range(n):
-        a, b = V[0, i], V[1, i]
-        for j in range(i, n):
-            P[i, j] -= a * V[0, j] + b * V[1, j]
-
-
-@kernel(fastmath=("contract",))
-def _transport(P: FloatArray, D: FloatArray, a: FloatArray) -> None:
-    """Add D a^T + a D^T, D and a (n,), to the upper triangle of P's first n rows."""
-    n = len(D)
-    for i in range(n):
-        for j in range(i, n):
-            P[i, j] += D[i] * a[j] + a[i] * D[j]
+        row = P[i, i:n]
+        for m in range(0, k, 2):
+            a, b = X[m, i], X[m + 1, i]
+            first, second = Y[m, i:], Y[m + 1, i:]
+            for j in range(len(row)):
+                row[j] += a * first[j] + b * second[j]
 
 
 def _symmetric(upper: FloatArray) -> FloatArray:

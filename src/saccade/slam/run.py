@@ -34,7 +34,7 @@ class EkfConfig:
     """Nearest neighbor: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999
     """Nearest neighbor: what is outside this probability for every landmark is new."""
-    sightings: int = 3
+    sightings: int = 5
     """Nearest neighbor: a landmark enters the map at this sighting; 1 takes the first."""
     lifetime: float = 2.0
     """Nearest neighbor: units of the log's time for which a new place waits to be seen again."""
