@@ -161,8 +161,10 @@ class LandmarkLog:
     """Where the landmarks really are, if known."""
 
     def __post_init__(self) -> None:
+        if self.motion not in ("drive", "compose"):
+            raise LogError(f"{self.name}: motion: expected drive or compose, found {self.motion!r}")
         steps, seen = len(self.control), len(self.observation)
-        size = {"drive": 2, "compose": 3}[self.motion]
+        size = 2 if self.motion == "drive" else 3
         shapes = {
             "start": (3,),
             "time": (steps + 1,),
