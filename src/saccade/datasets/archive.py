@@ -20,11 +20,13 @@ class Archive:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 self.tables = {name: archive[name] for name in archive.files}
-        except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        except OSError as error:
+            raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except (ValueError, EOFError, TypeError, AttributeError, zipfile.BadZipFile) as error:
             raise LogError(
-                f"{path}: expected an .npz of tables, found one that is broken or none"
+                f"{path}: expected an .npz of tables, found another file or a broken one"
             ) from error
 
     def __contains__(self, name: str) -> bool:

@@ -19,7 +19,7 @@ ENCODER_OFFSET = 0.76
 """H: metres from the middle of the rear axle to the left rear wheel, which is counted."""
 LASER = (3.78, 0.5)
 """a, b: the laser before and to the left of the middle of the rear axle, in metres."""
-VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.1, turn=0.1, drift=0.02)
+VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.12, turn=0.12, drift=0.025)
 """Slip, and a steering angle that is off by a degree or so."""
 VICTORIA_PARK_SENSOR = (0.2, 0.015)
 """Standard deviations of range (m) and bearing (rad) of a tree: its trunk is no point."""

@@ -15,7 +15,12 @@ FIRST_CAPACITY = 32
 LARGEST = 1e9
 """Metres or radians; numbers beyond it are no measurements, and their squares may overflow."""
 SINGULAR = 1e-13
-"""A pivot of the innovation covariance under this share of its variance counts as zero."""
+"""An innovation variance under this share of the terms that it is the sum of counts as zero."""
+ROUNDING = 1e-9
+"""No correction can take more than the whole variance; what would by more than this share is
+the rounding of a variance that is none."""
+TINY = 1e-100
+"""Square metres or radians; variances under it are zero."""
 
 
 class Innovation(NamedTuple):
@@ -115,8 +120,11 @@ class EkfSlam:
         HP = np.empty((2, n))
         _observed_rows(P, m, H, HP)
         S = HP[:, :3] @ H[:, :3].T + HP[:, m : m + 2] @ H[:, 3:].T + noise  # C.11, (2, 2)
-        A = _whitening(S)  # A S A^T = 1, thus S^-1 = A^T A
+        sigma = np.sqrt(np.abs(P.diagonal()[[0, 1, 2, m, m + 1]]))
+        size = (np.abs(H) @ sigma) ** 2 + noise.diagonal()
+        A = _whitening(S, size)  # A S A^T = 1, thus S^-1 = A^T A
         V = A @ HP  # (2, n); the gain of C.12 is W = V^T A, and W S W^T = V^T V
+        V[:, np.square(V).sum(0) > P.diagonal()[:n] * (1 + ROUNDING)] = 0.0
         white = A @ v
         s[:n], D = self._retraction.apply(s[:n], white @ V)  # C.10
         s[2] = wrapped(s[2])
@@ -265,15 +273,19 @@ def _symmetric(upper: FloatArray) -> FloatArray:
     return full + np.triu(full, 1).T
 
 
-def _whitening(S: FloatArray) -> FloatArray:
-    """A (k, k) with A S A^T = 1 on the directions in which S has a variance."""
+def _whitening(S: FloatArray, size: FloatArray) -> FloatArray:
+    """A (2, 2) with A S A^T = 1 on the directions in which S has a variance.
+
+    `size` (2,) is how large S's diagonal could be if nothing canceled in it: what is left
+    of that by rounding is no variance.
+    """
     try:
         L = np.linalg.cholesky(S)
-        if (L.diagonal() ** 2 > SINGULAR * S.diagonal()).all():
+        if (L.diagonal() ** 2 > SINGULAR * size + TINY).all():
             return np.linalg.inv(L)
     except np.linalg.LinAlgError:
         pass
-    scale = 1 / np.sqrt(np.where(S.diagonal() > 0, S.diagonal(), 1.0))
+    scale = 1 / np.sqrt(np.where(size > TINY, size, 1.0))
     values, vectors = np.linalg.eigh((S + S.T) / 2 * np.outer(scale, scale))
     root = np.where(values > SINGULAR, 1 / np.sqrt(np.maximum(values, SINGULAR)), 0.0)
     return np.asarray(root[:, None] * vectors.T * scale)
