@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 from evo.tools import file_interface
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from saccade.datasets import (
@@ -163,7 +163,6 @@ samples = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(samples, st.lists(st.floats(0, 6), max_size=6))
 def test_poses_in_between_change_nothing(steps, between):
     time = np.cumsum([s[0] for s in steps])
@@ -243,7 +242,7 @@ def test_landmarks_are_written_with_their_covariance(tmp_path):
     write_landmarks(path, landmarks)
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
-    first = {"id": 7, "x": 1.5, "y": -2.25, "xx": 2, "xy": 0.5, "yy": 3, "sightings": 4}
+    first = {"id": 7, "x": 1.5, "y": -2.25, "cov_xx": 2, "cov_xy": 0.5, "cov_yy": 3, "sightings": 4}
     assert {key: float(value) for key, value in rows[0].items()} == first
     assert float(rows[1]["x"]) == 0.1  # every digit
     write_landmarks(path, LandmarkMap(landmarks.id, landmarks.xy))

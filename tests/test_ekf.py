@@ -30,7 +30,6 @@ def _triangles(draw, k):
 
 
 @pytest.mark.kernel
-@settings(deadline=None)
 @given(_triangles(2), _values(2, 5))
 def test_observed_rows_are_those_of_the_dense_product(case, H):
     P, X, _, m = case
@@ -42,7 +41,6 @@ def test_observed_rows_are_those_of_the_dense_product(case, H):
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("k", [2, 4])
-@settings(deadline=None)
 @given(data=st.data())
 def test_product_is_added_to_the_upper_triangle_alone(k, data):
     P, X, Y, _ = data.draw(_triangles(k))
@@ -83,7 +81,7 @@ def test_agrees_with_the_textbook_on_dense_matrices(rng):
 
 
 @both
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_covariance_stays_one_whatever_happens(retraction, data):
     sigma = st.floats(0, 10)

@@ -6,7 +6,7 @@ from pathlib import Path
 from saccade.files import whole_file
 from saccade.types import LandmarkMap
 
-HEADER = ("id", "x", "y", "xx", "xy", "yy", "sightings")
+HEADER = ("id", "x", "y", "cov_xx", "cov_xy", "cov_yy", "sightings")
 """Identity; metres; square metres (empty where unknown); observations (empty where unknown)."""
 
 
