@@ -30,8 +30,9 @@ def slam(
 ) -> None:
     """Map landmarks from a recorded log with an extended Kalman filter.
 
-    The trajectory (trajectory.tum, for evo), the landmarks with their covariance (landmarks.csv),
-    the picture (map.png) and the settings with the figures (run.json) appear in --out.
+    In --out appear the trajectory (trajectory.tum, for evo), the landmarks
+    with their covariance (landmarks.csv), the picture (map.png), and the
+    settings with the figures (run.json).
     """
     from dataclasses import replace
 
