@@ -231,6 +231,7 @@ def test_pop_out(shared, preset, map_level):
         file = shared / "reference" / "saliency" / "images" / f"popout_{display}.png"
         image = read_image(file)
         rank[display] = rank_of_the_odd_item(contrast_saliency(image, config).saliency, image)
+    print(f"\n{preset}, map level {map_level}: {rank}")
     assert rank.pop("conjunction") > 1
     assert set(rank.values()) == {1}, rank
 
