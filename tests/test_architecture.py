@@ -14,8 +14,8 @@ import saccade
 SOURCE = Path(saccade.__file__).parent
 FOUNDATION = {"types", "errors", "files"}
 ALLOWED = {
-    "types": set(),
     "errors": set(),
+    "types": {"errors"},
     "files": {"errors"},
     "_jit": {"errors"},
     "image": FOUNDATION,

@@ -39,7 +39,7 @@ def away_from_ties(values, tie):
 
 @pytest.mark.kernel
 @given(planes, st.integers(1, 17))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_gradients_are_numpys(octave, row):
     magnitude, direction = np.zeros(23, np.float32), np.zeros(23, np.float32)
     fill_gradients(octave[0], row, 1, 22, magnitude, direction)
@@ -62,7 +62,7 @@ def test_gradients_along_the_axes(quarter):
 
 @pytest.mark.kernel
 @given(planes, places, scales, st.booleans(), st.booleans())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel):
     points = frame(*place, sigma)
     x, y = points.xy[0].astype(float)
@@ -82,7 +82,7 @@ def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel
 
 @pytest.mark.kernel
 @given(planes, places, scales, angles, st.booleans(), st.sampled_from([0.5, 1.5]))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_descriptor_meets_its_twin(octave, place, sigma, angle, subpixel, window_sigma):
     points = frame(*place, sigma)
     x, y = points.xy[0].astype(float)

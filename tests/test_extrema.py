@@ -39,7 +39,7 @@ def find(dog, **changes):
 
 @pytest.mark.kernel
 @given(seeds, st.sampled_from([0.0, 0.1, 0.5]), st.integers(2, 4))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_candidates_meet_their_twin(seed, threshold, border):
     dog = smooth(seed, (4, 16, 18))
     out = np.zeros((500, 3), np.int64)
@@ -49,7 +49,7 @@ def test_candidates_meet_their_twin(seed, threshold, border):
 
 @pytest.mark.kernel
 @given(hnp.arrays(np.float32, (3, 6, 7), elements=st.sampled_from([-2, -1, 0, 1, 2])))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_of_equal_samples_the_first_is_the_extremum(dog):
     out = np.zeros((60, 3), np.int64)
     count = extrema.find_candidates(dog, 0.0, 1, out)
@@ -66,7 +66,7 @@ def test_candidates_are_counted_beyond_the_room_for_them():
 
 @pytest.mark.kernel
 @given(seeds)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_quadratic_meets_its_twin(seed):
     cube = np.random.default_rng(seed).standard_normal((3, 3, 3)).astype(np.float32)
     expected = oracles.quadratic(cube)
@@ -76,7 +76,7 @@ def test_quadratic_meets_its_twin(seed):
 
 @pytest.mark.kernel
 @given(st.floats(-1, 1))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_quartic_weights_are_lagranges(t):
     nodes = np.arange(-2, 3)
     weights = np.zeros((3, 5))
@@ -89,7 +89,7 @@ def test_quartic_weights_are_lagranges(t):
 
 @pytest.mark.kernel
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.4, 0.4))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_quartic_finds_the_top_of_a_quartic(x, y, s):
     p, r, c = np.indices((3, 5, 5)) - np.array([1, 2, 2])[:, None, None, None]
     dx, dy = c - x, r - y
@@ -115,7 +115,7 @@ def test_quartic_that_leads_away_is_not_followed():
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("quartic", [True, False])
 @given(st.floats(5, 10), st.floats(5, 9), st.floats(1.6, 2.4))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_top_of_a_quadratic_is_found(sign, quartic, x, y, scale):
     found = find(sign * bump(x, y, scale), quartic=quartic)
     np.testing.assert_allclose(found.xy, [[x, y]], atol=1e-4)

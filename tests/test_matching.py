@@ -54,7 +54,7 @@ def test_ratio_test_is_opencvs(rng, ratio):
 
 
 @given(st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_neighbors_are_exact(data):
     """Whole numbers, many of them equally near: the first of the nearest, both ways."""
     d = data.draw(st.integers(1, 4))

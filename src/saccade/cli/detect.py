@@ -22,8 +22,9 @@ def detect(
 ) -> None:
     """Find interest points with SIFT and describe them.
 
-    For each image a picture (NAME.keypoints.png) and the arrays (NAME.keypoints.npz: xy, size,
-    angle, response, octave, descriptors) appear in --out.
+    For each image a picture (NAME.keypoints.png) and the arrays
+    (NAME.keypoints.npz: xy, size, angle, response, octave, descriptors)
+    appear in --out.
     """
     from saccade.cli.output import for_each_image, print_json, print_table
     from saccade.image import find_images
