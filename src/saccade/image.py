@@ -3,9 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.types import Float32Array, Image
@@ -50,17 +52,20 @@ def read_image(path: str | Path) -> Float32Array:
     return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
 
 
-def as_rgb(image: Image, name: str = "image") -> Float32Array:
+def as_rgb(
+    image: Image, name: str = "image", dtype: npt.DTypeLike = np.float32
+) -> npt.NDArray[Any]:
     """Any image that `saccade` accepts, as (H, W, 3) RGB in [0, 1]; grey is repeated.
 
     Args:
         image: see `saccade.types.Image`.
         name: what an error message calls it.
+        dtype: float32 or float64 of the result.
 
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1].
     """
-    pixels = _in_unit_range(image, name)
+    pixels = in_unit_range(check_image(image, name), dtype)
     if pixels.ndim == 2:
         return np.repeat(pixels[:, :, None], 3, axis=2)
     return np.ascontiguousarray(pixels[:, :, :3])
@@ -76,14 +81,27 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1].
     """
-    pixels = _in_unit_range(image, name)
+    pixels = in_unit_range(check_image(image, name))
     if pixels.ndim == 2:
         return pixels
     luma: Float32Array = np.einsum("hwc,c->hw", pixels[:, :, :3], LUMA)
     return luma
 
 
-def _in_unit_range(image: Image, name: str) -> Float32Array:
+def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
+    """The image as it is, if it is one; float values are cut to [0, 1].
+
+    Args:
+        image: see `saccade.types.Image`.
+        name: what an error message calls it.
+
+    Returns:
+        (H, W), (H, W, 3) or (H, W, 4) uint8, uint16, float32 or float64, in C order. Not a
+        copy where none is needed.
+
+    Raises:
+        ImageError: not an image, empty, not finite, or outside [0, 1].
+    """
     image = np.asarray(image)
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
@@ -94,12 +112,13 @@ def _in_unit_range(image: Image, name: str) -> Float32Array:
     if image.size == 0:
         raise ImageError(f"{name}: expected at least one pixel, found shape {image.shape}")
     if image.dtype in (np.uint8, np.uint16):
-        return image.astype(np.float32) * np.float32(1 / np.iinfo(image.dtype).max)
+        return np.ascontiguousarray(image)
     if image.dtype == np.bool_:
-        return image.astype(np.float32)
+        return np.ascontiguousarray(image, dtype=np.float32)
     if image.dtype.kind != "f":
         raise ImageError(f"{name}: expected uint8, uint16, bool or float, found {image.dtype}")
-    pixels = np.ascontiguousarray(image, dtype=np.float32)
+    keeps = image.dtype in (np.float32, np.float64)
+    pixels = np.ascontiguousarray(image, dtype=image.dtype if keeps else np.float32)
     low, high = float(pixels.min()), float(pixels.max())
     if not (np.isfinite(low) and np.isfinite(high)):
         raise ImageError(f"{name}: expected finite values, found NaN or infinity")
@@ -109,6 +128,15 @@ def _in_unit_range(image: Image, name: str) -> Float32Array:
             "scale it, or pass uint8 or uint16"
         )
     return pixels if low >= 0 and high <= 1 else pixels.clip(0, 1)
+
+
+def in_unit_range(pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32) -> npt.NDArray[Any]:
+    """What `check_image` gives, as float32 or float64 in [0, 1]."""
+    if pixels.dtype.kind == "f":
+        return pixels.astype(dtype, copy=False)
+    values = pixels.astype(dtype)
+    values /= np.iinfo(pixels.dtype).max
+    return values
 
 
 def _is_cut_short(data: bytes) -> bool:
