@@ -83,7 +83,7 @@ def difference_of_gaussians_step(values):
 
 
 def contrast_saliency(rgb, method):
-    """A.1-A.14 with the default's numbers, for sides that are multiples of 16."""
+    """A.1-A.14 with the source's numbers, for sides that are multiples of 16."""
     r, g, b = np.moveaxis(rgb.astype(float), 2, 0)
     brightest = rgb.max(axis=2).astype(float)
     hue = brightest >= 0.1
@@ -105,8 +105,8 @@ def contrast_saliency(rgb, method):
             gabor -= gabor.mean()
             gabor /= np.sqrt((gabor**2).sum())
             for i, level in enumerate(pyramids["I"]):
-                energy[i] = energy[i] + abs(ndimage.correlate(level, gabor, mode="reflect"))
-        pyramids[angle] = energy
+                energy[i] = energy[i] + ndimage.correlate(level, gabor, mode="reflect") ** 2
+        pyramids[angle] = [np.sqrt(squared) for squared in energy]
     shape = pyramids["I"][4].shape
     sums = {}
     for name, levels in pyramids.items():

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saccade.attention.channels import intensity, opponency
+from saccade.attention.channels import intensity, linear_opponency, quotient_opponency
 
 
 def test_intensity_is_the_mean():
@@ -24,16 +24,40 @@ def test_intensity_is_the_mean():
         ((0.0, 0.0, 0.0), 0, 0),
     ],
 )
-def test_opponency_by_hand(rgb, red_green, blue_yellow):
+def test_quotients_by_hand(rgb, red_green, blue_yellow):
     pixel = np.array([[rgb]])
-    np.testing.assert_allclose(opponency(pixel, 0.1), [[[red_green]], [[blue_yellow]]])  # A.2, A.3
+    expected = [[[red_green]], [[blue_yellow]]]
+    np.testing.assert_allclose(quotient_opponency(pixel, 0.1), expected)  # A.2, A.3
+
+
+@pytest.mark.parametrize(
+    ("rgb", "red_green", "blue_yellow"),
+    [
+        ((1.0, 0.0, 0.0), 1, -0.5),
+        ((0.0, 0.5, 0.0), -0.5, -0.25),
+        ((0.0, 0.0, 0.2), 0, 0.2),
+        ((0.8, 0.4, 0.2), 0.4, -0.4),
+    ],
+)
+def test_differences_by_hand(rgb, red_green, blue_yellow):
+    pixel = np.array([[rgb]])
+    np.testing.assert_allclose(linear_opponency(pixel), [[[red_green]], [[blue_yellow]]])
+
+
+@pytest.mark.parametrize("grey", [0, 3, 77, 200, 255])
+def test_grey_has_exactly_no_hue(grey):
+    pixels = np.full((3, 5, 3), grey, np.float32) / np.float32(255)
+    assert not np.any(linear_opponency(pixels))
+    assert not np.any(quotient_opponency(pixels, 0.1))
 
 
 def test_black_has_no_hue_even_where_nothing_is_dark():
-    assert not np.any(opponency(np.zeros((2, 2, 3), np.float32), 0.0))
+    assert not np.any(quotient_opponency(np.zeros((2, 2, 3), np.float32), 0.0))
 
 
 @given(st.tuples(*3 * [st.floats(0.05, 1)]), st.floats(0.2, 0.9))
 def test_opponency_does_not_depend_on_the_light(rgb, dimmer):
     pixel = np.array([[rgb]])
-    np.testing.assert_allclose(opponency(pixel, 0), opponency(dimmer * pixel, 0), atol=1e-12)
+    np.testing.assert_allclose(
+        quotient_opponency(pixel, 0), quotient_opponency(dimmer * pixel, 0), atol=1e-12
+    )

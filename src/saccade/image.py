@@ -1,19 +1,18 @@
 """Reading, checking and converting images: the only file that knows image files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import whole_file
 from saccade.types import Float32Array, Image
 
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
-VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 OVERSHOOT = 1e-3
 """By how much a float image may leave [0, 1]; interpolation and rounding leave such traces."""
@@ -43,7 +42,7 @@ def read_image(path: str | Path) -> Float32Array:
         raise ImageError(f"{path}: expected an image, found an empty file")
     if _is_cut_short(data):
         raise ImageError(f"{path}: the image is cut short")
-    with _quiet_opencv():
+    with quiet_opencv():
         try:
             bgr = cv2.imdecode(
                 np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
@@ -77,94 +76,20 @@ def find_images(source: str | Path) -> list[Path]:
     return found
 
 
-def is_video(path: str | Path) -> bool:
-    """Whether the suffix of a file is that of a video."""
-    return Path(path).suffix.lower() in VIDEO_SUFFIXES
-
-
-def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.NDArray[np.uint8]]]:
-    """The frames of a video one by one.
-
-    Args:
-        path: any video that OpenCV reads.
-        every: take one frame of so many.
-
-    Yields:
-        Seconds since the start, and the (H, W, 3) RGB frame.
-
-    Raises:
-        ImageError: the file is missing, or is no video.
-    """
-    if not Path(path).is_file():
-        raise ImageError(f"{path}: cannot be read: no such file")
-    rate, number = video_rate(path), 0
-    with _quiet_opencv():
-        capture = cv2.VideoCapture(str(path))
-    try:
-        while capture.grab():
-            if number % every == 0:
-                whole, frame = capture.retrieve()
-                if not whole:
-                    break
-                yield number / rate, np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
-            number += 1
-    finally:
-        capture.release()
-    if number == 0:
-        raise ImageError(f"{path}: expected a video, found no frame that can be decoded")
-
-
-def video_rate(path: str | Path) -> float:
-    """Frames per second of a video; 25 where it does not say."""
-    with _quiet_opencv():
-        capture = cv2.VideoCapture(str(path))
-    try:
-        return capture.get(cv2.CAP_PROP_FPS) or 25.0
-    finally:
-        capture.release()
-
-
-@contextmanager
-def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], None]]:
-    """A function that adds an (H, W, 3) uint8 RGB frame to an MP4 file.
-
-    The file appears when the block ends well. All frames have the shape of the first.
-
-    Args:
-        path: the file to write.
-        rate: frames per second.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    writers: list[cv2.VideoWriter] = []
-    with whole_file(path) as temporary:
-
-        def write(frame: Image) -> None:
-            if not writers:
-                size = (frame.shape[1], frame.shape[0])
-                code = cv2.VideoWriter.fourcc(*"mp4v")
-                writers.append(cv2.VideoWriter(str(temporary), code, rate, size))
-            writers[0].write(np.ascontiguousarray(frame[:, :, ::-1]))
-
-        try:
-            yield write
-        finally:
-            for writer in writers:
-                writer.release()
-
-
-def as_rgb(image: Image, name: str = "image") -> Float32Array:
+def as_rgb(
+    image: Image, name: str = "image", dtype: npt.DTypeLike = np.float32
+) -> npt.NDArray[Any]:
     """Any image that `saccade` accepts, as (H, W, 3) RGB in [0, 1]; grey is repeated.
 
     Args:
         image: see `saccade.types.Image`.
         name: what an error message calls it.
+        dtype: float32 or float64 of the result.
 
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1].
     """
-    pixels = _in_unit_range(image, name)
+    pixels = in_unit_range(check_image(image, name), dtype)
     if pixels.ndim == 2:
         return np.repeat(pixels[:, :, None], 3, axis=2)
     return np.ascontiguousarray(pixels[:, :, :3])
@@ -180,14 +105,27 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1].
     """
-    pixels = _in_unit_range(image, name)
+    pixels = in_unit_range(check_image(image, name))
     if pixels.ndim == 2:
         return pixels
     luma: Float32Array = np.einsum("hwc,c->hw", pixels[:, :, :3], LUMA)
     return luma
 
 
-def _in_unit_range(image: Image, name: str) -> Float32Array:
+def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
+    """The image as it is, if it is one; float values are cut to [0, 1].
+
+    Args:
+        image: see `saccade.types.Image`.
+        name: what an error message calls it.
+
+    Returns:
+        (H, W), (H, W, 3) or (H, W, 4) uint8, uint16, float32 or float64, in C order. Not a
+        copy where none is needed.
+
+    Raises:
+        ImageError: not an image, empty, not finite, or outside [0, 1].
+    """
     image = np.asarray(image)
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
@@ -198,12 +136,13 @@ def _in_unit_range(image: Image, name: str) -> Float32Array:
     if image.size == 0:
         raise ImageError(f"{name}: expected at least one pixel, found shape {image.shape}")
     if image.dtype in (np.uint8, np.uint16):
-        return image.astype(np.float32) * np.float32(1 / np.iinfo(image.dtype).max)
+        return np.ascontiguousarray(image)
     if image.dtype == np.bool_:
-        return image.astype(np.float32)
+        return np.ascontiguousarray(image, dtype=np.float32)
     if image.dtype.kind != "f":
         raise ImageError(f"{name}: expected uint8, uint16, bool or float, found {image.dtype}")
-    pixels = np.ascontiguousarray(image, dtype=np.float32)
+    keeps = image.dtype in (np.float32, np.float64)
+    pixels = np.ascontiguousarray(image, dtype=image.dtype if keeps else np.float32)
     low, high = float(pixels.min()), float(pixels.max())
     if not (np.isfinite(low) and np.isfinite(high)):
         raise ImageError(f"{name}: expected finite values, found NaN or infinity")
@@ -213,6 +152,15 @@ def _in_unit_range(image: Image, name: str) -> Float32Array:
             "scale it, or pass uint8 or uint16"
         )
     return pixels if low >= 0 and high <= 1 else pixels.clip(0, 1)
+
+
+def in_unit_range(pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32) -> npt.NDArray[Any]:
+    """What `check_image` gives, as float32 or float64 in [0, 1]."""
+    if pixels.dtype.kind == "f":
+        return pixels.astype(dtype, copy=False)
+    values = pixels.astype(dtype)
+    values /= np.iinfo(pixels.dtype).max
+    return values
 
 
 def _is_cut_short(data: bytes) -> bool:
@@ -226,7 +174,8 @@ def _is_cut_short(data: bytes) -> bool:
 
 
 @contextmanager
-def _quiet_opencv() -> Iterator[None]:
+def quiet_opencv() -> Iterator[None]:
+    """OpenCV says nothing on stderr meanwhile: what is wrong is said once, by us."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

@@ -6,6 +6,7 @@ the outermost pixel, which this arrangement leaves unchanged from level to level
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, TypeAlias
 
 import cv2
@@ -17,8 +18,8 @@ from saccade.types import FloatArray
 FloatMap: TypeAlias = npt.NDArray[Any]
 """(h, w) float32 or float64; what is computed from it has the same dtype."""
 
-BINOMIAL = np.array([1, 4, 6, 4, 1]) / 16
-"""A Gaussian of variance 1."""
+BINOMIAL_SIZE = (5, 5)
+"""OpenCV's Gaussian of this size is [1 4 6 4 1] / 16 along both axes, of variance 1."""
 
 
 def half_shape(shape: tuple[int, int]) -> tuple[int, int]:
@@ -45,13 +46,13 @@ def halve(image: FloatMap) -> FloatMap:
     the kernel is [1 5 10 10 5 1] / 32, and a mirrored image gives the mirrored level.
 
     Args:
-        image: (h, w) float32 or float64.
+        image: (h, w) or (h, w, c); uint8, uint16, float32 or float64.
 
     Returns:
-        (ceil(h / 2), ceil(w / 2)), of the same dtype.
+        (ceil(h / 2), ceil(w / 2)) or (..., c), of the same dtype.
     """
-    smooth = cv2.sepFilter2D(image, -1, BINOMIAL, BINOMIAL, borderType=cv2.BORDER_REFLECT)
-    return resize(smooth, half_shape(image.shape), cv2.INTER_LINEAR)
+    smooth = cv2.GaussianBlur(image, BINOMIAL_SIZE, 0, borderType=cv2.BORDER_REFLECT)
+    return resize(smooth, half_shape(image.shape[:2]), cv2.INTER_LINEAR)
 
 
 def dyadic_pyramid(image: FloatMap, levels: int) -> list[FloatMap]:
@@ -69,7 +70,7 @@ def dyadic_pyramid(image: FloatMap, levels: int) -> list[FloatMap]:
 
 def resize(image: FloatMap, shape: tuple[int, int], interpolation: int | None = None) -> FloatMap:
     """The image at another size: cell means where it shrinks, bilinear where it grows."""
-    if image.shape == shape:
+    if image.shape[:2] == shape:
         return image
     if interpolation is None:
         shrinks = shape[0] < image.shape[0] or shape[1] < image.shape[1]
@@ -113,17 +114,70 @@ def gabor_pair(
     Returns:
         Two (size, size) filters, of phase 0 and pi / 2.
     """
+    even, odd = _waves(angle, period, sigma, size)
+    return even / np.linalg.norm(even), odd / np.linalg.norm(odd)
+
+
+def gabor_energies(
+    image: FloatMap, angles: Sequence[float], period: float, sigma: float, size: int
+) -> list[FloatMap]:
+    """How strongly each orientation is present: the magnitude of the responses of its pair (A.6).
+
+    The filters are those of `gabor_pair`. A wave over a round window is a sum of two products of
+    waves along x and y, which are filtered axis by axis and serve both diagonals.
+
+    Args:
+        image: (h, w) float32 or float64.
+        angles: in radians, see `gabor_pair`.
+        period: wavelength in pixels.
+        sigma: standard deviation of the round Gaussian window in pixels.
+        size: side of the filters in pixels, odd.
+
+    Returns:
+        One (h, w) map for each angle.
+    """
+    at = np.arange(size) - (size - 1) / 2
+    window = np.exp(-(at**2) / (2 * sigma**2))
+    mean = cv2.boxFilter(image, -1, (size, size), borderType=cv2.BORDER_REFLECT)
+
+    @cache
+    def product(along_x: tuple[str, float], along_y: tuple[str, float]) -> tuple[FloatMap, float]:
+        """The image under one product of waves, and the sum of that filter."""
+        x, y = (
+            window * (np.cos(k * at) if wave == "cos" else np.sin(k * at))
+            for wave, k in (along_x, along_y)
+        )
+        filtered = cv2.sepFilter2D(image, -1, x, y, borderType=cv2.BORDER_REFLECT)
+        return filtered, float(x.sum() * y.sum())
+
+    energies = []
+    for angle in angles:
+        kx, ky = (2 * np.pi / period * np.array([-np.sin(angle), np.cos(angle)])).round(12)
+        turn = float(np.sign(kx * ky))
+        kx, ky = abs(kx), abs(ky)
+        even, total = product(("cos", kx), ("cos", ky))
+        odd = product(("sin", kx), ("cos", ky))[0] if kx else product(("cos", kx), ("sin", ky))[0]
+        if turn:
+            even = even - turn * product(("sin", kx), ("sin", ky))[0]
+            odd = odd + turn * product(("cos", kx), ("sin", ky))[0]
+        even_norm, odd_norm = _norms(angle, period, sigma, size)
+        even = (even - total * mean) * image.dtype.type(1 / even_norm)
+        energies.append(cv2.magnitude(even, odd * image.dtype.type(1 / odd_norm)))
+    return energies
+
+
+@cache
+def _norms(angle: float, period: float, sigma: float, size: int) -> tuple[float, float]:
+    """The norms that `gabor_pair` divides its filters by."""
+    even, odd = _waves(angle, period, sigma, size)
+    return float(np.linalg.norm(even)), float(np.linalg.norm(odd))
+
+
+def _waves(angle: float, period: float, sigma: float, size: int) -> tuple[FloatArray, FloatArray]:
+    """An even and an odd wave of zero mean over a round window."""
     y, x = np.mgrid[:size, :size] - (size - 1) / 2
     across = y * np.cos(angle) - x * np.sin(angle)
     window = np.exp(-(x**2 + y**2) / (2 * sigma**2))
     phase = 2 * np.pi * across / period
     even, odd = (wave - wave.mean() for wave in (window * np.cos(phase), window * np.sin(phase)))
-    return even / np.linalg.norm(even), odd / np.linalg.norm(odd)
-
-
-def gabor_response(image: FloatMap, pair: tuple[FloatArray, FloatArray]) -> FloatMap:
-    """Magnitude of the even plus that of the odd response, (h, w) like the image (A.6)."""
-    even, odd = (
-        cv2.filter2D(image, -1, filter_, borderType=cv2.BORDER_REFLECT) for filter_ in pair
-    )
-    return np.abs(even) + np.abs(odd)
+    return even, odd

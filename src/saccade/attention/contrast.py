@@ -3,149 +3,65 @@
 After Itti, Koch & Niebur (1998) and Itti & Koch (2001); equations A.1-A.14.
 """
 
-from dataclasses import dataclass
-from functools import partial
-from typing import NamedTuple, Self
+from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import Any, ClassVar, NamedTuple, TypeAlias
+
+import cv2
 import numpy as np
+import numpy.typing as npt
 
 from saccade.attention import channels
-from saccade.attention.normalize import NORMALIZATIONS, Normalization, normalize
-from saccade.errors import ImageError, require
-from saccade.image import as_rgb
+from saccade.attention.contrast_config import ContrastConfig
+from saccade.attention.normalize import normalize, rescale
+from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Steps
+from saccade.errors import ImageError
+from saccade.image import as_rgb, check_image
 from saccade.pyramid import (
     FloatMap,
     deepest_level,
-    dyadic_pyramid,
-    gabor_pair,
-    gabor_response,
+    gabor_energies,
+    halve,
     level_shape,
     resize,
 )
 from saccade.types import Image
 
+__all__ = ["ContrastConfig", "ContrastMaps", "FeatureMap", "contrast_saliency"]
 
-@dataclass(frozen=True)
-class ContrastConfig:
-    """Channels, scales and normalization of the contrast model.
 
-    The default is `itti1998`: it leaves the highest maximum out of the mean, so that a lone
-    maximum needs no special case.
-    """
-
-    intensity_weight: float = 1.0
-    """Part of intensity in the saliency; 0 leaves the channel out, its map is then 0."""
-    color_weight: float = 1.0
-    """The same for color."""
-    orientation_weight: float = 1.0
-    """The same for orientation."""
-    dark: float = 0.1
-    """Where no color reaches this, there is no hue."""
-    center_levels: tuple[int, ...] = (2, 3, 4)
-    """Pyramid levels of the center; the image is level 0."""
-    surround_deltas: tuple[int, ...] = (3, 4)
-    """How many levels coarser the surround is."""
-    orientations: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
-    """Directions of bars in degrees, from x towards y."""
-    gabor_period: float = 7.0
-    """Wavelength of the oriented filters in pixels of their level."""
-    gabor_sigma: float = 7 / 3
-    """Standard deviation of their window, likewise."""
-    gabor_size: int = 9
-    """Their side, odd."""
-    normalization: Normalization = "local-maxima-1998"
-    """How a map with few strong places is promoted; see `saccade.attention.normalize`."""
-    maxima_threshold: float = 0.1
-    """Lower local maxima of a map in [0, 1] do not count in its normalization."""
-    maxima_radius: float = 0.05
-    """How far around itself a local maximum is the highest, as part of the map's longer side.
-
-    The sources do not say. With the nearest neighbors only, the faint maxima between the items
-    of a display pull the mean down, and a display that should be suppressed is not."""
-    iterations: int = 3
-    """Of the iterative normalization."""
-    map_level: int = 4
-    """Pyramid level whose size the conspicuity maps and the saliency have."""
-
-    def __post_init__(self) -> None:
-        for name in ("intensity_weight", "color_weight", "orientation_weight"):
-            weight = getattr(self, name)
-            require(0 <= weight < np.inf, name, "a finite weight of at least 0", weight)
-        total = self.intensity_weight + self.color_weight + self.orientation_weight
-        require(total > 0, "weights", "at least one above 0", total)
-        require(0 <= self.dark <= 1, "dark", "a value in [0, 1]", self.dark)
-        require(
-            len(self.center_levels) > 0 and min(self.center_levels) >= 0,
-            "center_levels",
-            "one or more levels of at least 0",
-            self.center_levels,
-        )
-        require(
-            len(self.surround_deltas) > 0 and min(self.surround_deltas) >= 1,
-            "surround_deltas",
-            "one or more differences of at least 1",
-            self.surround_deltas,
-        )
-        require(len(self.orientations) > 0, "orientations", "one or more angles", ())
-        require(self.gabor_period >= 2, "gabor_period", "2 px or more", self.gabor_period)
-        require(self.gabor_sigma > 0, "gabor_sigma", "a positive width", self.gabor_sigma)
-        require(
-            self.gabor_size >= 3 and self.gabor_size % 2 == 1,
-            "gabor_size",
-            "an odd size of 3 or more",
-            self.gabor_size,
-        )
-        require(
-            self.normalization in NORMALIZATIONS,
-            "normalization",
-            f"one of {', '.join(NORMALIZATIONS)}",
-            self.normalization,
-        )
-        require(
-            0 <= self.maxima_threshold <= 1,
-            "maxima_threshold",
-            "a value in [0, 1]",
-            self.maxima_threshold,
-        )
-        require(
-            0 < self.maxima_radius <= 1, "maxima_radius", "a part in (0, 1]", self.maxima_radius
-        )
-        require(self.iterations >= 1, "iterations", "1 or more", self.iterations)
-        require(self.map_level >= 0, "map_level", "0 or more", self.map_level)
-
-    @classmethod
-    def kootstra2010(cls) -> Self:
-        """Equations A.1-A.14 to the letter; a map with a single maximum keeps its weight."""
-        return cls(normalization="local-maxima")
-
-    @classmethod
-    def itti1998(cls) -> Self:
-        """The same with the global maximum left out of m, as Itti, Koch & Niebur (1998) do."""
-        return cls(normalization="local-maxima-1998")
+WIDEST = 1 / 8
+"""Part of a map's side over which its smoothing would leave nothing but its mean."""
 
 
 class FeatureMap(NamedTuple):
-    """One of the maps that the conspicuity maps are made of, before its normalization."""
+    """One of the maps that the conspicuity maps are made of."""
 
     channel: str
     """"intensity", "red-green", "blue-yellow", or "orientation" and its angle in degrees."""
     center: int
-    """Pyramid level of the center, whose size the map has."""
+    """Pyramid level of the center."""
     surround: int
     """Pyramid level of the surround."""
     values: FloatMap
-    """(h, w) absolute difference of center and surround."""
+    """(h, w) absolute difference of center and surround (A.7-A.10)."""
+    normalized: FloatMap
+    """(h, w) the same after N."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContrastMaps:
     """Saliency and what it is made of.
 
-    Maps are float32, and their cells tile the image: see `saccade.pyramid.cell_centers`.
+    Maps are float32 (float64 for the preset `saliencytoolbox2`), and their cells tile the
+    image: see `saccade.pyramid.cell_centers`.
     """
 
     saliency: FloatMap
-    """(h, w) in [0, 1] for the normalizations by local maxima (A.14)."""
+    """(h, w), not negative; in [0, 1] for the normalizations by local maxima (A.14)."""
     intensity: FloatMap
     """(h, w) conspicuity, not negative (A.11)."""
     color: FloatMap
@@ -155,7 +71,7 @@ class ContrastMaps:
     image_shape: tuple[int, int]
     """(H, W) of the image."""
     features: tuple[FeatureMap, ...] = ()
-    """The feature maps (A.7-A.10), where they were asked for."""
+    """The feature maps, where they were asked for."""
 
     def __repr__(self) -> str:
         height, width = self.saliency.shape
@@ -175,7 +91,7 @@ def contrast_saliency(
 
     Returns:
         Saliency and the three conspicuity maps, each (h, w), h = H / 2**config.map_level
-        rounded up.
+        rounded up (down for the preset `saliencytoolbox2`).
 
     Raises:
         ImageError: not an image, not finite, or too small for the finest surround.
@@ -183,89 +99,216 @@ def contrast_saliency(
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
     config = config or ContrastConfig()
-    rgb = as_rgb(image)  # (H, W, 3)
-    scales = existing_scales(rgb.shape[:2], config)
-    pyramids = channel_pyramids(rgb, scales, config)  # A.1-A.6
-    features = [
-        FeatureMap(channel, center, surround, contrast(levels[center], levels[surround]))
-        for channel, levels in pyramids.items()
-        for center, surround in scales
-    ]  # A.7-A.10
+    steps = steps_of(config)
+    pixels = check_image(image)  # (H, W), (H, W, 3) or (H, W, 4)
+    scales = existing_scales(pixels.shape[:2], config, steps)
+    nothing = np.zeros(steps.level_shape(pixels.shape[:2], config.map_level), steps.dtype)  # (h, w)
 
-    N = partial(
-        normalize,
-        method=config.normalization,
-        threshold=config.maxima_threshold,
-        radius=config.maxima_radius,
-        iterations=config.iterations,
-    )
-    nothing = np.zeros(level_shape(rgb.shape[:2], config.map_level), rgb.dtype)  # (h, w)
+    pyramids = channel_pyramids(pixels, scales, config, steps)  # A.1-A.6
     across_scales = dict.fromkeys(("intensity", "red-green", "blue-yellow", *pyramids), nothing)
-    for channel, _, _, values in features:
-        across_scales[channel] = across_scales[channel] + resize(N(values), nothing.shape)
-    oriented = [name for name in pyramids if name.startswith("orientation")]
+    features = []
+    for channel, levels in pyramids.items():
+        for center, surround, weight in scales[channel.partition(" ")[0]]:
+            values = steps.contrast(levels[center], levels[surround], nothing.shape)  # A.7-A.10
+            values = smooth(values, config.smoothing)
+            normalized = steps.normalize(values)
+            at_map = resize(normalized, nothing.shape)
+            across_scales[channel] = across_scales[channel] + weight * at_map
+            if keep_features:
+                features.append(FeatureMap(channel, center, surround, values, normalized))
 
-    intensity = across_scales["intensity"]  # A.11
-    color = N(across_scales["red-green"]) + N(across_scales["blue-yellow"])  # A.12
-    orientation = sum((N(across_scales[name]) for name in oriented), start=nothing)  # A.13
-    w_I, w_C, w_O = config.intensity_weight, config.color_weight, config.orientation_weight
-    weighted = w_I * N(intensity) + w_C * N(color) + w_O * N(orientation)
+    N = steps.normalize_sum
+    oriented = [N(m) for name, m in across_scales.items() if name.startswith("orientation")]
+    intensity = steps.conspicuity([across_scales["intensity"]])  # A.11
+    color = steps.conspicuity(
+        [N(across_scales["red-green"]), N(across_scales["blue-yellow"])]
+    )  # A.12
+    orientation = steps.conspicuity(oriented or [nothing])  # A.13
+    saliency = steps.saliency(intensity, color, orientation)  # A.14
     return ContrastMaps(
-        saliency=weighted / (w_I + w_C + w_O),  # A.14
+        saliency=weigh_center(sharpen(saliency, config.sharpening), config.center_prior),
         intensity=intensity,
         color=color,
         orientation=orientation,
-        image_shape=rgb.shape[:2],
-        features=tuple(features) if keep_features else (),
+        image_shape=pixels.shape[:2],
+        features=tuple(features),
     )
 
 
-def existing_scales(shape: tuple[int, int], config: ContrastConfig) -> list[tuple[int, int]]:
-    """The pairs of center and surround level that an image of this shape has (A.7-A.10)."""
-    deepest = deepest_level(shape)
-    scales = [(c, c + d) for c in config.center_levels for d in config.surround_deltas]
-    existing = [(center, surround) for center, surround in scales if surround <= deepest]
-    if not existing:
-        finest = min(surround for _, surround in scales)
+def existing_scales(
+    shape: tuple[int, int], config: ContrastConfig, steps: Steps
+) -> dict[str, list[tuple[int, int, float]]]:
+    """Center, surround and weight of the pairs that an image of this shape has, by channel."""
+    deepest = steps.deepest_level(shape)
+    wanted: dict[str, list[tuple[int, int, float]]] = {}
+    colors = [
+        (center, surround, weight)
+        for (center, surround), weight in zip(config.scales, config.scale_weights, strict=True)
+    ]
+    if config.intensity_weight > 0:
+        wanted["intensity"] = colors
+    if config.color_weight > 0:
+        wanted["red-green"] = wanted["blue-yellow"] = colors
+    if config.orientation_weight > 0:
+        wanted["orientation"] = [(*pair, 1.0) for pair in config.orientation_scales]
+    existing = {
+        channel: [scale for scale in pairs if scale[1] <= deepest]
+        for channel, pairs in wanted.items()
+    }
+    finest = min(surround for pairs in wanted.values() for _, surround, _ in pairs)
+    cells = max(steps.level_shape(shape, config.map_level))
+    if deepest < finest or cells == 1:
+        shorter = next(n for n in count(1) if steps.deepest_level((n, n)) >= finest)
+        longer = next(n for n in count(1) if steps.level_shape((n, n), config.map_level)[0] > 1)
         raise ImageError(
-            f"image: expected at least {2 ** (finest - 1) + 1} px on the shorter side, "
-            f"which surround level {finest} needs, found {shape[1]} x {shape[0]} px; "
-            "enlarge it, or set finer center_levels"
+            f"image: expected at least {shorter} px on the shorter side for surround level "
+            f"{finest}, and {longer} px on the longer for a map at level {config.map_level}, "
+            f"found {shape[1]} x {shape[0]} px; enlarge it, or set finer scales"
         )
     return existing
 
 
 def channel_pyramids(
-    rgb: FloatMap, scales: list[tuple[int, int]], config: ContrastConfig
+    pixels: npt.NDArray[Any],
+    scales: dict[str, list[tuple[int, int, float]]],
+    config: ContrastConfig,
+    steps: Steps,
 ) -> dict[str, dict[int, FloatMap]]:
     """The levels that the scales need, by channel and level number (A.1-A.6)."""
-    needed = sorted({level for scale in scales for level in scale})
+    needed = {
+        channel: sorted({level for scale in pairs for level in scale[:2]})
+        for channel, pairs in scales.items()
+        if pairs
+    }
+    finest = min(levels[0] for levels in needed.values())
+    finest, brightness, opponents = steps.channels(pixels, finest)  # A.1-A.3
+    levels_of_intensity = {*needed.get("intensity", ()), *needed.get("orientation", ())}
 
-    def levels_of(channel: FloatMap) -> dict[int, FloatMap]:
-        pyramid = dyadic_pyramid(channel, needed[-1])
-        return {level: pyramid[level] for level in needed}
+    def pyramid(level: FloatMap, wanted: Collection[int]) -> dict[int, FloatMap]:
+        levels = {}
+        for number in range(finest, max(wanted) + 1):
+            if number > finest:
+                level = steps.halve(level)
+            if number in wanted:
+                levels[number] = level
+        return levels
 
     pyramids = {}
-    if config.intensity_weight > 0 or config.orientation_weight > 0:
-        brightness = levels_of(channels.intensity(rgb))  # A.1, A.4
-    if config.intensity_weight > 0:
-        pyramids["intensity"] = brightness
-    if config.color_weight > 0:
-        red_green, blue_yellow = channels.opponency(rgb, config.dark)  # A.2, A.3
-        pyramids["red-green"] = levels_of(red_green)  # A.5
-        pyramids["blue-yellow"] = levels_of(blue_yellow)
-    if config.orientation_weight > 0:
-        for angle in config.orientations:
-            pair = gabor_pair(
-                np.deg2rad(angle), config.gabor_period, config.gabor_sigma, config.gabor_size
-            )
+    if levels_of_intensity:
+        intensities = pyramid(brightness, levels_of_intensity)  # A.4
+    if "intensity" in needed:
+        pyramids["intensity"] = intensities
+    for channel, opponent in opponents.items():
+        if channel in needed:
+            pyramids[channel] = pyramid(opponent, needed[channel])  # A.5
+    if "orientation" in needed:
+        energies = {level: steps.oriented(intensities[level]) for level in needed["orientation"]}
+        for i, angle in enumerate(config.orientations):
             pyramids[f"orientation {angle:g}"] = {
-                level: gabor_response(values, pair) for level, values in brightness.items()
+                level: energy[i] for level, energy in energies.items()
             }  # A.6
     return pyramids
 
 
-def contrast(center: FloatMap, surround: FloatMap) -> FloatMap:
-    """How far the center is from its surround, at the size of the center (A.7-A.10)."""
-    difference: FloatMap = np.abs(center - resize(surround, center.shape))
-    return difference
+def steps_of(config: ContrastConfig) -> Steps:
+    """The arithmetic that the configuration names."""
+    if config.arithmetic == "saliencytoolbox2":
+        return SaliencyToolbox2Steps(config)
+    return MirroredSteps(config)
+
+
+@dataclass(frozen=True)
+class MirroredSteps:
+    """The steps of the model on images that are mirrored at their borders."""
+
+    config: ContrastConfig
+    dtype: ClassVar[type[np.floating[Any]]] = np.float32
+
+    deepest_level = staticmethod(deepest_level)
+    level_shape = staticmethod(level_shape)
+    halve = staticmethod(halve)  # A.4-A.5
+
+    def channels(
+        self, pixels: npt.NDArray[Any], finest: int
+    ) -> tuple[int, FloatMap, dict[str, FloatMap]]:
+        """The finest level whose channels are needed, and intensity and opponents there.
+
+        Linear channels of the coarser image are the coarser level of the channels, so that it
+        need not be converted before: in 8 bit it is a quarter as large.
+        """
+        linear = self.config.color == "linear"
+        start = finest if linear else 0
+        colors = pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
+        for _ in range(start):
+            colors = halve(colors)
+        rgb = as_rgb(colors)  # (h, w, 3)
+        if linear:
+            red_green, blue_yellow = channels.linear_opponency(rgb)
+        else:
+            red_green, blue_yellow = channels.quotient_opponency(rgb, self.config.dark)  # A.2-A.3
+        opponents = {"red-green": red_green, "blue-yellow": blue_yellow}
+        return start, channels.intensity(rgb), opponents  # A.1
+
+    def oriented(self, level: FloatMap) -> list[FloatMap]:
+        """One map for each orientation (A.6)."""
+        config = self.config
+        angles = [float(np.deg2rad(angle)) for angle in config.orientations]
+        return gabor_energies(
+            level, angles, config.gabor_period, config.gabor_sigma, config.gabor_size
+        )
+
+    def contrast(
+        self, center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]
+    ) -> FloatMap:
+        """How far the center is from its surround (A.7-A.10)."""
+        difference = cv2.absdiff(center, resize(surround, center.shape))
+        return resize(difference, map_shape) if self.config.normalize_at == "map" else difference
+
+    def normalize(self, values: FloatMap) -> FloatMap:
+        """N."""
+        config = self.config
+        return normalize(
+            values,
+            config.normalization,
+            threshold=config.maxima_threshold,
+            radius=config.maxima_radius,
+            iterations=config.iterations,
+        )
+
+    normalize_sum = normalize
+
+    def conspicuity(self, parts: Sequence[FloatMap]) -> FloatMap:
+        """The sum of its parts (A.11-A.13)."""
+        return sum(parts[1:], start=parts[0])
+
+    def saliency(self, intensity: FloatMap, color: FloatMap, orientation: FloatMap) -> FloatMap:
+        """The weighted mean of what is conspicuous (A.14)."""
+        N, config = self.normalize, self.config
+        w_I, w_C, w_O = config.intensity_weight, config.color_weight, config.orientation_weight
+        weighted = w_I * N(intensity) + w_C * N(color) + w_O * N(orientation)
+        return weighted / (w_I + w_C + w_O)
+
+
+Steps: TypeAlias = MirroredSteps | SaliencyToolbox2Steps
+
+
+def smooth(values: FloatMap, sigma: float) -> FloatMap:
+    """The map under a Gaussian of this many cells, but no wider than a part of each side."""
+    if sigma == 0:
+        return values
+    y, x = (min(sigma, WIDEST * side) for side in values.shape)
+    return cv2.GaussianBlur(values, (0, 0), x, sigmaY=y, borderType=cv2.BORDER_REFLECT)
+
+
+def sharpen(saliency: FloatMap, exponent: float) -> FloatMap:
+    """The map in [0, 1] to a power; as it is for the power 1."""
+    return saliency if exponent == 1 else rescale(saliency) ** exponent
+
+
+def weigh_center(saliency: FloatMap, sigma: float) -> FloatMap:
+    """The map times a Gaussian in its middle, whose width is a part of its sides; 0 for none."""
+    if sigma == 0:
+        return saliency
+    y, x = (np.exp(-((((np.arange(n) + 0.5) / n - 0.5) / sigma) ** 2) / 2) for n in saliency.shape)
+    weighted: FloatMap = saliency * np.outer(y, x).astype(saliency.dtype)
+    return weighted

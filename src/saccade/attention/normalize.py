@@ -45,7 +45,7 @@ def normalize(
             "iterative" lets places inhibit each other (Itti & Koch 2000), "none" only scales.
         threshold: local maxima below this do not count.
         radius: how far around itself a local maximum is the highest, as part of the map's
-            longer side; never less than a pixel.
+            longer side, but at least a pixel.
         iterations: of the iterative method.
     """
     scaled = rescale(values)
@@ -107,7 +107,7 @@ def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
     return height[1:]
 
 
-def inhibit_laterally(values: FloatMap, iterations: int) -> FloatMap:
+def inhibit_laterally(values: FloatMap, iterations: int, narrowest: float = NARROWEST) -> FloatMap:
     """Places excite themselves, inhibit their wide surround, and few survive.
 
     Each iteration is `m <- max(0, m + Gex * m - Gin * m - 0.02 max(m))`, Gex a narrow and
@@ -116,11 +116,12 @@ def inhibit_laterally(values: FloatMap, iterations: int) -> FloatMap:
     Args:
         values: (h, w), not negative.
         iterations: how often.
+        narrowest: the least standard deviation of the Gaussians, in pixels.
 
     Source: Itti & Koch (2000).
     """
     excitation, inhibition = (
-        gaussian_kernel(strength, max(share * max(values.shape), NARROWEST), values.shape)
+        gaussian_kernel(strength, max(share * max(values.shape), narrowest), values.shape)
         for strength, share in (EXCITATION, INHIBITION)
     )
     for _ in range(iterations):

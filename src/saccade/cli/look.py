@@ -33,7 +33,8 @@ def look(
     from saccade.cli.output import for_each_image, print_json, print_table
     from saccade.cli.settings import load_settings
     from saccade.cli.watch import watch
-    from saccade.image import find_images, is_video
+    from saccade.image import find_images
+    from saccade.video import is_video
 
     settings = load_settings("contrast", preset, config)
 

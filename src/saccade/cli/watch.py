@@ -22,7 +22,7 @@ def watch(path: Path, out: Path, settings: Any, every: int) -> dict[str, Any]:  
 
     from saccade.attention.contrast import contrast_saliency
     from saccade.cli.output import write_arrays
-    from saccade.image import read_video, video_rate, video_writer
+    from saccade.video import read_video, video_rate, video_writer
     from saccade.viewing import heat_beside
 
     times, maps = [], []

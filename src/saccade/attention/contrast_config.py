@@ -1,0 +1,166 @@
+"""The settings of the contrast model, and the published models as presets of it."""
+
+from dataclasses import dataclass, replace
+from typing import Literal, Self, get_args
+
+import numpy as np
+
+from saccade.attention.channels import COLORS, Color
+from saccade.attention.normalize import NORMALIZATIONS, Normalization
+from saccade.errors import require
+
+Scales = tuple[tuple[int, int], ...]
+
+Place = Literal["center", "map"]
+Arithmetic = Literal["mirrored", "saliencytoolbox2"]
+
+CENTERS_2_TO_4: Scales = ((2, 5), (2, 6), (3, 6), (3, 7), (4, 7), (4, 8))
+"""The six pairs of A.7-A.10."""
+
+
+@dataclass(frozen=True)
+class ContrastConfig:
+    """Channels, scales and normalization of the contrast model.
+
+    The default is what predicts the fixations of people best; how it was chosen stands in
+    docs/contrast-default.md.
+    """
+
+    intensity_weight: float = 1.0
+    """Part of intensity in the saliency; 0 leaves the channel out, its map is then 0."""
+    color_weight: float = 2.0
+    """The same for color."""
+    orientation_weight: float = 0.3
+    """The same for orientation."""
+    color: Color = "linear"
+    """Opponents as differences of lights, or as "quotient" by the brightest color (A.2-A.3)."""
+    dark: float = 0.1
+    """Where no color reaches this there is no hue; for "quotient" only."""
+    scales: Scales = ((1, 2), (1, 3), (4, 7))
+    """Pyramid levels of center and surround for intensity and color; the image is level 0."""
+    scale_weights: tuple[float, ...] = (1.0, 1.0, 0.3)
+    """How much each of these pairs counts."""
+    orientation_scales: Scales = ((2, 4),)
+    """The same pairs for orientation; each counts 1."""
+    orientations: tuple[float, ...] = (0.0, 45.0, 90.0, 135.0)
+    """Directions of bars in degrees, from x towards y."""
+    gabor_period: float = 7.0
+    """Wavelength of the oriented filters in pixels of their level."""
+    gabor_sigma: float = 7 / 3
+    """Standard deviation of their window, likewise."""
+    gabor_size: int = 9
+    """Their side, odd."""
+    map_level: int = 3
+    """Pyramid level whose size the conspicuity maps and the saliency have."""
+    normalize_at: Place = "map"
+    """Whether a feature map is normalized at the size of its "center", and resized afterwards,
+    or when it has the size of the "map"."""
+    smoothing: float = 3.5
+    """Standard deviation in cells of the Gaussian that smooths a feature map before it is
+    normalized at the size of the map, at most an eighth of the side; 0 smooths nothing."""
+    normalization: Normalization = "local-maxima"
+    """How a map with few strong places is promoted; see `saccade.attention.normalize`."""
+    maxima_threshold: float = 0.1
+    """Lower local maxima of a map in [0, 1] do not count in its normalization."""
+    maxima_radius: float = 0.0
+    """How far around itself a local maximum is the highest, as part of the map's longer side,
+    but at least among its neighbors.
+
+    The sources do not say. Where nothing is smoothed and the neighbors alone count, the faint
+    maxima between the items of a display pull the mean down, and a display that should be
+    suppressed is not."""
+    iterations: int = 3
+    """Of the iterative normalization."""
+    sharpening: float = 1.5
+    """Exponent of the saliency, scaled to [0, 1] before; with 1 it stays as A.14 gives it."""
+    center_prior: float = 0.0
+    """Standard deviation, by the image's sides, of a fixed Gaussian in the middle of the image
+    by which the saliency is multiplied: it knows nothing of the image, only that photographers
+    point at what matters. 0 leaves it out."""
+    arithmetic: Arithmetic = "mirrored"
+    """How the steps treat borders, sizes and ranges: "mirrored" reflects the image at its
+    borders, "saliencytoolbox2" does as `saccade.attention.saliencytoolbox2` describes."""
+
+    def __post_init__(self) -> None:
+        for name in ("intensity_weight", "color_weight", "orientation_weight"):
+            weight = getattr(self, name)
+            require(0 <= weight < np.inf, name, "a finite weight of at least 0", weight)
+        total = self.intensity_weight + self.color_weight + self.orientation_weight
+        require(total > 0, "weights", "at least one above 0", total)
+        for name, choices in (
+            ("color", COLORS),
+            ("normalize_at", get_args(Place)),
+            ("normalization", NORMALIZATIONS),
+            ("arithmetic", get_args(Arithmetic)),
+        ):
+            choice = getattr(self, name)
+            require(choice in choices, name, f"one of {', '.join(choices)}", choice)
+        require(0 <= self.dark <= 1, "dark", "a value in [0, 1]", self.dark)
+        for name in ("scales", "orientation_scales"):
+            pairs = getattr(self, name)
+            rising = all(len(pair) == 2 and 0 <= pair[0] < pair[1] for pair in pairs)
+            expected = "pairs of a center level of at least 0 and a coarser surround level"
+            require(len(pairs) > 0 and rising, name, expected, pairs)
+        require(
+            len(self.scale_weights) == len(self.scales)
+            and all(0 < weight < np.inf for weight in self.scale_weights),
+            "scale_weights",
+            f"a finite weight above 0 for each of the {len(self.scales)} scales",
+            self.scale_weights,
+        )
+        require(len(self.orientations) > 0, "orientations", "one or more angles", ())
+        require(self.gabor_period >= 2, "gabor_period", "2 px or more", self.gabor_period)
+        require(self.gabor_sigma > 0, "gabor_sigma", "a positive width", self.gabor_sigma)
+        odd = self.gabor_size >= 3 and self.gabor_size % 2 == 1
+        require(odd, "gabor_size", "an odd size of 3 or more", self.gabor_size)
+        require(self.map_level >= 0, "map_level", "0 or more", self.map_level)
+        require(0 <= self.smoothing < np.inf, "smoothing", "0 cells or more", self.smoothing)
+        require(
+            self.smoothing == 0 or self.normalize_at == "map",
+            "smoothing",
+            'none, unless normalize_at = "map"',
+            self.smoothing,
+        )
+        exact = self.arithmetic == "mirrored" or self.normalize_at == "map"
+        require(
+            exact, "normalize_at", '"map" for the arithmetic of saliencytoolbox2', self.normalize_at
+        )
+        threshold = self.maxima_threshold
+        require(0 <= threshold <= 1, "maxima_threshold", "a value in [0, 1]", threshold)
+        require(0 <= self.maxima_radius <= 1, "maxima_radius", "in [0, 1]", self.maxima_radius)
+        require(self.iterations >= 1, "iterations", "1 or more", self.iterations)
+        require(0 < self.sharpening < np.inf, "sharpening", "above 0", self.sharpening)
+        require(0 <= self.center_prior < np.inf, "center_prior", "0 or more", self.center_prior)
+
+    @classmethod
+    def kootstra2010(cls) -> Self:
+        """Equations A.1-A.14 to the letter; a map with a single maximum keeps its weight."""
+        return cls(
+            color_weight=1.0,
+            orientation_weight=1.0,
+            color="quotient",
+            scales=CENTERS_2_TO_4,
+            scale_weights=len(CENTERS_2_TO_4) * (1.0,),
+            orientation_scales=CENTERS_2_TO_4,
+            map_level=4,
+            normalize_at="center",
+            smoothing=0.0,
+            maxima_radius=0.05,
+            sharpening=1.0,
+        )
+
+    @classmethod
+    def itti1998(cls) -> Self:
+        """The same with the global maximum left out of m, as Itti, Koch & Niebur (1998) do."""
+        return replace(cls.kootstra2010(), normalization="local-maxima-1998")
+
+    @classmethod
+    def saliencytoolbox2(cls) -> Self:
+        """What Walther & Koch's SaliencyToolbox 2 computes by default, to the last digits."""
+        return replace(
+            cls.kootstra2010(),
+            gabor_sigma=2.3333,
+            normalize_at="map",
+            normalization="iterative",
+            arithmetic="saliencytoolbox2",
+        )
