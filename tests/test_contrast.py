@@ -3,7 +3,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import oracles_attention as oracles
@@ -128,6 +128,7 @@ def test_a_mirrored_image_has_mirrored_maps(seed, shape, method, preset):
 @settings(max_examples=20)
 @given(seeds, shapes, st.sampled_from(list(PRESETS)))
 def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
+    assume(preset != "saliencytoolbox2" or min(shape) >= 32)  # it refuses smaller ones
     image = noise(seed, shape)
     config = PRESETS[preset]
     maps = contrast_saliency(image, config)
