@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles_attention as oracles
-from saccade.attention.scanpath import ScanpathConfig, leap_cell, scanpath
+from saccade.attention.scanpath import ScanpathConfig, scanpath
+from saccade.attention.winner_take_all import Network, inhibit, leap_cell, leap_of
 from saccade.errors import ConfigError, ImageError
 
 IMAGES = (
@@ -80,6 +81,23 @@ def test_leaps_end_where_steps_do(seed, shape):
     assert np.abs(steps - slow_steps).max() <= 1
 
 
+def both_leaps(V, W, g, current, steps, decay):
+    net = Network(
+        leak=2e-4,
+        forget=1e-3,
+        decay=decay,
+        gain=5.0,
+        threshold=1e-3,
+        reset=-0.02,
+        kick=200.0,
+        surround=1e-4,
+        sigma=1.0,
+        last_step=100_000,
+    )
+    slow = oracles.leap_cell(V, W, g, current, 2e-4, 1e-3, decay, 5.0, steps)
+    return leap_cell(net, leap_of(net, steps), V, W, g, current), slow
+
+
 @pytest.mark.kernel
 @given(
     V=st.floats(0, 0.02),
@@ -89,23 +107,42 @@ def test_leaps_end_where_steps_do(seed, shape):
     steps=st.integers(1, 100),
 )
 def test_a_leap_is_its_steps(V, W, g, current, steps):
-    held = V, W, g, current, 2e-4, 1e-3, 0.0, 5.0, steps
-    np.testing.assert_allclose(leap_cell(*held), oracles.leap_cell(*held), rtol=1e-6, atol=1e-9)
-    decaying = V, W, g, current, 2e-4, 1e-3, 1e-4, 5.0, steps
+    fast, slow = both_leaps(V, W, g, current, steps, 0.0)
+    np.testing.assert_allclose(fast, slow, rtol=1e-6, atol=1e-9)
+    fast, slow = both_leaps(V, W, g, current, steps, 1e-4)
     hundredth_of_the_threshold = 1e-5
-    np.testing.assert_allclose(
-        leap_cell(*decaying),
-        oracles.leap_cell(*decaying),
-        rtol=2e-3,
-        atol=hundredth_of_the_threshold,
-    )
+    np.testing.assert_allclose(fast, slow, rtol=2e-3, atol=hundredth_of_the_threshold)
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("g", [-2e-4, 0.0, 8e-4, 1 - 2e-4])
 def test_a_leap_is_its_steps_at_the_poles_of_the_closed_form(g):
-    held = 0.004, -0.01, g, 2e-6, 2e-4, 1e-3, 0.0, 5.0, 100
-    np.testing.assert_allclose(leap_cell(*held), oracles.leap_cell(*held), rtol=1e-5)
+    fast, slow = both_leaps(0.004, -0.01, g, 2e-6, 100, 0.0)
+    np.testing.assert_allclose(fast, slow, rtol=1e-5)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_that_join_late_are_none_too_late(seed):
+    """Few peaks over a faint ground: most cells join after a few fixations, or never."""
+    saliency = 2 * np.random.default_rng(seed).random((9, 11)) ** 3
+    path = scanpath(saliency, saliency.shape, 8, as_published(saliency, 0.6))
+    rows, columns, steps = cells(path, 1)
+    slow_rows, slow_columns, slow_steps = oracles.scanpath(saliency, 8, 0.6)
+    np.testing.assert_allclose(rows, slow_rows, atol=1e-9)
+    np.testing.assert_allclose(columns, slow_columns, atol=1e-9)
+    assert np.abs(steps - slow_steps).max() <= 1
+
+
+@pytest.mark.kernel
+def test_inhibition_is_a_disc_in_a_faint_surround():
+    column, row = np.divmod(np.arange(63), 7)
+    net = Network(2e-4, 1e-3, 1e-4, 5.0, 1e-3, -0.02, 200.0, 1e-2, 0.9, 100_000)
+    g = np.full(63, 0.25)
+    inhibit(net, np.array([3.0, 5.0, 0.5]), row, column, g)
+    d2 = (row - 3) ** 2 + (column - 5) ** 2
+    expected = np.exp(-d2 / (2 * 0.9**2)) - 1e-2 * np.exp(-d2 / (2 * 3.6**2))
+    np.testing.assert_allclose(g, 0.25 + 0.5 * expected, rtol=1e-12)
 
 
 def test_an_empty_map_has_no_fixations():

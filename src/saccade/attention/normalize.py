@@ -101,9 +101,12 @@ def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
     """
     square = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     is_maximum = (values == cv2.dilate(values, square)) & (values >= threshold)
-    count, label = cv2.connectedComponents(is_maximum.astype(np.uint8), connectivity=8)
+    maxima = np.flatnonzero(is_maximum)
+    count, label = cv2.connectedComponents(is_maximum.view(np.uint8), connectivity=8)
+    if count == len(maxima) + 1:
+        return values.ravel()[maxima]
     height = np.zeros(count, values.dtype)
-    height[label[is_maximum]] = values[is_maximum]
+    height[label.ravel()[maxima]] = values.ravel()[maxima]
     return height[1:]
 
 

@@ -9,25 +9,18 @@ The first W over its threshold is a fixation. It makes the conductance g jump in
 the winner, which silences the map layer there until g has decayed. In the step after the next
 the answer of an interneuron resets the whole winner layer, and the race starts again.
 
-The network is defined by its steps, but is not run step by step: with g held the recurrence
-has a closed form, so that it leaps over many steps at once.
+`saccade.attention.winner_take_all` runs it, in leaps of many steps.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade._jit import kernel
+from saccade.attention.winner_take_all import Network, race
 from saccade.errors import ImageError, require
 from saccade.pyramid import FloatMap, cell_centers
-from saccade.types import FloatArray, Scanpath
-
-LEAP = 100
-"""The most steps at once; the inhibition decays by 1 % meanwhile."""
-POLE = 1e-9
-"""How near to its poles the closed form is used; nearer ones are moved here."""
+from saccade.types import FloatArray, IntArray, Scanpath
 
 
 @dataclass(frozen=True)
@@ -153,108 +146,23 @@ def scanpath(
 
 def attend(
     strength: FloatArray, fixations: int, config: ScanpathConfig
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+) -> tuple[IntArray, IntArray]:
     """The winners of a map as indices down its columns, and the steps in which they spike."""
     dt = config.time_step
-    leak = dt / config.map_time_constant
-    forget = dt / config.winner_time_constant
-    decay = dt / config.inhibition_time_constant
-    last_step = int(config.time_limit / dt)
-
-    candidates = np.flatnonzero(strength.T)  # (n,)
-    column, row = np.divmod(candidates, strength.shape[0])
-    current = leak * config.drive * (strength.T.ravel()[candidates] + config.background)
-    sigma = config.inhibition_sigma * max(strength.shape)
-
-    V = current.copy()  # after step 0, in which the winner layer is held down
-    W = np.full_like(V, config.reset)
-    g = np.zeros_like(V)
-    V_next, W_next = np.empty_like(V), np.empty_like(W)
-    winners: list[int] = []
-    spikes: list[int] = []
-    step, reset_at, stride = 0, 0, LEAP
-    while len(winners) < fixations and step < last_step:
-        stride = 1 if step < reset_at else min(stride, last_step - step)
-        leap(V, W, g, current, leak, forget, decay, config.gain, stride, V_next, W_next)
-        if step + stride == reset_at:
-            W_next[:] = config.reset
-        over = config.threshold < W_next
-        spiked = bool(over.any())
-        if spiked and stride > 1:
-            stride = max(1, stride // 4)
-            continue
-        step += stride
-        g *= (1 - decay) ** stride
-        V, V_next, W, W_next = V_next, V, W_next, W
-        if spiked:
-            first = int(np.argmax(over))
-            winners.append(int(candidates[first]))
-            spikes.append(step)
-            W[over] = 0
-            d2 = (row - row[first]) ** 2 + (column - column[first]) ** 2
-            disc = np.exp(-d2 / (2 * sigma**2))
-            surround = config.inhibition_surround * np.exp(-d2 / (2 * (4 * sigma) ** 2))
-            g += dt * config.inhibition_strength * V[first] * (disc - surround)
-            if reset_at <= step:
-                reset_at = step + 2
-        elif step == reset_at:
-            stride = LEAP
-    return np.array(winners, np.intp), np.array(spikes, np.intp)
-
-
-@kernel()
-def leap_cell(
-    V: float,
-    W: float,
-    g: float,
-    current: float,
-    leak: float,
-    forget: float,
-    decay: float,
-    gain: float,
-    steps: int,
-) -> tuple[float, float]:
-    """V and W of one cell after n steps.
-
-    With the conductance of the middle step throughout, `a = 1 - leak - g` and `b = 1 - forget`,
-    the potential is `V[j] = P + Q j + (V - P) a^j`, and W sums it, fading with b. P + Q j is
-    the equilibrium that V is drawn to; Q is how it rises as a strong inhibition decays.
-    """
-    middle = (steps - 1) / 2
-    g *= (1 - decay) ** middle
-    rate = leak + g
-    if abs(rate) < POLE:
-        rate = POLE
-    a, b = max(0.0, 1 - rate), 1 - forget
-    if abs(a - b) < POLE:
-        a = b + POLE
-    a_n, b_n = a**steps, b**steps
-    Q = current / rate * decay * g / rate if g > leak else 0.0
-    P = current / rate - Q * (middle + 1 / rate)
-    sum_of_one = (1 - b_n) / forget
-    sum_of_j = (steps - b * sum_of_one) / forget
-    sum_of_a = a * (a_n - b_n) / (a - b)
-    V_n = P + Q * steps + (V - P) * a_n
-    W_n = b_n * W + forget * gain * (P * sum_of_one + Q * sum_of_j + (V - P) * sum_of_a)
-    return V_n, W_n
-
-
-@kernel()
-def leap(
-    V: FloatArray,
-    W: FloatArray,
-    g: FloatArray,
-    current: FloatArray,
-    leak: float,
-    forget: float,
-    decay: float,
-    gain: float,
-    steps: int,
-    V_next: FloatArray,
-    W_next: FloatArray,
-) -> None:
-    """All cells after some steps, into `V_next` and `W_next`."""
-    for i in range(len(V)):
-        V_next[i], W_next[i] = leap_cell(
-            V[i], W[i], g[i], current[i], leak, forget, decay, gain, steps
-        )
+    network = Network(
+        leak=dt / config.map_time_constant,
+        forget=dt / config.winner_time_constant,
+        decay=dt / config.inhibition_time_constant,
+        gain=config.gain,
+        threshold=config.threshold,
+        reset=config.reset,
+        kick=dt * config.inhibition_strength,
+        surround=config.inhibition_surround,
+        sigma=config.inhibition_sigma * max(strength.shape),
+        last_step=int(config.time_limit / dt),
+    )
+    down_columns = strength.T.ravel()
+    cells = np.argsort(-down_columns)[: np.count_nonzero(down_columns)]  # (n,) strongest first
+    column, row = np.divmod(cells, strength.shape[0])
+    current = network.leak * config.drive * (down_columns[cells] + config.background)
+    return race(network, current, row, column, cells, fixations)
