@@ -286,6 +286,13 @@ def test_the_scanpath_can_be_played(run):
     np.testing.assert_allclose(lengths[:3], 4 * np.diff([0, *times]), atol=0.011)
 
 
+def test_objects_can_be_inhibited_whole(run):
+    disc = json.loads(run("look", ROCKET, "--json")[1])["images"][0]
+    shape = json.loads(run("look", ROCKET, "--inhibition", "shape", "--json")[1])["images"][0]
+    assert shape["scanpath"][0] == disc["scanpath"][0]
+    assert shape["scanpath"] != disc["scanpath"]
+
+
 @pytest.fixture
 def gazes(tmp_path, rng):
     """Two photographs, people who looked at their upper left, and maps that say so."""

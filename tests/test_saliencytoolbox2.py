@@ -1,12 +1,19 @@
 """The preset against what the toolbox itself gave."""
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
 
-from saccade.attention import ContrastConfig, ScanpathConfig, contrast_saliency, scanpath
+from saccade.attention import (
+    ContrastConfig,
+    ScanpathConfig,
+    contrast_saliency,
+    proto_object,
+    scanpath,
+)
 from saccade.attention.saliencytoolbox2 import (
     SaliencyToolbox2Steps,
     fade_borders,
@@ -85,6 +92,20 @@ def test_every_map_and_fixation_is_the_toolboxs(shared, name):
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_disk_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_disk_time_s"].ravel()) / STEP
     assert steps_apart.max() < 1.01
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", IMAGES)
+def test_inhibition_of_proto_objects_is_the_toolboxs(shared, name):
+    maps, published = computed_and_published(shared, name, "iterative")
+    h, w = maps.saliency.shape
+    sigma = 0.3 * published["foaSize"].item() / 32 / max(h, w)
+    config = ScanpathConfig(peak=0, inhibition_sigma=sigma, time_limit=60)
+    path = scanpath(maps.saliency, (h, w), 10, config, region=partial(proto_object, maps))
+    np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_shape_mapRC"], atol=1e-9)
+    steps_apart = np.abs(path.time - published["fix_shape_time_s"].ravel()) / STEP
+    print(f"\n{name}: at most {steps_apart.max():.2f} steps apart")
+    assert (steps_apart < 1.01 + 2e-4 * path.time / STEP).all()
 
 
 @pytest.mark.shared

@@ -139,7 +139,7 @@ def test_inhibition_is_a_disc_in_a_faint_surround():
     column, row = np.divmod(np.arange(63), 7)
     net = Network(2e-4, 1e-3, 1e-4, 5.0, 1e-3, -0.02, 200.0, 1e-2, 0.9, 100_000)
     g = np.full(63, 0.25)
-    inhibit(net, np.array([3.0, 5.0, 0.5]), row, column, g)
+    inhibit(net, np.array([3.0, 5.0, 0.5, 0.0]), np.zeros((0, 7, 9), bool), row, column, g)
     d2 = (row - 3) ** 2 + (column - 5) ** 2
     expected = np.exp(-d2 / (2 * 0.9**2)) - 1e-2 * np.exp(-d2 / (2 * 3.6**2))
     np.testing.assert_allclose(g, 0.25 + 0.5 * expected, rtol=1e-12)

@@ -1,6 +1,7 @@
 """Where to look: contrast saliency, and the scanpath over a saliency map."""
 
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap, contrast_saliency
+from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 
 __all__ = [
@@ -9,5 +10,6 @@ __all__ = [
     "FeatureMap",
     "ScanpathConfig",
     "contrast_saliency",
+    "proto_object",
     "scanpath",
 ]

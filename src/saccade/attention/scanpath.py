@@ -12,15 +12,19 @@ the answer of an interneuron resets the whole winner layer, and the race starts 
 `saccade.attention.winner_take_all` runs it, in leaps of many steps.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.attention.winner_take_all import Network, race
 from saccade.errors import ImageError, require
 from saccade.pyramid import FloatMap, cell_centers
 from saccade.types import FloatArray, IntArray, Scanpath
+
+Region = npt.NDArray[np.bool_]
+"""(h, w) cells of a saliency map."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,12 @@ class ScanpathConfig:
     """Potential over which a winner cell spikes."""
     reset: float = -0.02
     """Potential from which the winner layer starts again."""
-    inhibition_sigma: float = 0.025
-    """Width of the disc of inhibition of return, a Gaussian, as part of the map's longer side."""
+    inhibition_sigma: float = 0.05
+    """Width of the disc of inhibition of return, a Gaussian, as part of the map's longer side.
+
+    At 0.05 it has faded to a ninth where the focus of attention of Itti, Koch & Niebur (1998)
+    ends, a sixth of the shorter side of an image of 8:5 from its center; SaliencyToolbox 2 has
+    0.025."""
     inhibition_strength: float = 2e6
     """Conductance at its center over capacitance, per second and volt of the winner's V."""
     inhibition_surround: float = 1e-4
@@ -98,6 +106,8 @@ def scanpath(
     image_shape: Sequence[int],
     fixations: int = 10,
     config: ScanpathConfig | None = None,
+    *,
+    region: Callable[[int, int], Region | None] | None = None,
 ) -> Scanpath:
     """The first fixations on a saliency map.
 
@@ -110,6 +120,8 @@ def scanpath(
         image_shape: (H, W), or more dimensions, of the image.
         fixations: how many at most.
         config: the network.
+        region: what inhibition of return covers around a winning cell (row, column), (h, w), or
+            None for the disc; `partial(proto_object, maps)` gives the shape of what was seen.
 
     Returns:
         Fixations at the centers of the winning cells, see `saccade.pyramid.cell_centers`.
@@ -135,7 +147,7 @@ def scanpath(
         return Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
     strength = saliency * (config.peak / high) if config.peak > 0 else saliency
-    winners, steps = attend(strength, fixations, config)
+    winners, steps = attend(strength, fixations, config, region)
     columns, rows = np.divmod(winners, saliency.shape[0])
     return Scanpath(
         xy=cell_centers(rows, columns, saliency.shape, image_shape),
@@ -145,9 +157,16 @@ def scanpath(
 
 
 def attend(
-    strength: FloatArray, fixations: int, config: ScanpathConfig
+    strength: FloatArray,
+    fixations: int,
+    config: ScanpathConfig,
+    region: Callable[[int, int], Region | None] | None = None,
 ) -> tuple[IntArray, IntArray]:
-    """The winners of a map as indices down its columns, and the steps in which they spike."""
+    """The winners of a map as indices down its columns, and the steps in which they spike.
+
+    A region depends on who wins: with regions the race is run again from the start for each
+    further winner, in which the ones before win as they did.
+    """
     dt = config.time_step
     network = Network(
         leak=dt / config.map_time_constant,
@@ -165,4 +184,16 @@ def attend(
     cells = np.argsort(-down_columns)[: np.count_nonzero(down_columns)]  # (n,) strongest first
     column, row = np.divmod(cells, strength.shape[0])
     current = network.leak * config.drive * (down_columns[cells] + config.background)
-    return race(network, current, row, column, cells, fixations)
+    regions = np.zeros((0, *strength.shape), np.bool_)
+    if region is None:
+        return race(network, current, row, column, cells, fixations, regions)
+    nothing = np.zeros(strength.shape, np.bool_)
+    winners, steps = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for number in range(1, fixations + 1):
+        winners, steps = race(network, current, row, column, cells, number, regions)
+        if len(winners) < number:
+            break
+        at_column, at_row = divmod(int(winners[-1]), strength.shape[0])
+        found = region(at_row, at_column)
+        regions = np.concatenate([regions, [nothing if found is None else found]])
+    return winners, steps

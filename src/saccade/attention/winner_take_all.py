@@ -7,6 +7,7 @@ recurrence has a closed form, so that it leaps over many steps at once.
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade._jit import kernel
 from saccade.types import FloatArray, IntArray
@@ -62,8 +63,12 @@ def race(
     column: IntArray,
     cells: IntArray,
     fixations: int,
+    regions: npt.NDArray[np.bool_],
 ) -> tuple[IntArray, IntArray]:
     """The winners and their steps, from cells in falling order of what drives them.
+
+    `regions` (r, h, w) are what the inhibition covers at the first r winners; a disc where a
+    region is empty, and at later winners.
 
     Weak cells join when they might win. Until then none of them is over
     `free + current * bound_W`: `free` is what the reset has left, and the bound is a cell of unit
@@ -74,7 +79,7 @@ def race(
     bound_V, bound_W, low, free, joined = 1.0, 0.0, 0.0, net.reset, 0
     winner, spike = np.empty(fixations, np.int64), np.empty(fixations, np.int64)
     event_step = np.empty(2 * fixations, np.int64)
-    event_jump = np.empty((2 * fixations, 3))  # row, column and height; 0 for a reset
+    event_jump = np.empty((2 * fixations, 4))  # row, column, height; 0 for a reset; winner
     found, events, step, reset_at, stride = 0, 0, 0, 0, LEAP
     while found < fixations and step < net.last_step:
         stride = 1 if step < reset_at else min(stride, net.last_step - step)
@@ -100,6 +105,7 @@ def race(
                 step,
                 event_step[:events],
                 event_jump,
+                regions,
                 row[new],
                 column[new],
                 current[new],
@@ -122,11 +128,12 @@ def race(
             winner[found], spike[found] = cells[first], step
             found += 1
             event_step[events] = step
-            event_jump[events] = np.array([row[first], column[first], net.kick * V[first]])
+            jump = np.array([row[first], column[first], net.kick * V[first], found - 1.0])
+            event_jump[events] = jump
             for i in range(joined):
                 if net.threshold < W[i]:
                     W[i] = 0
-            inhibit(net, event_jump[events], row, column, g)
+            inhibit(net, jump, regions, row, column, g)
             events += 1
             low = g[joined:].min() if joined < len(g) else 0.0
             if reset_at <= step:
@@ -165,6 +172,7 @@ def catch_up(
     step: int,
     event_step: IntArray,
     event_jump: FloatArray,
+    regions: npt.NDArray[np.bool_],
     row: IntArray,
     column: IntArray,
     current: FloatArray,
@@ -184,7 +192,7 @@ def catch_up(
             at += over.steps
         if event < len(event_step):
             if event_jump[event, 2] > 0:
-                inhibit(net, event_jump[event], row, column, g)
+                inhibit(net, event_jump[event], regions, row, column, g)
             else:
                 W[:] = net.reset
 
@@ -193,12 +201,19 @@ def catch_up(
 def inhibit(
     net: Network,
     jump: FloatArray,
+    regions: npt.NDArray[np.bool_],
     row: IntArray,
     column: IntArray,
     g: FloatArray,
 ) -> None:
-    """Raise the conductance in a disc, and lower it a little in its wide surround."""
-    y, x, height = jump
+    """Raise the conductance in a region, or in a disc with a little less in its surround."""
+    y, x, height, winner = jump
+    if winner < len(regions) and regions[int(winner)].any():
+        region = regions[int(winner)]
+        for i in range(len(g)):
+            if region[row[i], column[i]]:
+                g[i] += height
+        return
     width = 2 * (4 * net.sigma) ** 2
     down = np.exp(-((np.arange(row.max() + 1) - y) ** 2) / width)
     along = np.exp(-((np.arange(column.max() + 1) - x) ** 2) / width)

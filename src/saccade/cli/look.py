@@ -1,11 +1,19 @@
 """`saccade look`: saliency, conspicuity and scanpath."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from saccade.cli.options import Json, Out, Preset, Settings
+
+
+class Inhibition(StrEnum):
+    """What inhibition of return covers."""
+
+    disc = "disc"
+    shape = "shape"
 
 
 def look(
@@ -19,6 +27,10 @@ def look(
     preset: Preset = None,
     config: Settings = None,
     fixations: Annotated[int, typer.Option(min=1, max=1000, help="Length of the scanpath.")] = 10,
+    inhibition: Annotated[
+        Inhibition,
+        typer.Option(help="What is covered once seen: a disc, or the shape of the object."),
+    ] = Inhibition.disc,
     scanpath_film: Annotated[
         bool, typer.Option("--scanpath-film", help="Also play each scanpath as NAME.scanpath.gif.")
     ] = False,
@@ -41,7 +53,14 @@ def look(
     def look_or_watch(path: Path, name: str) -> dict[str, Any]:
         if is_video(path):
             return watch(path, out / f"{name}.look", settings, every)
-        return look_at(path, out / f"{name}.look", settings, fixations, film=scanpath_film)
+        return look_at(
+            path,
+            out / f"{name}.look",
+            settings,
+            fixations,
+            by_shape=inhibition is Inhibition.shape,
+            film=scanpath_film,
+        )
 
     paths = [path for source in images for path in find_images(source)]
     rows = for_each_image(paths, out, look_or_watch)
@@ -69,6 +88,7 @@ def look_at(
     settings: Any,  # noqa: ANN401
     fixations: int,
     *,
+    by_shape: bool = False,
     film: bool = False,
 ) -> dict[str, Any]:
     """Look at one image: write `out`.png, `out`.npz and the film, give the row for --json.
@@ -78,11 +98,15 @@ def look_at(
         out: what is written, without its suffix.
         settings: a ContrastConfig.
         fixations: length of the scanpath.
+        by_shape: whether inhibition of return covers objects rather than discs.
         film: whether the scanpath is also played.
     """
+    from functools import partial
+
     import numpy as np
 
     from saccade.attention.contrast import contrast_saliency
+    from saccade.attention.proto_object import proto_object
     from saccade.attention.scanpath import scanpath
     from saccade.cli.output import write_arrays
     from saccade.errors import ImageError
@@ -91,10 +115,11 @@ def look_at(
 
     image = read_image(path)
     try:
-        maps = contrast_saliency(image, settings)
+        maps = contrast_saliency(image, settings, keep_features=by_shape)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
-    fixated = scanpath(maps.saliency, image.shape, fixations=fixations)
+    region = partial(proto_object, maps) if by_shape else None
+    fixated = scanpath(maps.saliency, image.shape, fixations=fixations, region=region)
     layers = {
         "saliency": maps.saliency,
         "intensity": maps.intensity,
