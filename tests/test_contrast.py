@@ -126,7 +126,7 @@ def test_a_mirrored_image_has_mirrored_maps(seed, shape, method, preset):
 
 
 @settings(max_examples=20, deadline=None)
-@given(seeds, shapes, st.sampled_from(list(PRESETS)))
+@given(seeds, st.tuples(*2 * [st.integers(32, 90)]), st.sampled_from(list(PRESETS)))
 def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
     image = noise(seed, shape)
     config = PRESETS[preset]
@@ -136,7 +136,9 @@ def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
         same, maps = same[1:], contrast_saliency(same[0], config)
     for other in (contrast_saliency(pixels, config) for pixels in same):
         for name in MAPS:
-            np.testing.assert_allclose(getattr(other, name), getattr(maps, name), atol=1e-3)
+            np.testing.assert_allclose(
+                getattr(other, name), getattr(maps, name), rtol=1e-3, atol=1e-3
+            )
     gray = contrast_saliency(image[:, :, 0], config)
     repeated = contrast_saliency(np.repeat(image[:, :, :1], 3, axis=2), config)
     np.testing.assert_array_equal(gray.saliency, repeated.saliency)
