@@ -3,7 +3,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles_attention as oracles
@@ -126,9 +126,8 @@ def test_a_mirrored_image_has_mirrored_maps(seed, shape, method, preset):
 
 
 @settings(max_examples=20)
-@given(seeds, shapes, st.sampled_from(list(PRESETS)))
+@given(seeds, st.tuples(*2 * [st.integers(32, 90)]), st.sampled_from(list(PRESETS)))
 def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
-    assume(preset != "saliencytoolbox2" or min(shape) >= 32)  # it refuses smaller ones
     image = noise(seed, shape)
     config = PRESETS[preset]
     maps = contrast_saliency(image, config)
@@ -137,10 +136,12 @@ def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
         same, maps = same[1:], contrast_saliency(same[0], config)
     for other in (contrast_saliency(pixels, config) for pixels in same):
         for name in MAPS:
-            np.testing.assert_allclose(getattr(other, name), getattr(maps, name), atol=1e-3)
+            np.testing.assert_allclose(
+                getattr(other, name), getattr(maps, name), rtol=1e-3, atol=1e-3
+            )
     gray = contrast_saliency(image[:, :, 0], config)
     repeated = contrast_saliency(np.repeat(image[:, :, :1], 3, axis=2), config)
-    np.testing.assert_allclose(gray.saliency, repeated.saliency, atol=1e-6)
+    np.testing.assert_array_equal(gray.saliency, repeated.saliency)
     assert gray.saliency.any()
     if preset != "saliencytoolbox2":  # whose flat maps are 5 everywhere
         assert not gray.color.any()

@@ -124,7 +124,10 @@ def test_energy_of_a_grating_is_even_and_its_closed_form():
 @pytest.mark.shared
 @pytest.mark.parametrize("name", ["photo_coffee", "popout_color_gray"])
 def test_levels_and_responses_are_those_of_the_reference(shared, name):
-    """Its kernel is the same but for one stray tap, its borders are not."""
+    """Its kernel is the same but for one stray tap, its borders are not.
+
+    Its response is a sum of magnitudes, which ripples with the phase; ours is their root.
+    """
     folder = shared / "reference" / "saliency"
     reference = np.load(folder / f"{name}.iterative.npz")
     image = read_image(folder / "images" / f"{name}.png").astype(np.float64)
@@ -140,11 +143,11 @@ def test_levels_and_responses_are_those_of_the_reference(shared, name):
     for i, levels in enumerate(zip(*energies, strict=True), start=1):
         pyramids[f"Orientations_{i}"] = levels
     for feature, levels in pyramids.items():
+        least = 0.98 if feature.startswith("Orientations") else 0.995
         for level in (2, 3):
             theirs = reference[f"PYR_{feature}_L{level + 1}"]
             ours, theirs = levels[level][5:-5, 5:-5], theirs[5:-5, 5:-5]
             if theirs.std() == 0:
                 assert ours.std() == 0
             else:
-                least = 0.98 if "Orientations" in feature else 0.99  # magnitude, theirs a sum
                 assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > least, (feature, level)

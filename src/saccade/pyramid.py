@@ -161,8 +161,10 @@ def gabor_energies(
             even = even - turn * product(("sin", kx), ("sin", ky))[0]
             odd = odd + turn * product(("cos", kx), ("sin", ky))[0]
         even_norm, odd_norm = _norms(angle, period, sigma, size)
-        even = (even - total * mean) * image.dtype.type(1 / even_norm)
-        energies.append(cv2.magnitude(even, odd * image.dtype.type(1 / odd_norm)))
+        even = (even - total * mean) / even_norm
+        odd = odd / odd_norm
+        # cv2.magnitude rounds differently with where its input lies in memory
+        energies.append(np.sqrt(even * even + odd * odd))
     return energies
 
 
