@@ -2,12 +2,16 @@
 
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
 DATA = Path(__file__).parent / "data"
+
+hypothesis.settings.register_profile("saccade", deadline=None)  # the first example compiles
+hypothesis.settings.load_profile("saccade")
 
 
 def pytest_collection_modifyitems(items):

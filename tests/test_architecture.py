@@ -14,16 +14,19 @@ import saccade
 SOURCE = Path(saccade.__file__).parent
 FOUNDATION = {"types", "errors", "files"}
 ALLOWED = {
-    "types": set(),
     "errors": set(),
+    "types": {"errors"},
     "files": {"errors"},
     "_jit": {"errors"},
     "image": {"types", "errors"},
+    "video": FOUNDATION | {"image"},
     "pyramid": {"types", "errors", "_jit"},
-    "attention": {"types", "errors", "_jit", "image", "pyramid"},
-    "keypoints": {"types", "errors", "_jit", "image", "pyramid"},
+    "scale_space": {"types", "errors", "_jit"},
+    "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
+    "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "slam": {"types", "errors", "_jit"},
     "datasets": FOUNDATION | {"image"},
+    "evaluation": FOUNDATION,
     "viewing": FOUNDATION,
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 from evo.tools import file_interface
 
@@ -222,3 +223,107 @@ def test_images_of_one_name_do_not_overwrite_each_other(run, tmp_path):
     code, out, _ = run("detect", HALLWAY[0], twin, "--max", 5, "--json")
     assert code == 0
     assert len({row["arrays"] for row in json.loads(out)["images"]}) == 2
+
+
+def write_video(path, frames):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (96, 64))
+    for number in range(frames):
+        frame = np.zeros((64, 96, 3), np.uint8)
+        frame[20:36, 6 * number : 6 * number + 16] = 255
+        writer.write(frame)
+    writer.release()
+
+
+def test_look_takes_folders_patterns_and_videos(run, tmp_path):
+    (tmp_path / "photos").mkdir()
+    for number, name in enumerate(("b.jpg", "a.jpg", "c.png")):
+        picture = cv2.imread(str(HALLWAY[number % 2]))
+        cv2.imwrite(str(tmp_path / "photos" / name), picture)
+    (tmp_path / "photos" / "notes.txt").write_text("no image")
+    write_video(tmp_path / "moving.mp4", 8)
+    code, out, _ = run("look", "photos", "photos/*.png", "moving.mp4", "--every", 2, "--json")
+    assert code == 0
+    *photos, video = json.loads(out)["images"]
+    assert [Path(row["image"]).name for row in photos] == ["a.jpg", "b.jpg", "c.png"]
+    assert video["frames"] == 4
+    with np.load(video["arrays"]) as arrays:
+        np.testing.assert_allclose(arrays["time"], [0, 0.2, 0.4, 0.6])
+        columns = [maps.sum(axis=0).argmax() / maps.shape[1] for maps in arrays["saliency"]]
+    assert columns == sorted(columns)
+    assert columns[-1] > columns[0]
+    film = cv2.VideoCapture(video["film"])
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 4
+    assert film.get(cv2.CAP_PROP_FPS) == 5
+    assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 192
+
+
+def test_a_folder_without_images_is_named(run, tmp_path):
+    (tmp_path / "empty").mkdir()
+    code, _, err = run("look", "empty")
+    assert code == 2
+    assert "empty: expected images" in err
+
+
+def test_a_broken_video_is_named(run, tmp_path):
+    (tmp_path / "broken.mp4").write_bytes(b"no video" * 100)
+    code, _, err = run("look", "broken.mp4")
+    assert code == 2
+    assert "broken.mp4" in err.splitlines()[-1]
+    assert not (tmp_path / "saccade-look" / "broken.look.mp4").exists()
+
+
+def test_the_scanpath_can_be_played(run):
+    code, out, _ = run("look", ROCKET, "--fixations", 3, "--scanpath-film", "--json")
+    assert code == 0
+    (row,) = json.loads(out)["images"]
+    times = [time for _, _, time, _ in row["scanpath"]]
+    with PIL.Image.open(row["film"]) as film:
+        assert film.n_frames == 4
+        lengths = []
+        for number in range(4):
+            film.seek(number)
+            lengths.append(film.info["duration"] / 1000)
+    np.testing.assert_allclose(lengths[:3], 4 * np.diff([0, *times]), atol=0.011)
+
+
+@pytest.fixture
+def gazes(tmp_path, rng):
+    """Two photographs, people who looked at their upper left, and maps that say so."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    rows = ["image,viewer,index,x,y"]
+    for number, path in enumerate(HALLWAY):
+        name = f"{number}.jpg"
+        (folder / name).write_bytes(path.read_bytes())
+        corner = 40 + 200 * number
+        rows += [f"{name},{v},0,250,190" for v in range(5)]
+        rows += [f"{name},{v},1,{corner + x},{30 + v}" for v, x in enumerate(rng.uniform(0, 9, 5))]
+        saliency = np.zeros((384, 512), np.float32)
+        saliency[:80, corner : corner + 60] = 1
+        np.save(folder / f"{number}.npy", saliency)
+    (tmp_path / "gazes.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def test_evaluate_fixations_of_maps_that_a_user_brings(run, gazes):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
+    code, out, _ = run(*words, "--maps", gazes, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert set(found["images"]) == {"0.jpg", "1.jpg"}
+    assert found["mean"]["auc"] > 0.95
+    assert found["mean"]["shuffled_auc"] == 1.0
+    assert found["low"]["nss"] <= found["mean"]["nss"] <= found["high"]["nss"]
+    code, out, _ = run(*words, "--per-image")
+    assert code == 0
+    assert "0.jpg" in out
+
+
+def test_evaluate_fixations_names_what_is_missing(run, gazes):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations"]
+    assert "nowhere.csv" in run(*words, "nowhere.csv")[2]
+    (gazes / "1.npy").unlink()
+    (gazes / "1.jpg").unlink()
+    code, _, err = run(*words, "gazes.csv", "--maps", gazes)
+    assert code == 2
+    assert "1.jpg" in err

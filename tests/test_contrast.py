@@ -111,7 +111,7 @@ def test_each_channel_alone_with_each_normalization(preset, channel, method, col
         np.testing.assert_allclose(maps.saliency, expected, atol=1e-6)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds, shapes, st.sampled_from(NORMALIZATIONS), st.sampled_from(MIRRORED))
 def test_a_mirrored_image_has_mirrored_maps(seed, shape, method, preset):
     image = noise(seed, shape) / np.float32(255)
@@ -125,7 +125,7 @@ def test_a_mirrored_image_has_mirrored_maps(seed, shape, method, preset):
         np.testing.assert_allclose(getattr(upside_down, name)[::-1], expected, atol=2e-4)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds, st.tuples(*2 * [st.integers(32, 90)]), st.sampled_from(list(PRESETS)))
 def test_dtypes_agree_and_grey_has_no_color(seed, shape, preset):
     image = noise(seed, shape)
@@ -293,6 +293,7 @@ def test_pop_out(shared, preset, map_level):
         file = shared / "reference" / "saliency" / "images" / f"popout_{display}.png"
         image = read_image(file)
         rank[display] = rank_of_the_odd_item(contrast_saliency(image, config).saliency, image)
+    print(f"\n{preset}, map level {map_level}: {rank}")
     assert rank.pop("conjunction") > 1
     assert set(rank.values()) == {1}, rank
 

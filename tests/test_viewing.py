@@ -19,6 +19,7 @@ from saccade.viewing import (
     match_figure,
     save_figure,
 )
+from saccade.viewing.attention import lit_by
 
 IMAGE = np.random.default_rng(1).random((60, 90, 3), np.float32)
 SCANPATH = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.1, 0.2]), np.ones(2))
@@ -47,8 +48,16 @@ def test_every_map_has_a_panel_over_the_whole_photograph(count):
     maps = {f"map {i}": IMAGE[::8, ::8, 0] for i in range(count)}
     figure = attention_figure(IMAGE, maps, SCANPATH)
     shown = [axes for axes in figure.axes if axes.images]
-    assert len(shown) == 1 + count
+    assert len(shown) == 2 + count
     assert all(axes.images[0].get_extent() == [-0.5, 89.5, 59.5, -0.5] for axes in shown)
+
+
+def test_the_light_falls_where_the_map_is_high():
+    values = np.zeros((6, 9), np.float32)
+    values[:, 6:] = 3
+    lit = lit_by(np.ones((60, 90, 3), np.float32), values)
+    assert lit[:, :40].max() < 0.2
+    assert lit[:, 75:].min() == 1
 
 
 def test_keypoints_are_circles_of_their_size():

@@ -12,6 +12,8 @@ import numpy.typing as npt
 from saccade.errors import ImageError
 from saccade.types import Float32Array, Image
 
+IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+
 OVERSHOOT = 1e-3
 """By how much a float image may leave [0, 1]; interpolation and rounding leave such traces."""
 
@@ -40,7 +42,7 @@ def read_image(path: str | Path) -> Float32Array:
         raise ImageError(f"{path}: expected an image, found an empty file")
     if _is_cut_short(data):
         raise ImageError(f"{path}: the image is cut short")
-    with _quiet_opencv():
+    with quiet_opencv():
         try:
             bgr = cv2.imdecode(
                 np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
@@ -50,6 +52,28 @@ def read_image(path: str | Path) -> Float32Array:
     if bgr is None:
         raise ImageError(f"{path}: expected an image (PNG, JPEG, TIFF, ...), found something else")
     return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
+
+
+def find_images(source: str | Path) -> list[Path]:
+    """The images that a file, a folder or a glob pattern names, in the order of their names.
+
+    Args:
+        source: a file; a folder, whose images are taken but not those of folders in it; or a
+            pattern such as `photos/**/*.jpg`.
+
+    Raises:
+        ImageError: a folder or a pattern without images.
+    """
+    path = Path(source)
+    if path.is_dir():
+        found = [each for each in sorted(path.iterdir()) if each.suffix.lower() in IMAGE_SUFFIXES]
+    elif not path.exists() and any(sign in str(source) for sign in "*?["):
+        found = sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
+    else:
+        return [path]
+    if not found:
+        raise ImageError(f"{source}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
+    return found
 
 
 def as_rgb(
@@ -150,7 +174,8 @@ def _is_cut_short(data: bytes) -> bool:
 
 
 @contextmanager
-def _quiet_opencv() -> Iterator[None]:
+def quiet_opencv() -> Iterator[None]:
+    """OpenCV says nothing on stderr meanwhile: what is wrong is said once, by us."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

@@ -11,6 +11,8 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from saccade.errors import LogError
+
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
 
@@ -126,7 +128,11 @@ class LandmarkMap:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LandmarkLog:
-    """What a robot drove and what it saw: t controls between t + 1 poses, k observations."""
+    """What a robot drove and what it saw: t controls between t + 1 poses, k observations.
+
+    Raises:
+        LogError: shapes that do not fit together, NaN, or an order that goes back.
+    """
 
     name: str
     """The data set, for headings and messages."""
@@ -154,8 +160,56 @@ class LandmarkLog:
     landmark_truth: LandmarkMap | None = None
     """Where the landmarks really are, if known."""
 
+    def __post_init__(self) -> None:
+        if self.motion not in ("drive", "compose"):
+            raise LogError(f"{self.name}: motion: expected drive or compose, found {self.motion!r}")
+        steps, seen = len(self.control), len(self.observation)
+        size = 2 if self.motion == "drive" else 3
+        shapes = {
+            "start": (3,),
+            "time": (steps + 1,),
+            "control": (steps, size),
+            "control_covariance": (steps, size, size),
+            "observation_pose": (seen,),
+            "observation": (seen, 2),
+            "observation_covariance": (seen, 2, 2),
+            "landmark": (seen,),
+        }
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array.shape != shape:
+                raise LogError(f"{self.name}: {name}: expected shape {shape}, found {array.shape}")
+            if not np.isfinite(array).all():
+                raise LogError(f"{self.name}: {name}: expected finite numbers, found NaN")
+        for name, ordered in (("time", self.time), ("observation_pose", self.observation_pose)):
+            if (np.diff(ordered) < 0).any():
+                row = int(np.argmax(np.diff(ordered) < 0)) + 1
+                raise LogError(f"{self.name}: {name}: goes back at entry {row}; sort the log")
+        if seen > 0 and not 0 <= self.observation_pose[0] <= self.observation_pose[-1] <= steps:
+            raise LogError(f"{self.name}: observation_pose: expected numbers from 0 to {steps}")
+
     def __repr__(self) -> str:
         return (
             f"LandmarkLog({self.name}: {len(self.control)} controls, "
             f"{len(self.observation)} observations)"
         )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FixationTable:
+    """Where people looked, one row per fixation."""
+
+    image: npt.NDArray[np.str_]
+    """(n,) file name of the image."""
+    viewer: IntArray
+    """(n,) who looked."""
+    index: IntArray
+    """(n,) 0 for the first fixation of a viewer on an image."""
+    xy: FloatArray
+    """(n, 2) place in image pixels."""
+
+    def __len__(self) -> int:
+        return len(self.image)
+
+    def __repr__(self) -> str:
+        return f"FixationTable({len(self)} fixations on {len(np.unique(self.image))} images)"

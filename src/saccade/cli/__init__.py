@@ -13,6 +13,7 @@ from saccade import __version__
 from saccade.cli.config import config
 from saccade.cli.demo import demo
 from saccade.cli.detect import detect
+from saccade.cli.evaluate import evaluate
 from saccade.cli.look import look
 from saccade.cli.match import match
 from saccade.cli.slam import slam
@@ -33,6 +34,7 @@ app.command(epilog="Example: saccade detect photo.jpg --preset opencv --max 500"
 app.command(epilog="Example: saccade match left.jpg right.jpg --ratio 0.75")(match)
 app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
 app.command(epilog="Example: saccade demo --out saccade-demo")(demo)
+app.add_typer(evaluate, name="evaluate")
 app.command(epilog="Example: saccade config sift --preset opencv > sift.toml")(config)
 
 

@@ -13,8 +13,8 @@ def config(
 ) -> None:
     """Print a configuration with its presets as TOML.
 
-    Save the preset you want to a file, change it, and hand it to a command with --config.
-    Without --preset every preset is printed, a table each.
+    Save the preset you want to a file, change it, and hand it to a command
+    with --config. Without --preset every preset is printed, a table each.
     """
     from saccade.cli.settings import as_toml, load_settings, preset_names
 

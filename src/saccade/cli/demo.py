@@ -16,8 +16,8 @@ def demo(
 ) -> None:
     """Look at a photograph, match two others, and map a park; then open index.html.
 
-    Everything it needs ships with the package. The first run compiles and takes up to a minute,
-    the next ones take seconds.
+    Everything it needs ships with the package. The first run compiles and
+    takes up to a minute, the next ones take seconds.
     """
     from importlib.resources import as_file, files
 
@@ -58,16 +58,15 @@ def _make(data: Path, out: Path) -> tuple[dict[str, Any], dict[str, Any], dict[s
     columns = (TextColumn("{task.description:<44}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         looking = progress.add_task("attention: where to look in a photograph", total=1)
-        matching = progress.add_task("interest points: what two photographs share", total=1)
-        mapping = progress.add_task("EKF-SLAM: a car in Victoria Park", total=None)
-
         looked = look_at(data / "rocket.jpg", out / "look", load_settings("contrast"), fixations=10)
         progress.update(looking, completed=1)
 
+        matching = progress.add_task("interest points: what two photographs share", total=1)
         pair = (data / "hallway_1.jpg", data / "hallway_2.jpg")
         matched = match_images(*pair, out, Sift(load_settings("sift")), ratio=0.8, mutual=True)
         progress.update(matching, completed=1)
 
+        mapping = progress.add_task("EKF-SLAM: a car in Victoria Park", total=None)
         log = datasets.load("victoria-park", data / "victoria_park.txt")
         mapped = map_log(
             log,

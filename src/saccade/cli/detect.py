@@ -22,14 +22,17 @@ def detect(
 ) -> None:
     """Find interest points with SIFT and describe them.
 
-    For each image a picture (NAME.keypoints.png) and the arrays (NAME.keypoints.npz: xy, size,
-    angle, response, octave, descriptors) appear in --out.
+    For each image a picture (NAME.keypoints.png) and the arrays
+    (NAME.keypoints.npz: xy, size, angle, response, octave, descriptors)
+    appear in --out.
     """
     from saccade.cli.output import for_each_image, print_json, print_table
+    from saccade.image import find_images
 
     sift = make_detector(preset, config, most)
+    paths = [path for source in images for path in find_images(source)]
     rows = for_each_image(
-        images, out, lambda path, name: detect_in(path, out / f"{name}.keypoints", sift)
+        paths, out, lambda path, name: detect_in(path, out / f"{name}.keypoints", sift)
     )
     if as_json:
         print_json({"images": rows})

@@ -5,32 +5,54 @@ from typing import Annotated, Any
 
 import typer
 
-from saccade.cli.options import Images, Json, Out, Preset, Settings
+from saccade.cli.options import Json, Out, Preset, Settings
 
 
 def look(
-    images: Images,
+    images: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="IMAGE...", help="Images, folders of images, quoted patterns, or videos."
+        ),
+    ],
     out: Out = Path("saccade-look"),
     preset: Preset = None,
     config: Settings = None,
     fixations: Annotated[int, typer.Option(min=1, max=1000, help="Length of the scanpath.")] = 10,
+    scanpath_film: Annotated[
+        bool, typer.Option("--scanpath-film", help="Also play each scanpath as NAME.scanpath.gif.")
+    ] = False,
+    every: Annotated[int, typer.Option(min=1, help="Of a video, take one frame of so many.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Show where contrast draws the eye: saliency, conspicuity and scanpath.
 
-    For each image a picture (NAME.look.png) and the arrays (NAME.look.npz) appear in --out.
+    For each image a picture (NAME.look.png) and the arrays (NAME.look.npz) appear in --out; for
+    each video a film (NAME.look.mp4) and the saliency of its frames (NAME.look.npz).
     """
     from saccade.cli.output import for_each_image, print_json, print_table
     from saccade.cli.settings import load_settings
+    from saccade.cli.watch import watch
+    from saccade.image import find_images
+    from saccade.video import is_video
 
     settings = load_settings("contrast", preset, config)
-    rows = for_each_image(
-        images, out, lambda path, name: look_at(path, out / f"{name}.look", settings, fixations)
-    )
+
+    def look_or_watch(path: Path, name: str) -> dict[str, Any]:
+        if is_video(path):
+            return watch(path, out / f"{name}.look", settings, every)
+        return look_at(path, out / f"{name}.look", settings, fixations, film=scanpath_film)
+
+    paths = [path for source in images for path in find_images(source)]
+    rows = for_each_image(paths, out, look_or_watch)
     if as_json:
         print_json({"images": rows})
         return
     for row in rows:
+        if "frames" in row:
+            facts = [["frames", str(row["frames"])], ["film", row["film"]]]
+            print_table(row["image"], ["", ""], facts)
+            continue
         print_table(
             f"{row['image']} -> {row['picture']}",
             ["fixation", "x [px]", "y [px]", "time [ms]", "saliency"],
@@ -41,14 +63,22 @@ def look(
         )
 
 
-def look_at(path: Path, out: Path, settings: Any, fixations: int) -> dict[str, Any]:  # noqa: ANN401
-    """Look at one image: write `out`.png and `out`.npz, give the row for --json.
+def look_at(
+    path: Path,
+    out: Path,
+    settings: Any,  # noqa: ANN401
+    fixations: int,
+    *,
+    film: bool = False,
+) -> dict[str, Any]:
+    """Look at one image: write `out`.png, `out`.npz and the film, give the row for --json.
 
     Args:
         path: the image.
         out: what is written, without its suffix.
         settings: a ContrastConfig.
         fixations: length of the scanpath.
+        film: whether the scanpath is also played.
     """
     import numpy as np
 
@@ -57,7 +87,7 @@ def look_at(path: Path, out: Path, settings: Any, fixations: int) -> dict[str, A
     from saccade.cli.output import write_arrays
     from saccade.errors import ImageError
     from saccade.image import read_image
-    from saccade.viewing import attention_figure, save_figure
+    from saccade.viewing import attention_figure, save_figure, save_film, scanpath_frames
 
     image = read_image(path)
     try:
@@ -80,7 +110,7 @@ def look_at(path: Path, out: Path, settings: Any, fixations: int) -> dict[str, A
     }
     write_arrays(arrays, layers | scanpath_arrays)
     table = np.column_stack([fixated.xy, fixated.time, fixated.saliency])
-    return {
+    row = {
         "image": str(path),
         "width": image.shape[1],
         "height": image.shape[0],
@@ -88,3 +118,7 @@ def look_at(path: Path, out: Path, settings: Any, fixations: int) -> dict[str, A
         "picture": str(picture),
         "arrays": str(arrays),
     }
+    if film:
+        played = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
+        row["film"] = str(save_film(*scanpath_frames(image, fixated), played))
+    return row

@@ -24,7 +24,8 @@ def match(
 ) -> None:
     """Match the interest points of two images.
 
-    The picture (matches.png) and the list (matches.csv: x and y in both images) appear in --out.
+    The picture (matches.png) and the list (matches.csv: x and y in both
+    images) appear in --out.
     """
     from saccade.cli.detect import make_detector
     from saccade.cli.output import print_json, print_table

@@ -5,7 +5,10 @@ from typing import Annotated
 
 import typer
 
-Images = Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="Photographs to work on.")]
+Images = Annotated[
+    list[str],
+    typer.Argument(metavar="IMAGE...", help="Images, folders of images, or quoted patterns."),
+]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for what is made.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
 Preset = Annotated[

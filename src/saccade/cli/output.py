@@ -65,6 +65,8 @@ def for_each_image(
 ) -> list[dict[str, Any]]:
     """Do `work(path, name)` for every image; a bad one is told and the others still done.
 
+    Shows a progress bar on stderr where there are several.
+
     Args:
         paths: the images.
         out: folder that is named where something was left out.
@@ -76,9 +78,19 @@ def for_each_image(
     Raises:
         SaccadeError: at the end, where an image was bad; the message of a single one as it is.
     """
+    from rich.console import Console
+    from rich.progress import track
+
     rows: list[dict[str, Any]] = []
     errors: list[SaccadeError] = []
-    for path, name in names_for(paths).items():
+    named = track(
+        names_for(paths).items(),
+        description=f"{len(paths)} images",
+        console=Console(stderr=True),
+        transient=True,
+        disable=len(paths) == 1,
+    )
+    for path, name in named:
         try:
             rows.append(work(path, name))
         except OutputError:

@@ -1,8 +1,9 @@
 """`saccade slam`: a landmark log in, a trajectory and a map out."""
 
 from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -12,12 +13,16 @@ from saccade.cli.options import Json, Out, Preset, Settings
 def slam(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The recorded log, a file or folder.")],
     out: Out = Path("saccade-slam"),
-    format: Annotated[
-        str, typer.Option(help="victoria-park, mrclam or isam; auto finds out.")
+    kind: Annotated[
+        str,
+        typer.Option("--format", help="victoria-park, mrclam, isam or dlr; auto finds out."),
     ] = "auto",
-    robot: Annotated[int, typer.Option(min=1, help="Which robot, where a log has several.")] = 1,
+    robot: Annotated[
+        int | None, typer.Option(min=1, help="Which robot, where a log has several.")
+    ] = None,
     association: Annotated[
-        str | None, typer.Option(help="known: the log says what was seen; nearest: find out.")
+        str | None,
+        typer.Option(help="known: the log says what was seen; nearest: find out; auto."),
     ] = None,
     preset: Preset = None,
     config: Settings = None,
@@ -25,8 +30,9 @@ def slam(
 ) -> None:
     """Map landmarks from a recorded log with an extended Kalman filter.
 
-    The trajectory (trajectory.tum, for evo), the landmarks with their covariance (landmarks.csv),
-    the picture (map.png) and the settings with the figures (run.json) appear in --out.
+    In --out appear the trajectory (trajectory.tum, for evo), the landmarks
+    with their covariance (landmarks.csv), the picture (map.png), and the
+    settings with the figures (run.json).
     """
     from dataclasses import replace
 
@@ -40,7 +46,7 @@ def slam(
     settings = load_settings("slam", preset, config)
     if association is not None:
         settings = replace(settings, association=association)
-    recorded = datasets.load(format, log, robot=robot)
+    recorded = datasets.load(cast("datasets.Kind", kind), log, robot=robot)
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(f"{recorded.name}", total=None)
         row = map_log(
@@ -83,26 +89,37 @@ def map_log(
 
     import saccade
     from saccade.cli.output import write_text
-    from saccade.datasets import write_landmarks, write_trajectory
+    from saccade.datasets import write_landmarks, write_tum
     from saccade.slam import run
     from saccade.viewing import map_figure, save_figure
 
     result = run(log, settings, progress=progress)
-    figure = map_figure(result.trajectory, result.map, result.dead_reckoning, log.truth)
+    figure = map_figure(result.trajectory, result.map, result.dead_reckoning)
     files = {
-        "picture": save_figure(figure, out / "map.png"),
-        "trajectory": write_trajectory(out / "trajectory.tum", result.trajectory),
-        "landmarks": write_landmarks(out / "landmarks.csv", result.map),
+        "picture": out / "map.png",
+        "trajectory": out / "trajectory.tum",
+        "landmarks": out / "landmarks.csv",
     }
+    save_figure(figure, files["picture"])
+    write_tum(files["trajectory"], result.trajectory)
+    write_landmarks(files["landmarks"], result.map)
+    low, high = result.consistency.band
     row = {
         "log": log.name,
         "poses": len(result.trajectory),
         "observations": len(log.observation),
         "observations_used": int((result.association >= 0).sum()),
         "landmarks": len(result.map),
+        "nis_mean": finite(result.consistency.mean),
+        "nis_band": [low, high],
         "version": saccade.__version__,
         "settings": asdict(settings),
         "files": {name: str(path) for name, path in files.items()},
     }
     write_text(out / "run.json", json.dumps(row, indent=2) + "\n")
     return row
+
+
+def finite(value: float) -> float | None:
+    """A number, or None where there is none: JSON has no NaN."""
+    return value if isfinite(value) else None

@@ -1,6 +1,7 @@
 """Pictures and pages, made from the nouns of `saccade.types`."""
 
-from saccade.viewing.attention import attention_figure
+from saccade.viewing.attention import attention_figure, heat_beside
+from saccade.viewing.film import save_film, scanpath_frames
 from saccade.viewing.keypoints import keypoint_figure, match_figure
 from saccade.viewing.maps import map_figure
 from saccade.viewing.page import Picture, Section, html_page
@@ -10,9 +11,12 @@ __all__ = [
     "Picture",
     "Section",
     "attention_figure",
+    "heat_beside",
     "html_page",
     "keypoint_figure",
     "map_figure",
     "match_figure",
     "save_figure",
+    "save_film",
+    "scanpath_frames",
 ]

@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping
 
+import cv2
+import numpy as np
+import numpy.typing as npt
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from saccade.types import Float32Array, Scanpath
+from saccade.types import Float32Array, Image, Scanpath
 from saccade.viewing.style import HEAT, ORANGE, figure_for, picture_axes
 
 _OUTLINE = [patheffects.withStroke(linewidth=3, foreground="black")]
@@ -15,7 +18,7 @@ _OUTLINE = [patheffects.withStroke(linewidth=3, foreground="black")]
 def attention_figure(
     image: Float32Array, maps: Mapping[str, Float32Array], path: Scanpath
 ) -> Figure:
-    """The photo with its scanpath, then each map as heat.
+    """The photo with its scanpath, each map as heat, and the photo lit by the first map.
 
     Args:
         image: (H, W, 3) in [0, 1].
@@ -23,8 +26,8 @@ def attention_figure(
         path: fixations in image pixels, numbered in their order.
     """
     height, width = image.shape[:2]
-    columns = 2 if len(maps) <= 3 else 3
-    rows = -(-(1 + len(maps)) // columns)
+    columns = 2 if len(maps) <= 2 else 3
+    rows = -(-(2 + len(maps)) // columns)
     figure = figure_for(width, height, columns, rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     panels[0].imshow(image, interpolation="antialiased")
@@ -34,9 +37,37 @@ def attention_figure(
         extent = (-0.5, width - 0.5, height - 0.5, -0.5)
         axes.imshow(values, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
         picture_axes(axes, title)
-    for axes in panels[1 + len(maps) :]:
+    title, salient = next(iter(maps.items()))
+    lit = panels[1 + len(maps)]
+    lit.imshow(lit_by(image, salient), interpolation="antialiased")
+    picture_axes(lit, f"what {title} leaves in the light")
+    for axes in panels[2 + len(maps) :]:
         axes.set_axis_off()
     return figure
+
+
+def lit_by(image: Float32Array, values: Float32Array) -> Float32Array:
+    """The photo, dark where a map is low; (H, W, 3).
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+        values: (h, w), not negative.
+    """
+    light = cv2.resize(values / max(float(values.max()), 1e-12), image.shape[1::-1])
+    return np.asarray(image * (0.15 + 0.85 * light[:, :, None]), np.float32)
+
+
+def heat_beside(frame: Image, values: Float32Array) -> npt.NDArray[np.uint8]:
+    """A frame and its map as heat, side by side: (H, 2 W, 3) RGB.
+
+    Args:
+        frame: (H, W, 3) uint8 RGB.
+        values: (h, w), not negative.
+    """
+    levels = values * (255 / max(float(values.max()), 1e-12))
+    large = cv2.resize(levels.astype(np.uint8), frame.shape[1::-1])
+    heat = cv2.applyColorMap(large, cv2.COLORMAP_CIVIDIS)[:, :, ::-1]
+    return np.hstack([frame, heat]).astype(np.uint8)
 
 
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:

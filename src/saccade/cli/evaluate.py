@@ -1,0 +1,140 @@
+"""`saccade evaluate`: results against people, peers and truth."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from saccade.cli.options import Json, Preset, Settings
+
+evaluate = typer.Typer(
+    help="Measure results against people, peers and truth.", no_args_is_help=True
+)
+
+
+@evaluate.command(
+    epilog="Example: saccade evaluate fixations --images photos --fixations fixations.csv"
+)
+def fixations(
+    images: Annotated[Path, typer.Option(help="Folder with the images that people looked at.")],
+    fixations: Annotated[
+        Path, typer.Option(help="CSV (image, viewer, index, x, y), or the .mat of OSIE.")
+    ],
+    maps: Annotated[
+        Path | None, typer.Option(help="Folder with your own maps, named like the images.")
+    ] = None,
+    preset: Preset = None,
+    config: Settings = None,
+    sigma: Annotated[
+        float, typer.Option(min=0.1, help="Blur of the fixations in pixels, about 1 degree.")
+    ] = 24.0,
+    drop: Annotated[
+        int, typer.Option(min=0, help="First fixations of each viewer that do not count.")
+    ] = 1,
+    per_image: Annotated[bool, typer.Option(help="Also show every image.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Score saliency maps by where people looked.
+
+    AUC over all pixels, shuffled AUC, NSS, CC, SIM, KL and information gain; means over the images
+    with 95 % bootstrap intervals.
+    """
+    from dataclasses import asdict
+
+    from saccade.cli.output import print_json, print_table
+
+    model = _model(images, maps, preset, config)
+    result = _score(images, fixations, model, sigma, drop)
+    mean, (low, high) = result.mean(), result.interval()
+    if as_json:
+        scores = {
+            name: asdict(each) for name, each in zip(result.image, result.scores, strict=True)
+        }
+        print_json(
+            {"mean": asdict(mean), "low": asdict(low), "high": asdict(high), "images": scores}
+        )
+        return
+    columns = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
+    rows = [_row("mean", mean), _row("95 % from", low), _row("to", high)]
+    if per_image:
+        rows += map(_row, result.image, result.scores)
+    print_table(f"{len(result.image)} images, {maps or preset or 'default'}", columns, rows)
+
+
+def _row(name: str, scores: Any) -> list[str]:  # noqa: ANN401
+    from dataclasses import astuple
+
+    return [name, *(f"{value:.3f}" for value in astuple(scores))]
+
+
+def _score(
+    images: Path,
+    fixations: Path,
+    model: Callable[[str], Any],
+    sigma: float,
+    drop: int,
+) -> Any:  # noqa: ANN401
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import track
+
+    from saccade.datasets.fixations import read_fixations
+    from saccade.evaluation.prediction import PredictionScores, score_model
+    from saccade.image import read_image
+
+    table = read_fixations(fixations)
+    counted = table.index >= drop
+    places = {
+        str(name): table.xy[counted & (table.image == name)]
+        for name in np.unique(table.image[counted])
+    }
+    sizes = {name: read_image(images / name).shape[:2] for name in places}
+    scored = track(
+        score_model(model, places, sizes, sigma),
+        description="scoring",
+        total=len(places),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    names, scores = zip(*scored, strict=True)
+    return PredictionScores(names, scores)
+
+
+def _model(
+    images: Path, maps: Path | None, preset: str | None, config: Path | None
+) -> Callable[[str], Any]:
+    import numpy as np
+
+    from saccade.cli.settings import load_settings
+    from saccade.image import as_gray, read_image
+    from saccade.pyramid import resize
+
+    if maps is None:
+        from saccade.attention.contrast import contrast_saliency
+
+        settings = load_settings("contrast", preset, config)
+
+        def predicted(name: str) -> Any:  # noqa: ANN401
+            image = read_image(images / name)
+            return resize(contrast_saliency(image, settings).saliency, image.shape[:2])
+
+        return predicted
+
+    def brought(name: str) -> Any:  # noqa: ANN401
+        shape = read_image(images / name).shape[:2]
+        array = maps / f"{Path(name).stem}.npy"
+        if array.is_file():
+            return resize(np.load(array, allow_pickle=False), shape)
+        return resize(as_gray(read_image(_picture_of(name, maps))), shape)
+
+    return brought
+
+
+def _picture_of(name: str, folder: Path) -> Path:
+    from saccade.errors import ImageError
+
+    for path in (folder / name, folder / f"{Path(name).stem}.png"):
+        if path.is_file():
+            return path
+    raise ImageError(f"{folder}: expected a map for {name} (.npy, .png or the same name)")

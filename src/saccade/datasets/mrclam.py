@@ -1,0 +1,156 @@
+"""The UTIAS multi-robot data sets: Leung, Halpern, Barfoot & Liu (IJRR 2011)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from saccade.datasets.archive import Archive
+from saccade.datasets.odometry import OdometryNoise, integrate
+from saccade.datasets.text import read_columns
+from saccade.errors import LogError, require
+from saccade.types import FloatArray, LandmarkLog, LandmarkMap, Trajectory
+
+ROBOTS = 5
+"""Subjects 1 to 5 are the robots themselves; the others are landmarks."""
+LONGEST_STEP = 0.5
+"""Seconds; poses are put between observations that are farther apart."""
+STALE = 0.2
+"""Seconds by which the first odometry sample may be stamped after the second: those of most
+robots of set 9 are, and are left out."""
+MRCLAM_ODOMETRY = OdometryNoise(distance=0.06, turn=0.12, drift=0.08)
+"""As large as the odometry's errors against the cameras' truth are in set 6, over 1 to 16 s."""
+MRCLAM_SENSOR = (0.2, 0.02)
+"""Standard deviations of range (m) and bearing (rad), of which range also has a bias."""
+
+_ODOMETRY = ("time", "forward velocity", "angular velocity")
+_MEASUREMENT = ("time", "barcode", "range", "bearing")
+_GROUNDTRUTH = ("time", "x", "y", "heading")
+_LANDMARK = ("subject", "x", "y", "x sigma", "y sigma")
+_BARCODE = ("subject", "barcode")
+
+
+@dataclass(frozen=True)
+class _Tables:
+    barcode: FloatArray
+    odometry: FloatArray
+    measurement: FloatArray
+    groundtruth: FloatArray | None
+    landmark: FloatArray | None
+
+
+def read_mrclam(
+    path: str | Path,
+    robot: int = 1,
+    odometry_noise: OdometryNoise = MRCLAM_ODOMETRY,
+    sensor_sigma: tuple[float, float] = MRCLAM_SENSOR,
+) -> LandmarkLog:
+    """Read one robot of an MRCLAM set.
+
+    There is a pose at every time of a measurement, and others between them so
+    that no step is longer than half a second; the odometry is integrated
+    between them by `integrate`. Sightings of other robots and of barcodes that
+    are in no list are left out. Where the truth is known, the log begins at the
+    true pose: its frame is that of the surveyed landmarks.
+
+    Args:
+        path: the published folder (Barcodes.dat, RobotN_Odometry.dat, ...), or an
+            .npz with the same tables.
+        robot: 1 to 5.
+        odometry_noise: of the wheels.
+        sensor_sigma: standard deviations of range (m) and bearing (rad).
+
+    Returns:
+        The log; `landmark` is the subject, 6 to 20.
+
+    Raises:
+        LogError: a file is missing or broken; names the file and the line.
+        ConfigError: no such robot, or a deviation that is not positive.
+    """
+    require(1 <= robot <= ROBOTS, "robot", "a number from 1 to 5", robot)
+    require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
+    path = Path(path)
+    tables = _npz_tables(path, robot) if path.is_file() else _dat_tables(path, robot)
+    time, speed, turn_rate = tables.odometry.T
+    if len(time) == 0:
+        raise LogError(f"{path}: expected odometry of robot {robot}, found none")
+
+    subject_of = {int(barcode): int(subject) for subject, barcode in tables.barcode}
+    subject = np.array([subject_of.get(int(b), -1) for b in tables.measurement[:, 1]], np.int64)
+    seen = tables.measurement[subject > ROBOTS]  # (k, 4)
+    whole = np.concatenate([time[[0, -1]], seen[:, 0]])
+    at = _pose_times(whole.min(), whole.max(), seen[:, 0])
+    control, control_covariance = integrate(time, speed, turn_rate, at, odometry_noise)
+    truth = _trajectory(tables.groundtruth)
+    landmarks = tables.landmark
+    return LandmarkLog(
+        name=f"{path.stem}, robot {robot}",
+        start=np.zeros(3) if truth is None else _interpolate(truth, float(at[0])),
+        time=at,
+        motion="compose",
+        control=control,
+        control_covariance=control_covariance,
+        observation_pose=np.searchsorted(at, seen[:, 0]).astype(np.int64),
+        observation=seen[:, 2:].copy(),
+        observation_covariance=np.tile(np.diag(np.square(sensor_sigma)), (len(seen), 1, 1)),
+        landmark=subject[subject > ROBOTS],
+        truth=truth,
+        landmark_truth=None
+        if landmarks is None
+        else LandmarkMap(
+            id=landmarks[:, 0].astype(np.int64),
+            xy=landmarks[:, 1:3].copy(),
+            covariance=landmarks[:, 3:, None] ** 2 * np.eye(2),
+        ),
+    )
+
+
+def _dat_tables(folder: Path, robot: int) -> _Tables:
+    def table(name: str, columns: tuple[str, ...]) -> FloatArray:
+        return read_columns(folder / name, columns)
+
+    if not folder.is_dir():
+        raise LogError(f"{folder}: expected a folder with Barcodes.dat or an .npz, found nothing")
+    truth = f"Robot{robot}_Groundtruth.dat"
+    surveyed = (folder / "Landmark_Groundtruth.dat").exists()
+    return _Tables(
+        barcode=table("Barcodes.dat", _BARCODE),
+        odometry=read_columns(folder / f"Robot{robot}_Odometry.dat", _ODOMETRY, STALE),
+        measurement=table(f"Robot{robot}_Measurement.dat", _MEASUREMENT),
+        groundtruth=table(truth, _GROUNDTRUTH) if (folder / truth).exists() else None,
+        landmark=table("Landmark_Groundtruth.dat", _LANDMARK) if surveyed else None,
+    )
+
+
+def _npz_tables(path: Path, robot: int) -> _Tables:
+    archive = Archive(path)
+
+    def table(name: str, columns: tuple[str, ...]) -> FloatArray:
+        return archive.table(name, columns)
+
+    truth = f"robot{robot}_groundtruth"
+    return _Tables(
+        barcode=table("barcodes", _BARCODE),
+        odometry=archive.table(f"robot{robot}_odometry", _ODOMETRY, STALE),
+        measurement=table(f"robot{robot}_measurement", _MEASUREMENT),
+        groundtruth=table(truth, _GROUNDTRUTH) if truth in archive else None,
+        landmark=table("landmarks", _LANDMARK) if "landmarks" in archive else None,
+    )
+
+
+def _pose_times(first: float, last: float, seen: FloatArray) -> FloatArray:
+    steps = int(np.ceil((last - first) / LONGEST_STEP))
+    regular = np.linspace(first, last, steps + 1) if steps else np.array([first])
+    return np.union1d(regular, seen)
+
+
+def _trajectory(table: FloatArray | None) -> Trajectory | None:
+    if table is None or len(table) == 0:
+        return None
+    return Trajectory(time=table[:, 0].copy(), pose=table[:, 1:].copy())
+
+
+def _interpolate(truth: Trajectory, time: float) -> FloatArray:
+    x, y = (np.interp(time, truth.time, truth.pose[:, i]) for i in range(2))
+    theta = np.interp(time, truth.time, np.unwrap(truth.pose[:, 2]))
+    return np.array([x, y, np.arctan2(np.sin(theta), np.cos(theta))])

@@ -1,0 +1,28 @@
+"""Trajectories as text, in the format of the TUM RGB-D benchmark, which evo reads."""
+
+from pathlib import Path
+
+import numpy as np
+
+from saccade.files import whole_file
+from saccade.types import Trajectory
+
+
+def write_tum(path: str | Path, trajectory: Trajectory) -> None:
+    """Write `time x y z qx qy qz qw` per pose; the ground is z = 0, headings turn about z.
+
+    Args:
+        path: the file; replaced if it exists.
+        trajectory: poses with headings; covariances are not part of the format.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    x, y, theta = trajectory.pose.T
+    nothing = np.zeros(len(trajectory))
+    half = theta / 2
+    rows = np.stack(
+        [trajectory.time, x, y, nothing, nothing, nothing, np.sin(half), np.cos(half)], 1
+    )
+    with whole_file(path) as temporary:
+        np.savetxt(temporary, rows, fmt="%.9f")

@@ -1,0 +1,311 @@
+"""Extrema of the differences of Gaussians, to a fraction of a sample."""
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade._jit import kernel
+from saccade.types import Float32Array, FloatArray, IntArray
+
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+
+REFITS = 5
+"""Moves to a neighboring sample before an extremum is given up."""
+TRUSTED = 0.25
+"""Samples by which the quartic may move what the quadratic has found."""
+QUARTIC = (
+    np.array(
+        [
+            [0, 2, -1, -2, 1],
+            [0, -16, 16, 4, -4],
+            [24, 0, -30, 0, 6],
+            [0, 16, 16, -4, -4],
+            [0, -2, -1, 2, 1],
+        ]
+    )
+    / 24
+)
+"""(5, 5) by sample and power: the quartic that is 1 at this sample of five and 0 at the others."""
+
+
+class Extrema(NamedTuple):
+    """Extrema of one octave, as its samples count."""
+
+    plane: IntArray
+    """(n,) the nearest plane."""
+    xy: Float32Array
+    """(n, 2)."""
+    scale: FloatArray
+    """(n,) place between the planes."""
+    value: Float32Array
+    """(n,) D at the extremum (B.6)."""
+
+
+def find_extrema(
+    dog: Float32Array,
+    *,
+    border: int,
+    candidate_threshold: float,
+    contrast_threshold: float,
+    edge_ratio: float,
+    quartic: bool,
+) -> Extrema:
+    """The extrema of an octave that stand out and are no edges.
+
+    Args:
+        dog: (s + 2, h, w) differences of Gaussians.
+        border: samples at the edge that are not searched, at least 2.
+        candidate_threshold: what a sample must exceed to be looked at.
+        contrast_threshold: tau_c, the least |D| at the extremum (B.6).
+        edge_ratio: tau_r, the greatest ratio of principal curvatures (B.10).
+        quartic: refine the place by a quartic, and keep extrema halfway between two
+            samples, of which the quadratics at each lead to the other.
+
+    Returns:
+        Each extremum once, by plane, row and column.
+
+    Source: Lowe (2004), sections 3.1 and 4; equations B.4-B.10.
+    """
+    seeds = np.empty((dog.size // 256 + 64, 3), np.int64)  # (n, 3) plane, row, column
+    count = find_candidates(dog, candidate_threshold, border, seeds)
+    if count > len(seeds):
+        seeds = np.empty((count, 3), np.int64)
+        find_candidates(dog, candidate_threshold, border, seeds)
+    seeds = seeds[:count]
+    offsets, values = np.empty((count, 3)), np.empty(count)  # (n, 3) x, y, plane
+    fit_extrema(dog, border, contrast_threshold, edge_ratio, quartic, seeds, offsets, values)
+
+    kept = np.flatnonzero(values)
+    _, first = np.unique(seeds[kept], axis=0, return_index=True)
+    kept = kept[first]
+    plane, row, column = np.ascontiguousarray(seeds[kept].T)
+    x, y, scale = offsets[kept].T
+    return Extrema(
+        plane,
+        np.stack([column + x, row + y], axis=1).astype(np.float32),
+        plane + scale,
+        values[kept].astype(np.float32),
+    )
+
+
+@kernel()
+def find_candidates(dog: Float32Array, threshold: float, border: int, out: IntArray) -> int:
+    """Fill `out` with plane, row and column of the extrema; return how many there are."""
+    planes, height, width = dog.shape
+    marks = np.zeros(width, np.bool_)
+    count = 0
+    for plane in range(1, planes - 1):
+        for row in range(border, height - border):
+            mark_peaks(dog[plane, row - 1], dog[plane, row], dog[plane, row + 1], threshold, marks)
+            for column in range(border, width - border):
+                if marks[column] and is_extremum(dog, plane, row, column):
+                    if count < len(out):
+                        out[count, 0], out[count, 1], out[count, 2] = plane, row, column
+                    count += 1
+    return count
+
+
+@kernel()
+def mark_peaks(
+    above: Float32Array, here: Float32Array, below: Float32Array, threshold: float, out: BoolArray
+) -> None:
+    """Mark the samples of a row that no neighbor in its plane exceeds: few need the other 18."""
+    least = np.float32(threshold)
+    for c in range(1, len(here) - 1):
+        v = here[c]
+        high = (
+            (v > least)
+            & (v >= here[c - 1])
+            & (v >= here[c + 1])
+            & (v >= above[c - 1])
+            & (v >= above[c])
+            & (v >= above[c + 1])
+            & (v >= below[c - 1])
+            & (v >= below[c])
+            & (v >= below[c + 1])
+        )
+        low = (
+            (v < -least)
+            & (v <= here[c - 1])
+            & (v <= here[c + 1])
+            & (v <= above[c - 1])
+            & (v <= above[c])
+            & (v <= above[c + 1])
+            & (v <= below[c - 1])
+            & (v <= below[c])
+            & (v <= below[c + 1])
+        )
+        out[c] = high | low
+
+
+@kernel()
+def is_extremum(dog: Float32Array, plane: int, row: int, column: int) -> bool:
+    """Whether a sample lies above or below its 26 neighbors; of equal ones the first does."""
+    value = dog[plane, row, column]
+    sign = 1 if value > 0 else -1
+    for p in range(plane - 1, plane + 2):
+        for r in range(row - 1, row + 2):
+            for c in range(column - 1, column + 2):
+                rise = sign * (dog[p, r, c] - value)
+                if rise > 0 or (rise == 0 and (p, r, c) < (plane, row, column)):
+                    return False
+    return True
+
+
+@kernel()
+def fit_extrema(
+    dog: Float32Array,
+    border: int,
+    contrast_threshold: float,
+    edge_ratio: float,
+    quartic: bool,
+    seeds: IntArray,
+    offsets: FloatArray,
+    values: FloatArray,
+) -> None:
+    """Move each seed to the sample nearest its extremum; value 0 where there is none to keep."""
+    planes, height, width = dog.shape
+    edge = edge_ratio + 2 + 1 / edge_ratio  # (tau_r + 1)^2 / tau_r, and for an infinite ratio
+    for i in range(len(seeds)):
+        plane, row, column = seeds[i]
+        before = (plane, row, column)
+        values[i] = 0
+        for _ in range(REFITS):
+            x, y, scale, value, trace, determinant = fit_quadratic(dog, plane, row, column)
+            after = (plane + step(scale), row + step(y), column + step(x))
+            # Halfway between two samples the quadratic at each may point to the other.
+            between = after == before and max(abs(x), abs(y), abs(scale)) < 1
+            if after == (plane, row, column) or (quartic and between):
+                strong = abs(value) >= contrast_threshold  # B.6
+                if strong and determinant > 0 and trace * trace < edge * determinant:  # B.10
+                    if quartic:
+                        x, y, scale = refine_place(dog, plane, row, column, x, y, scale)
+                    seeds[i, 0], seeds[i, 1], seeds[i, 2] = plane, row, column
+                    offsets[i, 0], offsets[i, 1], offsets[i, 2] = x, y, scale
+                    values[i] = value
+                break
+            before = (plane, row, column)
+            plane, row, column = after
+            if not (
+                1 <= plane < planes - 1
+                and border <= row < height - border
+                and border <= column < width - border
+            ):
+                break
+
+
+@kernel()
+def step(offset: float) -> int:
+    """Towards the neighbor that is nearer than this sample, if any."""
+    return int(offset > 0.5) - int(offset < -0.5)
+
+
+@kernel()
+def fit_quadratic(
+    dog: Float32Array, plane: int, row: int, column: int
+) -> tuple[float, float, float, float, float, float]:
+    """Where the quadratic through a sample's neighbors is flat, and how it is shaped there.
+
+    Returns:
+        Offset in x, y and plane (B.5), value (B.6), trace and determinant of the
+        spatial Hessian (B.8-B.9).
+    """
+    p, r, c = plane, row, column
+    v = float(dog[p, r, c])
+    gx = 0.5 * (dog[p, r, c + 1] - dog[p, r, c - 1])
+    gy = 0.5 * (dog[p, r + 1, c] - dog[p, r - 1, c])
+    gs = 0.5 * (dog[p + 1, r, c] - dog[p - 1, r, c])
+    xx = dog[p, r, c + 1] - 2 * v + dog[p, r, c - 1]
+    yy = dog[p, r + 1, c] - 2 * v + dog[p, r - 1, c]
+    ss = dog[p + 1, r, c] - 2 * v + dog[p - 1, r, c]
+    xy = 0.25 * (
+        dog[p, r + 1, c + 1] - dog[p, r + 1, c - 1] - dog[p, r - 1, c + 1] + dog[p, r - 1, c - 1]
+    )
+    xs = 0.25 * (
+        dog[p + 1, r, c + 1] - dog[p + 1, r, c - 1] - dog[p - 1, r, c + 1] + dog[p - 1, r, c - 1]
+    )
+    ys = 0.25 * (
+        dog[p + 1, r + 1, c] - dog[p + 1, r - 1, c] - dog[p - 1, r + 1, c] + dog[p - 1, r - 1, c]
+    )
+    x, y, s = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
+    return x, y, s, v + 0.5 * (gx * x + gy * y + gs * s), xx + yy, xx * yy - xy * xy
+
+
+@kernel()
+def refine_place(
+    dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
+) -> tuple[float, float, float]:
+    """Where the quartic in x and y, quadratic in scale, through 3x5x5 samples is flat.
+
+    Newton's method (B.5) from the offset given; that comes back where it leads away.
+    """
+    weights_x, weights_y = np.empty((3, 5)), np.empty((3, 5))
+    u, v, t = x, y, scale
+    for _ in range(3):
+        quartic_weights(u, weights_x)
+        quartic_weights(v, weights_y)
+        gx = gy = gs = xx = yy = ss = xy = xs = ys = 0.0
+        for i in range(3):
+            side = i - 1
+            at, slope, bend = 0.5 * t * (t + side), t + 0.5 * side, 1.0
+            if side == 0:
+                at, slope, bend = 1 - t * t, -2 * t, -2.0
+            for j in range(5):
+                level, along, curve = 0.0, 0.0, 0.0
+                for k in range(5):
+                    sample = float(dog[plane - 1 + i, row - 2 + j, column - 2 + k])
+                    level += weights_x[0, k] * sample
+                    along += weights_x[1, k] * sample
+                    curve += weights_x[2, k] * sample
+                w, dw, ddw = weights_y[0, j], weights_y[1, j], weights_y[2, j]
+                gx += at * w * along
+                gy += at * dw * level
+                gs += slope * w * level
+                xx += at * w * curve
+                yy += at * ddw * level
+                ss += bend * w * level
+                xy += at * dw * along
+                xs += slope * w * along
+                ys += slope * dw * level
+        du, dv, dt = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
+        u, v, t = u + du, v + dv, t + dt
+        if not max(abs(u - x), abs(v - y), abs(t - scale)) < TRUSTED:
+            return x, y, scale
+    return u, v, t
+
+
+@kernel()
+def quartic_weights(t: float, out: FloatArray) -> None:
+    """Fill (3, 5) `out` with what five samples at -2..2 weigh in the quartic through them at `t`.
+
+    The rows are for its value, slope and curvature.
+    """
+    for node in range(5):
+        a, b, c, d, e = QUARTIC[node]  # powers 0 to 4
+        out[0, node] = a + t * (b + t * (c + t * (d + t * e)))
+        out[1, node] = b + t * (2 * c + t * (3 * d + t * 4 * e))
+        out[2, node] = 2 * c + t * (6 * d + t * 12 * e)
+
+
+@kernel()
+def newton_step(
+    gx: float,
+    gy: float,
+    gs: float,
+    xx: float,
+    yy: float,
+    ss: float,
+    xy: float,
+    xs: float,
+    ys: float,
+) -> tuple[float, float, float]:
+    """-H^-1 g by cofactors of the symmetric H (B.5); not finite where H has no inverse."""
+    cxx, cxy, cxs = yy * ss - ys * ys, xs * ys - xy * ss, xy * ys - xs * yy
+    cyy, cys, css = xx * ss - xs * xs, xy * xs - xx * ys, xx * yy - xy * xy
+    whole = xx * cxx + xy * cxy + xs * cxs
+    return (
+        -(cxx * gx + cxy * gy + cxs * gs) / whole,
+        -(cxy * gx + cyy * gy + cys * gs) / whole,
+        -(cxs * gx + cys * gy + css * gs) / whole,
+    )

@@ -1,0 +1,179 @@
+"""Images at many scales, shared by attention and interest points."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import log2, sqrt
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from saccade.types import Float32Array, FloatArray
+
+SMALLEST_SIDE = 8
+"""Samples: an octave narrower than this shows its reflected borders, not the image."""
+
+Grid = Literal["centered", "shifted"]
+"""Where an octave has its samples; see `gaussian_scale_space`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScaleSpace:
+    """An image under growing blur, sampled half as densely from octave to octave (B.1-B.2)."""
+
+    octaves: tuple[Float32Array, ...]
+    """Each (s + 3, h, w): plane i is blurred by `base_sigma * 2**(i / s)` samples."""
+    origin: FloatArray
+    """(octaves, 2) image pixel (x, y) on which the first sample of each octave is said to lie."""
+    spacing: FloatArray
+    """(octaves,) image pixels from one sample to the next."""
+
+    def __repr__(self) -> str:
+        shapes = ", ".join("x".join(map(str, octave.shape)) for octave in self.octaves)
+        return f"ScaleSpace({len(self.octaves)} octaves: {shapes})"
+
+
+def gaussian_scale_space(
+    gray: Float32Array,
+    *,
+    first_octave: int = -1,
+    octaves: int = 0,
+    intervals: int = 3,
+    base_sigma: float = 1.6,
+    camera_sigma: float = 0.5,
+    kernel_radius: float = 4.0,
+    grid: Grid = "centered",
+    smallest_side: int = SMALLEST_SIDE,
+) -> ScaleSpace:
+    """The Gaussian scale space of a grey image.
+
+    Args:
+        gray: (H, W).
+        first_octave: -1 to double the image first, 0 to start from the image.
+        octaves: how many at most; 0 for as many as the image has room for.
+        intervals: s, the scales to an octave.
+        base_sigma: blur of the first plane of every octave, in its own samples.
+        camera_sigma: blur that the image is assumed to have, in pixels.
+        kernel_radius: where the Gaussian kernel is cut, in sigmas.
+        grid: "centered" lays the samples of every octave evenly about the middle of the
+            image, so that a mirrored image has the mirrored scale space. "shifted" does
+            as OpenCV: doubling moves the image by a quarter pixel to the right and down,
+            and every octave starts at the upper left sample of the one before.
+        smallest_side: octaves narrower than this are left out.
+
+    Returns:
+        Octaves of float32 planes; none where the image is smaller than `smallest_side`.
+
+    Source: Lowe (2004), section 3; equations B.1-B.2.
+    """
+    plane, origin, spacing, blur = gray, np.zeros(2), 1.0, camera_sigma
+    if first_octave < 0:
+        plane = double(gray) if grid == "centered" else double_shifted(gray)
+        spacing, blur = 0.5, 2 * camera_sigma
+    plane = blurred(plane, sqrt(max(base_sigma**2 - blur**2, 0.01)), kernel_radius)
+    sigmas = [base_sigma * 2 ** (i / intervals) for i in range(intervals + 3)]
+    steps = [sqrt(after**2 - before**2) for before, after in pairwise(sigmas)]
+
+    stacks: list[Float32Array] = []
+    origins, spacings = [], []
+    limit = octaves or int(log2(max(plane.shape))) + 1
+    while len(stacks) < limit and min(plane.shape) >= smallest_side:
+        stack = np.empty((intervals + 3, *plane.shape), np.float32)
+        stack[0] = plane
+        for i, sigma in enumerate(steps):
+            blurred(stack[i], sigma, kernel_radius, out=stack[i + 1])  # B.2
+        stacks.append(stack)
+        origins.append(origin)
+        spacings.append(spacing)
+        if grid == "centered":
+            step = sqrt(sigmas[intervals] ** 2 - sigmas[intervals - 1] ** 2)
+            plane, start = halve(stack[intervals - 1], stack[intervals], step, kernel_radius)
+            origin = origin + spacing * start
+        else:
+            height, width = plane.shape
+            plane = stack[intervals, : height // 2 * 2 : 2, : width // 2 * 2 : 2]
+        spacing *= 2
+    return ScaleSpace(
+        tuple(stacks), np.array(origins).reshape(-1, 2), np.array(spacings, np.float64)
+    )
+
+
+def difference_of_gaussians(octave: Float32Array) -> Float32Array:
+    """(s + 2, h, w): each plane of an octave taken from the next (B.3)."""
+    differences: Float32Array = np.diff(octave, axis=0)
+    return differences
+
+
+def double(gray: Float32Array) -> Float32Array:
+    """(2H - 1, 2W - 1): every pixel in its place, and linear means halfway between."""
+    height, width = gray.shape
+    doubled = np.empty((2 * height - 1, 2 * width - 1), np.float32)
+    doubled[::2, ::2] = gray
+    doubled[::2, 1::2] = (gray[:, :-1] + gray[:, 1:]) * np.float32(0.5)
+    doubled[1::2] = (doubled[:-2:2] + doubled[2::2]) * np.float32(0.5)
+    return doubled
+
+
+def double_shifted(gray: Float32Array) -> Float32Array:
+    """(2H, 2W), aligned at the image's edges: sample X lies at pixel X / 2 - 1 / 4."""
+    height, width = gray.shape
+    doubled = np.empty((2 * height, 2 * width), np.float32)
+    cv2.resize(gray, (2 * width, 2 * height), dst=doubled)
+    return doubled
+
+
+def halve(
+    before: Float32Array, plane: Float32Array, step: float, kernel_radius: float
+) -> tuple[Float32Array, FloatArray]:
+    """Every second sample of a plane, laid evenly about its middle.
+
+    A side of odd length keeps samples, an odd number of them so that the next octave can
+    do the same. On a side of even length they would lie off the middle: there means of
+    two are taken, of a plane that is less blurred by as much as the mean blurs.
+
+    Args:
+        before: (h, w) the plane that `plane` was made from.
+        plane: (h, w).
+        step: sigma of the blur that led from `before` to `plane`.
+        kernel_radius: where the Gaussian kernel is cut, in sigmas.
+
+    Returns:
+        (h', w') plane and the (2,) place (x, y) of its first sample, in samples of `plane`.
+    """
+    mean_of_two = 0.25  # variance
+    even = [side % 2 == 0 for side in plane.shape]
+    if any(even):
+        down, across = (sqrt(max(step**2 - mean_of_two * e, 0.01)) for e in even)
+        plane = blurred(before, across, kernel_radius, sigma_y=down)
+    start = [0.5, 0.5]
+    for axis, side in enumerate(plane.shape):
+        lines = np.moveaxis(plane, axis, 0)
+        if even[axis]:
+            lines = (lines[::2] + lines[1::2]) * np.float32(0.5)
+        else:
+            first = (side + 1) // 2 % 2 == 0
+            start[axis] = float(first)
+            lines = lines[int(first) :: 2]
+        plane = np.moveaxis(lines, 0, axis)
+    return plane, np.array(start[::-1])
+
+
+def blurred(
+    plane: Float32Array,
+    sigma: float,
+    kernel_radius: float,
+    *,
+    sigma_y: float | None = None,
+    out: Float32Array | None = None,
+) -> Float32Array:
+    """A plane under a Gaussian that is cut at `kernel_radius` sigmas, mirrored outside.
+
+    `sigma_y` is the sigma down the columns where it differs; `out` takes the result.
+    """
+    sigma_y = sigma if sigma_y is None else sigma_y
+    size = [round(2 * kernel_radius * s + 1) | 1 for s in (sigma, sigma_y)]
+    result = np.empty(plane.shape, np.float32) if out is None else out
+    cv2.GaussianBlur(
+        plane, size, sigma, dst=result, sigmaY=sigma_y, borderType=cv2.BORDER_REFLECT_101
+    )
+    return result

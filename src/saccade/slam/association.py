@@ -1,0 +1,130 @@
+"""Which landmark of the map each observation of a scan is of."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.ekf import EkfSlam
+from saccade.types import FloatArray, IntArray
+
+NEW = -1
+"""Of no landmark in the map: it may become one."""
+DROPPED = -2
+"""Ambiguous: near a landmark, but not near enough or not the only one."""
+
+
+class Association(Protocol):
+    """A rule that says what the observations of a scan are of."""
+
+    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
+        """Associate a scan.
+
+        Args:
+            ekf: the filter, predicted to the pose of the scan.
+            z: (m, 2) range in metres, bearing in radians.
+            R: (m, 2, 2) their covariances.
+            identity: (m,) of the landmarks as the log has it, -1 where it does not say.
+
+        Returns:
+            (m,) the number of the landmark in the map, `NEW` or `DROPPED`.
+        """
+
+    def added(self, landmark: int, identity: int) -> None:
+        """Hear that an observation of `identity` became number `landmark` of the map."""
+
+
+@dataclass
+class KnownIdentity:
+    """The log says it.
+
+    What has no identity is dropped, and so is the second sighting, in one scan,
+    of a landmark that the map does not have yet.
+    """
+
+    number: dict[int, int] = field(default_factory=dict)
+    """Of each identity seen so far, its landmark in the map."""
+
+    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
+        """Look each identity up; see `Association`."""
+        names = identity.tolist()
+        found = [self.number.get(name, NEW) if name >= 0 else DROPPED for name in names]
+        again = [name in names[:i] for i, name in enumerate(names)]
+        return np.array(
+            [DROPPED if n == NEW and twice else n for n, twice in zip(found, again, strict=True)],
+            np.int64,
+        )
+
+    def added(self, landmark: int, identity: int) -> None:
+        """Remember which landmark it became."""
+        self.number[identity] = landmark
+
+
+@dataclass(frozen=True)
+class NearestNeighbor:
+    """The nearest landmark within a gate, by Mahalanobis distance.
+
+    Of a scan, each landmark takes at most one observation and each observation
+    at most one landmark, the closest pair first. An observation outside the
+    larger gate of every landmark is new; what is left over is ambiguous.
+    """
+
+    gate: float = 0.99
+    """Probability with which an observation of a landmark is inside its gate."""
+    new_gate: float = 0.9999
+    """Probability with which an observation that is not of a new landmark is inside this one."""
+
+    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
+        """Associate by distance alone; see `Association`."""
+        distance = mahalanobis_squared(ekf, z, R)  # (m, N)
+        nearest = distance.min(1, initial=np.inf)
+        outside = nearest > chi_square_gate(2, self.new_gate)
+        return np.where(
+            outside, NEW, pair_nearest_first(distance, chi_square_gate(2, self.gate))
+        ).astype(np.int64)
+
+    def added(self, landmark: int, identity: int) -> None:
+        """Nothing to remember: the map is in the filter."""
+
+
+def mahalanobis_squared(ekf: EkfSlam, z: FloatArray, R: FloatArray) -> FloatArray:
+    """Normalized innovation squared of every observation with every landmark.
+
+    Args:
+        ekf: the filter, with N landmarks.
+        z: (m, 2) observations.
+        R: (m, 2, 2) their covariances.
+
+    Returns:
+        (m, N); infinite where the innovation covariance is singular.
+    """
+    expected = ekf.expect()
+    v = ekf.sensor.difference(z[:, None], expected.z)  # (m, N, 2)
+    S = expected.covariance + R[:, None]  # (m, N, 2, 2)
+    a, b, d = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
+    determinant = a * d - b * b
+    square = d * v[..., 0] ** 2 - 2 * b * v[..., 0] * v[..., 1] + a * v[..., 1] ** 2
+    regular = determinant > 0
+    return np.where(regular, square / np.where(regular, determinant, 1.0), np.inf)
+
+
+def pair_nearest_first(distance: FloatArray, limit: float) -> IntArray:
+    """Pair rows with columns, the smallest distance first, none twice.
+
+    Args:
+        distance: (m, N).
+        limit: pairs over this distance are not made.
+
+    Returns:
+        (m,) the column of each row, `DROPPED` for a row without one.
+    """
+    paired = np.full(len(distance), DROPPED, np.int64)
+    rows, columns = np.nonzero(distance <= limit)
+    order = np.argsort(distance[rows, columns], kind="stable")
+    taken: set[int] = set()
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        if paired[row] == DROPPED and column not in taken:
+            paired[row] = column
+            taken.add(column)
+    return paired

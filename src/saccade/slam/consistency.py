@@ -1,0 +1,83 @@
+"""Whether a filter's errors are as large as it says: NIS, NEES and their bands.
+
+After Bar-Shalom, Li & Kirubarajan (2001), section 5.4.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from saccade.errors import require
+from saccade.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Consistency:
+    """Normalized innovations squared of a run, against the chi-square distribution."""
+
+    nis: FloatArray
+    """(k,) of each observation; NaN where it corrected nothing (a new landmark, or not used)."""
+    dof: int
+    """Degrees of freedom of one innovation: the mean that a consistent filter has."""
+    mean: float
+    """Of the observations that corrected; NaN if there were none."""
+    band: tuple[float, float]
+    """Where the mean of a consistent filter lies, with 95 % probability."""
+    inside: float
+    """Share of the innovations within the 95 % band of a single one; NaN if there were none."""
+
+    def __repr__(self) -> str:
+        low, high = self.band
+        return f"Consistency(NIS {self.mean:.2f}, band {low:.2f}-{high:.2f}, {self.inside:.1%} in)"
+
+
+def normalized_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """e^T C^-1 e: the NIS of innovations, or the NEES of errors of the state.
+
+    Args:
+        error: (..., d); angles already wrapped.
+        covariance: (..., d, d), positive definite.
+
+    Returns:
+        (...,) values, chi-square with d degrees of freedom if the covariance is right.
+    """
+    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return np.asarray((error * solved).sum(-1))
+
+
+def chi_square_gate(dof: int, confidence: float) -> float:
+    """The value under which a chi-square variable of `dof` degrees stays with `confidence`."""
+    require(0 < confidence < 1, "confidence", "a probability between 0 and 1", confidence)
+    return float(chdtri(dof, 1 - confidence))
+
+
+def chi_square_band(dof: int, count: int = 1, confidence: float = 0.95) -> tuple[float, float]:
+    """Where the mean of `count` independent chi-square variables lies with `confidence`.
+
+    Args:
+        dof: degrees of freedom of each.
+        count: how many are averaged.
+        confidence: probability of the band, which leaves out as much below as above.
+
+    Returns:
+        Its lower and upper end.
+    """
+    require(count > 0, "count", "at least 1", count)
+    tail = (1 - confidence) / 2
+    low, high = chi_square_gate(dof * count, tail), chi_square_gate(dof * count, 1 - tail)
+    return low / count, high / count
+
+
+def summarize(nis: FloatArray, dof: int = 2) -> Consistency:
+    """The NIS of a run, NaN where an observation corrected nothing, in a few numbers."""
+    used = nis[np.isfinite(nis)]
+    low, high = chi_square_band(dof)
+    inside = (used >= low) & (used <= high)
+    return Consistency(
+        nis=nis,
+        dof=dof,
+        mean=float(used.mean()) if len(used) else float("nan"),
+        band=chi_square_band(dof, max(len(used), 1)),
+        inside=float(inside.mean()) if len(used) else float("nan"),
+    )

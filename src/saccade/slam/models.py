@@ -1,0 +1,154 @@
+"""Motion, observation and initialization, each with its Jacobians (appendix C).
+
+A motion model is a function of pose and control. A sensor model is a `Sensor`:
+what is expected of a landmark, where an observation puts one, and the
+difference of two observations. A model of one's own is handed to `EkfSlam`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos, sin
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.types import FloatArray
+
+Motion: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+"""(pose (3,), control (c,)) -> next pose (3,), Jacobians by pose (3, 3) and control (3, c)."""
+
+NEAREST = 1e-6
+"""Metres; a landmark closer than this to the robot has no direction."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What an observation of a landmark is."""
+
+    observe: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+    """(pose (3,), landmarks (..., 2)) -> expected (..., 2), Jacobian (..., 2, 5) by
+    the pose and the landmark."""
+    place: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+    """(pose (3,), z (..., 2)) -> landmark (..., 2), Jacobians by pose (..., 2, 3) and
+    z (..., 2, 2)."""
+    difference: Callable[[FloatArray, FloatArray], FloatArray]
+    """(z (..., 2), expected (..., 2)) -> innovation (..., 2)."""
+
+
+def wrap(angle: npt.ArrayLike) -> FloatArray:
+    """The same angle in (-pi, pi], element by element."""
+    a = np.asarray(angle, np.float64)
+    inside = np.pi - np.mod(np.pi - a, 2 * np.pi)
+    return np.asarray(np.where((a > -np.pi) & (a <= np.pi), a, inside))
+
+
+def wrapped(angle: float) -> float:
+    """`wrap` of a single number, without an array around it."""
+    if -np.pi < angle <= np.pi:
+        return angle
+    return float(np.pi - (np.pi - angle) % (2 * np.pi))
+
+
+def drive(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Turn, then go ahead (C.5-C.9).
+
+    Args:
+        pose: (3,) x, y in metres, heading in radians.
+        control: (2,) distance in metres, turn in radians.
+
+    Returns:
+        The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 2).
+    """
+    x, y, theta = pose.tolist()
+    d, phi = control.tolist()
+    c, s = cos(theta + phi), sin(theta + phi)
+    moved = np.array([x + d * c, y + d * s, wrapped(theta + phi)])  # C.5
+    Fx = np.array([[1.0, 0.0, -d * s], [0.0, 1.0, d * c], [0.0, 0.0, 1.0]])  # C.8, (3, 3)
+    Fu = np.array([[c, -d * s], [s, d * c], [0.0, 1.0]])  # C.9, (3, 2)
+    return moved, Fx, Fu
+
+
+def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Go to a pose that is given in the frame of the last one.
+
+    Args:
+        pose: (3,) x, y in metres, heading in radians.
+        control: (3,) forward, left in metres, turn in radians.
+
+    Returns:
+        The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 3).
+    """
+    x, y, theta = pose.tolist()
+    forward, left, turn = control.tolist()
+    c, s = cos(theta), sin(theta)
+    dx, dy = c * forward - s * left, s * forward + c * left
+    moved = np.array([x + dx, y + dy, wrapped(theta + turn)])
+    Fx = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])  # (3, 3)
+    Fu = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # (3, 3)
+    return moved, Fx, Fu
+
+
+def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing of landmarks from a pose (C.14).
+
+    Args:
+        pose: (3,) x, y in metres, heading in radians.
+        landmarks: (..., 2) in metres.
+
+    Returns:
+        Range in metres and bearing in radians (..., 2), and the Jacobian (..., 2, 5)
+        by x, y, theta, mx, my. A landmark within a micrometre of the robot has no
+        direction: its bearing and its Jacobian are zero, so that it moves nothing.
+    """
+    dx, dy = pose[0] - landmarks[..., 0], pose[1] - landmarks[..., 1]
+    q = np.hypot(dx, dy)
+    seen = q > NEAREST
+    safe = np.where(seen, q, 1.0)
+    cx, cy = np.where(seen, dx / safe, 0.0), np.where(seen, dy / safe, 0.0)
+    z = np.empty(landmarks.shape)
+    z[..., 0] = q
+    z[..., 1] = np.where(seen, wrap(np.arctan2(-dy, -dx) - pose[2]), 0.0)
+    H = np.empty((*landmarks.shape, 5))
+    H[..., 0, 0] = cx
+    H[..., 0, 1] = cy
+    H[..., 0, 2] = 0.0
+    H[..., 1, 0] = -cy / safe
+    H[..., 1, 1] = cx / safe
+    H[..., 1, 2] = -1.0 * seen
+    H[..., 3:] = -H[..., :2]
+    return z, H  # (..., 2), (..., 2, 5)
+
+
+def place(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where observed landmarks are (C.15-C.18).
+
+    Args:
+        pose: (3,) x, y in metres, heading in radians.
+        z: (..., 2) range in metres, bearing in radians.
+
+    Returns:
+        Places in metres (..., 2), and their Jacobians by pose (..., 2, 3) and
+        by z (..., 2, 2).
+    """
+    r, beta = z[..., 0], pose[2] + z[..., 1]
+    c, s = np.cos(beta), np.sin(beta)
+    xy = np.stack([pose[0] + r * c, pose[1] + r * s], -1)  # C.15
+    Gx = np.zeros((*z.shape, 3))
+    Gx[..., 0, 0] = Gx[..., 1, 1] = 1.0
+    Gx[..., 0, 2], Gx[..., 1, 2] = -r * s, r * c
+    Gz = np.empty((*z.shape, 2))
+    Gz[..., 0, 0], Gz[..., 0, 1] = c, -r * s
+    Gz[..., 1, 0], Gz[..., 1, 1] = s, r * c
+    return xy, Gx, Gz
+
+
+def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
+    """`z - expected` (..., 2), the bearing wrapped."""
+    innovation = np.asarray(z - expected, np.float64)
+    innovation[..., 1] = wrap(innovation[..., 1])
+    return innovation
+
+
+RANGE_BEARING = Sensor(observe, place, difference)
+"""Range in metres and bearing in radians, from the robot's place and heading."""

@@ -1,0 +1,255 @@
+"""Readers against files made by hand, and what they say of broken ones; writers against readers."""
+
+import csv
+
+import numpy as np
+import pytest
+from evo.tools import file_interface
+from hypothesis import given
+from hypothesis import strategies as st
+
+from saccade.datasets import (
+    OdometryNoise,
+    integrate,
+    load,
+    read_dlr,
+    read_isam,
+    write_landmarks,
+    write_tum,
+)
+from saccade.errors import ConfigError, LogError, OutputError
+from saccade.slam import compose
+from saccade.types import LandmarkMap, Trajectory
+
+QUIET = OdometryNoise(0.0, 0.0, 0.0)
+ISAM = """ODOMETRY 0 1 1 0 1.5707963 0.01 0 0 0.02 0.001 0.03
+LANDMARK 1 2 3 4 0.5 0.1 0.4
+ODOMETRY 1 3 2 0.5 0 0.01 0 0 0.02 0 0.03
+
+# a remark
+LANDMARK 0 7 0 2 0.5 0 0.4
+LANDMARK 3 7 -1 0 0.5 0 0.4
+"""
+
+
+def _file(tmp_path, text, name="log.txt"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_isam_lines_become_a_log(tmp_path):
+    log = load("auto", _file(tmp_path, ISAM, "park.txt"))
+    assert log.name == "park"
+    assert log.time.tolist() == [0, 1, 3]
+    np.testing.assert_array_equal(log.control[1], [2, 0.5, 0])
+    assert log.observation_pose.tolist() == [0, 1, 2]
+    assert log.landmark.tolist() == [7, 2, 7]
+    np.testing.assert_allclose(log.observation, [[2, np.pi / 2], [5, np.arctan2(4, 3)], [1, np.pi]])
+    np.testing.assert_allclose(
+        log.control_covariance[0], [[0.01, 0, 0], [0, 0.02, 0.001], [0, 0.001, 0.03]]
+    )
+
+
+def test_cartesian_noise_becomes_that_of_range_and_bearing(tmp_path, rng):
+    log = read_isam(_file(tmp_path, ISAM))
+    sample = rng.multivariate_normal([3, 4], np.array([[0.5, 0.1], [0.1, 0.4]]) * 1e-6, 40_000)
+    polar = np.stack([np.hypot(*sample.T), np.arctan2(*sample.T[::-1])], 1)
+    found = np.cov(polar.T) * 1e6
+    scale = np.sqrt(np.outer(found.diagonal(), found.diagonal()))
+    np.testing.assert_allclose(log.observation_covariance[1] / scale, found / scale, atol=0.03)
+
+
+@pytest.mark.parametrize("entries", ["covariance", "information", "root", "toro"])
+def test_each_dialect_says_the_same_covariance(tmp_path, rng, entries):
+    root = rng.normal(size=(3, 3)) + 3 * np.eye(3)
+    C = root @ root.T
+    M = {
+        "covariance": C,
+        "information": np.linalg.inv(C),
+        "toro": np.linalg.inv(C),
+        "root": np.linalg.cholesky(np.linalg.inv(C)).T,
+    }[entries]
+    order = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+    if entries == "toro":
+        order = [(0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2)]
+    numbers = " ".join(repr(float(M[i])) for i in order)
+    log = load("isam", _file(tmp_path, f"EDGE2 0 1 1 2 3 {numbers}\n"), entries=entries)
+    np.testing.assert_allclose(log.control_covariance[0], C, rtol=1e-9)
+
+
+def test_dialect_is_found_out_from_the_lines(tmp_path):
+    edge = "EDGE2 0 1 1 0 0 50 0 0 50 0 100\n"
+    for text, variance in (
+        (edge, 1 / 50**2),
+        ("VERTEX2 0 0 0 0\n" + edge.replace("50 0 0 50 0 100", "50 0 50 100 0 0"), 1 / 50),
+        (edge.replace("EDGE2", "ODOMETRY"), 50),
+    ):
+        log = read_isam(_file(tmp_path, text))
+        np.testing.assert_allclose(log.control_covariance[0, 0, 0], variance)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "found none"),
+        ("LANDMARK 0 1 2 3 1 0 1\n", "expected ODOMETRY or EDGE2 lines"),
+        (ISAM + "GPS 1 2 3\n", "line 8: expected ODOMETRY, EDGE2, LANDMARK or VERTEX2.*'GPS'"),
+        (ISAM[: ISAM.index(" 0.1 0.4")], "line 2: expected 8 fields in a line of LANDMARK"),
+        (ISAM.replace("-1 0 0.5", "-1 x 0.5"), "line 7: expected a finite number, found 'x'"),
+        (ISAM.replace("-1 0 0.5", "nan 0 0.5"), "line 7: expected a finite number, found 'nan'"),
+        (ISAM.replace("-1 0 0.5", "0 0 0.5"), "line 7: .*found range 0"),
+        (ISAM.replace("LANDMARK 3 7", "LANDMARK 4 7"), "line 7: expected a pose of the log"),
+        (ISAM.replace("LANDMARK 3 7", "LANDMARK 3 b"), "line 7: expected the number .* 'b'"),
+        (ISAM.replace("0.5 0.1 0.4", "0.5 2 0.4"), "line 2: .*entries of a covariance"),
+        (ISAM + "ODOMETRY 3 0 0 0 0 1 0 0 1 0 1\n", "line 8: .*loop closures"),
+        (ISAM + "ODOMETRY 1 5 0 0 0 1 0 0 1 0 1\n", "line 8: .*edge from pose 3"),
+    ],
+)
+def test_broken_lines_are_named(tmp_path, text, message):
+    path = _file(tmp_path, text)
+    with pytest.raises(LogError, match=message) as caught:
+        load("auto", path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["auto", "isam", "mrclam", "victoria-park", "dlr"])
+def test_missing_and_foreign_files_are_one_clear_line(tmp_path, kind):
+    with pytest.raises(LogError, match="no such file"):
+        load(kind, tmp_path / "nothing")
+    path = tmp_path / "noise.bin"
+    path.write_bytes(bytes(range(256)) * 10)
+    with pytest.raises(LogError, match=r"noise\.bin") as caught:
+        load(kind, path)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(LogError, match=tmp_path.name) as caught:
+        load(kind, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_arguments_that_a_kind_does_not_have_are_refused(tmp_path):
+    path = _file(tmp_path, ISAM)
+    for argument in (
+        {"robot": 1},
+        {"sensor_sigma": (1.0, 1.0)},
+        {"odometry_noise": QUIET},
+        {"reference": "axle"},
+    ):
+        with pytest.raises(ConfigError, match=f"{next(iter(argument))}.*isam"):
+            load("auto", path, **argument)
+    with pytest.raises(ConfigError, match="kind"):
+        load("rosbag", path)
+    with pytest.raises(ConfigError, match="entries"):
+        load("isam", path, entries="sigma")
+
+
+def test_constant_speeds_make_a_circle():
+    at = np.array([0.0, 0.7, 2.0, 2.0, 5.0])
+    control, _ = integrate(np.zeros(1), np.ones(1) * 2, np.ones(1) * 0.5, at, QUIET)
+    span = np.diff(at)
+    expected = [4 * np.sin(0.5 * span), 4 * (1 - np.cos(0.5 * span)), 0.5 * span]
+    np.testing.assert_allclose(control, np.stack(expected, 1), atol=1e-12)
+
+
+def test_speeds_hold_until_the_next_and_nothing_moves_before_the_first():
+    time, speed = np.array([1.0, 2.0]), np.array([3.0, 5.0])
+    control, _ = integrate(time, speed, np.zeros(2), np.array([0.0, 1.5, 4.0]), QUIET)
+    np.testing.assert_allclose(control[:, 0], [1.5, 0.5 * 3 + 2 * 5])
+
+
+samples = st.lists(
+    st.tuples(st.floats(0, 0.5), st.floats(-2, 2), st.floats(-3, 3)), min_size=1, max_size=12
+)
+
+
+@given(samples, st.lists(st.floats(0, 6), max_size=6))
+def test_poses_in_between_change_nothing(steps, between):
+    time = np.cumsum([s[0] for s in steps])
+    speed, rate = np.array([s[1:] for s in steps]).T
+    noise = OdometryNoise(0.1, 0.2, 0.05)
+    whole, spread = integrate(time, speed, rate, np.array([0.0, 6.0]), noise)
+    at = np.sort(np.array([0.0, *between, 6.0]))
+    parts, _ = integrate(time, speed, rate, at, noise)
+    pose = np.zeros(3)
+    for part in parts:
+        pose = compose(pose, part)[0]
+    np.testing.assert_allclose(pose[:2], whole[0, :2], atol=1e-9)
+    np.testing.assert_allclose(np.exp(1j * pose[2]), np.exp(1j * whole[0, 2]), atol=1e-9)
+    assert np.linalg.eigvalsh(spread[0])[0] > -1e-12
+
+
+def test_covariance_of_the_way_is_that_of_sampled_ways(rng):
+    """Errors of distance and turn, drawn for each of 40 pieces of an S-curve."""
+    noise = OdometryNoise(distance=0.05, turn=0.04, drift=0.02)
+    time = np.arange(40) * 0.25
+    speed, rate = np.full(40, 1.5), np.repeat([0.6, -0.4], 20)
+    _, covariance = integrate(time, speed, rate, np.array([0.0, 10.0]), noise)
+    d, phi = speed * 0.25, rate * 0.25
+    ds = d + rng.normal(size=(20_000, 40)) * noise.distance * np.sqrt(d)
+    turn = np.sqrt(noise.turn**2 * np.abs(phi) + noise.drift**2 * d)
+    turns = phi + rng.normal(size=(20_000, 40)) * turn
+    heading = np.cumsum(turns, 1)
+    middle = heading - turns / 2
+    ends = np.stack([(ds * np.cos(middle)).sum(1), (ds * np.sin(middle)).sum(1), heading[:, -1]], 1)
+    sigma = np.sqrt(covariance[0].diagonal())
+    correlation = covariance[0] / np.outer(sigma, sigma)
+    sampled = np.cov(ends.T) / np.outer(sigma, sigma)
+    np.testing.assert_allclose(sampled, correlation, atol=0.04)
+
+
+def test_dlr_tables_become_a_log(tmp_path):
+    path = tmp_path / "dlr.npz"
+    np.savez(
+        path,
+        odometry=np.array([[1.0, 0, 0.1], [0.5, 0.1, 0]]),
+        odometry_cov_upper=np.array([[4, 0.1, 0.2, 3, 0.3, 2]] * 2),
+        observations=np.array([[1, 5, 0, 2, 0.1, 0, 0.2], [0, 4, 3, 4, 0.1, 0, 0.2]]),
+    )
+    log = load("auto", path)
+    assert log.landmark.tolist() == [4, 5]
+    assert log.observation_pose.tolist() == [0, 1]
+    np.testing.assert_allclose(log.observation, [[5, np.arctan2(4, 3)], [2, np.pi / 2]])
+    np.testing.assert_array_equal(log.control_covariance[0, 0], [4, 0.1, 0.2])
+    np.testing.assert_array_equal(log.control_covariance[0, 2], [0.2, 0.3, 2])
+    np.savez(path, odometry=np.zeros((2, 3)))
+    with pytest.raises(LogError, match="odometry_cov_upper"):
+        read_dlr(path)
+
+
+def test_evo_reads_a_trajectory_as_it_was_written(tmp_path, rng):
+    time = 1.24844418e9 + np.arange(30) / 7
+    pose = rng.uniform([-90, -90, -np.pi], [90, 90, np.pi], (30, 3))
+    path = tmp_path / "deep" / "path.tum"
+    write_tum(path, Trajectory(time, pose))
+    read = file_interface.read_tum_trajectory_file(str(path))
+    np.testing.assert_allclose(read.timestamps, time, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(read.positions_xyz, np.c_[pose[:, :2], np.zeros(30)], atol=1e-8)
+    c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    turned = np.array(read.poses_se3)[:, :2, 0]
+    np.testing.assert_allclose(turned, np.stack([c, s], 1), atol=1e-8)
+    assert read.check()[0]
+
+
+def test_landmarks_are_written_with_their_covariance(tmp_path):
+    path = tmp_path / "map.csv"
+    landmarks = LandmarkMap(
+        np.array([7, 3]),
+        np.array([[1.5, -2.25], [0.1, 0.3]]),
+        np.array([[[2.0, 0.5], [0.5, 3.0]], [[1.0, 0], [0, 1]]]),
+        np.array([4, 9]),
+    )
+    write_landmarks(path, landmarks)
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    first = {"id": 7, "x": 1.5, "y": -2.25, "cov_xx": 2, "cov_xy": 0.5, "cov_yy": 3, "sightings": 4}
+    assert {key: float(value) for key, value in rows[0].items()} == first
+    assert float(rows[1]["x"]) == 0.1  # every digit
+    write_landmarks(path, LandmarkMap(landmarks.id, landmarks.xy))
+    assert path.read_text().splitlines()[1] == "7,1.5,-2.25,,,,"
+
+
+def test_output_that_cannot_be_written_says_so(tmp_path):
+    blocked = _file(tmp_path, "", "file") / "path.tum"
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_tum(blocked, Trajectory(np.zeros(1), np.zeros((1, 3))))

@@ -1,0 +1,235 @@
+"""The metrics are those of the field, and the readers say what is wrong."""
+
+import importlib.metadata
+import importlib.util
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.io import savemat
+from scipy.stats import mannwhitneyu, pearsonr
+
+from saccade.datasets.fixations import read_fixations
+from saccade.errors import ImageError, LogError
+from saccade.evaluation import fixations as metrics
+
+MAPS = arrays(np.float64, (12, 16), elements=st.floats(0, 1, width=16))
+PLACES = arrays(np.float64, (7, 2), elements=st.floats(0, 11))
+
+
+def peer(file):
+    """A module of pysaliency, loaded by itself: its package needs libraries that it never uses."""
+    try:
+        location = importlib.metadata.distribution("pysaliency").locate_file(
+            f"pysaliency/{file}.py"
+        )
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip("pysaliency, the peer, is not installed")
+    spec = importlib.util.spec_from_file_location(f"pysaliency_{file}", location)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def pysaliency_metrics():
+    return peer("metrics")
+
+
+@pytest.fixture(scope="module")
+def pysaliency_auc():
+    return peer("numba_utils").auc_for_one_positive
+
+
+@pytest.fixture
+def a_map_and_places(rng):
+    return rng.random((60, 80)), rng.uniform(0, 59, (40, 2)), rng.uniform(0, 59, (300, 2))
+
+
+def test_nss_is_that_of_pysaliency(a_map_and_places, pysaliency_metrics):
+    saliency, places, _ = a_map_and_places
+    columns, rows = np.rint(places).astype(int).T
+    expected = pysaliency_metrics.NSS(saliency, columns, rows).mean()
+    assert metrics.nss(saliency, places) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"), [("correlation", "CC"), ("similarity", "SIM"), ("divergence", "MIT_KLDiv")]
+)
+def test_map_metrics_are_those_of_pysaliency(a_map_and_places, pysaliency_metrics, ours, theirs):
+    saliency, places, _ = a_map_and_places
+    density = metrics.fixation_density(places, saliency.shape, 6)
+    expected = getattr(pysaliency_metrics, theirs)(saliency, density)
+    assert getattr(metrics, ours)(saliency, density) == pytest.approx(expected, abs=1e-6)
+
+
+def test_auc_is_that_of_pysaliency(a_map_and_places, pysaliency_auc):
+    saliency, places, others = a_map_and_places
+    saliency = np.round(saliency, 1)
+    fixated = metrics.values_at(saliency, places)
+    against = [(metrics.auc(saliency, places), saliency.ravel())]
+    shuffled = metrics.shuffled_auc(saliency, places, others)
+    against.append((shuffled, metrics.values_at(saliency, others)))
+    for ours, negatives in against:
+        expected = np.mean([pysaliency_auc(value, negatives) for value in fixated])
+        assert ours == pytest.approx(expected, abs=1e-6)
+
+
+@given(arrays(np.float64, 9, elements=st.floats(0, 3).map(round)), arrays(np.float64, 14))
+def test_the_area_is_the_u_statistic(positives, negatives):
+    negatives = np.nan_to_num(negatives.clip(0, 3)).round()
+    u = mannwhitneyu(positives, negatives, method="asymptotic", use_continuity=False).statistic
+    assert metrics.roc_area(positives, negatives) == pytest.approx(u / (9 * 14))
+
+
+@given(MAPS, PLACES, st.floats(0.5, 9), st.floats(-2, 2))
+def test_ranks_and_standard_scores_ignore_scale_and_offset(saliency, places, scale, offset):
+    moved = saliency * scale + offset
+    if len(np.unique(np.round(moved, 9))) == len(np.unique(saliency)) > 1:
+        assert metrics.auc(moved, places) == pytest.approx(metrics.auc(saliency, places), abs=1e-9)
+        assert metrics.nss(moved, places) == pytest.approx(metrics.nss(saliency, places), abs=1e-6)
+
+
+def test_a_flat_map_is_at_chance():
+    flat, places = np.ones((20, 30)), np.array([[3.0, 4.0], [20.0, 10.0]])
+    assert metrics.auc(flat, places) == 0.5
+    assert metrics.shuffled_auc(flat, places, places + 1) == 0.5
+    assert metrics.nss(flat, places) == 0
+    assert metrics.correlation(flat, np.eye(20, 30)) == 0
+    assert metrics.information_gain(flat, flat, places) == pytest.approx(0)
+
+
+def test_correlation_is_pearson_s(rng):
+    first, second = rng.random((9, 8)), rng.random((9, 8))
+    expected = pearsonr(first.ravel(), second.ravel()).statistic
+    assert metrics.correlation(first, second) == pytest.approx(expected)
+
+
+def test_a_map_twice_as_sure_tells_one_bit():
+    baseline, map_ = np.ones((10, 10)), np.ones((10, 10))
+    map_[:, 5:] = 0
+    assert metrics.information_gain(map_, baseline, np.array([[1.0, 1.0]])) == pytest.approx(1)
+
+
+def test_the_density_counts_every_fixation():
+    density = metrics.fixation_density(np.array([[50.0, 40.0]] * 3), (81, 101), 5)
+    assert density.sum() == pytest.approx(3, rel=1e-3)
+    assert np.unravel_index(density.argmax(), density.shape) == (40, 50)
+
+
+def test_score_holds_every_metric(a_map_and_places):
+    saliency, places, others = a_map_and_places
+    scores = metrics.score(saliency, places, others, sigma=6)
+    assert scores.auc == metrics.auc(saliency, places)
+    assert scores.shuffled_auc == metrics.shuffled_auc(saliency, places, others)
+    best = metrics.score(metrics.fixation_density(places, (60, 80), 6), places, others, sigma=6)
+    assert best.cc == pytest.approx(1)
+    assert best.sim == pytest.approx(1)
+    assert best.kl == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("places", [np.zeros((0, 2)), np.array([[80.0, 3.0]])])
+def test_places_outside_are_refused(places):
+    with pytest.raises(ImageError, match="fixations: expected"):
+        metrics.auc(np.ones((60, 80)), places)
+
+
+def test_a_map_with_nan_is_refused():
+    with pytest.raises(ImageError, match="finite"):
+        metrics.score(np.full((4, 4), np.nan), np.ones((1, 2)), np.ones((1, 2)))
+
+
+def test_the_mat_file_of_osie_reads_like_the_table(tmp_path):
+    (tmp_path / "table.csv").write_text(
+        "image,viewer,index,x,y,duration_ms\n"
+        "a.jpg,0,0,1.5,2,100\na.jpg,0,1,3,4,100\na.jpg,1,0,5,6,100\nb.jpg,0,0,7,8,1\n"
+    )
+    eye = [
+        {"fix_x": np.array([1.5, 3.0]), "fix_y": np.array([2.0, 4.0])},
+        {"fix_x": np.array([5.0]), "fix_y": np.array([6.0])},
+        {"fix_x": np.array([7.0]), "fix_y": np.array([8.0])},
+    ]
+    cells = np.empty(2, object)
+    for place, (name, eyes) in enumerate([("a.jpg", eye[:2]), ("b.jpg", eye[2:])]):
+        subjects = np.empty(len(eyes), object)
+        subjects[:] = eyes
+        cells[place] = {"img": name, "subjects": subjects}
+    savemat(tmp_path / "fixations.mat", {"fixations": cells})
+    table, mat = read_fixations(tmp_path / "table.csv"), read_fixations(tmp_path / "fixations.mat")
+    for field in ("image", "viewer", "index", "xy"):
+        np.testing.assert_array_equal(getattr(mat, field), getattr(table, field))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "image is missing"),
+        ("image,viewer,index,x\n", "y is missing"),
+        ("image,viewer,index,x,y\n", "found none"),
+        ("image,viewer,index,x,y\na,0,0,1,2\na,0,0,one,2\n", "line 3"),
+        ("image,viewer,index,x,y\na,0,0,1\n", "line 2"),
+        ("image,viewer,index,x,y\na,0,0,nan,2\n", "line 2"),
+    ],
+)
+def test_a_broken_table_is_named(tmp_path, text, words):
+    (tmp_path / "table.csv").write_text(text)
+    with pytest.raises(LogError, match=f"table.csv.*{words}"):
+        read_fixations(tmp_path / "table.csv")
+
+
+def test_a_file_that_is_no_mat_is_named(tmp_path):
+    (tmp_path / "fixations.mat").write_text("hello, this is no such file at all")
+    with pytest.raises(LogError, match="OSIE"):
+        read_fixations(tmp_path / "fixations.mat")
+
+
+@pytest.mark.shared
+def test_the_osie_table(shared):
+    table = read_fixations(shared / "data/eyes/osie/fixations.csv")
+    assert repr(table) == f"FixationTable({len(table)} fixations on 140 images)"
+    assert (table.index > 0).sum() == 17752
+
+
+def test_a_model_of_ours_runs_inside_pysaliency():
+    """In a process of its own: the package warns, and imports torch for models we never use."""
+    script = """
+import importlib.machinery, sys, unittest.mock
+import numpy as np
+sys.modules["torch"] = unittest.mock.MagicMock(
+    __spec__=importlib.machinery.ModuleSpec("torch", None)
+)
+np.trapz = getattr(np, "trapezoid", None) or np.trapz  # its old name
+import pysaliency
+from saccade import contrast_saliency
+from saccade.evaluation.fixations import auc, nss
+from saccade.evaluation.pysaliency import as_pysaliency
+from saccade.pyramid import resize
+
+rng = np.random.default_rng(0)
+images = [rng.integers(0, 255, (90, 120, 3), np.uint8) for _ in range(2)]
+places = [rng.integers(0, 90, (20, 2)) for _ in images]
+predict = lambda image: resize(contrast_saliency(image).saliency, image.shape[:2])
+stimuli = pysaliency.Stimuli(images)
+fixations = pysaliency.Fixations.create_without_history(
+    x=np.concatenate([xy[:, 0] for xy in places]),
+    y=np.concatenate([xy[:, 1] for xy in places]),
+    n=np.repeat([0, 1], 20),
+)
+model = as_pysaliency(predict)
+print(model.AUC(stimuli, fixations, average="image"), model.NSS(stimuli, fixations))
+for metric in (auc, nss):
+    print(np.mean([metric(predict(i), xy) for i, xy in zip(images, places)]), end=" ")
+"""
+    if importlib.util.find_spec("pysaliency") is None:
+        pytest.skip("pysaliency, the peer, is not installed")
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    theirs, ours = (np.array(line.split(), float) for line in done.stdout.splitlines())
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)

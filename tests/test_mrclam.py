@@ -1,0 +1,150 @@
+"""The MRCLAM reader on a folder made by hand, and on a real set with its truth."""
+
+import numpy as np
+import pytest
+
+from aligned import align, interpolate
+from saccade import slam
+from saccade.datasets import OdometryNoise, load
+from saccade.errors import ConfigError, LogError
+
+HEADER = "# made by hand\n# Time [s]    ...\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A robot that goes straight on at 1 m/s for 2 s; robot 2 and landmark 6 are before it."""
+    files = {
+        "Barcodes.dat": "1 \t 5\n2 14\n6 72\n7 27\n",
+        "Landmark_Groundtruth.dat": "6 \t 3.0 \t 1.0 \t 0.001 \t 0.002\n7 9 9 0.1 0.1\n",
+        "Robot1_Odometry.dat": "100.0 \t 1.0 \t 0.0\n101.0 1.0 0.0\n102.0 0.0 0.0\n",
+        "Robot1_Measurement.dat": "101.0 14 2.0 0.1\n101.0 72 2.0 0.5\n101.3 99 1.0 0.0\n",
+        "Robot1_Groundtruth.dat": "99.0 1.0 1.0 0.0\n101.0 1.0 1.0 0.2\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(HEADER + text)
+    return tmp_path
+
+
+def test_folder_becomes_a_log(folder):
+    log = load("auto", folder, robot=1, odometry_noise=OdometryNoise(0.1, 0, 0))
+    np.testing.assert_allclose(log.time, [100, 100.5, 101, 101.5, 102])
+    np.testing.assert_allclose(log.control, [[0.5, 0, 0]] * 4)
+    np.testing.assert_allclose(log.control_covariance[:, 0, 0], 0.01 * 0.5)
+    assert log.landmark.tolist() == [6]  # neither the robot nor the unknown barcode
+    assert log.observation_pose.tolist() == [2]
+    np.testing.assert_array_equal(log.observation, [[2.0, 0.5]])
+    np.testing.assert_allclose(log.start, [1, 1, 0.1])
+    assert log.landmark_truth.id.tolist() == [6, 7]
+    np.testing.assert_allclose(log.landmark_truth.covariance[0], np.diag([1e-6, 4e-6]))
+    assert len(log.truth) == 2
+
+
+def test_folder_without_truth_begins_at_the_origin(folder):
+    (folder / "Robot1_Groundtruth.dat").unlink()
+    (folder / "Landmark_Groundtruth.dat").unlink()
+    log = load("mrclam", folder, robot=1)
+    assert log.truth is None
+    assert log.landmark_truth is None
+    np.testing.assert_array_equal(log.start, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("Robot1_Odometry.dat", "1 2 3\n5 2\n", "line 4: expected 3 numbers .*found 2"),
+        ("Robot1_Odometry.dat", "1 2 3\n5 2 x\n", "line 4: expected a finite number, found 'x'"),
+        ("Robot1_Odometry.dat", "1 2 3\n0.5 2 3\n", "line 4: time goes back from 1.000 to 0.500"),
+        ("Robot1_Odometry.dat", "1 2 3\n2 2 3\n1.9 0 0\n", "line 5: time goes back from 2.000"),
+        ("Robot1_Groundtruth.dat", "1 2 3 4\n0.9 2 3 4\n", "line 4: time goes back"),
+        ("Robot1_Measurement.dat", "1 2 nan 4\n", "line 3: expected a finite number, found 'nan'"),
+        ("Robot1_Odometry.dat", "", "expected odometry of robot 1, found none"),
+    ],
+)
+def test_broken_lines_are_named(folder, name, text, message):
+    (folder / name).write_text(HEADER + text)
+    with pytest.raises(LogError, match=message) as caught:
+        load("mrclam", folder, robot=1)
+    assert "\n" not in str(caught.value)
+
+
+def test_stale_first_sample_is_left_out(folder):
+    before = load("mrclam", folder, robot=1)
+    path = folder / "Robot1_Odometry.dat"
+    path.write_text("100.1 0.5 3.0\n" + path.read_text())
+    np.testing.assert_array_equal(load("mrclam", folder, robot=1).control, before.control)
+
+
+def test_missing_parts_are_named(folder, tmp_path):
+    with pytest.raises(LogError, match=r"Robot3_Odometry\.dat: cannot be read"):
+        load("mrclam", folder, robot=3)
+    with pytest.raises(ConfigError, match="robot"):
+        load("mrclam", folder, robot=6)
+    path = tmp_path / "cut.npz"
+    np.savez(path, barcodes=np.zeros((2, 2)), robot1_odometry=np.zeros((3, 2)))
+    with pytest.raises(LogError, match="robot1_odometry: expected numbers in the columns time"):
+        load("auto", path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(LogError, match=r"cut\.npz"):
+        load("mrclam", path)
+
+
+@pytest.fixture(scope="module")
+def set_six(shared):
+    return shared / "data/logs/mrclam/mrclam6.npz"
+
+
+@pytest.mark.shared
+def test_folder_and_archive_are_the_same_log(set_six, tmp_path):
+    tables = np.load(set_six)
+    names = {
+        "barcodes": "Barcodes.dat",
+        "landmarks": "Landmark_Groundtruth.dat",
+        "robot1_odometry": "Robot1_Odometry.dat",
+        "robot1_measurement": "Robot1_Measurement.dat",
+        "robot1_groundtruth": "Robot1_Groundtruth.dat",
+    }
+    for table, name in names.items():
+        text = "\n".join(" \t ".join(map(repr, row)) for row in tables[table].tolist())
+        (tmp_path / name).write_text(HEADER + text)
+    one, two = load("auto", set_six, robot=1), load("auto", tmp_path, robot=1)
+    for field in ("start", "time", "control", "observation", "landmark"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
+    assert len(one.observation) > 500
+    assert set(one.landmark.tolist()) == set(range(6, 21))
+
+
+@pytest.mark.shared
+def test_robot_one_is_where_the_cameras_saw_it(set_six):
+    log = load("mrclam", set_six, robot=1)
+    result = slam.run(log)
+    position, truth = interpolate(result.trajectory, log.truth)
+    error = np.hypot(*(align(position, truth) - truth).T)
+    drift, _ = interpolate(result.dead_reckoning, log.truth)
+    assert np.sqrt((error**2).mean()) < 0.3
+    assert np.sqrt((error**2).mean()) < 0.2 * np.hypot(*(align(drift, truth) - truth).T).mean()
+    surveyed = log.landmark_truth.xy[np.searchsorted(log.landmark_truth.id, result.map.id)]
+    apart = np.hypot(*(align(result.map.xy, surveyed) - surveyed).T)
+    assert len(result.map) == 15
+    assert np.sqrt((apart**2).mean()) < 0.12
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("robot", [2, 3, 4, 5])
+def test_the_other_robots_beat_their_odometry(set_six, robot):
+    log = load("mrclam", set_six, robot=robot)
+    result = slam.run(log)
+    position, truth = interpolate(result.trajectory, log.truth)
+    drift, _ = interpolate(result.dead_reckoning, log.truth)
+    rmse = [np.sqrt(((align(p, truth) - truth) ** 2).sum(1).mean()) for p in (position, drift)]
+    assert rmse[0] < 0.5 * rmse[1]
+    assert np.isfinite(result.trajectory.covariance).all()
+
+
+@pytest.mark.shared
+def test_a_set_without_truth_runs(shared):
+    log = load("auto", shared / "data/logs/mrclam/mrclam9.npz", robot=4)
+    result = slam.run(log)
+    assert log.truth is None
+    assert np.isfinite(result.trajectory.pose).all()
+    assert len(result.map) == 15

@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from saccade.scale_space import blurred, difference_of_gaussians, double, gaussian_scale_space
+
+
+def blob(shape, x, y, sigma):
+    row, column = np.indices(shape)
+    return np.exp(-((column - x) ** 2 + (row - y) ** 2) / (2 * sigma**2)).astype(np.float32)
+
+
+@pytest.mark.parametrize("sigma", [0.8, 1.6, 3.2])
+def test_blur_is_scipys(rng, sigma):
+    plane = rng.random((40, 51), np.float32)
+    ours = blurred(plane, sigma, 4.0)
+    radius = (round(8 * sigma + 1) | 1) // 2
+    theirs = ndimage.gaussian_filter(plane.astype(float), sigma, mode="mirror", radius=radius)
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(151, 171), (150, 172), (163, 158)])
+@pytest.mark.parametrize("first_octave", [-1, 0])
+def test_every_plane_of_a_blob_is_a_blob(shape, first_octave):
+    """A Gaussian under a Gaussian is a Gaussian, wherever and however densely it is sampled."""
+    x, y, sigma = 80.3, 71.8, 5.0
+    # Half the doubled samples are means of two pixels, of variance 1/4.
+    doubling = 0.125 if first_octave < 0 else 0
+    space = gaussian_scale_space(
+        blob(shape, x, y, sigma), first_octave=first_octave, camera_sigma=0.5
+    )
+    assert len(space.octaves) == 6 + (first_octave < 0) - 1
+    for octave, origin, spacing in zip(
+        space.octaves[:3], space.origin, space.spacing, strict=False
+    ):
+        row, column = np.indices(octave.shape[1:])
+        px, py = origin[0] + column * spacing, origin[1] + row * spacing
+        for i, plane in enumerate(octave):
+            variance = sigma**2 + (1.6 * 2 ** (i / 3) * spacing) ** 2 - 0.5**2 + doubling
+            expected = (
+                sigma**2 / variance * np.exp(-((px - x) ** 2 + (py - y) ** 2) / (2 * variance))
+            )
+            np.testing.assert_allclose(plane, expected, atol=0.002)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (65, 96), (101, 70), (83, 57)])
+@pytest.mark.parametrize("first_octave", [-1, 0])
+def test_a_mirrored_image_has_the_mirrored_scale_space(rng, shape, first_octave):
+    image = rng.random(shape, np.float32)
+    space = gaussian_scale_space(image, first_octave=first_octave)
+    mirrored = gaussian_scale_space(image[:, ::-1].copy(), first_octave=first_octave)
+    turned = gaussian_scale_space(np.rot90(image).copy(), first_octave=first_octave)
+    assert len(space.octaves) >= 3
+    for a, b, c in zip(space.octaves, mirrored.octaves, turned.octaves, strict=True):
+        np.testing.assert_allclose(b[:, :, ::-1], a, atol=1e-5)
+        np.testing.assert_allclose(np.rot90(c, -1, axes=(1, 2)), a, atol=1e-5)
+
+
+def test_samples_lie_evenly_about_the_middle(rng):
+    space = gaussian_scale_space(rng.random((90, 131), np.float32))
+    for octave, origin, spacing in zip(space.octaves, space.origin, space.spacing, strict=True):
+        last = origin + spacing * (np.array(octave.shape[:0:-1]) - 1)
+        np.testing.assert_allclose(origin + last, [130, 89])
+
+
+def test_doubling_keeps_every_pixel(rng):
+    image = rng.random((7, 5), np.float32)
+    doubled = double(image)
+    assert doubled.shape == (13, 9)
+    np.testing.assert_array_equal(doubled[::2, ::2], image)
+    np.testing.assert_allclose(doubled, ndimage.zoom(image, (13 / 7, 9 / 5), order=1), atol=1e-6)
+
+
+def test_shifted_grid_is_opencvs(rng):
+    space = gaussian_scale_space(rng.random((33, 50), np.float32), grid="shifted")
+    assert [octave.shape[1:] for octave in space.octaves] == [
+        (66, 100),
+        (33, 50),
+        (16, 25),
+        (8, 12),
+    ]
+    assert not space.origin.any()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (3, 3), (4, 5)])
+def test_no_room_no_octaves(shape):
+    space = gaussian_scale_space(np.zeros(shape, np.float32))
+    assert space.octaves == ()
+    assert space.origin.shape == (0, 2)
+
+
+def test_octaves_can_be_limited(rng):
+    image = rng.random((64, 64), np.float32)
+    assert len(gaussian_scale_space(image, octaves=2).octaves) == 2
+    assert len(gaussian_scale_space(image, octaves=9).octaves) == 4
+
+
+def test_differences(rng):
+    octave = rng.random((6, 9, 8), np.float32)
+    np.testing.assert_array_equal(difference_of_gaussians(octave)[2], octave[3] - octave[2])
