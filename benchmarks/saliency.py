@@ -12,8 +12,8 @@
 
 FineGrained lives in OpenCV's contrib build, which cannot stand beside the plain one: the script
 has an environment of its own. The two take turns in one run, so that what else the machine does
-meets both; the ratio of their medians is what counts. Then come the cost by size, and the memory
-that is used beyond the input. `--json` prints the figures for a machine.
+meets both; the ratio of their lower quartiles is what counts. Then come the cost by size, and the
+memory that is used beyond the input. `--json` prints the figures for a machine.
 """
 
 import argparse
@@ -23,7 +23,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from statistics import median
+from statistics import quantiles
 from typing import Any
 
 import cv2
@@ -51,7 +51,7 @@ def seconds(action: Callable[[], object]) -> float:
 
 
 def against_fine_grained(threads: int, rounds: int) -> list[dict[str, Any]]:
-    """Medians in milliseconds, and the ratio of ours to FineGrained's."""
+    """Lower quartiles in milliseconds, and the ratio of ours to FineGrained's."""
     cv2.setNumThreads(threads)
     rows = []
     for width, height in SIZES:
@@ -70,7 +70,7 @@ def against_fine_grained(threads: int, rounds: int) -> list[dict[str, Any]]:
         for _ in range(rounds):
             for name, action in actions.items():
                 times[name].append(seconds(action))
-        row = {f"{name}_ms": 1e3 * median(values) for name, values in times.items()}
+        row = {f"{name}_ms": 1e3 * quantiles(values)[0] for name, values in times.items()}
         row["ratio"] = row["contrast_ms"] / row["fine_grained_ms"]
         rows.append({"threads": threads, "width": width, "height": height, **row})
     return rows

@@ -141,38 +141,47 @@ def gabor_energies(
     mean = cv2.boxFilter(image, -1, (size, size), borderType=cv2.BORDER_REFLECT)
 
     @cache
-    def product(along_x: tuple[str, float], along_y: tuple[str, float]) -> tuple[FloatMap, float]:
-        """The image under one product of waves, and the sum of that filter."""
+    def product(wave_x: str, kx: float, wave_y: str, ky: float, norm: float) -> FloatMap:
+        """The image under a product of waves, of zero mean, by the norm of the filter."""
         x, y = (
             window * (np.cos(k * at) if wave == "cos" else np.sin(k * at))
-            for wave, k in (along_x, along_y)
+            for wave, k in ((wave_x, kx), (wave_y, ky))
         )
-        filtered = cv2.sepFilter2D(image, -1, x, y, borderType=cv2.BORDER_REFLECT)
-        return filtered, float(x.sum() * y.sum())
+        filtered = cv2.sepFilter2D(image, -1, x / norm, y, borderType=cv2.BORDER_REFLECT)
+        if wave_x == wave_y == "cos":
+            return filtered - float(x.sum() * y.sum() / norm) * mean
+        return filtered
 
     energies = []
     for angle in angles:
         kx, ky = (2 * np.pi / period * np.array([-np.sin(angle), np.cos(angle)])).round(12)
-        turn = float(np.sign(kx * ky))
+        turn = np.sign(kx * ky)
         kx, ky = abs(kx), abs(ky)
-        even, total = product(("cos", kx), ("cos", ky))
-        odd = product(("sin", kx), ("cos", ky))[0] if kx else product(("cos", kx), ("sin", ky))[0]
-        if turn:
-            even = even - turn * product(("sin", kx), ("sin", ky))[0]
-            odd = odd + turn * product(("cos", kx), ("sin", ky))[0]
         even_norm, odd_norm = _norms(angle, period, sigma, size)
-        even = (even - total * mean) / even_norm
-        odd = odd / odd_norm
+        even = product("cos", kx, "cos", ky, even_norm)
+        if turn == 0:
+            wave_x, wave_y = ("sin", "cos") if kx else ("cos", "sin")
+            odd = product(wave_x, kx, wave_y, ky, odd_norm)
+        else:
+            sines = product("sin", kx, "sin", ky, even_norm)
+            along_x, along_y = (
+                product("sin", kx, "cos", ky, odd_norm),
+                product("cos", kx, "sin", ky, odd_norm),
+            )
+            even = even - sines if turn > 0 else even + sines
+            odd = along_x + along_y if turn > 0 else along_x - along_y
         # cv2.magnitude rounds differently with where its input lies in memory
-        energies.append(np.sqrt(even * even + odd * odd))
+        energy = even * even
+        energy += odd * odd
+        energies.append(np.sqrt(energy, out=energy))
     return energies
 
 
 @cache
 def _norms(angle: float, period: float, sigma: float, size: int) -> tuple[float, float]:
-    """The norms that `gabor_pair` divides its filters by."""
+    """The norms that `gabor_pair` divides its filters by, alike for mirrored angles."""
     even, odd = _waves(angle, period, sigma, size)
-    return float(np.linalg.norm(even)), float(np.linalg.norm(odd))
+    return round(float(np.linalg.norm(even)), 12), round(float(np.linalg.norm(odd)), 12)
 
 
 def _waves(angle: float, period: float, sigma: float, size: int) -> tuple[FloatArray, FloatArray]:

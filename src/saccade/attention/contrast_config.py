@@ -28,9 +28,9 @@ class ContrastConfig:
 
     intensity_weight: float = 1.0
     """Part of intensity in the saliency; 0 leaves the channel out, its map is then 0."""
-    color_weight: float = 2.0
+    color_weight: float = 1.0
     """The same for color."""
-    orientation_weight: float = 0.3
+    orientation_weight: float = 0.2
     """The same for orientation."""
     color: Color = "linear"
     """Opponents as differences of lights, or as "quotient" by the brightest color (A.2-A.3)."""
@@ -38,7 +38,7 @@ class ContrastConfig:
     """Where no color reaches this there is no hue; for "quotient" only."""
     scales: Scales = ((1, 2), (1, 3), (4, 7))
     """Pyramid levels of center and surround for intensity and color; the image is level 0."""
-    scale_weights: tuple[float, ...] = (1.0, 1.0, 0.3)
+    scale_weights: tuple[float, ...] = (1.0, 1.0, 0.5)
     """How much each of these pairs counts."""
     orientation_scales: Scales = ((2, 4),)
     """The same pairs for orientation; each counts 1."""
@@ -55,7 +55,7 @@ class ContrastConfig:
     normalize_at: Place = "map"
     """Whether a feature map is normalized at the size of its "center", and resized afterwards,
     or when it has the size of the "map"."""
-    smoothing: float = 3.5
+    smoothing: float = 3.0
     """Standard deviation in cells of the Gaussian that smooths a feature map before it is
     normalized at the size of the map, at most an eighth of the side; 0 smooths nothing."""
     normalization: Normalization = "local-maxima"
@@ -136,7 +136,6 @@ class ContrastConfig:
     def kootstra2010(cls) -> Self:
         """Equations A.1-A.14 to the letter; a map with a single maximum keeps its weight."""
         return cls(
-            color_weight=1.0,
             orientation_weight=1.0,
             color="quotient",
             scales=CENTERS_2_TO_4,

@@ -74,7 +74,7 @@ def promotion(maxima: FloatMap) -> float:
     """
     if len(maxima) == 0:
         return 0.0
-    return 1.0 if len(maxima) == 1 else (1 - float(maxima.mean())) ** 2
+    return 1.0 if len(maxima) == 1 else (1 - float(maxima.sum()) / len(maxima)) ** 2
 
 
 def promotion_1998(maxima: FloatMap) -> float:
