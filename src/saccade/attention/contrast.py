@@ -90,17 +90,17 @@ def contrast_saliency(
         keep_features: whether the result holds the feature maps.
 
     Returns:
-        Saliency and the three conspicuity maps, each (h, w), h = H / 2**config.map_level
-        rounded up (down for the preset `saliencytoolbox2`).
+        Saliency and the three conspicuity maps, each (h, w), h = H / 2**map_level rounded up
+        (down for the preset `saliencytoolbox2`), with the level of `config.at_size((H, W))`.
 
     Raises:
         ImageError: not an image, not finite, or too small for the finest surround.
 
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
-    config = config or ContrastConfig()
-    steps = steps_of(config)
     pixels = check_image(image)  # (H, W), (H, W, 3) or (H, W, 4)
+    config = (config or ContrastConfig()).at_size(pixels.shape[:2])
+    steps = steps_of(config)
     scales = existing_scales(pixels.shape[:2], config, steps)
     nothing = np.zeros(steps.level_shape(pixels.shape[:2], config.map_level), steps.dtype)  # (h, w)
 

@@ -77,6 +77,10 @@ class ContrastConfig:
     """Standard deviation, by the image's sides, of a fixed Gaussian in the middle of the image
     by which the saliency is multiplied: it knows nothing of the image, only that photographers
     point at what matters. 0 leaves it out."""
+    viewing_size: int = 800
+    """Longer side in pixels of an image for which the levels are meant. In an image of twice
+    that every level is one coarser, in one of half that one finer, so that the size at which
+    a photograph was saved does not decide what draws the eye; 0 takes the levels as they are."""
     arithmetic: Arithmetic = "mirrored"
     """How the steps treat borders, sizes and ranges: "mirrored" reflects the image at its
     borders, "saliencytoolbox2" does as `saccade.attention.saliencytoolbox2` describes."""
@@ -131,6 +135,25 @@ class ContrastConfig:
         require(self.iterations >= 1, "iterations", "1 or more", self.iterations)
         require(0 < self.sharpening < np.inf, "sharpening", "above 0", self.sharpening)
         require(0 <= self.center_prior < np.inf, "center_prior", "0 or more", self.center_prior)
+        require(self.viewing_size >= 0, "viewing_size", "0 px or more", self.viewing_size)
+
+    def at_size(self, shape: tuple[int, int]) -> Self:
+        """The settings with the levels that they mean in an image of (H, W) pixels.
+
+        No level becomes finer than the image itself, and no map finer than level 1.
+        """
+        if self.viewing_size == 0:
+            return self
+        finest = min(level for pair in (*self.scales, *self.orientation_scales) for level in pair)
+        coarser = round(np.log2(max(shape) / self.viewing_size))
+        coarser = max(coarser, -finest, 1 - self.map_level)
+        return replace(
+            self,
+            scales=_coarser(self.scales, coarser),
+            orientation_scales=_coarser(self.orientation_scales, coarser),
+            map_level=self.map_level + coarser,
+            viewing_size=0,
+        )
 
     @classmethod
     def kootstra2010(cls) -> Self:
@@ -146,6 +169,7 @@ class ContrastConfig:
             smoothing=0.0,
             maxima_radius=0.05,
             sharpening=1.0,
+            viewing_size=0,
         )
 
     @classmethod
@@ -163,3 +187,7 @@ class ContrastConfig:
             normalization="iterative",
             arithmetic="saliencytoolbox2",
         )
+
+
+def _coarser(scales: Scales, levels: int) -> Scales:
+    return tuple((center + levels, surround + levels) for center, surround in scales)
