@@ -188,7 +188,7 @@ def test_any_memory_layout_is_read(scene, preset):
         (np.zeros((64, 64), np.int32), "found int32"),
         (np.zeros((0, 64)), "at least one pixel"),
         (np.zeros((4, 64, 64, 3)), r"shape \(H, W\)"),
-        (np.zeros((4, 4), np.uint8), "found 4 x 4 px"),
+        (np.zeros((8, 8), np.uint8), "found 8 x 8 px"),
         (np.zeros((400, 1), np.uint8), "found 1 x 400 px"),
     ],
 )

@@ -50,12 +50,12 @@ class ContrastConfig:
     """Standard deviation of their window, likewise."""
     gabor_size: int = 9
     """Their side, odd."""
-    map_level: int = 3
+    map_level: int = 4
     """Pyramid level whose size the conspicuity maps and the saliency have."""
     normalize_at: Place = "map"
     """Whether a feature map is normalized at the size of its "center", and resized afterwards,
     or when it has the size of the "map"."""
-    smoothing: float = 3.0
+    smoothing: float = 1.5
     """Standard deviation in cells of the Gaussian that smooths a feature map before it is
     normalized at the size of the map, at most an eighth of the side; 0 smooths nothing."""
     normalization: Normalization = "local-maxima"
