@@ -112,3 +112,11 @@ def test_a_place_that_is_not_seen_again_is_forgotten():
 
 def test_one_sighting_can_be_enough():
     assert _confirmed(Candidates(sightings=1, lifetime=1.0), WORLD, 0.0) == [0, 1, 2, 3]
+
+
+def test_observations_without_noise_find_no_candidate():
+    candidates = Candidates(sightings=2, lifetime=2.0)
+    z, _ = _scan(WORLD)
+    exact = np.zeros((4, 2, 2))
+    for time in (0.0, 0.1):
+        assert candidates.confirm(EkfSlam(np.zeros(3), np.zeros((3, 3))), z, exact, time) == []

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import subprocess
 import sys
 import tomllib
 from importlib.resources import files
@@ -14,6 +15,7 @@ import pytest
 from evo.tools import file_interface
 
 from saccade.cli import main
+from saccade.cli.output import names_for, print_json
 
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
@@ -334,3 +336,116 @@ def test_evaluate_fixations_names_what_is_missing(run, gazes):
     code, _, err = run(*words, "gazes.csv", "--maps", gazes)
     assert code == 2
     assert "1.jpg" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["soup"], "No such command 'soup'; see saccade --help"),
+        (["look"], "Missing argument 'IMAGE...'; see saccade look --help"),
+        (["match", "a.png"], "Missing argument 'B'; see saccade match --help"),
+        (["look", "a.png", "--fixations", "0"], "--fixations"),
+        (["look", "-dash.png"], "No such option"),
+        (["look", ""], "empty name"),
+    ],
+)
+def test_a_wrong_command_line_gets_one_clear_line(run, words, expected):
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert err.startswith("saccade: ")
+    assert err.count("\n") == 1
+    assert expected in err
+
+
+def test_without_words_the_help_is_shown(run):
+    code, out, err = run()
+    assert (code, err) == (2, "")
+    assert out.count("Usage:") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (MemoryError("2 GiB"), 1, "not enough memory: 2 GiB"),
+        (OSError(28, "No space left on device", "result"), 1, "result: No space left on device"),
+    ],
+)
+def test_what_ends_a_run_is_one_line(run, monkeypatch, error, code, words):
+    def ends(*_):
+        raise error
+
+    monkeypatch.setattr("saccade.image.read_image", ends)
+    monkeypatch.setattr("saccade.cli._discard_stdout", lambda: None)
+    assert run("detect", ROCKET) == (code, "", f"saccade: {words}\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device")
+def test_a_full_disk_behind_stdout_is_one_line(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "saccade", "config", "sift"],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert ended.returncode == 1
+    assert ended.stderr == "saccade: standard output: No space left on device\n"
+
+
+def test_json_has_no_nan(capsys):
+    with pytest.raises(ValueError, match="JSON"):
+        print_json({"score": float("nan")})
+    assert capsys.readouterr().out == ""
+
+
+def test_brackets_in_a_name_are_no_markup(run, tmp_path):
+    folder = tmp_path / "a["
+    folder.mkdir()
+    (folder / "b]c[red].jpg").write_bytes(HALLWAY[0].read_bytes())
+    code, out, _ = run("detect", "a[/b]c[red].jpg", "--max", 5)
+    assert code == 0
+    assert "a[/b]c[red].jpg" in out
+
+
+def test_names_for_results_are_numbered_where_they_would_meet():
+    paths = [Path(name) for name in ("a.png", "b/a.jpg", "a-2.png", "a.png", "c/a.png")]
+    names = names_for(paths)
+    assert list(names) == [*dict.fromkeys(paths)]
+    assert len(set(names.values())) == 4
+    assert names[Path("a.png")] == "a"
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_byte_order_mark_changes_nothing(run, tmp_path, mark):
+    (tmp_path / "log.txt").write_text(mark + LOG, encoding="utf-8")
+    (tmp_path / "slam.toml").write_text(f"{mark}gate = 0.9\n", encoding="utf-8")
+    code, out, err = run("slam", "log.txt", "--config", "slam.toml", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["landmarks"] == 1
+
+
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        (np.zeros((4, 5, 3, 2)), "shape"),
+        (np.array([["a"]]), "numbers"),
+        (np.full((4, 5), np.nan), "NaN"),
+        (np.array([{}], dtype=object), "expected a map"),
+    ],
+)
+def test_maps_that_are_none_are_named(run, gazes, array, words):
+    np.save(gazes / "1.npy", array)
+    code, out, err = run(
+        "evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv", "--maps", gazes
+    )
+    assert (code, out) == (2, "")
+    assert "1.npy" in err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_maps_of_whole_numbers_are_maps(run, gazes):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
+    found = run(*words, "--maps", gazes, "--json")
+    for path in gazes.glob("*.npy"):
+        np.save(path, np.load(path).astype(np.int64))
+    assert run(*words, "--maps", gazes, "--json") == found

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from saccade.errors import ImageError
-from saccade.image import as_gray, as_rgb, read_image
+from saccade.image import as_gray, as_rgb, find_images, read_image
 
 COLORS = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
 
@@ -120,3 +120,31 @@ def test_a_file_that_is_no_image_is_named(tmp_path, capfd, content, words):
 def test_a_folder_is_not_an_image(tmp_path):
     with pytest.raises(ImageError, match="directory"):
         read_image(tmp_path)
+
+
+def test_an_image_too_large_to_work_with_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("saccade.image.LARGEST_IMAGE", 34)
+    path = tmp_path / "large.png"
+    cv2.imwrite(str(path), COLORS)
+    with pytest.raises(ImageError, match=r"large\.png: expected at most 34 pixels, found 7 x 5"):
+        read_image(path)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [("", "empty name"), ("**x.png", "expected a pattern"), ("x" * 300, "cannot be read"),
+     ("no*.png", "found none")],
+)  # fmt: skip
+def test_what_names_no_image_is_refused(tmp_path, monkeypatch, source, words):
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("here.png", COLORS)
+    with pytest.raises(ImageError, match=words):
+        find_images(source)
+
+
+def test_a_folder_whose_name_ends_like_an_image_is_left_out(tmp_path):
+    (tmp_path / "folder.png").mkdir()
+    cv2.imwrite(str(tmp_path / "[a].png"), COLORS)
+    expected = [tmp_path / "[a].png"]
+    assert find_images(tmp_path) == find_images(tmp_path / "*.png") == expected
+    assert find_images(expected[0]) == expected

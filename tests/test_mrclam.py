@@ -53,11 +53,11 @@ def test_folder_without_truth_begins_at_the_origin(folder):
     ("name", "text", "message"),
     [
         ("Robot1_Odometry.dat", "1 2 3\n5 2\n", "line 4: expected 3 numbers .*found 2"),
-        ("Robot1_Odometry.dat", "1 2 3\n5 2 x\n", "line 4: expected a finite number, found 'x'"),
+        ("Robot1_Odometry.dat", "1 2 3\n5 2 x\n", "line 4: expected a finite number .*'x'"),
         ("Robot1_Odometry.dat", "1 2 3\n0.5 2 3\n", "line 4: time goes back from 1.000 to 0.500"),
         ("Robot1_Odometry.dat", "1 2 3\n2 2 3\n1.9 0 0\n", "line 5: time goes back from 2.000"),
         ("Robot1_Groundtruth.dat", "1 2 3 4\n0.9 2 3 4\n", "line 4: time goes back"),
-        ("Robot1_Measurement.dat", "1 2 nan 4\n", "line 3: expected a finite number, found 'nan'"),
+        ("Robot1_Measurement.dat", "1 2 nan 4\n", "line 3: expected a finite number .*'nan'"),
         ("Robot1_Odometry.dat", "", "expected odometry of robot 1, found none"),
     ],
 )
@@ -66,6 +66,12 @@ def test_broken_lines_are_named(folder, name, text, message):
     with pytest.raises(LogError, match=message) as caught:
         load("mrclam", folder, robot=1)
     assert "\n" not in str(caught.value)
+
+
+def test_a_time_from_another_age_is_refused(folder):
+    (folder / "Robot1_Measurement.dat").write_text("1e12 72 2 0.1\n")
+    with pytest.raises(LogError, match="expected times within 1000000 s"):
+        load("mrclam", folder, robot=1)
 
 
 def test_stale_first_sample_is_left_out(folder):

@@ -1,5 +1,6 @@
 """Reading, checking and converting images: the only file that knows image files."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,9 @@ from saccade.errors import ImageError
 from saccade.types import Float32Array, Image
 
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+
+LARGEST_IMAGE = 1 << 28
+"""Pixels; as float32 RGB they take 3 GB, and what is made of them several times that."""
 
 OVERSHOOT = 1e-3
 """By how much a float image may leave [0, 1]; interpolation and rounding leave such traces."""
@@ -31,7 +35,8 @@ def read_image(path: str | Path) -> Float32Array:
         (H, W, 3) RGB in [0, 1].
 
     Raises:
-        ImageError: the file is missing, is not an image, or is cut short.
+        ImageError: the file is missing, is not an image, is cut short, or is larger than
+            `LARGEST_IMAGE`.
     """
     path = Path(path)
     try:
@@ -51,6 +56,12 @@ def read_image(path: str | Path) -> Float32Array:
             raise ImageError(f"{path}: cannot be decoded: {error.err}") from error
     if bgr is None:
         raise ImageError(f"{path}: expected an image (PNG, JPEG, TIFF, ...), found something else")
+    height, width = bgr.shape[:2]
+    if height * width > LARGEST_IMAGE:
+        raise ImageError(
+            f"{path}: expected at most {LARGEST_IMAGE:,} pixels, found {width} x {height}; "
+            "make it smaller, or cut it up"
+        )
     return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
 
 
@@ -62,15 +73,23 @@ def find_images(source: str | Path) -> list[Path]:
             pattern such as `photos/**/*.jpg`.
 
     Raises:
-        ImageError: a folder or a pattern without images.
+        ImageError: an empty name, a pattern that is none, or a folder or a pattern without images.
     """
+    if not str(source):
+        raise ImageError("image: expected a file, a folder or a pattern, found an empty name")
     path = Path(source)
-    if path.is_dir():
-        found = [each for each in sorted(path.iterdir()) if each.suffix.lower() in IMAGE_SUFFIXES]
-    elif not path.exists() and any(sign in str(source) for sign in "*?["):
-        found = sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
-    else:
-        return [path]
+    try:
+        if path.is_dir():
+            found = [each for each in path.iterdir() if each.suffix.lower() in IMAGE_SUFFIXES]
+        elif not path.exists() and any(sign in str(source) for sign in "*?["):
+            found = [*Path(path.anchor).glob(str(path.relative_to(path.anchor)))]
+        else:
+            return [path]
+        found = sorted(each for each in found if not each.is_dir())
+    except OSError as error:
+        raise ImageError(f"{source}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ImageError(f"{source}: expected a pattern of names: {error}") from error
     if not found:
         raise ImageError(f"{source}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
     return found
@@ -176,6 +195,7 @@ def _is_cut_short(data: bytes) -> bool:
 @contextmanager
 def quiet_opencv() -> Iterator[None]:
     """OpenCV says nothing on stderr meanwhile: what is wrong is said once, by us."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read once, at the first video
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

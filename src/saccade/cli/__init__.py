@@ -4,8 +4,9 @@ Data goes to stdout, messages to stderr. Exit 0: done; 1: failed; 2: bad input.
 """
 
 import logging
+import os
 import sys
-from typing import Annotated
+from typing import Annotated, Any, NoReturn, cast
 
 import typer
 
@@ -18,6 +19,11 @@ from saccade.cli.look import look
 from saccade.cli.match import match
 from saccade.cli.slam import slam
 from saccade.errors import OutputError, SaccadeError
+
+_INTERRUPTED = "interrupted"
+
+_UsageError = cast("type[Exception]", typer.BadParameter.__base__)
+"""Typer brings its own Click and exports no other name of it."""
 
 app = typer.Typer(
     name="saccade",
@@ -60,10 +66,42 @@ def _root(
 def main() -> None:
     """Run a command; turn what is wrong with its input into one line and an exit code."""
     try:
-        app()
+        code = app(standalone_mode=False) or 0
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OutputError as error:
+        _end(str(error), 1)
     except SaccadeError as error:
-        print(f"saccade: {error}", file=sys.stderr)
-        sys.exit(1 if isinstance(error, OutputError) else 2)
-    except KeyboardInterrupt:
-        print("saccade: interrupted", file=sys.stderr)
-        sys.exit(130)
+        _end(str(error), 2)
+    except _UsageError as error:
+        _refuse(error)
+    except (KeyboardInterrupt, typer.Abort):
+        _end(_INTERRUPTED, 130)
+    except MemoryError as error:
+        _end(f"not enough memory: {error}", 1)
+    except OSError as error:
+        _discard_stdout()
+        _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 1)
+    if code == 130:  # Typer's word for Ctrl-C
+        _end(_INTERRUPTED, 130)
+    sys.exit(code)
+
+
+def _refuse(error: Any) -> NoReturn:  # noqa: ANN401
+    """End because of the command line itself."""
+    message = " ".join(error.format_message().split())
+    if not message:  # no arguments: the help is printed already
+        sys.exit(2)
+    asked = f"; see {error.ctx.command_path} --help" if error.ctx is not None else ""
+    _end(f"{message.rstrip('.')}{asked}", 2)
+
+
+def _end(message: str, code: int) -> NoReturn:
+    print(f"saccade: {message}", file=sys.stderr)
+    sys.exit(code)
+
+
+def _discard_stdout() -> None:
+    """Let nothing that could not be written be tried again when the interpreter ends."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -27,7 +27,8 @@ def fixations(
     preset: Preset = None,
     config: Settings = None,
     sigma: Annotated[
-        float, typer.Option(min=0.1, help="Blur of the fixations in pixels, about 1 degree.")
+        float,
+        typer.Option(min=0.1, max=1000, help="Blur of the fixations in pixels, about 1 degree."),
     ] = 24.0,
     drop: Annotated[
         int, typer.Option(min=0, help="First fixations of each viewer that do not count.")
@@ -76,9 +77,9 @@ def _score(
     drop: int,
 ) -> Any:  # noqa: ANN401
     import numpy as np
-    from rich.console import Console
     from rich.progress import track
 
+    from saccade.cli.output import messages
     from saccade.datasets.fixations import read_fixations
     from saccade.evaluation.prediction import PredictionScores, score_model
     from saccade.image import read_image
@@ -94,8 +95,9 @@ def _score(
         score_model(model, places, sizes, sigma),
         description="scoring",
         total=len(places),
-        console=Console(stderr=True),
+        console=messages(),
         transient=True,
+        disable=not messages().is_terminal,
     )
     names, scores = zip(*scored, strict=True)
     return PredictionScores(names, scores)
@@ -104,8 +106,6 @@ def _score(
 def _model(
     images: Path, maps: Path | None, preset: str | None, config: Path | None
 ) -> Callable[[str], Any]:
-    import numpy as np
-
     from saccade.cli.settings import load_settings
     from saccade.image import as_gray, read_image
     from saccade.pyramid import resize
@@ -125,10 +125,29 @@ def _model(
         shape = read_image(images / name).shape[:2]
         array = maps / f"{Path(name).stem}.npy"
         if array.is_file():
-            return resize(np.load(array, allow_pickle=False), shape)
+            return resize(_array_in(array), shape)
         return resize(as_gray(read_image(_picture_of(name, maps))), shape)
 
     return brought
+
+
+def _array_in(path: Path) -> Any:  # noqa: ANN401
+    """The map in an .npy file: any numbers, (h, w)."""
+    import numpy as np
+
+    from saccade.errors import ImageError
+
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise ImageError(f"{path}: expected a map as .npy, found another file") from error
+    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
+        raise ImageError(
+            f"{path}: expected numbers of shape (h, w), found {array.dtype} of shape {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        raise ImageError(f"{path}: expected finite numbers, found NaN or infinity")
+    return array.astype(np.float32)
 
 
 def _picture_of(name: str, folder: Path) -> Path:

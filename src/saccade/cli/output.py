@@ -4,10 +4,13 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from saccade.errors import OutputError, SaccadeError
 from saccade.files import whole_file
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 def say(message: str) -> None:
@@ -15,10 +18,16 @@ def say(message: str) -> None:
     print(f"saccade: {message}", file=sys.stderr)
 
 
+def messages() -> "Console":
+    """The console of stderr; progress is shown only where it is a terminal."""
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
 def print_json(result: Mapping[str, Any]) -> None:
     """A result for programs, on stdout."""
-    json.dump(result, sys.stdout, indent=2)
-    print()
+    print(json.dumps(result, indent=2, allow_nan=False))
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -26,12 +35,13 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD)
     for number, column in enumerate(columns):
         table.add_column(column, justify="left" if number == 0 else "right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(Text, row))  # brackets in a file's name are no markup
     Console().print(table)
 
 
@@ -52,11 +62,13 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 def names_for(paths: Sequence[Path]) -> dict[Path, str]:
     """A name for the results of each input: its stem, numbered where two share one."""
     names: dict[Path, str] = {}
-    for path in paths:
-        taken, name, number = set(names.values()), path.stem, 2
+    taken: set[str] = set()
+    for path in dict.fromkeys(paths):
+        name, number = path.stem, 2
         while name in taken:
             name, number = f"{path.stem}-{number}", number + 1
-        names.setdefault(path, name)
+        names[path] = name
+        taken.add(name)
     return names
 
 
@@ -78,7 +90,6 @@ def for_each_image(
     Raises:
         SaccadeError: at the end, where an image was bad; the message of a single one as it is.
     """
-    from rich.console import Console
     from rich.progress import track
 
     rows: list[dict[str, Any]] = []
@@ -86,9 +97,9 @@ def for_each_image(
     named = track(
         names_for(paths).items(),
         description=f"{len(paths)} images",
-        console=Console(stderr=True),
+        console=messages(),
         transient=True,
-        disable=len(paths) == 1,
+        disable=len(paths) == 1 or not messages().is_terminal,
     )
     for path, name in named:
         try:

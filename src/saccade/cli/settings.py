@@ -77,7 +77,7 @@ def _named(kind: str, preset: str) -> Any:  # noqa: ANN401
 
 def _from_file(path: Path, settings: Any) -> dict[str, Any]:  # noqa: ANN401
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -36,19 +36,20 @@ def slam(
     """
     from dataclasses import replace
 
-    from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     from saccade import datasets
-    from saccade.cli.output import print_json, print_table
+    from saccade.cli.output import messages, print_json, print_table
     from saccade.cli.settings import load_settings
 
     settings = load_settings("slam", preset, config)
     if association is not None:
         settings = replace(settings, association=association)
     recorded = datasets.load(cast("datasets.Kind", kind), log, robot=robot)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(f"{recorded.name}", total=None)
+    console = messages()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(escape(recorded.name), total=None)
         row = map_log(
             recorded,
             out,
@@ -90,10 +91,14 @@ def map_log(
     import saccade
     from saccade.cli.output import write_text
     from saccade.datasets import write_landmarks, write_tum
+    from saccade.errors import LogError
     from saccade.slam import run
     from saccade.viewing import map_figure, save_figure
 
-    result = run(log, settings, progress=progress)
+    try:
+        result = run(log, settings, progress=progress)
+    except LogError as error:
+        raise LogError(f"{log.name}: {error}") from error
     figure = map_figure(result.trajectory, result.map, result.dead_reckoning)
     files = {
         "picture": out / "map.png",

@@ -17,21 +17,22 @@ def watch(path: Path, out: Path, settings: Any, every: int) -> dict[str, Any]:  
         every: take one frame of so many.
     """
     import numpy as np
-    from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     from saccade.attention.contrast import contrast_saliency
-    from saccade.cli.output import write_arrays
+    from saccade.cli.output import messages, write_arrays
     from saccade.video import read_video, video_rate, video_writer
     from saccade.viewing import heat_beside
 
     times, maps = [], []
+    console = messages()
     film = Path(f"{out}.mp4")
     with (
-        Progress(console=Console(stderr=True), transient=True) as progress,
+        Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
         video_writer(film, video_rate(path) / every) as write,
     ):
-        task = progress.add_task(path.name, total=None)
+        task = progress.add_task(escape(path.name), total=None)
         for time, frame in read_video(path, every):
             saliency = contrast_saliency(frame, settings).saliency
             write(heat_beside(frame, saliency))

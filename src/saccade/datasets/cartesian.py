@@ -29,6 +29,6 @@ def to_range_bearing(
         raise LogError(f"{where}: expected a landmark away from the robot, found range 0")
     J = np.empty((len(xy), 2, 2))
     J[:, 0, 0], J[:, 0, 1] = x / r, y / r
-    J[:, 1, 0], J[:, 1, 1] = -y / r**2, x / r**2
+    J[:, 1, 0], J[:, 1, 1] = -y / r / r, x / r / r
     R = J @ covariance @ J.transpose(0, 2, 1)
     return np.stack([r, np.arctan2(y, x)], 1), (R + R.transpose(0, 2, 1)) / 2

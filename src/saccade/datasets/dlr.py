@@ -36,9 +36,11 @@ def read_dlr(path: str | Path) -> LandmarkLog:
     steps = len(odometry)
     if len(upper) != steps:
         raise LogError(f"{path}: expected {steps} covariances of odometry, found {len(upper)}")
-    step = seen[:, 0].astype(np.int64)
+    step = seen[:, 0]
     if len(step) and not 0 <= step.min() <= step.max() <= steps:
-        raise LogError(f"{path}: expected steps from 0 to {steps}, found {step.min()}-{step.max()}")
+        raise LogError(
+            f"{path}: expected steps from 0 to {steps}, found {step.min():g}-{step.max():g}"
+        )
     seen = seen[np.argsort(step, kind="stable")]
     covariance = seen[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
     places = [f"{path}, observation {k}" for k in range(len(seen))]

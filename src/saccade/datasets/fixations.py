@@ -23,7 +23,7 @@ def read_fixations(path: str | Path) -> FixationTable:
         LogError: the file is missing or broken; the message names the line.
     """
     path = Path(path)
-    rows = _mat_rows(path) if path.suffix == ".mat" else _csv_rows(path)
+    rows = _mat_rows(path) if path.suffix.lower() == ".mat" else _csv_rows(path)
     if not rows:
         raise LogError(f"{path}: expected at least one fixation, found none")
     image, viewer, index, x, y = zip(*rows, strict=True)
@@ -38,7 +38,7 @@ _Row = tuple[str, int, int, float, float]
 def _csv_rows(path: Path) -> list[_Row]:
     rows = []
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
             if missing:
@@ -80,8 +80,8 @@ def _mat_rows(path: Path) -> list[_Row]:
         ]
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (KeyError, TypeError, ValueError, IndexError, NotImplementedError) as error:
-        raise LogError(f"{path}: expected the fixations of OSIE: {error!r}") from error
+    except Exception as error:  # SciPy raises what the broken bytes happen to provoke
+        raise LogError(f"{path}: expected the fixations of OSIE, found another file") from error
 
 
 def _each(value: Any) -> Any:  # noqa: ANN401

@@ -147,7 +147,7 @@ def _parse(path: Path) -> _Lines:
 
 
 def _identity(path: Path, line: int, word: str) -> int:
-    if not word.isdecimal():
+    if not word.isdecimal() or len(word) > 18:  # more digits do not fit into 64 bits
         raise LogError(
             f"{path}, line {line}: expected the number of a pose or landmark, found {word!r}"
         )

@@ -15,6 +15,8 @@ ROBOTS = 5
 """Subjects 1 to 5 are the robots themselves; the others are landmarks."""
 LONGEST_STEP = 0.5
 """Seconds; poses are put between observations that are farther apart."""
+LONGEST_RUN = 1e6
+"""Seconds; a log that is longer has a broken time in it."""
 STALE = 0.2
 """Seconds by which the first odometry sample may be stamped after the second: those of most
 robots of set 9 are, and are left out."""
@@ -79,6 +81,11 @@ def read_mrclam(
     subject = np.array([subject_of.get(int(b), -1) for b in tables.measurement[:, 1]], np.int64)
     seen = tables.measurement[subject > ROBOTS]  # (k, 4)
     whole = np.concatenate([time[[0, -1]], seen[:, 0]])
+    if not np.ptp(whole) < LONGEST_RUN:
+        raise LogError(
+            f"{path}: expected times within {LONGEST_RUN:.0f} s of each other, "
+            f"found {whole.min():g} to {whole.max():g} s"
+        )
     at = _pose_times(whole.min(), whole.max(), seen[:, 0])
     control, control_covariance = integrate(time, speed, turn_rate, at, odometry_noise)
     truth = _trajectory(tables.groundtruth)

@@ -1,7 +1,6 @@
 """Lines of numbers, with the line's number in every complaint."""
 
 from collections.abc import Callable, Iterator
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ def read_lines(path: Path) -> list[str]:
         LogError: there is no such file, it cannot be read, or it is not text.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -35,19 +34,25 @@ def fields(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
             yield number, words
 
 
+LARGEST = 1e100
+"""Nothing that was measured is larger, and its square is still a number."""
+
+
 def numbers(path: Path, line: int, words: list[str]) -> list[float]:
-    """Words as finite numbers.
+    """Words as numbers within `LARGEST`.
 
     Raises:
-        LogError: one of them is not a finite number; names the file and the line.
+        LogError: one of them is no such number; names the file and the line.
     """
     try:
         values = [float(word) for word in words]
     except ValueError:
         values = []
-    if len(values) != len(words) or not all(isfinite(value) for value in values):
-        wrong = next(word for word in words if not _is_finite_number(word))
-        raise LogError(f"{path}, line {line}: expected a finite number, found {wrong!r}")
+    if len(values) != len(words) or not all(abs(value) < LARGEST for value in values):
+        wrong = next(word for word in words if not _is_number(word))
+        raise LogError(
+            f"{path}, line {line}: expected a finite number under {LARGEST:g}, found {wrong!r}"
+        )
     return values
 
 
@@ -108,8 +113,8 @@ def in_order(table: FloatArray, stale: float, place: Callable[[int], str]) -> Fl
     return table[skip:]
 
 
-def _is_finite_number(word: str) -> bool:
+def _is_number(word: str) -> bool:
     try:
-        return isfinite(float(word))
+        return abs(float(word)) < LARGEST
     except ValueError:
         return False

@@ -55,8 +55,10 @@ def score(
     Raises:
         ImageError: the map is not finite, or a place lies outside it.
     """
-    if saliency.ndim != 2 or not np.isfinite(saliency).all():
-        raise ImageError(f"saliency map: expected finite (H, W), found shape {saliency.shape}")
+    if saliency.ndim != 2:
+        raise ImageError(f"saliency map: expected shape (H, W), found {saliency.shape}")
+    if not np.isfinite(saliency).all():
+        raise ImageError("saliency map: expected finite values, found NaN or infinity")
     height, width = saliency.shape
     density = fixation_density(fixations, (height, width), sigma)
     baseline = fixation_density(others, (height, width), sigma)

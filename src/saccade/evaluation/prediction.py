@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.stats import bootstrap
 
-from saccade.errors import LogError
+from saccade.errors import ImageError, LogError
 from saccade.evaluation.fixations import FixationScores, score
 from saccade.types import Float32Array, FloatArray
 
@@ -67,6 +67,7 @@ def score_model(
 
     Raises:
         LogError: there is only one image, so that nothing can be shuffled.
+        ImageError: a map or a fixation is not of its image; names the image.
     """
     if len(fixations) < 2:
         raise LogError(f"fixations: expected at least two images, found {len(fixations)}")
@@ -75,4 +76,7 @@ def score_model(
         others = np.vstack([places for other, places in relative.items() if other != name])
         height, width = sizes[name]
         scaled = (others * (width, height) - 0.5).clip(0, (width - 1, height - 1))
-        yield name, score(model(name), xy, scaled, sigma)
+        try:
+            yield name, score(model(name), xy, scaled, sigma)
+        except ImageError as error:
+            raise ImageError(f"{name}: {error}") from error

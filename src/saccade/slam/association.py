@@ -101,7 +101,11 @@ def mahalanobis_squared(ekf: EkfSlam, z: FloatArray, R: FloatArray) -> FloatArra
     """
     expected = ekf.expect()
     v = ekf.sensor.difference(z[:, None], expected.z)  # (m, N, 2)
-    S = expected.covariance + R[:, None]  # (m, N, 2, 2)
+    return squared_distance(v, expected.covariance + R[:, None])
+
+
+def squared_distance(v: FloatArray, S: FloatArray) -> FloatArray:
+    """v^T S^-1 v of pairs (..., 2) and covariances (..., 2, 2); infinite where S is singular."""
     a, b, d = S[..., 0, 0], S[..., 0, 1], S[..., 1, 1]
     determinant = a * d - b * b
     square = d * v[..., 0] ** 2 - 2 * b * v[..., 0] * v[..., 1] + a * v[..., 1] ** 2

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.slam.association import DROPPED, pair_nearest_first
+from saccade.slam.association import DROPPED, pair_nearest_first, squared_distance
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.ekf import EkfSlam
 from saccade.types import FloatArray
@@ -73,5 +73,4 @@ class Candidates:
         spread = np.array([c.covariance for c in self._waiting])
         apart = xy[:, None] - there  # (m, C, 2)
         total = covariance[:, None] + spread  # (m, C, 2, 2)
-        solved = np.linalg.solve(total, apart[..., None])[..., 0]
-        return np.asarray((apart * solved).sum(-1))
+        return squared_distance(apart, total)

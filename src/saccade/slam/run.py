@@ -164,8 +164,8 @@ def _association(log: LandmarkLog, config: EkfConfig) -> tuple[Association, Cand
     named = log.landmark >= 0
     if config.association == "known" and not named.any() and len(named) > 0:
         raise LogError(
-            f"{log.name}: the log does not name the landmarks it sees; "
-            "expected association nearest, found known"
+            "association: expected nearest, found known, but the log does not name "
+            "the landmarks it sees"
         )
     if config.association == "known" or (config.association == "auto" and named.all()):
         return KnownIdentity(), Candidates(sightings=1, lifetime=config.lifetime)
