@@ -120,3 +120,19 @@ def test_observations_without_noise_find_no_candidate():
     exact = np.zeros((4, 2, 2))
     for time in (0.0, 0.1):
         assert candidates.confirm(EkfSlam(np.zeros(3), np.zeros((3, 3))), z, exact, time) == []
+
+
+def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
+    z, noise = _scan(WORLD + np.array([0.1, -0.05]))
+    noise[:, 0, 1] = noise[:, 1, 0] = 9e-4
+    distance = mahalanobis_squared(_filter(), z, noise)
+    for landmark in range(len(WORLD)):
+        nis = _filter().update(z[landmark], noise[landmark], landmark).nis
+        np.testing.assert_allclose(distance[landmark, landmark], nis, rtol=1e-9)
+
+
+def test_a_candidate_is_as_uncertain_along_the_ray_as_the_range():
+    for shift, confirmed in (([0.0, 0.3], [0]), ([0.3, 0.0], [])):
+        candidates = Candidates(sightings=2, lifetime=1.0)
+        assert _confirmed(candidates, [[0.0, 5.0]], 0.0) == []
+        assert _confirmed(candidates, np.add([[0.0, 5.0]], shift), 0.1) == confirmed

@@ -104,6 +104,7 @@ def test_dialect_is_found_out_from_the_lines(tmp_path):
         (ISAM.replace("LANDMARK 3 7", "LANDMARK 3 b"), "line 7: expected the number .* 'b'"),
         (ISAM.replace("LANDMARK 3 7", f"LANDMARK 3 {10**19}"), "line 7: expected the number"),
         (ISAM.replace("0.5 0.1 0.4", "0.5 2 0.4"), "line 2: .*entries of a covariance"),
+        (ISAM.replace("0.5 0.1 0.4", "0.5 0.46 0.4"), "line 2: .*entries of a covariance"),
         (ISAM + "ODOMETRY 3 0 0 0 0 1 0 0 1 0 1\n", "line 8: .*loop closures"),
         (ISAM + "ODOMETRY 1 5 0 0 0 1 0 0 1 0 1\n", "line 8: .*edge from pose 3"),
     ],

@@ -148,3 +148,18 @@ def test_a_folder_whose_name_ends_like_an_image_is_left_out(tmp_path):
     expected = [tmp_path / "[a].png"]
     assert find_images(tmp_path) == find_images(tmp_path / "*.png") == expected
     assert find_images(expected[0]) == expected
+
+
+def test_a_cut_photograph_is_not_taken_for_whole_by_its_thumbnail(tmp_path, rng):
+    def jpeg(shape):
+        return cv2.imencode(".jpg", rng.integers(0, 256, shape, np.uint8))[1].tobytes()
+
+    photograph, thumbnail = jpeg((64, 64, 3)), jpeg((8, 8, 3))
+    note = b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail
+    whole = photograph[:2] + note + photograph[2:]
+    path = tmp_path / "photograph.jpg"
+    path.write_bytes(whole)
+    assert read_image(path).shape == (64, 64, 3)
+    path.write_bytes(whole[: len(whole) * 3 // 4])
+    with pytest.raises(ImageError, match="cut short"):
+        read_image(path)

@@ -114,3 +114,11 @@ def test_what_cannot_be_matched(rng):
     for ratio in (0, -1, 1.5, float("nan")):
         with pytest.raises(ConfigError, match="ratio: expected"):
             match(described, described, ratio=ratio)
+
+
+def test_of_equally_near_points_the_first_is_taken_across_blocks(monkeypatch):
+    monkeypatch.setattr(matching, "BLOCK", 1)
+    twins, single = np.full((3, 128), 7, np.uint8), np.full((1, 128), 9, np.uint8)
+    nearest, _, _, back = matching.nearest_neighbors(twins, single)
+    assert nearest.tolist() == [0, 0, 0]
+    assert back.tolist() == [0]

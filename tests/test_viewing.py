@@ -4,7 +4,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 
 from saccade.errors import OutputError
@@ -64,6 +64,17 @@ def test_keypoints_are_circles_of_their_size():
     (circles,) = ellipses_of(keypoint_figure(IMAGE, KEYPOINTS))
     np.testing.assert_allclose(circles.get_widths(), [20, 8])
     np.testing.assert_allclose(circles.get_offsets(), [[60, 10], [20, 30]])
+
+
+def test_a_line_leads_from_each_keypoint_to_its_circle():
+    (axes,) = keypoint_figure(IMAGE, KEYPOINTS).axes
+    (lines,) = [each for each in axes.collections if isinstance(each, LineCollection)]
+    points = dict(zip(map(tuple, KEYPOINTS.xy.tolist()), range(2), strict=True))
+    for start, end in lines.get_segments():
+        k = points[tuple(start.tolist())]
+        along = np.subtract(end, start)
+        assert np.hypot(*along) == pytest.approx(KEYPOINTS.size[k] / 2)
+        assert np.arctan2(*along[::-1]) == pytest.approx(KEYPOINTS.angle[k], abs=1e-6)
 
 
 def test_matches_are_joined():
