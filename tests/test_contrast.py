@@ -262,6 +262,12 @@ def test_an_image_that_is_none_is_refused():
         {"maxima_radius": -0.1},
         {"iterations": 0},
         {"map_level": -1},
+        {"map_level": 10**9},
+        {"color_weight": 1e300},
+        {"gabor_sigma": 1e-300},
+        {"gabor_period": float("inf")},
+        {"gabor_size": 10**26 + 1},
+        {"scales": ((1, 10**9),), "scale_weights": (1.0,)},
     ],
 )
 def test_a_broken_setting_is_named(broken):

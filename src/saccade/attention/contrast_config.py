@@ -17,6 +17,11 @@ Arithmetic = Literal["mirrored", "saliencytoolbox2"]
 CENTERS_2_TO_4: Scales = ((2, 5), (2, 6), (3, 6), (3, 7), (4, 7), (4, 8))
 """The six pairs of A.7-A.10."""
 
+DEEPEST = 30
+"""Pyramid level that no image reaches."""
+HEAVIEST = 1e6
+"""Weight beyond which single precision loses what weighs less."""
+
 
 @dataclass(frozen=True)
 class ContrastConfig:
@@ -88,7 +93,7 @@ class ContrastConfig:
     def __post_init__(self) -> None:
         for name in ("intensity_weight", "color_weight", "orientation_weight"):
             weight = getattr(self, name)
-            require(0 <= weight < np.inf, name, "a finite weight of at least 0", weight)
+            require(0 <= weight <= HEAVIEST, name, f"a weight from 0 to {HEAVIEST:g}", weight)
         total = self.intensity_weight + self.color_weight + self.orientation_weight
         require(total > 0, "weights", "at least one above 0", total)
         for name, choices in (
@@ -102,22 +107,22 @@ class ContrastConfig:
         require(0 <= self.dark <= 1, "dark", "a value in [0, 1]", self.dark)
         for name in ("scales", "orientation_scales"):
             pairs = getattr(self, name)
-            rising = all(len(pair) == 2 and 0 <= pair[0] < pair[1] for pair in pairs)
-            expected = "pairs of a center level of at least 0 and a coarser surround level"
+            rising = all(len(pair) == 2 and 0 <= pair[0] < pair[1] <= DEEPEST for pair in pairs)
+            expected = f"pairs of a center level and a coarser surround level, from 0 to {DEEPEST}"
             require(len(pairs) > 0 and rising, name, expected, pairs)
         require(
             len(self.scale_weights) == len(self.scales)
-            and all(0 < weight < np.inf for weight in self.scale_weights),
+            and all(0 < weight <= HEAVIEST for weight in self.scale_weights),
             "scale_weights",
-            f"a finite weight above 0 for each of the {len(self.scales)} scales",
+            f"a weight above 0, at most {HEAVIEST:g}, for each of the {len(self.scales)} scales",
             self.scale_weights,
         )
         require(len(self.orientations) > 0, "orientations", "one or more angles", ())
-        require(self.gabor_period >= 2, "gabor_period", "2 px or more", self.gabor_period)
-        require(self.gabor_sigma > 0, "gabor_sigma", "a positive width", self.gabor_sigma)
-        odd = self.gabor_size >= 3 and self.gabor_size % 2 == 1
-        require(odd, "gabor_size", "an odd size of 3 or more", self.gabor_size)
-        require(self.map_level >= 0, "map_level", "0 or more", self.map_level)
+        require(2 <= self.gabor_period <= 1000, "gabor_period", "2 to 1000 px", self.gabor_period)
+        require(0.1 <= self.gabor_sigma <= 1000, "gabor_sigma", "0.1 to 1000 px", self.gabor_sigma)
+        odd = 3 <= self.gabor_size < 100 and self.gabor_size % 2 == 1
+        require(odd, "gabor_size", "an odd size from 3 to 99", self.gabor_size)
+        require(0 <= self.map_level <= DEEPEST, "map_level", f"0 to {DEEPEST}", self.map_level)
         require(0 <= self.smoothing < np.inf, "smoothing", "0 cells or more", self.smoothing)
         require(
             self.smoothing == 0 or self.normalize_at == "map",
@@ -132,8 +137,8 @@ class ContrastConfig:
         threshold = self.maxima_threshold
         require(0 <= threshold <= 1, "maxima_threshold", "a value in [0, 1]", threshold)
         require(0 <= self.maxima_radius <= 1, "maxima_radius", "in [0, 1]", self.maxima_radius)
-        require(self.iterations >= 1, "iterations", "1 or more", self.iterations)
-        require(0 < self.sharpening < np.inf, "sharpening", "above 0", self.sharpening)
+        require(1 <= self.iterations <= 1000, "iterations", "1 to 1000", self.iterations)
+        require(0 < self.sharpening <= 100, "sharpening", "above 0, at most 100", self.sharpening)
         require(0 <= self.center_prior < np.inf, "center_prior", "0 or more", self.center_prior)
         require(self.viewing_size >= 0, "viewing_size", "0 px or more", self.viewing_size)
 
