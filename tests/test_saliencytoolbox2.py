@@ -20,7 +20,9 @@ from saccade.attention.saliencytoolbox2 import (
     nearest,
     promote_by_maxima,
     rescale,
+    whole_levels,
 )
+from saccade.image import read_image
 
 CONFIG = ContrastConfig.saliencytoolbox2()
 IMAGES = (
@@ -92,6 +94,26 @@ def test_every_map_and_fixation_is_the_toolboxs(shared, name):
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_disk_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_disk_time_s"].ravel()) / STEP
     assert steps_apart.max() < 1.01
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", IMAGES)
+def test_an_image_that_was_read_gives_the_same_numbers(shared, name):
+    folder = shared / "reference" / "saliency"
+    maps = contrast_saliency(read_image(folder / "images" / f"{name}.png"), CONFIG)
+    published = np.load(folder / f"{name}.iterative.npz")
+    np.testing.assert_allclose(maps.saliency, published["salmap"], rtol=0, atol=1e-9)
+    for field, key in CONSPICUITY.items():
+        np.testing.assert_allclose(getattr(maps, field), published[key], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("top", [255, 65535])
+def test_only_whole_levels_are_restored(top, rng):
+    levels = rng.integers(0, top + 1, (9, 8, 3))
+    single = (levels / top).astype(np.float32).astype(np.float64)
+    np.testing.assert_array_equal(whole_levels(single), levels / top)
+    between = single + 1e-6
+    np.testing.assert_array_equal(whole_levels(between), between)
 
 
 @pytest.mark.shared

@@ -58,7 +58,7 @@ class SaliencyToolbox2Steps:
     ) -> tuple[int, FloatMap, dict[str, FloatMap]]:
         """Level 0, intensity and opponents there (A.1-A.3)."""
         del finest
-        rgb = as_rgb(pixels, dtype=self.dtype)
+        rgb = whole_levels(as_rgb(pixels, dtype=self.dtype))
         brightness = rgb @ np.array(LUMA)
         if self.config.color == "linear":
             red_green, blue_yellow = channels.linear_opponency(rgb)
@@ -133,6 +133,22 @@ class SaliencyToolbox2Steps:
         if top is None:
             return promote_by_maxima(values, float(values.max()), 1.0)
         return promote_by_maxima(values, top, config.maxima_threshold * top)
+
+
+def whole_levels(rgb: FloatMap) -> FloatMap:
+    """An image of 8 or 16 bit that went through float32, as if it had not.
+
+    float32 does not hold k / 255: what is that far from whole levels everywhere was whole.
+
+    Args:
+        rgb: (H, W, 3) float64.
+    """
+    for top in (255, 65535):
+        levels = np.rint(rgb * top)
+        if np.abs(levels - rgb * top).max() <= top * np.finfo(np.float32).eps:
+            whole: FloatMap = levels / top
+            return whole
+    return rgb
 
 
 def nearest(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
