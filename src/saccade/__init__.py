@@ -72,7 +72,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401
+def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: `import saccade` stays light."""
     if name in _ROOMS:
         return import_module(f"saccade.{name}")

@@ -87,7 +87,7 @@ def main() -> None:
     sys.exit(code)
 
 
-def _refuse(error: Any) -> NoReturn:  # noqa: ANN401
+def _refuse(error: Any) -> NoReturn:
     """End because of the command line itself."""
     message = " ".join(error.format_message().split())
     if not message:  # no arguments: the help is printed already

@@ -1,11 +1,14 @@
 """`saccade detect`: interest points."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from saccade.cli.options import Images, Json, Out, Preset, Settings
+
+if TYPE_CHECKING:
+    from saccade.keypoints.sift import Sift
 
 Most = Annotated[
     int | None, typer.Option("--max", min=1, help="Keep only this many, the strongest.")
@@ -44,7 +47,7 @@ def detect(
     )
 
 
-def make_detector(preset: str | None, config: Path | None, most: int | None) -> Any:  # noqa: ANN401
+def make_detector(preset: str | None, config: Path | None, most: int | None) -> "Sift":
     """A `Sift` from the options of the command line."""
     from dataclasses import replace
 
@@ -55,7 +58,7 @@ def make_detector(preset: str | None, config: Path | None, most: int | None) -> 
     return Sift(settings if most is None else replace(settings, max_keypoints=most))
 
 
-def detect_in(path: Path, out: Path, sift: Any) -> dict[str, Any]:  # noqa: ANN401
+def detect_in(path: Path, out: Path, sift: "Sift") -> dict[str, Any]:
     """Detect in one image: write `out`.png and `out`.npz, give the row for --json."""
     import numpy as np
 

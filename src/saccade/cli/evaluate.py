@@ -63,7 +63,7 @@ def fixations(
     print_table(f"{len(result.image)} images, {maps or preset or 'default'}", columns, rows)
 
 
-def _row(name: str, scores: Any) -> list[str]:  # noqa: ANN401
+def _row(name: str, scores: Any) -> list[str]:
     from dataclasses import astuple
 
     return [name, *(f"{value:.3f}" for value in astuple(scores))]
@@ -75,7 +75,7 @@ def _score(
     model: Callable[[str], Any],
     sigma: float,
     drop: int,
-) -> Any:  # noqa: ANN401
+) -> Any:
     import numpy as np
     from rich.progress import track
 
@@ -115,13 +115,13 @@ def _model(
 
         settings = load_settings("contrast", preset, config)
 
-        def predicted(name: str) -> Any:  # noqa: ANN401
+        def predicted(name: str) -> Any:
             image = read_image(images / name)
             return resize(contrast_saliency(image, settings).saliency, image.shape[:2])
 
         return predicted
 
-    def brought(name: str) -> Any:  # noqa: ANN401
+    def brought(name: str) -> Any:
         shape = read_image(images / name).shape[:2]
         array = maps / f"{Path(name).stem}.npy"
         if array.is_file():
@@ -131,7 +131,7 @@ def _model(
     return brought
 
 
-def _array_in(path: Path) -> Any:  # noqa: ANN401
+def _array_in(path: Path) -> Any:
     """The map in an .npy file: any numbers, (h, w)."""
     import numpy as np
 

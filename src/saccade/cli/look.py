@@ -2,11 +2,14 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from saccade.cli.options import Json, Out, Preset, Settings
+
+if TYPE_CHECKING:
+    from saccade.attention.contrast import ContrastConfig
 
 
 class Inhibition(StrEnum):
@@ -85,7 +88,7 @@ def look(
 def look_at(
     path: Path,
     out: Path,
-    settings: Any,  # noqa: ANN401
+    settings: "ContrastConfig",
     fixations: int,
     *,
     by_shape: bool = False,

@@ -1,12 +1,15 @@
 """`saccade match`: interest points that two images share."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from saccade.cli.detect import Most
 from saccade.cli.options import Json, Out, Preset, Settings
+
+if TYPE_CHECKING:
+    from saccade.keypoints.sift import Sift
 
 
 def match(
@@ -48,7 +51,7 @@ def match_images(
     first: Path,
     second: Path,
     out: Path,
-    sift: Any,  # noqa: ANN401
+    sift: "Sift",
     ratio: float,
     mutual: bool,
 ) -> dict[str, Any]:

@@ -19,7 +19,7 @@ KINDS = {
 DEFAULT = "default"
 
 
-def load_settings(kind: str, preset: str | None = None, path: Path | None = None) -> Any:  # noqa: ANN401
+def load_settings(kind: str, preset: str | None = None, path: Path | None = None) -> Any:
     """A configuration: a preset, with the settings of a file on top.
 
     Args:
@@ -45,7 +45,7 @@ def preset_names(kind: str) -> list[str]:
     return [DEFAULT, *_presets(_configuration(kind))]
 
 
-def as_toml(settings: Any) -> str:  # noqa: ANN401
+def as_toml(settings: Any) -> str:
     """A configuration as TOML; what is None is left out, since TOML has no word for it."""
     import tomli_w
 
@@ -53,7 +53,7 @@ def as_toml(settings: Any) -> str:  # noqa: ANN401
     return tomli_w.dumps(values)
 
 
-def _configuration(kind: str) -> Any:  # noqa: ANN401
+def _configuration(kind: str) -> Any:
     if kind not in KINDS:
         raise ConfigError(f"kind: expected one of {', '.join(KINDS)}, found {kind!r}")
     module, name = KINDS[kind]
@@ -64,7 +64,7 @@ def _presets(configuration: type) -> list[str]:
     return [name for name, value in vars(configuration).items() if isinstance(value, classmethod)]
 
 
-def _named(kind: str, preset: str) -> Any:  # noqa: ANN401
+def _named(kind: str, preset: str) -> Any:
     configuration = _configuration(kind)
     if preset == DEFAULT:
         return configuration()
@@ -75,7 +75,7 @@ def _named(kind: str, preset: str) -> Any:  # noqa: ANN401
     return getattr(configuration, preset)()
 
 
-def _from_file(path: Path, settings: Any) -> dict[str, Any]:  # noqa: ANN401
+def _from_file(path: Path, settings: Any) -> dict[str, Any]:
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -92,7 +92,7 @@ def _from_file(path: Path, settings: Any) -> dict[str, Any]:  # noqa: ANN401
     }
 
 
-def _like(value: Any, model: Any, name: str) -> Any:  # noqa: ANN401
+def _like(value: Any, model: Any, name: str) -> Any:
     """`value` in the type of `model`: TOML has lists for tuples and may write 1 for 1.0."""
     if isinstance(model, tuple) and isinstance(value, list):
         return tuple(_like(each, model[0], name) if model else each for each in value)

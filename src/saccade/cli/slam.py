@@ -3,11 +3,15 @@
 from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from saccade.cli.options import Json, Out, Preset, Settings
+
+if TYPE_CHECKING:
+    from saccade.slam import EkfConfig
+    from saccade.types import LandmarkLog
 
 
 def slam(
@@ -72,9 +76,9 @@ def facts(row: dict[str, Any]) -> dict[str, str]:
 
 
 def map_log(
-    log: Any,  # noqa: ANN401
+    log: "LandmarkLog",
     out: Path,
-    settings: Any,  # noqa: ANN401
+    settings: "EkfConfig",
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Run the filter over a log: write trajectory, map, picture and run.json, give the row.

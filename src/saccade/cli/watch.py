@@ -1,10 +1,13 @@
 """What `saccade look` does with a video."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from saccade.attention.contrast import ContrastConfig
 
 
-def watch(path: Path, out: Path, settings: Any, every: int) -> dict[str, Any]:  # noqa: ANN401
+def watch(path: Path, out: Path, settings: "ContrastConfig", every: int) -> dict[str, Any]:
     """Look at a video: write `out`.mp4 and `out`.npz, give the row for --json.
 
     The film has the frame at the left and its saliency as heat at the right; the arrays are the

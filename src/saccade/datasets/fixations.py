@@ -84,6 +84,6 @@ def _mat_rows(path: Path) -> list[_Row]:
         raise LogError(f"{path}: expected the fixations of OSIE, found another file") from error
 
 
-def _each(value: Any) -> Any:  # noqa: ANN401
+def _each(value: Any) -> Any:
     """The items of a cell array, which SciPy hands over bare where there is only one."""
     return np.atleast_1d(np.asarray(value, dtype=object)).tolist()

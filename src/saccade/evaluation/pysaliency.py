@@ -8,7 +8,7 @@ import numpy as np
 from saccade.types import Float32Array, Image
 
 
-def as_pysaliency(predict: Callable[[Image], Float32Array]) -> Any:  # noqa: ANN401
+def as_pysaliency(predict: Callable[[Image], Float32Array]) -> Any:
     """A saliency model as pysaliency's `SaliencyMapModel`.
 
     Args:
