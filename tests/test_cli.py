@@ -328,6 +328,20 @@ def test_evaluate_fixations_of_maps_that_a_user_brings(run, gazes):
     assert "0.jpg" in out
 
 
+def test_evaluate_fixations_leaves_out_who_looked_away(run, gazes, tmp_path):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
+    before = json.loads(run(*words, "--json")[1])
+    with (tmp_path / "gazes.csv").open("a") as table:
+        table.write("0.jpg,6,1,-30,10\n1.jpg,6,1,512,10\n")
+    code, out, err = run(*words, "--json")
+    assert code == 0
+    assert json.loads(out) == before
+    assert "2 fixations outside their images are left out" in err
+    code, _, err = run(*words, "--drop", 5)
+    assert code == 2
+    assert "lower --drop" in err
+
+
 def test_evaluate_fixations_names_what_is_missing(run, gazes):
     words = ["evaluate", "fixations", "--images", gazes, "--fixations"]
     assert "nowhere.csv" in run(*words, "nowhere.csv")[2]

@@ -79,18 +79,27 @@ def _score(
     import numpy as np
     from rich.progress import track
 
-    from saccade.cli.output import messages
+    from saccade.cli.output import messages, say
     from saccade.datasets.fixations import read_fixations
+    from saccade.errors import LogError
+    from saccade.evaluation.fixations import inside
     from saccade.evaluation.prediction import PredictionScores, score_model
     from saccade.image import read_image
 
     table = read_fixations(fixations)
     counted = table.index >= drop
+    if not counted.any():
+        raise LogError(f"{fixations}: every fixation is among the first {drop}; lower --drop")
     places = {
         str(name): table.xy[counted & (table.image == name)]
         for name in np.unique(table.image[counted])
     }
     sizes = {name: read_image(images / name).shape[:2] for name in places}
+    seen = {name: inside(xy, sizes[name]) for name, xy in places.items()}
+    outside = sum(map(len, places.values())) - sum(map(len, seen.values()))
+    if outside:
+        say(f"{outside} fixations outside their images are left out")
+    places = {name: xy for name, xy in seen.items() if len(xy)}
     scored = track(
         score_model(model, places, sizes, sigma),
         description="scoring",

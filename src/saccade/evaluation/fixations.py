@@ -173,15 +173,19 @@ def roc_area(positives: Map, negatives: Map) -> float:
     return float((below + not_above).mean() / (2 * len(ordered)))
 
 
+def inside(fixations: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """The fixations that fall into an image of (H, W) pixels, (m, 2) of (n, 2)."""
+    cells = np.floor(fixations + 0.5)
+    return fixations[((cells >= 0) & (cells < (shape[1], shape[0]))).all(axis=1)]
+
+
 def _cells(
     fixations: FloatArray, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     if len(fixations) == 0:
         raise ImageError("fixations: expected at least one, found none")
-    columns, rows = np.floor(np.asarray(fixations) + 0.5).astype(np.intp).T
-    height, width = shape
-    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-    if not inside.all():
-        x, y = fixations[int(np.argmin(inside))]
-        raise ImageError(f"fixations: expected places inside {width} x {height}, found ({x}, {y})")
+    if len(inside(fixations, shape)) < len(fixations):
+        height, width = shape
+        raise ImageError(f"fixations: expected places inside {width} x {height}; some lie outside")
+    columns, rows = np.floor(fixations + 0.5).astype(np.intp).T
     return rows, columns
