@@ -200,9 +200,11 @@ def test_the_number_of_threads_changes_nothing(rng, preset):
     before = cv2.getNumThreads()
     try:
         cv2.setNumThreads(1)
-        one = Sift(PRESETS[preset])(image)
+        one = Sift(PRESETS[preset], threads=1)(image)
+        assert len(one) > 600  # more than two blocks
         cv2.setNumThreads(4)
-        assert_same(Sift(PRESETS[preset])(image), one)
+        for threads in (0, 2, 5):
+            assert_same(Sift(PRESETS[preset], threads=threads)(image), one)
     finally:
         cv2.setNumThreads(before)
 
@@ -361,6 +363,8 @@ def test_the_default_is_lowe():
         ("voting", "secret"),
         ("smoothing", -1),
         ("max_orientations", -1),
+        ("orientation_spacing", -1.0),
+        ("descriptor_spacing", 4.0),
         ("window_sigma", 0.0),
         ("descriptor", "surf"),
         ("max_keypoints", -5),

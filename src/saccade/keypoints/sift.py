@@ -1,5 +1,6 @@
 """The Scale-Invariant Feature Transform: the detector of appendix B.1."""
 
+import os
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -67,6 +68,11 @@ class SiftConfig:
     """Give every point the angle 0."""
     subpixel_patches: bool = True
     """Centre orientation and descriptor on the point, not on the sample nearest to it."""
+    orientation_spacing: float = 0.0
+    """Of the samples that the histogram of directions looks at, in scales; 0 for all."""
+    descriptor_spacing: float = 0.0
+    """Of the samples that the descriptor looks at, in scales; 0 for all. Lowe's 4x4 samples
+    in each of 4x4 subregions are 0.75 apart."""
     window_sigma: float = 0.5
     """Of the descriptor's Gaussian window, in sides of the descriptor."""
     descriptor: Literal["sift", "root"] = "sift"
@@ -107,6 +113,8 @@ class SiftConfig:
         )
         require(self.smoothing >= 0, "smoothing", "0 or more", self.smoothing)
         require(self.max_orientations >= 0, "max_orientations", "0 or more", self.max_orientations)
+        for name in ("orientation_spacing", "descriptor_spacing"):
+            require(0 <= getattr(self, name) <= 3, name, "0 to 3", getattr(self, name))
         require(self.window_sigma > 0, "window_sigma", "over 0", self.window_sigma)
         require(
             self.descriptor in ("sift", "root"), "descriptor", "'sift' or 'root'", self.descriptor
@@ -166,10 +174,17 @@ class SiftConfig:
 
 
 class Sift:
-    """SIFT as a callable: `Sift(config)(image)` gives `Keypoints`."""
+    """SIFT as a callable: `Sift(config)(image)` gives `Keypoints`.
 
-    def __init__(self, config: SiftConfig | None = None) -> None:
+    Args:
+        config: what to do.
+        threads: how many work at a time; 0 for one to a core. The points do not depend on it.
+    """
+
+    def __init__(self, config: SiftConfig | None = None, threads: int = 0) -> None:
+        require(threads >= 0, "threads", "0 or more", threads)
         self.config = SiftConfig.lowe2004() if config is None else config
+        self.threads = threads or os.cpu_count() or 1
 
     def __repr__(self) -> str:
         return f"Sift({self.config})"
@@ -215,10 +230,10 @@ class Sift:
             if mask is not None:
                 points = points.inside(mask, space)
             if not config.upright:
-                points = orient(octave, points, config)  # B.11-B.12
+                points = orient(octave, points, config, self.threads)  # B.11-B.12
             found.append(points)
         points = strongest(concatenate(found), space, config.max_keypoints)
-        descriptors = describe_all(space, points, config) if describe else None
+        descriptors = describe_all(space, points, config, self.threads) if describe else None
         return keypoints(points, space, config.first_octave, descriptors)
 
 
@@ -292,7 +307,7 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig) -> Points:
     )
 
 
-def orient(octave: Float32Array, points: Points, config: SiftConfig) -> Points:
+def orient(octave: Float32Array, points: Points, config: SiftConfig, threads: int = 1) -> Points:
     """Each point once for every strong direction of its gradients (B.11-B.12)."""
     index, angle, height = orientations(
         octave,
@@ -300,6 +315,8 @@ def orient(octave: Float32Array, points: Points, config: SiftConfig) -> Points:
         linear=config.voting == "linear",
         smoothing=config.smoothing,
         subpixel=config.subpixel_patches,
+        spacing=config.orientation_spacing,
+        threads=threads,
     )
     if config.max_orientations:
         order = np.lexsort((-height, index))
@@ -316,7 +333,9 @@ def strongest(points: Points, space: ScaleSpace, most: int) -> Points:
     return points.take(order[:most] if most else order)
 
 
-def describe_all(space: ScaleSpace, points: Points, config: SiftConfig) -> ByteArray:
+def describe_all(
+    space: ScaleSpace, points: Points, config: SiftConfig, threads: int = 1
+) -> ByteArray:
     """(n, 128) descriptors, octave by octave."""
     descriptors = np.empty((len(points.octave), 128), np.uint8)
     for number, octave in enumerate(space.octaves):
@@ -329,6 +348,8 @@ def describe_all(space: ScaleSpace, points: Points, config: SiftConfig) -> ByteA
             window_sigma=config.window_sigma,
             subpixel=config.subpixel_patches,
             root=config.descriptor == "root",
+            spacing=config.descriptor_spacing,
+            threads=threads,
         )
     return descriptors
 
