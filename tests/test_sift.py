@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -207,6 +208,22 @@ def test_the_number_of_threads_changes_nothing(rng, preset):
             assert_same(Sift(PRESETS[preset], threads=threads)(image), one)
     finally:
         cv2.setNumThreads(before)
+
+
+def test_what_was_seen_before_changes_nothing(rng):
+    images = [texture(rng, shape) for shape in ((90, 70), (200, 190), (60, 130))]
+    sift = Sift()
+    found = [sift(image) for image in images * 2]
+    for image, points in zip(images * 2, found, strict=True):
+        assert_same(points, Sift()(image))
+
+
+def test_one_detector_serves_several_threads(rng):
+    images = [texture(rng, (150, 160 + i)) for i in range(8)]
+    expected, sift = [Sift()(image) for image in images], Sift()
+    with ThreadPoolExecutor(4) as pool:
+        for points, alone in zip(pool.map(sift, images), expected, strict=True):
+            assert_same(points, alone)
 
 
 def test_without_descriptors(rng):

@@ -14,6 +14,7 @@ from saccade.keypoints.extrema import find_extrema
 from saccade.scale_space import (
     SMALLEST_SIDE,
     ScaleSpace,
+    Workspace,
     difference_of_gaussians,
     gaussian_scale_space,
 )
@@ -185,6 +186,7 @@ class Sift:
         require(threads >= 0, "threads", "0 or more", threads)
         self.config = SiftConfig.lowe2004() if config is None else config
         self.threads = threads or os.cpu_count() or 1
+        self._spare = [Workspace()]  # as many as calls ran at a time
 
     def __repr__(self) -> str:
         return f"Sift({self.config})"
@@ -209,10 +211,19 @@ class Sift:
 
         Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
         """
-        config = self.config
         gray = as_gray(image)  # (H, W)
         if mask is not None and mask.shape != gray.shape:
             raise ImageError(f"mask: expected the image's shape {gray.shape}, found {mask.shape}")
+        workspace = self._spare.pop() if self._spare else Workspace()
+        try:
+            return self._detect(gray, mask, describe, workspace)
+        finally:
+            self._spare.append(workspace)
+
+    def _detect(
+        self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
+    ) -> Keypoints:
+        config = self.config
         space = gaussian_scale_space(
             gray,
             first_octave=config.first_octave,
@@ -223,10 +234,12 @@ class Sift:
             kernel_radius=config.kernel_radius,
             grid=config.grid,
             smallest_side=max(SMALLEST_SIDE, 2 * config.border + 1),
+            workspace=workspace,
         )  # B.1-B.2
         found = [Points.none()]
         for number, octave in enumerate(space.octaves):
-            points = detect(difference_of_gaussians(octave), number, config)  # B.3-B.10
+            differences = difference_of_gaussians(octave, workspace)  # B.3
+            points = detect(differences, number, config, self.threads)  # B.4-B.10
             if mask is not None:
                 points = points.inside(mask, space)
             if not config.upright:
@@ -286,7 +299,7 @@ def concatenate(parts: list[Points]) -> Points:
     return Points(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
 
 
-def detect(dog: Float32Array, octave: int, config: SiftConfig) -> Points:
+def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1) -> Points:
     """The points of an octave's (s + 2, h, w) differences (B.4-B.10)."""
     found = find_extrema(
         dog,
@@ -295,6 +308,7 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig) -> Points:
         contrast_threshold=config.contrast_threshold,
         edge_ratio=config.edge_ratio,
         quartic=config.fit == "quartic",
+        threads=threads,
     )
     sigma = config.base_sigma * 2 ** (found.scale / config.intervals)
     return Points(
