@@ -33,8 +33,8 @@ CUT = 0.2
 """No entry of a unit descriptor may be larger: against non-linear changes of light."""
 QUANTUM = 512
 """Of a unit descriptor in 8 bits."""
-TINY = 1e-30
-"""Less than any length but 0."""
+TINY = 1e-12
+"""Less than any length or slope that matters."""
 BLOCK = 256
 """Points that a thread takes at a time."""
 
@@ -289,8 +289,8 @@ def gather_gradients(
     """
     height, width = plane.shape
     middle, center = floor(y + 0.5), floor(x + 0.5)
-    extent = reach * (abs(along) + abs(across)) / (along * along + across * across)
-    least, most = reach - 1e-6 - 2 * reach, reach + 1e-6
+    least, most = -reach - 1e-6, reach + 1e-6
+    extent = most * (abs(along) + abs(across)) / (along * along + across * across)
     first = max(ceil((y - extent - middle) / stride), -((middle - 1) // stride))
     last = min(floor((y + extent - middle) / stride), (height - 2 - middle) // stride)
     count = 0
@@ -298,10 +298,10 @@ def gather_gradients(
         row = middle + j * stride
         dy = row - y
         left, right = x - extent, x + extent
-        if along != 0:
+        if abs(along) > TINY:
             bounds = (least - across * dy) / along, (most - across * dy) / along
             left, right = max(left, x + min(bounds)), min(right, x + max(bounds))
-        if across != 0:
+        if abs(across) > TINY:
             bounds = (along * dy - most) / across, (along * dy - least) / across
             left, right = max(left, x + min(bounds)), min(right, x + max(bounds))
         start = max(ceil((left - center) / stride), -((center - 1) // stride))

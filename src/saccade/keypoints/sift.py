@@ -1,8 +1,7 @@
 """The Scale-Invariant Feature Transform: the detector of appendix B.1."""
 
 import os
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +10,7 @@ from saccade.errors import ImageError, require
 from saccade.image import as_gray
 from saccade.keypoints.descriptor import Frames, describe_frames, orientations
 from saccade.keypoints.extrema import find_extrema
+from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale_space import (
     SMALLEST_SIDE,
     ScaleSpace,
@@ -24,156 +24,6 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class SiftConfig:
-    """What the detector and the descriptor are to do; the default is `lowe2004`.
-
-    Thresholds are for images in [0, 1].
-    """
-
-    first_octave: int = -1
-    """-1 doubles the image first; 0 starts from the image: a quarter of the points."""
-    octaves: int = 0
-    """How many at most; 0 for as many as the image has room for."""
-    intervals: int = 3
-    """s, the scales to an octave."""
-    base_sigma: float = 1.6
-    """Blur of the first plane of an octave, in samples."""
-    camera_sigma: float = 0.5
-    """Blur that the image is assumed to have, in pixels."""
-    kernel_radius: float = 4.0
-    """Where Gaussian kernels are cut, in sigmas."""
-    grid: Literal["centered", "shifted"] = "centered"
-    """"centered" gives unbiased places, and to a mirrored image the mirrored points;
-    "shifted" puts every point a quarter pixel too far to the right and down where the image
-    is doubled, as OpenCV does."""
-    border: int = 2
-    """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = 0.03
-    """tau_c: the least |D| at an extremum (B.6)."""
-    candidate_fraction: float = 0.5
-    """Share of `contrast_threshold` that a sample must exceed before the fit."""
-    edge_ratio: float = 10.0
-    """tau_r: the greatest ratio of the principal curvatures (B.10)."""
-    fit: Literal["quartic", "quadratic"] = "quartic"
-    """"quadratic" is B.5. "quartic" goes on from there with two samples each way, which finds
-    a blob's centre within 0.003 px rather than 0.07, and keeps the extrema that lie halfway
-    between two samples, where the quadratic goes back and forth."""
-    voting: Literal["linear", "nearest"] = "linear"
-    """Whether a gradient is shared by the two nearest of the 36 directions or goes to one."""
-    smoothing: int = 0
-    """Passes of [1 2 1] / 4 over the histogram of directions."""
-    max_orientations: int = 0
-    """Strongest directions to keep at a place; 0 for all over 80 % of the highest."""
-    upright: bool = False
-    """Give every point the angle 0."""
-    subpixel_patches: bool = True
-    """Centre orientation and descriptor on the point, not on the sample nearest to it."""
-    orientation_spacing: float = 0.0
-    """Of the samples that the histogram of directions looks at, in scales; 0 for all."""
-    descriptor_spacing: float = 0.0
-    """Of the samples that the descriptor looks at, in scales; 0 for all. Lowe's 4x4 samples
-    in each of 4x4 subregions are 0.75 apart."""
-    window_sigma: float = 0.5
-    """Of the descriptor's Gaussian window, in sides of the descriptor."""
-    descriptor: Literal["sift", "root"] = "sift"
-    """"root" L1-normalizes and takes the square root (RootSIFT)."""
-    max_keypoints: int = 0
-    """Keep this many of the strongest; 0 keeps all."""
-
-    def __post_init__(self) -> None:
-        require(self.first_octave in (-1, 0), "first_octave", "-1 or 0", self.first_octave)
-        require(self.octaves >= 0, "octaves", "0 or more", self.octaves)
-        require(1 <= self.intervals <= 16, "intervals", "1 to 16", self.intervals)
-        require(0.5 <= self.base_sigma <= 8, "base_sigma", "0.5 to 8", self.base_sigma)
-        require(0 <= self.camera_sigma <= 4, "camera_sigma", "0 to 4", self.camera_sigma)
-        require(1 <= self.kernel_radius <= 8, "kernel_radius", "1 to 8", self.kernel_radius)
-        require(
-            self.grid in ("centered", "shifted"),
-            "grid",
-            "'centered' or 'shifted'",
-            self.grid,
-        )
-        require(self.border >= 2, "border", "2 or more", self.border)
-        require(self.fit in ("quartic", "quadratic"), "fit", "'quartic' or 'quadratic'", self.fit)
-        require(
-            0 <= self.contrast_threshold < 1,
-            "contrast_threshold",
-            "at least 0 and under 1",
-            self.contrast_threshold,
-        )
-        require(
-            0 <= self.candidate_fraction <= 1,
-            "candidate_fraction",
-            "0 to 1",
-            self.candidate_fraction,
-        )
-        require(self.edge_ratio >= 1, "edge_ratio", "1 or more", self.edge_ratio)
-        require(
-            self.voting in ("linear", "nearest"), "voting", "'linear' or 'nearest'", self.voting
-        )
-        require(self.smoothing >= 0, "smoothing", "0 or more", self.smoothing)
-        require(self.max_orientations >= 0, "max_orientations", "0 or more", self.max_orientations)
-        for name in ("orientation_spacing", "descriptor_spacing"):
-            require(0 <= getattr(self, name) <= 3, name, "0 to 3", getattr(self, name))
-        require(self.window_sigma > 0, "window_sigma", "over 0", self.window_sigma)
-        require(
-            self.descriptor in ("sift", "root"), "descriptor", "'sift' or 'root'", self.descriptor
-        )
-        require(self.max_keypoints >= 0, "max_keypoints", "0 or more", self.max_keypoints)
-
-    @classmethod
-    def lowe2004(cls) -> "SiftConfig":
-        """Lowe (2004): the image doubled, all octaves, |D| over 0.03.
-
-        The article leaves the sharing of gradients and the grid open; the place is refined
-        beyond its quadratic (see `fit`).
-        """
-        return cls()
-
-    @classmethod
-    def kootstra2010(cls) -> "SiftConfig":
-        """Kootstra (2010): B.1-B.12 to the letter, three octaves from the image itself.
-
-        The descriptor's window is wide; what the source leaves open is as in the default.
-        """
-        return cls(
-            first_octave=0,
-            octaves=3,
-            kernel_radius=3.0,
-            fit="quadratic",
-            contrast_threshold=0.02,
-            window_sigma=1.5,
-        )
-
-    @classmethod
-    def opencv(cls) -> "SiftConfig":
-        """As `cv2.SIFT_create()`, its shift by a quarter pixel included."""
-        return cls(
-            grid="shifted",
-            border=5,
-            fit="quadratic",
-            contrast_threshold=0.04 / 3,
-            candidate_fraction=3 / (0.04 * 255),  # OpenCV rounds down to one grey level
-            voting="nearest",
-            smoothing=2,
-            subpixel_patches=False,
-        )
-
-    @classmethod
-    def colmap(cls) -> "SiftConfig":
-        """COLMAP's settings of VLFeat; of more than 8192 points the strongest are kept."""
-        return cls(
-            octaves=4,
-            contrast_threshold=0.02 / 3,
-            candidate_fraction=0.8,
-            smoothing=8,  # the variance of VLFeat's six passes of [1 1 1] / 3
-            max_orientations=2,
-            descriptor="root",
-            max_keypoints=8192,
-        )
-
-
 class Sift:
     """SIFT as a callable: `Sift(config)(image)` gives `Keypoints`.
 
@@ -184,7 +34,7 @@ class Sift:
 
     def __init__(self, config: SiftConfig | None = None, threads: int = 0) -> None:
         require(threads >= 0, "threads", "0 or more", threads)
-        self.config = SiftConfig.lowe2004() if config is None else config
+        self.config = SiftConfig.recommended() if config is None else config
         self.threads = threads or os.cpu_count() or 1
         self._spare = [Workspace()]  # as many as calls ran at a time
 
