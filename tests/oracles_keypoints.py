@@ -63,7 +63,14 @@ def circular(distance, period):
     return (distance + period / 2) % period - period / 2
 
 
-def orientation_bins(plane, x, y, sigma, *, linear, subpixel):
+def sampled(plane, x, y, sigma, spacing):
+    """Which samples are looked at: evenly about the one nearest to the point."""
+    stride = max(np.floor(spacing * sigma + 0.5), 1)
+    row, column = np.indices(plane.shape)
+    return ((row - np.rint(y)) % stride == 0) & ((column - np.rint(x)) % stride == 0)
+
+
+def orientation_bins(plane, x, y, sigma, *, linear, subpixel, spacing=0):
     """(36,) gradients within 4.5 sigma, each way, under a Gaussian of 1.5 sigma."""
     radius = 4.5 * sigma
     if not subpixel:
@@ -71,6 +78,7 @@ def orientation_bins(plane, x, y, sigma, *, linear, subpixel):
     magnitude, direction = gradients(plane)
     row, column = np.indices(plane.shape)
     near = (np.abs(column - x) <= radius) & (np.abs(row - y) <= radius)
+    near &= sampled(plane, x, y, sigma, spacing)
     weight = np.exp(-((column - x) ** 2 + (row - y) ** 2) / (2 * (1.5 * sigma) ** 2))
     place = direction / (2 * np.pi) * 36
     if not linear:
@@ -80,7 +88,7 @@ def orientation_bins(plane, x, y, sigma, *, linear, subpixel):
     )
 
 
-def descriptor(plane, x, y, sigma, angle, *, window_sigma, subpixel):
+def descriptor(plane, x, y, sigma, angle, *, window_sigma, subpixel, spacing=0):
     """(128,) gradients shared among 4x4 cells of 3 sigma and 8 directions, not normalized."""
     if not subpixel:
         x, y = np.rint(x), np.rint(y)
@@ -89,6 +97,7 @@ def descriptor(plane, x, y, sigma, angle, *, window_sigma, subpixel):
     u = (np.cos(angle) * (column - x) + np.sin(angle) * (row - y)) / (3 * sigma)
     v = (np.cos(angle) * (row - y) - np.sin(angle) * (column - x)) / (3 * sigma)
     weight = magnitude * np.exp(-(u**2 + v**2) / (2 * (4 * window_sigma) ** 2))
+    weight = weight * sampled(plane, x, y, sigma, spacing)
     turn = (angle - direction) / (2 * np.pi) * 8
     return np.array(
         [
@@ -98,3 +107,13 @@ def descriptor(plane, x, y, sigma, angle, *, window_sigma, subpixel):
             for k in range(8)
         ]
     )
+
+
+def quantized(raw, *, root):
+    """Unit rows, cut at 0.2, unit again or the root of their shares; 512 to the unit."""
+    raw = raw.astype(float)
+    unit = np.minimum(raw / np.linalg.norm(raw, axis=1, keepdims=True), 0.2)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    if root:
+        unit = np.sqrt(unit / unit.sum(axis=1, keepdims=True))
+    return np.minimum(512 * unit, 255)

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,11 +10,12 @@ from saccade.keypoints.descriptor import (
     Frames,
     describe_frames,
     fill_descriptors,
-    fill_gradients,
     fill_orientation_bins,
+    gather_gradients,
     orientations,
     quantize,
-    unit_rows,
+    room_for,
+    weigh_gradients,
 )
 
 planes = st.integers(0, 2**32 - 1).map(
@@ -38,42 +41,76 @@ def away_from_ties(values, tie):
 
 
 @pytest.mark.kernel
-@given(planes, st.integers(1, 17))
-@settings(max_examples=20)
-def test_gradients_are_numpys(octave, row):
-    magnitude, direction = np.zeros(23, np.float32), np.zeros(23, np.float32)
-    fill_gradients(octave[0], row, 1, 22, magnitude, direction)
-    expected_magnitude, expected_direction = oracles.gradients(octave[0].astype(float))
-    np.testing.assert_allclose(magnitude[1:22], expected_magnitude[row, 1:22], atol=1e-6)
-    np.testing.assert_allclose(direction[1:22], expected_direction[row, 1:22], atol=5e-6)
+@given(planes, places, scales, angles, st.integers(1, 3))
+@settings(max_examples=25)
+def test_samples_are_those_of_a_turned_square(octave, place, sigma, angle, stride):
+    (x, y), reach, plane = place, 4.0, octave[0].astype(float)
+    if not away_from_ties([x, y], 0.5):
+        return
+    out = np.zeros((4, 900), np.float32)
+    along, across = np.cos(angle) / sigma, np.sin(angle) / sigma
+    count = gather_gradients(octave[0], x, y, along, across, reach, stride, out)
+    row, column = np.indices(plane.shape)
+    u = along * (column - x) + across * (row - y)
+    v = along * (row - y) - across * (column - x)
+    if np.abs(np.abs(np.stack([u, v])) - reach).min() < 1e-4:
+        return
+    inside = (np.abs(u) < reach) & (np.abs(v) < reach)
+    inside[[0, -1]] = inside[:, [0, -1]] = False
+    inside &= (row - np.rint(y)) % stride == 0
+    inside &= (column - np.rint(x)) % stride == 0
+    dy, dx = (2 * each for each in np.gradient(plane))
+    expected = np.stack([each[inside] for each in (u, v, dx, dy)])
+    np.testing.assert_allclose(out[:, :count], expected, atol=1e-5)
+
+
+@pytest.mark.kernel
+@given(st.lists(st.tuples(*[st.floats(-2, 2, width=32)] * 4), min_size=1, max_size=40))
+@settings(max_examples=30)
+def test_gradients_are_weighed_as_numpy_does(rows):
+    samples = np.array(rows, np.float32).T.copy()
+    u, v, dx, dy = samples.astype(float)
+    weigh_gradients(samples, len(rows), 1.5, -2.0, 9.0)
+    length = np.hypot(dx, dy)
+    weight = np.exp(-(u**2 + v**2) / (2 * 1.5**2)) * length
+    np.testing.assert_allclose(samples[3], weight, rtol=1e-4, atol=1e-7)
+    here = length > 1e-6
+    turn = np.exp(1j * (samples[2] - 9) / -2)
+    expected = (dx[here] + 1j * dy[here]) / length[here]
+    np.testing.assert_allclose(turn[here], expected, atol=1e-5)
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("quarter", range(4))
 def test_gradients_along_the_axes(quarter):
-    magnitude, direction = np.ones(3, np.float32), np.ones(3, np.float32)
-    plane = np.rot90(np.tile(np.arange(3, dtype=np.float32), (3, 1)), -quarter).copy()
-    fill_gradients(plane, 1, 1, 2, magnitude, direction)
-    assert magnitude[1] == 2
-    np.testing.assert_allclose(np.exp(1j * direction[1]), 1j**quarter, atol=1e-6)
-    fill_gradients(np.zeros_like(plane), 1, 1, 2, magnitude, direction)
-    assert magnitude[1] == direction[1] == 0
+    gradient = np.exp(0.5j * np.pi * quarter)
+    samples = np.array([[0], [0], [2 * gradient.real], [2 * gradient.imag]], np.float32)
+    samples[np.abs(samples) < 1e-6] = 0
+    weigh_gradients(samples, 1, 1.0, 1.0, 0.0)
+    assert samples[3, 0] == 2
+    np.testing.assert_allclose(np.exp(1j * samples[2, 0]), gradient, atol=1e-6)
+    nothing = np.zeros((4, 1), np.float32)
+    weigh_gradients(nothing, 1, 1.0, 1.0, 0.0)
+    assert not nothing.any()
 
 
 @pytest.mark.kernel
-@given(planes, places, scales, st.booleans(), st.booleans())
-@settings(max_examples=25)
-def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel):
+@given(planes, places, scales, st.booleans(), st.booleans(), st.sampled_from([0.0, 1.4, 2.5]))
+@settings(max_examples=40)
+def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel, spacing):
     points = frame(*place, sigma)
     x, y = points.xy[0].astype(float)
     scale = float(points.sigma[0])
     edges = [x, y, 4.5 * scale] if not subpixel else [x - 4.5 * scale, x + 4.5 * scale]
+    edges += [y - 4.5 * scale, y + 4.5 * scale]
     if not away_from_ties(edges, 0.5 if not subpixel else 0):
         return
+    if not away_from_ties([x, y, spacing * scale], 0.5):
+        return
     bins = np.zeros((1, 36), np.float32)
-    fill_orientation_bins(octave, *points, linear, subpixel, bins)
+    fill_orientation_bins(octave, *points, spacing, linear, subpixel, 500, bins)
     expected = oracles.orientation_bins(
-        octave[1].astype(float), x, y, scale, linear=linear, subpixel=subpixel
+        octave[1].astype(float), x, y, scale, linear=linear, subpixel=subpixel, spacing=spacing
     )
     assert bins.sum() == pytest.approx(expected.sum(), rel=1e-4)
     if linear or away_from_ties(oracles.gradients(octave[1].astype(float))[1] * 18 / np.pi, 0.5):
@@ -81,26 +118,48 @@ def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel
 
 
 @pytest.mark.kernel
-@given(planes, places, scales, angles, st.booleans(), st.sampled_from([0.5, 1.5]))
-@settings(max_examples=25)
-def test_descriptor_meets_its_twin(octave, place, sigma, angle, subpixel, window_sigma):
+@given(
+    planes,
+    places,
+    scales,
+    angles,
+    st.booleans(),
+    st.sampled_from([0.5, 1.5]),
+    st.sampled_from([0.0, 1.4, 2.5]),
+)
+@settings(max_examples=40)
+def test_descriptor_meets_its_twin(octave, place, sigma, angle, subpixel, window_sigma, spacing):
     points = frame(*place, sigma)
     x, y = points.xy[0].astype(float)
-    if not subpixel and not away_from_ties([x, y], 0.5):
+    scale = float(points.sigma[0])
+    if not away_from_ties([x, y, spacing * scale], 0.5):
         return
     out = np.full((1, 128), np.nan, np.float32)
     angle = np.float32(angle)
-    fill_descriptors(octave, *points, np.array([angle]), window_sigma, subpixel, out)
+    fill_descriptors(octave, *points, np.array([angle]), window_sigma, spacing, subpixel, 900, out)
     expected = oracles.descriptor(
         octave[1].astype(float),
         x,
         y,
-        float(points.sigma[0]),
+        scale,
         float(angle),
         window_sigma=window_sigma,
         subpixel=subpixel,
+        spacing=spacing,
     )
     np.testing.assert_allclose(out[0], expected, atol=2e-4 * expected.max())
+
+
+@pytest.mark.parametrize("spacing", [0.0, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("sigma", [0.4, 0.9, 1.49, 1.51, 2.6, 9.0])
+def test_there_is_room_for_all_samples(sigma, spacing):
+    sigmas = np.array([0.3, sigma], np.float32)
+    room = room_for(sigmas, 15.0, spacing)
+    out, plane = np.empty((4, room), np.float32), np.zeros((401, 401), np.float32)
+    for scale, angle, place in itertools.product(sigmas, (0.0, 0.1, np.pi / 4), (200.0, 200.4)):
+        stride = max(int(spacing * scale + 0.5), 1)
+        along, across = np.cos(angle) / scale, np.sin(angle) / scale
+        assert gather_gradients(plane, place, place, along, across, 7.5, stride, out) <= room
 
 
 @pytest.mark.parametrize(("smoothing", "tolerance"), [(0, 1.7), (2, 0.7), (8, 0.2)])
@@ -174,20 +233,28 @@ def test_a_ramp_along_the_angle_fills_the_first_direction():
     assert found[:, :, 1:].max() <= 2
 
 
-def test_entries_are_cut_and_quantized_as_the_field_does(rng):
+def quantized(raw, *, root):
+    out = np.zeros(raw.shape, np.uint8)
+    quantize(raw, root, out)
+    return out
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("root", [False, True])
+def test_entries_are_cut_and_quantized_as_the_field_does(rng, root):
     raw = rng.exponential(size=(50, 128)).astype(np.float32) ** 3
-    unit = unit_rows(np.minimum(unit_rows(raw), np.float32(0.2)))
-    np.testing.assert_allclose(np.linalg.norm(unit, axis=1), 1, rtol=1e-6)
-    found = quantize(unit, root=False).astype(float)
-    assert np.abs(found - np.minimum(512 * unit, 255)).max() <= 0.5 + 1e-4
+    found = quantized(raw, root=root).astype(float)
+    assert np.abs(found - oracles.quantized(raw, root=root)).max() <= 0.5 + 1e-3
     spike = np.zeros((1, 128), np.float32)
     spike[0, 3] = 1
-    assert quantize(spike, root=False).max() == 255
+    assert quantized(spike, root=root).max() == 255
+    assert not quantized(np.zeros((1, 128), np.float32), root=root).any()
 
 
+@pytest.mark.kernel
 def test_root_descriptors_have_the_hellinger_kernel(rng):
     """The inner product of root descriptors is the sum of sqrt(p q) of the distributions."""
-    unit = unit_rows(rng.random((2, 128), np.float32))
-    p, q = unit / unit.sum(axis=1, keepdims=True)
-    a, b = quantize(unit, root=True).astype(float) / 512
+    raw = rng.random((2, 128), np.float32)
+    p, q = raw / raw.sum(axis=1, keepdims=True)
+    a, b = quantized(raw, root=True).astype(float) / 512
     assert a @ b == pytest.approx(np.sqrt(p * q).sum(), abs=2e-3)

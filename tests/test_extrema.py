@@ -17,6 +17,10 @@ def smooth(seed, shape=(5, 24, 26)):
     return (ndimage.gaussian_filter(noise, (1, 1.8, 1.8)) * 20).astype(np.float32)
 
 
+def as_lists(places):
+    return [list(place) for place in places]
+
+
 def bump(x, y, scale, shape=(5, 15, 17), sharpness=(0.11, 0.08, 0.1), twist=0.02):
     """A quadratic with its top at a known place."""
     p, r, c = np.indices(shape).astype(float)
@@ -43,8 +47,8 @@ def find(dog, **changes):
 def test_candidates_meet_their_twin(seed, threshold, border):
     dog = smooth(seed, (4, 16, 18))
     out = np.zeros((500, 3), np.int64)
-    count = extrema.find_candidates(dog, threshold, border, out)
-    assert out[:count].tolist() == [list(e) for e in oracles.extrema(dog, threshold, border)]
+    count = extrema.find_candidates(dog, threshold, border, border, 16 - border, out)
+    assert sorted(out[:count].tolist()) == as_lists(oracles.extrema(dog, threshold, border))
 
 
 @pytest.mark.kernel
@@ -52,16 +56,37 @@ def test_candidates_meet_their_twin(seed, threshold, border):
 @settings(max_examples=60)
 def test_of_equal_samples_the_first_is_the_extremum(dog):
     out = np.zeros((60, 3), np.int64)
-    count = extrema.find_candidates(dog, 0.0, 1, out)
-    assert out[:count].tolist() == [list(e) for e in oracles.extrema(dog, 0, 1)]
+    count = extrema.find_candidates(dog, 0.0, 1, 1, 5, out)
+    assert sorted(out[:count].tolist()) == as_lists(oracles.extrema(dog, 0, 1))
 
 
 @pytest.mark.kernel
 def test_candidates_are_counted_beyond_the_room_for_them():
     dog = smooth(3)
-    out = np.full((2, 3), -1, np.int64)
-    assert extrema.find_candidates(dog, 0.0, 2, out) == len(oracles.extrema(dog, 0, 2)) > 2
-    assert out.tolist() == [list(e) for e in oracles.extrema(dog, 0, 2)[:2]]
+    expected = oracles.extrema(dog, 0, 2)
+    few, all_ = np.full((2, 3), -1, np.int64), np.zeros((len(expected), 3), np.int64)
+    last = dog.shape[1] - 2
+    assert extrema.find_candidates(dog, 0.0, 2, 2, last, few) == len(expected) > 2
+    extrema.find_candidates(dog, 0.0, 2, 2, last, all_)
+    np.testing.assert_array_equal(few, all_[:2])
+    assert sorted(all_.tolist()) == as_lists(expected)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+def test_seeds_are_found_in_all_rows(rng, threads):
+    dog = ndimage.gaussian_filter(rng.standard_normal((5, 200, 40)), (0, 1, 1)).astype(np.float32)
+    found = extrema.find_seeds(dog, 0.0, 2, threads)
+    np.testing.assert_array_equal(found, extrema.find_seeds(dog, 0.0, 2, 1))
+    assert sorted(found.tolist()) == as_lists(oracles.extrema(dog, 0, 2))
+
+
+def test_more_seeds_than_expected_are_found(rng):
+    row, column = np.indices((40, 40))
+    dog = np.zeros((3, 40, 40), np.float32)
+    dog[1] = np.where((row % 2 == 0) & (column % 2 == 0), 1, 0) + rng.random((40, 40)) / 9
+    assert sorted(extrema.find_seeds(dog, 0.5, 2, 1).tolist()) == as_lists(
+        oracles.extrema(dog, 0.5, 2)
+    )
 
 
 @pytest.mark.kernel

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from saccade.errors import ConfigError, ImageError, LogError, OutputError, SaccadeError
     from saccade.image import read_image
     from saccade.keypoints.matching import match
-    from saccade.keypoints.sift import Sift, SiftConfig
+    from saccade.keypoints.sift import Sift
+    from saccade.keypoints.sift_config import SiftConfig
     from saccade.types import (
         Keypoints,
         LandmarkLog,
@@ -32,7 +33,8 @@ _HOMES = {
     "saccade.errors": ("ConfigError", "ImageError", "LogError", "OutputError", "SaccadeError"),
     "saccade.image": ("read_image",),
     "saccade.keypoints.matching": ("match",),
-    "saccade.keypoints.sift": ("Sift", "SiftConfig"),
+    "saccade.keypoints.sift": ("Sift",),
+    "saccade.keypoints.sift_config": ("SiftConfig",),
     "saccade.types": (
         "Keypoints",
         "LandmarkLog",

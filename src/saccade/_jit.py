@@ -1,4 +1,4 @@
-"""The one decorator for hot loops, and the only file that imports Numba.
+"""The one decorator for hot loops, and what spreads them over threads; only here is Numba.
 
 A kernel and the kernels it calls share one file: the cache on disk cannot see
 a change in another file.
@@ -6,6 +6,7 @@ a change in another file.
 
 import logging
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar, cast
 
 import numba
@@ -58,3 +59,24 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
             return compiled(cache=False)
 
     return compile_lazily
+
+
+def spread(work: Callable[[slice], None], count: int, block: int, threads: int) -> None:
+    """Do `work` on slices of `block` items each, several at a time.
+
+    The slices are the same for any number of threads: as long as the work on one does not
+    look at what others write, so is the result.
+
+    Args:
+        work: gets a slice of the items; spends its time in kernels, which let others run.
+        count: of items.
+        block: items in a slice.
+        threads: how many at a time.
+    """
+    slices = [slice(start, min(start + block, count)) for start in range(0, count, block)]
+    if threads == 1 or len(slices) < 2:
+        for each in slices:
+            work(each)
+        return
+    with ThreadPoolExecutor(min(threads, len(slices))) as pool:
+        list(pool.map(work, slices))

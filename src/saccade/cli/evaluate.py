@@ -6,10 +6,14 @@ from typing import Annotated, Any
 
 import typer
 
+from saccade.cli.evaluate_features import features
 from saccade.cli.options import Json, Preset, Settings
 
 evaluate = typer.Typer(
     help="Measure results against people, peers and truth.", no_args_is_help=True
+)
+evaluate.command(epilog="Example: saccade evaluate features --pairs oxford --detector opencv")(
+    features
 )
 
 

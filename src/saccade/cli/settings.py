@@ -11,7 +11,7 @@ from saccade.errors import ConfigError
 KINDS = {
     "contrast": ("saccade.attention.contrast", "ContrastConfig"),
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
-    "sift": ("saccade.keypoints.sift", "SiftConfig"),
+    "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
 }
 """Where the configuration of each kind lives."""

@@ -5,13 +5,13 @@ that is nearest to it in scale, and read its place and scale in samples of
 that plane.
 """
 
-from math import ceil, cos, exp, floor, pi, sin, sqrt
+from math import ceil, cos, floor, pi, sin
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade._jit import kernel
+from saccade._jit import kernel, spread
 from saccade.types import Float32Array, IntArray
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
@@ -33,10 +33,16 @@ CUT = 0.2
 """No entry of a unit descriptor may be larger: against non-linear changes of light."""
 QUANTUM = 512
 """Of a unit descriptor in 8 bits."""
+TINY = 1e-12
+"""Less than any length or slope that matters."""
+BLOCK = 256
+"""Points that a thread takes at a time."""
 
 A0, A1, A2 = np.float32(0.99997722), np.float32(-0.33262287), np.float32(0.19354066)
 A3, A4, A5 = np.float32(-0.11642722), np.float32(0.05264819), np.float32(-0.01171947)
 """Of the odd polynomial nearest to the arctangent on [0, 1]."""
+E2, E3, E4 = np.float32(1 / 2), np.float32(1 / 6), np.float32(1 / 24)
+"""Of the exponential."""
 
 
 class Frames(NamedTuple):
@@ -49,9 +55,20 @@ class Frames(NamedTuple):
     sigma: Float32Array
     """(n,) scale in samples."""
 
+    def block(self, index: slice) -> "Frames":
+        """Some of them."""
+        return Frames(self.plane[index], self.xy[index], self.sigma[index])
+
 
 def orientations(
-    octave: Float32Array, frames: Frames, *, linear: bool, smoothing: int, subpixel: bool
+    octave: Float32Array,
+    frames: Frames,
+    *,
+    linear: bool,
+    smoothing: int,
+    subpixel: bool,
+    spacing: float = 0.0,
+    threads: int = 1,
 ) -> tuple[IntArray, Float32Array, Float32Array]:
     """The strong directions of the gradient around each point (B.11-B.12).
 
@@ -61,6 +78,8 @@ def orientations(
         linear: share a gradient between the two bins beside it, not give it to the nearest.
         smoothing: passes of [1 2 1] / 4 over the circular histogram.
         subpixel: centre the window on the point, not on the sample nearest to it.
+        spacing: of the samples that are looked at, in scales of the point; 0 for all.
+        threads: how many work at a time.
 
     Returns:
         (m,) index of the point, ascending; (m,) angle in radians from x towards y in
@@ -70,7 +89,14 @@ def orientations(
     Source: Lowe (2004), section 5.
     """
     bins = np.zeros((len(frames.plane), ORIENTATION_BINS), np.float32)
-    fill_orientation_bins(octave, *frames, linear, subpixel, bins)
+    room = room_for(frames.sigma, 2 * ORIENTATION_RADIUS, spacing)
+
+    def fill(block: slice) -> None:
+        fill_orientation_bins(
+            octave, *frames.block(block), spacing, linear, subpixel, room, bins[block]
+        )
+
+    spread(fill, len(bins), BLOCK, threads)
     for _ in range(smoothing):
         bins = (np.roll(bins, 1, axis=1) + 2 * bins + np.roll(bins, -1, axis=1)) / np.float32(4)
     before, after = np.roll(bins, 1, axis=1), np.roll(bins, -1, axis=1)
@@ -94,6 +120,8 @@ def describe_frames(
     window_sigma: float,
     subpixel: bool,
     root: bool,
+    spacing: float = 0.0,
+    threads: int = 1,
 ) -> ByteArray:
     """The descriptors of points in one octave (B.2).
 
@@ -104,6 +132,8 @@ def describe_frames(
         window_sigma: of the Gaussian window, in sides of the descriptor.
         subpixel: centre the descriptor on the point, not on the sample nearest to it.
         root: L1-normalize and take the square root (RootSIFT).
+        spacing: of the samples that are looked at, in scales of the point; 0 for all.
+        threads: how many work at a time.
 
     Returns:
         (n, 128), rows of subregions along the angle; the directions in a subregion turn
@@ -112,24 +142,32 @@ def describe_frames(
     Source: Lowe (2004), section 6; Arandjelovic & Zisserman (2012) for the root.
     """
     raw = np.empty((len(angle), CELLS * CELLS * DIRECTIONS), np.float32)
-    fill_descriptors(octave, *frames, angle, window_sigma, subpixel, raw)
-    return quantize(unit_rows(np.minimum(unit_rows(raw), np.float32(CUT))), root=root)
+    quantized = np.empty(raw.shape, np.uint8)
+    room = room_for(frames.sigma, (CELLS + 1) * CELL_SIZE, spacing)
 
+    def fill(block: slice) -> None:
+        fill_descriptors(
+            octave,
+            *frames.block(block),
+            angle[block],
+            window_sigma,
+            spacing,
+            subpixel,
+            room,
+            raw[block],
+        )
+        quantize(raw[block], root, quantized[block])
 
-def unit_rows(rows: Float32Array) -> Float32Array:
-    """Each row at unit length; a row of zeros stays so."""
-    length = np.sqrt(np.einsum("ij,ij->i", rows, rows))
-    unit: Float32Array = rows / np.maximum(length, np.finfo(np.float32).tiny)[:, None]
-    return unit
-
-
-def quantize(unit: Float32Array, *, root: bool) -> ByteArray:
-    """Unit descriptors in 8 bits: 512 to the unit, saturated at 255."""
-    if root:
-        total = np.maximum(unit.sum(axis=1), np.finfo(np.float32).tiny)
-        unit = np.sqrt(unit / total[:, None])
-    quantized: ByteArray = np.rint(np.minimum(unit * np.float32(QUANTUM), 255)).astype(np.uint8)
+    spread(fill, len(raw), BLOCK, threads)
     return quantized
+
+
+def room_for(sigma: Float32Array, side: float, spacing: float) -> int:
+    """Samples that a turned square of some scales to a side may hold, at most."""
+    widest = float(sigma.max(initial=0))
+    # A stride is rounded: it may be down to two thirds of what was asked for.
+    stride = max(spacing * widest / 1.5, 1.0)
+    return int((side * widest / stride + 4) ** 2)
 
 
 @kernel()
@@ -138,34 +176,33 @@ def fill_orientation_bins(
     planes: IntArray,
     xy: Float32Array,
     sigmas: Float32Array,
+    spacing: float,
     linear: bool,
     subpixel: bool,
+    room: int,
     bins: Float32Array,
 ) -> None:
     """Add to (n, 36) `bins` the weighted gradients around each point by direction."""
-    height, width = octave.shape[1:]
-    magnitude, direction = np.empty(width, np.float32), np.empty(width, np.float32)
-    weight = np.empty(width, np.float32)
+    samples = np.empty((4, room), np.float32)
+    per_radian, half = ORIENTATION_BINS / (2 * pi), np.float32(0.5)
     for i in range(len(planes)):
-        x, y = float(xy[i, 0]), float(xy[i, 1])
-        radius = ORIENTATION_RADIUS * sigmas[i]
+        x, y, sigma = float(xy[i, 0]), float(xy[i, 1]), float(sigmas[i])
+        radius = ORIENTATION_RADIUS * sigma
         if not subpixel:
             x, y, radius = round(x), round(y), round(radius)
-        sigma = ORIENTATION_SIGMA * sigmas[i]
-        left, right = max(ceil(x - radius), 1), min(floor(x + radius), width - 2) + 1
-        fill_window(weight, left, right, x, sigma)
-        for row in range(max(ceil(y - radius), 1), min(floor(y + radius), height - 2) + 1):
-            fill_gradients(octave[planes[i]], row, left, right, magnitude, direction)  # B.11-B.12
-            row_weight = exp(-0.5 * ((row - y) / sigma) ** 2)
-            for column in range(left, right):
-                place = direction[column] * (ORIENTATION_BINS / (2 * pi)) + ORIENTATION_BINS
-                share = row_weight * weight[column] * magnitude[column]
-                if linear:
-                    low = int(place)
-                    bins[i, low % ORIENTATION_BINS] += share * (low + 1 - place)
-                    bins[i, (low + 1) % ORIENTATION_BINS] += share * (place - low)
-                else:
-                    bins[i, int(place + 0.5) % ORIENTATION_BINS] += share
+        stride = max(int(spacing * sigma + 0.5), 1)
+        plane = octave[planes[i]]
+        count = gather_gradients(plane, x, y, 1 / sigma, 0.0, radius / sigma, stride, samples)
+        weigh_gradients(samples, count, ORIENTATION_SIGMA, per_radian, float(ORIENTATION_BINS))
+        for k in range(count):
+            place, share = samples[2, k], samples[3, k]
+            if linear:
+                low = int(place)
+                part = share * (place - np.float32(low))
+                bins[i, low % ORIENTATION_BINS] += share - part
+                bins[i, (low + 1) % ORIENTATION_BINS] += part
+            else:
+                bins[i, int(place + half) % ORIENTATION_BINS] += share
 
 
 @kernel()
@@ -176,41 +213,39 @@ def fill_descriptors(
     sigmas: Float32Array,
     angles: Float32Array,
     window_sigma: float,
+    spacing: float,
     subpixel: bool,
+    room: int,
     out: Float32Array,
 ) -> None:
     """Fill (n, 128) `out` with gradients, shared linearly in x, y and direction."""
-    height, width = octave.shape[1:]
-    magnitude, direction = np.empty(width, np.float32), np.empty(width, np.float32)
-    weight = np.empty(width, np.float32)
-    reach = np.float32((CELLS + 1) / 2)  # how far samples touch a subregion, in subregions
+    samples = np.empty((4, room), np.float32)
+    per_radian = DIRECTIONS / (2 * pi)
+    reach = (CELLS + 1) / 2  # how far samples touch a subregion, in subregions
+    last = np.float32(2 * reach * (1 - 1e-6))
     # One subregion more on each side takes what falls outside.
     cells = np.zeros((CELLS + 2, CELLS + 2, DIRECTIONS), np.float32)
     for i in range(len(planes)):
-        x, y = float(xy[i, 0]), float(xy[i, 1])
+        x, y, angle = float(xy[i, 0]), float(xy[i, 1]), float(angles[i])
         if not subpixel:
             x, y = round(x), round(y)
         cell = CELL_SIZE * sigmas[i]
-        along, across = np.float32(cos(angles[i]) / cell), np.float32(sin(angles[i]) / cell)
-        radius = cell * reach * sqrt(2.0)
-        left, right = max(ceil(x - radius), 1), min(floor(x + radius), width - 2) + 1
-        window = CELLS * window_sigma * cell
-        fill_window(weight, left, right, x, window)
+        stride = max(int(spacing * sigmas[i] + 0.5), 1)
+        along, across = cos(angle) / cell, sin(angle) / cell
+        count = gather_gradients(octave[planes[i]], x, y, along, across, reach, stride, samples)
+        weigh_gradients(
+            samples, count, CELLS * window_sigma, -per_radian, angle * per_radian + 2 * DIRECTIONS
+        )
         cells[:] = 0
-        for row in range(max(ceil(y - radius), 1), min(floor(y + radius), height - 2) + 1):
-            fill_gradients(octave[planes[i]], row, left, right, magnitude, direction)
-            row_weight = np.float32(exp(-0.5 * ((row - y) / window) ** 2))
-            dy = np.float32(row - y)
-            for column in range(left, right):
-                dx = np.float32(column - x)
-                u = along * dx + across * dy
-                v = along * dy - across * dx
-                if abs(u) < reach and abs(v) < reach:
-                    turn = (angles[i] - direction[column]) * np.float32(DIRECTIONS / (2 * pi))
-                    turn += np.float32(2 * DIRECTIONS)
-                    share = row_weight * weight[column] * magnitude[column]
-                    share_trilinearly(cells, v + reach, u + reach, turn, share)
-        out[i] = cells[1:-1, 1:-1].copy().reshape(-1)
+        for k in range(count):
+            column, row = samples[0, k] + np.float32(reach), samples[1, k] + np.float32(reach)
+            row, column = min(max(row, np.float32(0)), last), min(max(column, np.float32(0)), last)
+            share_trilinearly(cells, row, column, samples[2, k], samples[3, k])
+        for row in range(CELLS):
+            for column in range(CELLS):
+                for turn in range(DIRECTIONS):
+                    entry = (row * CELLS + column) * DIRECTIONS + turn
+                    out[i, entry] = cells[row + 1, column + 1, turn]
 
 
 @kernel()
@@ -236,30 +271,68 @@ def share_trilinearly(
 
 
 @kernel()
-def fill_window(out: Float32Array, left: int, right: int, center: float, sigma: float) -> None:
-    """Fill `out[left:right]` with the Gaussian of the distance to `center`."""
-    for column in range(left, right):
-        out[column] = exp(-0.5 * ((column - center) / sigma) ** 2)
+def gather_gradients(
+    plane: Float32Array,
+    x: float,
+    y: float,
+    along: float,
+    across: float,
+    reach: float,
+    stride: int,
+    out: Float32Array,
+) -> int:
+    """Fill columns of (4, room) `out` with the samples in a turned square; return how many.
+
+    The rows are u and v, the place in the frame of the square whose half side is `reach`,
+    then the gradient along x and y. Samples lie `stride` apart, evenly about the one that
+    is nearest to the point, so that a mirrored patch has the mirrored samples.
+    """
+    height, width = plane.shape
+    middle, center = floor(y + 0.5), floor(x + 0.5)
+    least, most = -reach - 1e-6, reach + 1e-6
+    extent = most * (abs(along) + abs(across)) / (along * along + across * across)
+    first = max(ceil((y - extent - middle) / stride), -((middle - 1) // stride))
+    last = min(floor((y + extent - middle) / stride), (height - 2 - middle) // stride)
+    count = 0
+    for j in range(first, last + 1):
+        row = middle + j * stride
+        dy = row - y
+        left, right = x - extent, x + extent
+        if abs(along) > TINY:
+            bounds = (least - across * dy) / along, (most - across * dy) / along
+            left, right = max(left, x + min(bounds)), min(right, x + max(bounds))
+        if abs(across) > TINY:
+            bounds = (along * dy - most) / across, (along * dy - least) / across
+            left, right = max(left, x + min(bounds)), min(right, x + max(bounds))
+        start = max(ceil((left - center) / stride), -((center - 1) // stride))
+        stop = min(floor((right - center) / stride), (width - 2 - center) // stride) + 1
+        u0, v0 = np.float32(across * dy), np.float32(along * dy)
+        for k in range(start, stop):
+            column = center + k * stride
+            dx = np.float32(column - x)
+            out[0, count] = np.float32(along) * dx + u0
+            out[1, count] = v0 - np.float32(across) * dx
+            out[2, count] = plane[row, column + 1] - plane[row, column - 1]
+            out[3, count] = plane[row + 1, column] - plane[row - 1, column]
+            count += 1
+    return count
 
 
 @kernel(fastmath=("nsz", "contract"))
-def fill_gradients(
-    plane: Float32Array,
-    row: int,
-    left: int,
-    right: int,
-    magnitude: Float32Array,
-    direction: Float32Array,
+def weigh_gradients(
+    samples: Float32Array, count: int, window_sigma: float, per_radian: float, offset: float
 ) -> None:
-    """Fill columns `left` to `right` with the length and direction of the gradient (B.11-B.12).
+    """Turn gradients, rows 2 and 3 of `samples`, into place among directions and weight.
 
-    The arctangent is a polynomial, within 2e-6 rad: a call per sample took most of the time.
+    The place is `offset + per_radian * direction`, the weight the gradient's length (B.11-B.12)
+    under a Gaussian of u and v. Arctangent and exponential are polynomials, within 2e-6 and
+    1e-5: calls per sample took most of the time, and kept the loop from being vectorized.
     """
-    above, here, below = plane[row - 1], plane[row], plane[row + 1]
-    half_turn = np.float32(pi)
-    for column in range(left, right):
-        dx = here[column + 1] - here[column - 1]
-        dy = below[column] - above[column]
+    half_turn, one = np.float32(pi), np.float32(1)
+    scale, shift = np.float32(per_radian), np.float32(offset)
+    decay = np.float32(-0.5 / (window_sigma * window_sigma) / 64)
+    for k in range(count):
+        u, v, dx, dy = samples[0, k], samples[1, k], samples[2, k], samples[3, k]
         wide, high = abs(dx), abs(dy)
         steep = high > wide
         run, rise = (high, wide) if steep else (wide, high)
@@ -268,5 +341,42 @@ def fill_gradients(
         angle = slope * (A0 + s * (A1 + s * (A2 + s * (A3 + s * (A4 + s * A5)))))
         angle = half_turn / 2 - angle if steep else angle
         angle = half_turn - angle if dx < 0 else angle
-        direction[column] = -angle if dy < 0 else angle
-        magnitude[column] = np.sqrt(dx * dx + dy * dy)
+        angle = -angle if dy < 0 else angle
+        t = decay * (u * u + v * v)
+        e = one + t * (one + t * (E2 + t * (E3 + t * E4)))
+        e = e * e
+        e = e * e
+        e = e * e
+        e = e * e
+        e = e * e
+        e = e * e  # exp(t)^64
+        samples[2, k] = shift + scale * angle
+        samples[3, k] = e * np.sqrt(dx * dx + dy * dy)
+
+
+@kernel(fastmath=("nsz", "contract", "reassoc", "arcp"))
+def quantize(raw: Float32Array, root: bool, out: ByteArray) -> None:
+    """Fill (n, d) `out`: unit length, cut, unit length again; in 8 bits, 512 to the unit.
+
+    With `root` the square root of the L1-normalized rows takes the place of the last length.
+    """
+    tiny, cut, quantum = np.float32(TINY), np.float32(CUT), np.float32(QUANTUM)
+    most, half = np.float32(255), np.float32(0.5)
+    for i in range(len(raw)):
+        row = raw[i]
+        square = np.float32(0)
+        for k in range(len(row)):
+            square += row[k] * row[k]
+        limit = cut * np.sqrt(square)  # the cut, before the length is known to be 1
+        square, total = np.float32(0), np.float32(0)
+        for k in range(len(row)):
+            entry = min(row[k], limit)
+            square += entry * entry
+            total += entry
+        scale = quantum / max(np.sqrt(square), tiny)
+        if root:
+            scale = quantum * quantum / max(total, tiny)
+        for k in range(len(row)):
+            entry = min(row[k], limit) * scale
+            entry = np.sqrt(entry) if root else entry
+            out[i, k] = np.uint8(min(entry, most) + half)

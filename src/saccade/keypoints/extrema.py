@@ -5,13 +5,17 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from saccade._jit import kernel
+from saccade._jit import kernel, spread
 from saccade.types import Float32Array, FloatArray, IntArray
 
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
+ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 REFITS = 5
 """Moves to a neighboring sample before an extremum is given up."""
+ROWS_AT_ONCE = 64
+"""That a thread searches at a time."""
+SEEDS_AT_ONCE = 512
+"""That a thread fits at a time."""
 TRUSTED = 0.25
 """Samples by which the quartic may move what the quadratic has found."""
 QUARTIC = (
@@ -50,6 +54,7 @@ def find_extrema(
     contrast_threshold: float,
     edge_ratio: float,
     quartic: bool,
+    threads: int = 1,
 ) -> Extrema:
     """The extrema of an octave that stand out and are no edges.
 
@@ -61,25 +66,26 @@ def find_extrema(
         edge_ratio: tau_r, the greatest ratio of principal curvatures (B.10).
         quartic: refine the place by a quartic, and keep extrema halfway between two
             samples, of which the quadratics at each lead to the other.
+        threads: how many work at a time.
 
     Returns:
         Each extremum once, by plane, row and column.
 
     Source: Lowe (2004), sections 3.1 and 4; equations B.4-B.10.
     """
-    seeds = np.empty((dog.size // 256 + 64, 3), np.int64)  # (n, 3) plane, row, column
-    count = find_candidates(dog, candidate_threshold, border, seeds)
-    if count > len(seeds):
-        seeds = np.empty((count, 3), np.int64)
-        find_candidates(dog, candidate_threshold, border, seeds)
-    seeds = seeds[:count]
+    seeds = find_seeds(dog, candidate_threshold, border, threads)  # (n, 3) plane, row, column
+    count = len(seeds)
     offsets, values = np.empty((count, 3)), np.empty(count)  # (n, 3) x, y, plane
-    fit_extrema(dog, border, contrast_threshold, edge_ratio, quartic, seeds, offsets, values)
 
+    def fit(block: slice) -> None:
+        part = seeds[block], offsets[block], values[block]
+        fit_extrema(dog, border, contrast_threshold, edge_ratio, quartic, *part)
+
+    spread(fit, count, SEEDS_AT_ONCE, threads)
     kept = np.flatnonzero(values)
-    _, first = np.unique(seeds[kept], axis=0, return_index=True)
-    kept = kept[first]
-    plane, row, column = np.ascontiguousarray(seeds[kept].T)
+    plane, row, column = seeds[kept].T
+    _, first = np.unique((plane * dog.shape[1] + row) * dog.shape[2] + column, return_index=True)
+    kept, plane, row, column = kept[first], plane[first], row[first], column[first]
     x, y, scale = offsets[kept].T
     return Extrema(
         plane,
@@ -89,54 +95,79 @@ def find_extrema(
     )
 
 
+def find_seeds(dog: Float32Array, threshold: float, border: int, threads: int) -> IntArray:
+    """(n, 3) plane, row and column of the extrema among the samples, in order of rows."""
+    height, width = dog.shape[1:]
+    searched = max(height - 2 * border, 0)
+    found: dict[int, IntArray] = {}
+
+    def search(block: slice) -> None:
+        first, last = border + block.start, border + block.stop
+        out = np.empty(((last - first) * width // 32 + 64, 3), np.int64)
+        count = find_candidates(dog, threshold, border, first, last, out)
+        if count > len(out):
+            out = np.empty((count, 3), np.int64)
+            find_candidates(dog, threshold, border, first, last, out)
+        found[first] = out[:count]
+
+    spread(search, searched, ROWS_AT_ONCE, threads)
+    return np.concatenate([np.empty((0, 3), np.int64), *(found[row] for row in sorted(found))])
+
+
 @kernel()
-def find_candidates(dog: Float32Array, threshold: float, border: int, out: IntArray) -> int:
-    """Fill `out` with plane, row and column of the extrema; return how many there are."""
-    planes, height, width = dog.shape
-    marks = np.zeros(width, np.bool_)
+def find_candidates(
+    dog: Float32Array, threshold: float, border: int, first: int, last: int, out: IntArray
+) -> int:
+    """Fill `out` with plane, row and column of the extrema; return how many there are.
+
+    Rows from `first` to before `last` are searched, row by row and each in all planes.
+    """
+    planes, _, width = dog.shape
+    least = np.float32(threshold)
+    high, low = np.empty(width, np.float32), np.empty(width, np.float32)
+    marks = np.zeros((width + 7) // 8 * 8, np.uint8)
+    words = marks.view(np.uint64)
     count = 0
-    for plane in range(1, planes - 1):
-        for row in range(border, height - border):
-            mark_peaks(dog[plane, row - 1], dog[plane, row], dog[plane, row + 1], threshold, marks)
-            for column in range(border, width - border):
-                if marks[column] and is_extremum(dog, plane, row, column):
-                    if count < len(out):
-                        out[count, 0], out[count, 1], out[count, 2] = plane, row, column
-                    count += 1
+    for row in range(first, last):
+        for plane in range(1, planes - 1):
+            here = dog[plane, row]
+            fill_range(dog[plane, row - 1], here, dog[plane, row + 1], high, low)
+            mark_peaks(here, high, low, least, marks)
+            for word in range(len(words)):
+                if words[word] == 0:
+                    continue
+                for column in range(max(8 * word, border), min(8 * word + 8, width - border)):
+                    if marks[column] and is_extremum(dog, plane, row, column):
+                        if count < len(out):
+                            out[count, 0], out[count, 1], out[count, 2] = plane, row, column
+                        count += 1
     return count
 
 
-@kernel()
+@kernel(fastmath=("nnan", "nsz"))
+def fill_range(
+    above: Float32Array,
+    here: Float32Array,
+    below: Float32Array,
+    high: Float32Array,
+    low: Float32Array,
+) -> None:
+    """Fill the highest and the lowest of three rows, column by column."""
+    for c in range(len(here)):
+        high[c] = max(max(above[c], here[c]), below[c])
+        low[c] = min(min(above[c], here[c]), below[c])
+
+
+@kernel(fastmath=("nnan", "nsz"))
 def mark_peaks(
-    above: Float32Array, here: Float32Array, below: Float32Array, threshold: float, out: BoolArray
+    here: Float32Array, high: Float32Array, low: Float32Array, least: np.float32, out: ByteArray
 ) -> None:
     """Mark the samples of a row that no neighbor in its plane exceeds: few need the other 18."""
-    least = np.float32(threshold)
     for c in range(1, len(here) - 1):
         v = here[c]
-        high = (
-            (v > least)
-            & (v >= here[c - 1])
-            & (v >= here[c + 1])
-            & (v >= above[c - 1])
-            & (v >= above[c])
-            & (v >= above[c + 1])
-            & (v >= below[c - 1])
-            & (v >= below[c])
-            & (v >= below[c + 1])
-        )
-        low = (
-            (v < -least)
-            & (v <= here[c - 1])
-            & (v <= here[c + 1])
-            & (v <= above[c - 1])
-            & (v <= above[c])
-            & (v <= above[c + 1])
-            & (v <= below[c - 1])
-            & (v <= below[c])
-            & (v <= below[c + 1])
-        )
-        out[c] = high | low
+        highest = max(max(high[c - 1], high[c]), high[c + 1])
+        lowest = min(min(low[c - 1], low[c]), low[c + 1])
+        out[c] = ((v > least) & (v >= highest)) | ((v < -least) & (v <= lowest))
 
 
 @kernel()
@@ -144,6 +175,9 @@ def is_extremum(dog: Float32Array, plane: int, row: int, column: int) -> bool:
     """Whether a sample lies above or below its 26 neighbors; of equal ones the first does."""
     value = dog[plane, row, column]
     sign = 1 if value > 0 else -1
+    before, after = dog[plane - 1, row, column], dog[plane + 1, row, column]
+    if sign * (before - value) > 0 or sign * (after - value) > 0:  # most fail here
+        return False
     for p in range(plane - 1, plane + 2):
         for r in range(row - 1, row + 2):
             for c in range(column - 1, column + 2):

@@ -53,15 +53,15 @@ def match(
 
 
 def nearest_neighbors(
-    a: npt.NDArray[np.uint8], b: npt.NDArray[np.uint8]
+    a: npt.NDArray[np.uint8] | Float32Array, b: npt.NDArray[np.uint8] | Float32Array
 ) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
     """Nearest rows by squared distance, both ways, from one pass over blocks of `a`.
 
-    Sums of up to 128 products of bytes are whole numbers below 2**24, which float32
-    holds: the distances are exact in whatever order the library adds them.
+    Any real descriptors will do. Of bytes sums of up to 128 products are whole numbers below
+    2**24, which float32 holds: their distances are exact in whatever order the library adds.
 
     Args:
-        a: (n, d), n and k at least 1, d at most 128.
+        a: (n, d), n and k at least 1.
         b: (k, d).
 
     Returns:
