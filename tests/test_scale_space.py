@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from saccade.scale_space import blurred, difference_of_gaussians, double, gaussian_scale_space
+from saccade.scale_space import (
+    Workspace,
+    blurred,
+    difference_of_gaussians,
+    double,
+    gaussian_scale_space,
+)
 
 
 def blob(shape, x, y, sigma):
@@ -96,5 +102,17 @@ def test_octaves_can_be_limited(rng):
 
 
 def test_differences(rng):
-    octave = rng.random((6, 9, 8), np.float32)
-    np.testing.assert_array_equal(difference_of_gaussians(octave)[2], octave[3] - octave[2])
+    workspace = Workspace()
+    for shape in ((6, 150, 8), (6, 75, 4)):
+        octave = rng.random(shape, np.float32)
+        for threads in (1, 3):
+            found = difference_of_gaussians(octave, workspace, threads)
+            np.testing.assert_array_equal(found, octave[1:] - octave[:-1])
+
+
+def test_memory_is_used_again():
+    workspace = Workspace()
+    large = workspace.array("a", 0, (4, 5))
+    assert np.shares_memory(large, workspace.array("a", 0, (2, 3)))
+    assert not np.shares_memory(large, workspace.array("a", 1, (2, 3)))
+    assert workspace.array("a", 0, (9, 9)).shape == (9, 9)

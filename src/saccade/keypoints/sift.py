@@ -29,7 +29,10 @@ class Sift:
 
     Args:
         config: what to do.
-        threads: how many work at a time; 0 for one to a core. The points do not depend on it.
+        threads: how many work at a time; 0 for one to a core. The points do not depend on
+            it. The Gaussians are OpenCV's, which asks `cv2.setNumThreads`.
+
+    A detector keeps the memory that its largest image took, for the next.
     """
 
     def __init__(self, config: SiftConfig | None = None, threads: int = 0) -> None:
@@ -88,7 +91,7 @@ class Sift:
         )  # B.1-B.2
         found = [Points.none()]
         for number, octave in enumerate(space.octaves):
-            differences = difference_of_gaussians(octave, workspace)  # B.3
+            differences = difference_of_gaussians(octave, workspace, self.threads)  # B.3
             points = detect(differences, number, config, self.threads)  # B.4-B.10
             if mask is not None:
                 points = points.inside(mask, space)
