@@ -1,5 +1,6 @@
 """Where the tests find their data."""
 
+import os
 from pathlib import Path
 
 import hypothesis
@@ -10,7 +11,11 @@ ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
 DATA = Path(__file__).parent / "data"
 
-hypothesis.settings.register_profile("saccade", deadline=None)  # the first example compiles
+hypothesis.settings.register_profile(
+    "saccade",
+    deadline=None,  # the first example compiles
+    derandomize="CI" in os.environ,  # one change, one verdict; at home new examples every time
+)
 hypothesis.settings.load_profile("saccade")
 
 
