@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from conftest import REFERENCE_IMAGES
 from saccade.attention import (
     ContrastConfig,
     ScanpathConfig,
@@ -25,20 +26,6 @@ from saccade.attention.saliencytoolbox2 import (
 from saccade.image import read_image
 
 CONFIG = ContrastConfig.saliencytoolbox2()
-IMAGES = (
-    "photo_astronaut",
-    "photo_chelsea",
-    "photo_coffee",
-    "photo_motorcycle",
-    "photo_rocket",
-    "popout_color",
-    "popout_color_gray",
-    "popout_conjunction",
-    "popout_intensity",
-    "popout_orientation",
-    "synthetic_single_square",
-    "synthetic_symmetric_shapes",
-)
 WITH_FEATURES = {"photo_chelsea", "photo_coffee", "popout_color_gray"}
 CRASHES = {"popout_intensity", "popout_orientation", "synthetic_single_square"}
 """Where the toolbox finds no local maximum and stops with an error."""
@@ -69,7 +56,7 @@ def computed_and_published(shared, name, method):
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize("name", IMAGES)
+@pytest.mark.parametrize("name", REFERENCE_IMAGES)
 def test_every_map_and_fixation_is_the_toolboxs(shared, name):
     maps, published = computed_and_published(shared, name, "iterative")
     np.testing.assert_allclose(maps.saliency, published["salmap"], rtol=0, atol=1e-9)
@@ -97,7 +84,7 @@ def test_every_map_and_fixation_is_the_toolboxs(shared, name):
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize("name", IMAGES)
+@pytest.mark.parametrize("name", REFERENCE_IMAGES)
 def test_an_image_that_was_read_gives_the_same_numbers(shared, name):
     folder = shared / "reference" / "saliency"
     maps = contrast_saliency(read_image(folder / "images" / f"{name}.png"), CONFIG)
@@ -117,7 +104,7 @@ def test_only_whole_levels_are_restored(top, rng):
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize("name", IMAGES)
+@pytest.mark.parametrize("name", REFERENCE_IMAGES)
 def test_inhibition_of_proto_objects_is_the_toolboxs(shared, name):
     maps, published = computed_and_published(shared, name, "iterative")
     h, w = maps.saliency.shape
@@ -132,7 +119,7 @@ def test_inhibition_of_proto_objects_is_the_toolboxs(shared, name):
 
 @pytest.mark.shared
 @pytest.mark.parametrize("method", ["localmax", "none"])
-@pytest.mark.parametrize("name", IMAGES)
+@pytest.mark.parametrize("name", REFERENCE_IMAGES)
 def test_other_normalizations_but_for_the_toolboxs_fault_in_orientation(shared, name, method):
     """Its orientation maps hold rounding noise over noise at the upper and lower border.
 

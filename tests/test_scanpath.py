@@ -4,24 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles_attention as oracles
+from conftest import REFERENCE_IMAGES
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.winner_take_all import Network, inhibit, leap_cell, leap_of
 from saccade.errors import ConfigError, ImageError
 
-IMAGES = (
-    "photo_astronaut",
-    "photo_chelsea",
-    "photo_coffee",
-    "photo_motorcycle",
-    "photo_rocket",
-    "popout_color",
-    "popout_color_gray",
-    "popout_conjunction",
-    "popout_intensity",
-    "popout_orientation",
-    "synthetic_single_square",
-    "synthetic_symmetric_shapes",
-)
 STEP = 1e-4
 
 
@@ -31,7 +18,7 @@ def cells(path, cell=16):
     return rows, columns, np.rint(path.time / STEP)
 
 
-@pytest.fixture(params=IMAGES)
+@pytest.fixture(params=REFERENCE_IMAGES)
 def reference(request, shared):
     """Saliency, the disc's sigma in cells, and rows, columns and times of ten fixations."""
     data = np.load(shared / "reference" / "saliency" / f"{request.param}.iterative.npz")

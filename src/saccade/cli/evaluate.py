@@ -81,9 +81,8 @@ def _score(
     drop: int,
 ) -> Any:
     import numpy as np
-    from rich.progress import track
 
-    from saccade.cli.output import messages, say
+    from saccade.cli.output import say, tracked
     from saccade.datasets.fixations import read_fixations
     from saccade.errors import LogError
     from saccade.evaluation.fixations import inside
@@ -104,14 +103,7 @@ def _score(
     if outside:
         say(f"{outside} fixations outside their images are left out")
     places = {name: xy for name, xy in seen.items() if len(xy)}
-    scored = track(
-        score_model(model, places, sizes, sigma),
-        description="scoring",
-        total=len(places),
-        console=messages(),
-        transient=True,
-        disable=not messages().is_terminal,
-    )
+    scored = tracked(score_model(model, places, sizes, sigma), "scoring", len(places))
     names, scores = zip(*scored, strict=True)
     return PredictionScores(names, scores)
 

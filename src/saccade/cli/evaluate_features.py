@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -94,9 +94,7 @@ def find_detector(name: str, preset: str | None, config: Path | None) -> Callabl
 
 
 def _score(name: str, detect: Callable[[Any], Any], found: Any, ratio: float) -> Any:
-    from rich.console import Console
-    from rich.progress import track
-
+    from saccade.cli.output import tracked
     from saccade.evaluation.features import FeatureScores, score_pairs
     from saccade.image import read_image
     from saccade.keypoints.matching import nearest_neighbors
@@ -105,20 +103,10 @@ def _score(name: str, detect: Callable[[Any], Any], found: Any, ratio: float) ->
         image = read_image(path)
         return _as_features(name, detect(image), image.shape[:2])
 
-    scored = track(
-        score_pairs(
-            features_of,
-            [(str(pair.first), str(pair.second), pair.homography) for pair in found],
-            nearest_neighbors,
-            ratio,
-        ),
-        description=name,
-        total=len(found),
-        console=Console(stderr=True),
-        transient=True,
-    )
+    images = [(str(pair.first), str(pair.second), pair.homography) for pair in found]
+    scores = score_pairs(features_of, images, nearest_neighbors, ratio)
     names = [(pair.sequence, pair.second.stem) for pair in found]
-    return FeatureScores(names, list(scored))
+    return FeatureScores(names, list(tracked(scores, name, len(found))))
 
 
 def _as_features(name: str, points: Any, shape: tuple[int, int]) -> Any:
@@ -207,7 +195,7 @@ def _imported(name: str) -> Callable[[Any], Any]:
         raise ConfigError(f"detector: {name}: {error}") from error
     if not callable(found):
         raise ConfigError(f"detector: {name}: expected a callable, found {type(found).__name__}")
-    return found  # type: ignore[no-any-return]
+    return cast("Callable[[Any], Any]", found)
 
 
 def _row(name: str, scores: Any) -> list[str]:

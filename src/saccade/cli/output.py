@@ -4,13 +4,15 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from saccade.errors import OutputError, SaccadeError
 from saccade.files import whole_file
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+T = TypeVar("T")
 
 
 def say(message: str) -> None:
@@ -23,6 +25,21 @@ def messages() -> "Console":
     from rich.console import Console
 
     return Console(stderr=True)
+
+
+def tracked(items: Iterable[T], description: str, total: int) -> Iterable[T]:
+    """The items one by one, with a progress bar on stderr where that is a terminal."""
+    from rich.progress import track
+
+    console = messages()
+    return track(
+        items,
+        description=description,
+        total=total,
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
 
 
 def print_json(result: Mapping[str, Any]) -> None:
@@ -90,17 +107,11 @@ def for_each_image(
     Raises:
         SaccadeError: at the end, where an image was bad; the message of a single one as it is.
     """
-    from rich.progress import track
-
     rows: list[dict[str, Any]] = []
     errors: list[SaccadeError] = []
-    named = track(
-        names_for(paths).items(),
-        description=f"{len(paths)} images",
-        console=messages(),
-        transient=True,
-        disable=len(paths) == 1 or not messages().is_terminal,
-    )
+    named: Iterable[tuple[Path, str]] = names_for(paths).items()
+    if len(paths) > 1:
+        named = tracked(named, f"{len(paths)} images", len(paths))
     for path, name in named:
         try:
             rows.append(work(path, name))

@@ -5,11 +5,11 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.repeatability import Features, Neighbors, PairScores, score_pair
 from saccade.types import FloatArray
 
 SEED = 20102  # of the bootstrap: the interval of the same scores is always the same
-RESAMPLES = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +27,7 @@ class FeatureScores:
 
     def interval(self, confidence: float = 0.95) -> tuple[PairScores, PairScores]:
         """Lower and upper end of each mean, by bootstrap over the pairs."""
-        table = self._table()
-        drawn = np.random.default_rng(SEED).integers(len(table), size=(RESAMPLES, len(table)))
-        tail = (1 - confidence) / 2
-        low, high = np.quantile(table[drawn].mean(axis=1), (tail, 1 - tail), axis=0)
+        low, high = mean_interval(self._table(), confidence, SEED)
         return PairScores(*low.tolist()), PairScores(*high.tolist())
 
     def of(self, sequence: str) -> "FeatureScores":

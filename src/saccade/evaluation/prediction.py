@@ -1,13 +1,13 @@
 """A saliency model scored on a set of images that people looked at."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from saccade.errors import ImageError, LogError
 from saccade.evaluation.fixations import FixationScores, score
+from saccade.evaluation.intervals import mean_interval
 from saccade.types import Float32Array, FloatArray
 
 SEED = 20101  # of the bootstrap: the interval of the same scores is always the same
@@ -28,24 +28,11 @@ class PredictionScores:
 
     def interval(self, confidence: float = 0.95) -> tuple[FixationScores, FixationScores]:
         """Lower and upper end of each mean, by bootstrap over the images."""
-        table = self._table()
-        if len(table) < 2:
-            return self.mean(), self.mean()
-        found = bootstrap(
-            (table,),
-            np.mean,
-            axis=0,
-            n_resamples=2000,
-            confidence_level=confidence,
-            method="percentile",
-            rng=np.random.default_rng(SEED),
-        ).confidence_interval
-        low, high = np.asarray(found.low), np.asarray(found.high)
+        low, high = mean_interval(self._table(), confidence, SEED)
         return FixationScores(*low.tolist()), FixationScores(*high.tolist())
 
     def _table(self) -> FloatArray:
-        names = [field.name for field in fields(FixationScores)]
-        return np.array([[getattr(each, name) for name in names] for each in self.scores])
+        return np.array([astuple(each) for each in self.scores])  # (images, scores)
 
 
 def score_model(
