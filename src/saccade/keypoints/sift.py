@@ -83,11 +83,13 @@ class Sift:
             octaves=config.octaves,
             intervals=config.intervals,
             base_sigma=config.base_sigma,
+            density=config.density,
             camera_sigma=config.camera_sigma,
             kernel_radius=config.kernel_radius,
             grid=config.grid,
             smallest_side=max(SMALLEST_SIDE, 2 * config.border + 1),
             workspace=workspace,
+            threads=self.threads,
         )  # B.1-B.2
         found = [Points.none()]
         for number, octave in enumerate(space.octaves):
@@ -163,7 +165,7 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
         quartic=config.fit == "quartic",
         threads=threads,
     )
-    sigma = config.base_sigma * 2 ** (found.scale / config.intervals)
+    sigma = config.density * config.base_sigma * 2 ** (found.scale / config.intervals)
     return Points(
         octave=np.full(len(found.plane), octave),
         plane=found.plane,
