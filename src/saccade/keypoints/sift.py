@@ -100,9 +100,12 @@ class Sift:
             if not config.upright:
                 points = orient(octave, points, config, self.threads)  # B.11-B.12
             found.append(points)
-        points = strongest(concatenate(found), space, config.max_keypoints)
-        descriptors = describe_all(space, points, config, self.threads) if describe else None
-        return keypoints(points, space, config.first_octave, descriptors)
+        points = concatenate(found)
+        order = strongest(points, space, config.max_keypoints)
+        descriptors = None
+        if describe:
+            descriptors = describe_all(space, points, order, config, self.threads)
+        return keypoints(points.take(order), space, config.first_octave, descriptors)
 
 
 class Points(NamedTuple):
@@ -195,22 +198,29 @@ def orient(octave: Float32Array, points: Points, config: SiftConfig, threads: in
     return points.take(index)._replace(angle=angle)
 
 
-def strongest(points: Points, space: ScaleSpace, most: int) -> Points:
-    """Points by falling response, then by row, column, size and angle; `most` of them unless 0."""
+def strongest(points: Points, space: ScaleSpace, most: int) -> IntArray:
+    """Order by falling response, then row, column, size, angle; `most` of the points unless 0."""
     xy, sigma = points.in_image(space)
     order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -points.response))
-    return points.take(order[:most] if most else order)
+    return order[:most] if most else order
 
 
 def describe_all(
-    space: ScaleSpace, points: Points, config: SiftConfig, threads: int = 1
+    space: ScaleSpace, points: Points, order: IntArray, config: SiftConfig, threads: int = 1
 ) -> ByteArray:
-    """(n, 128) descriptors, octave by octave."""
-    descriptors = np.empty((len(points.octave), 128), np.uint8)
+    """(n, 128) descriptors of the points that `order` names.
+
+    They are made as the points lie in the planes: neighbors share what is in the cache.
+    """
+    place = np.empty(len(points.octave), np.int64)
+    place[order] = np.arange(len(order))
+    wanted = np.zeros(len(place), np.bool_)
+    wanted[order] = True
+    descriptors = np.empty((len(order), 128), np.uint8)
     for number, octave in enumerate(space.octaves):
-        here = points.octave == number
+        here = np.flatnonzero(wanted & (points.octave == number))
         part = points.take(here)
-        descriptors[here] = describe_frames(
+        descriptors[place[here]] = describe_frames(
             octave,
             part.frames,
             part.angle,
