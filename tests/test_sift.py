@@ -203,7 +203,7 @@ def test_equal_points_are_ordered_by_row_column_size_and_angle(rng):
     ordered = shuffled.take(strongest(shuffled, space, 0))
     for field, expected in zip(ordered, points, strict=True):
         np.testing.assert_array_equal(field, expected)
-    assert len(strongest(points, space, 7).xy) == 7
+    assert len(strongest(points, space, 7)) == 7
 
 
 @pytest.mark.parametrize("preset", PRESETS)

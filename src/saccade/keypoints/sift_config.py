@@ -20,7 +20,7 @@ class SiftConfig:
     """How many at most; 0 for as many as the image has room for."""
     intervals: int = 4
     """s, the scales to an octave."""
-    base_sigma: float = 1.84
+    base_sigma: float = 1.68
     """Blur of the first plane of an octave, in samples of density 1."""
     density: float = 0.5
     """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
@@ -37,7 +37,7 @@ class SiftConfig:
     is doubled, as OpenCV does."""
     border: int = 5
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = 0.0145
+    contrast_threshold: float = 0.04 / 3
     """tau_c: the least |D| at an extremum (B.6)."""
     candidate_fraction: float = 0.5
     """Share of `contrast_threshold` that a sample must exceed before the fit."""
