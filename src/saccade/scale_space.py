@@ -294,22 +294,26 @@ def gaussian_kernel(sigma: float, kernel_radius: float, corrected: bool) -> Floa
     moments up to the sixth, and a wide one samples a Gaussian that has the right variance
     when it is sampled.
     """
-    radius = (round(2 * kernel_radius * sigma + 1) | 1) // 2
     if corrected and sigma < NARROW:
-        taps = np.arange(4)
-        even = np.vander(taps**2, 4, increasing=True).T.astype(np.float64)  # k^0, k^2, k^4, k^6
-        half = np.linalg.solve(even, [1, sigma**2, 3 * sigma**4, 15 * sigma**6])
-        weights = np.concatenate([half[:0:-1] / 2, half[:1], half[1:] / 2])
-    else:
-        squares = np.arange(-radius, radius + 1) ** 2
-        weights = samples_of_gaussian(squares, sigma)
-        if corrected:
+        return kernel_of_moments(sigma)
+    radius = (round(2 * kernel_radius * sigma + 1) | 1) // 2
+    squares = np.arange(-radius, radius + 1) ** 2
 
-            def excess(candidate: float) -> float:
-                return float(samples_of_gaussian(squares, candidate) @ squares) - sigma**2
+    def excess(candidate: float) -> float:
+        return float(samples_of_gaussian(squares, candidate) @ squares) - sigma**2
 
-            weights = samples_of_gaussian(squares, float(brentq(excess, sigma / 2, 2 * sigma)))
-    return weights.astype(np.float32)
+    # Where it is cut so short that none has the variance, it is left as it is.
+    if corrected and excess(2 * sigma) > 0:
+        sigma = brentq(excess, sigma / 2, 2 * sigma)
+    return samples_of_gaussian(squares, sigma).astype(np.float32)
+
+
+def kernel_of_moments(sigma: float) -> Float32Array:
+    """(7,) weights that have a Gaussian's moments up to the sixth."""
+    taps = np.arange(4)
+    even = np.vander(taps**2, 4, increasing=True).T.astype(np.float64)  # k^0, k^2, k^4, k^6
+    half = np.linalg.solve(even, [1, sigma**2, 3 * sigma**4, 15 * sigma**6])
+    return np.concatenate([half[:0:-1] / 2, half[:1], half[1:] / 2]).astype(np.float32)
 
 
 def samples_of_gaussian(squares: IntArray, sigma: float) -> FloatArray:

@@ -24,8 +24,8 @@ class SiftConfig:
     """Blur of the first plane of an octave, in samples of density 1."""
     density: float = 0.5
     """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
-    the octave of the doubled image has the pixels of the image: blurred as it is, it has next
-    to nothing between them. That costs a quarter, and finds points as often."""
+    the octave of the doubled image is made of the image's own pixels: under its blur there is
+    next to nothing between them. It costs a quarter."""
     camera_sigma: float = 0.0
     """Blur that the image is assumed to have, in pixels. 0 blurs it by all of `base_sigma`:
     the finest points, which the noise makes, are fewer, and more of the others come back."""
@@ -59,7 +59,7 @@ class SiftConfig:
     """Centre orientation and descriptor on the point, not on the sample nearest to it."""
     orientation_spacing: float = 1.0
     """Of the samples that the histogram of directions looks at, in scales; 0 for all."""
-    descriptor_spacing: float = 1.5
+    descriptor_spacing: float = 1.2
     """Of the samples that the descriptor looks at, in scales; 0 for all. Lowe's 4x4 samples
     in each of 4x4 subregions are 0.75 apart."""
     window_sigma: float = 0.7
