@@ -19,7 +19,7 @@ SMALLEST_SIDE = 8
 NARROW = 0.8
 """Samples: a Gaussian of a smaller sigma is not well described by its samples."""
 
-ROWS_AT_ONCE = 64
+ROWS_AT_ONCE = 192
 """That a thread subtracts at a time: they stay in the cache from one plane to the next."""
 
 Grid = Literal["centered", "shifted"]
@@ -279,7 +279,7 @@ def blurred(
         )
         result[rows] = part[rows.start - first : rows.stop - first]
 
-    if threads > 1 and height >= 2 * ROWS_AT_ONCE:
+    if threads > 1 and height >= ROWS_AT_ONCE:
         spread(blur, height, -(-height // threads), threads)
     else:
         cv2.sepFilter2D(plane, -1, across, down, dst=result, borderType=cv2.BORDER_REFLECT_101)

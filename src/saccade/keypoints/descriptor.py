@@ -28,7 +28,7 @@ ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 PEAK_RATIO = 0.8
 """A direction makes a point if it has this share of the strongest direction."""
-BLOCK = 256
+BLOCK = 1024
 """Points that a thread takes at a time."""
 
 
