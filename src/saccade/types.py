@@ -34,9 +34,28 @@ class Keypoints:
     response: Float32Array
     """(n,) strength; its unit is the detector's."""
     octave: npt.NDArray[np.int32]
-    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself."""
+    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself, or not known."""
     descriptors: npt.NDArray[np.uint8] | None = None
     """(n, 128), or None where only places were asked for."""
+
+    @classmethod
+    def at(cls, xy: npt.ArrayLike, size: npt.ArrayLike, angle: npt.ArrayLike = 0.0) -> "Keypoints":
+        """Points from anywhere, without response, octave and descriptors.
+
+        Args:
+            xy: (n, 2) place in image pixels.
+            size: (n,) or one for all: diameter in image pixels, as OpenCV means it.
+            angle: (n,) or one for all: radians from x towards y.
+        """
+        places = np.array(xy, np.float32).reshape(-1, 2)
+        n = len(places)
+        return cls(
+            places,
+            np.broadcast_to(np.asarray(size, np.float32), n).copy(),
+            np.broadcast_to(np.asarray(angle, np.float32), n).copy(),
+            np.zeros(n, np.float32),
+            np.zeros(n, np.int32),
+        )
 
     def __len__(self) -> int:
         return len(self.xy)
