@@ -12,6 +12,7 @@ from saccade.image import as_gray
 from saccade.keypoints.descriptor import Frames, describe_frames, orientations
 from saccade.keypoints.extrema import find_extrema
 from saccade.keypoints.given import check_given, locate
+from saccade.keypoints.selection import spread_out
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale_space import (
     SMALLEST_SIDE,
@@ -147,7 +148,7 @@ class Sift:
             if not config.upright:
                 points = orient(octave, points, config, self.threads)  # B.11-B.12
             found.append(points)
-        points = strongest(concatenate(found), space, config.max_keypoints)
+        points = strongest(concatenate(found), space, config.max_keypoints, config.spread)
         kept = keypoints(points, space, config.first_octave)
         if not describe:
             return kept
@@ -275,10 +276,12 @@ def all_directions(
     return index[order], np.concatenate(angles)[order]
 
 
-def strongest(points: Points, space: ScaleSpace, most: int) -> Points:
+def strongest(points: Points, space: ScaleSpace, most: int, spread: bool = False) -> Points:
     """Points by falling response, then by row, column, size and angle; `most` of them unless 0."""
     xy, sigma = points.in_image(space)
     order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -points.response))
+    if most and spread:
+        order = order[spread_out(xy[order], points.response[order], most)]
     return points.take(order[:most] if most else order)
 
 

@@ -63,6 +63,9 @@ class SiftConfig:
     """"root" L1-normalizes and takes the square root (RootSIFT)."""
     max_keypoints: int = 0
     """Keep this many of the strongest; 0 keeps all."""
+    spread: bool = False
+    """Keep as many, but rather those that are far from any clearly stronger one: they cover
+    the image (adaptive non-maximal suppression)."""
 
     def __post_init__(self) -> None:
         require(self.first_octave in (-1, 0), "first_octave", "-1 or 0", self.first_octave)
@@ -104,6 +107,12 @@ class SiftConfig:
             self.descriptor in ("sift", "root"), "descriptor", "'sift' or 'root'", self.descriptor
         )
         require(self.max_keypoints >= 0, "max_keypoints", "0 or more", self.max_keypoints)
+        require(
+            self.max_keypoints > 0 or not self.spread,
+            "spread",
+            "max_keypoints over 0 with it",
+            self.max_keypoints,
+        )
 
     @classmethod
     def recommended(cls) -> "SiftConfig":
