@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from saccade.keypoints.matching import match
     from saccade.keypoints.sift import Sift
     from saccade.keypoints.sift_config import SiftConfig
+    from saccade.keypoints.verification import Verification, verify
     from saccade.types import (
         Keypoints,
         LandmarkLog,
@@ -49,6 +50,7 @@ _HOMES = {
     "saccade.keypoints.matching": ("match",),
     "saccade.keypoints.sift": ("Sift",),
     "saccade.keypoints.sift_config": ("SiftConfig",),
+    "saccade.keypoints.verification": ("Verification", "verify"),
     "saccade.types": (
         "Keypoints",
         "LandmarkLog",
@@ -79,6 +81,7 @@ __all__ = [
     "Sift",
     "SiftConfig",
     "Trajectory",
+    "Verification",
     "contrast_saliency",
     "datasets",
     "exchange",
@@ -86,6 +89,7 @@ __all__ = [
     "read_image",
     "scanpath",
     "slam",
+    "verify",
     "viewing",
 ]
 
