@@ -162,7 +162,7 @@ def test_match_without_geometry(run):
     assert "inlier" not in rows_of(result["table"])[0]
 
 
-@pytest.mark.parametrize("geometry", ["fundamental", "homography", "none"])
+@pytest.mark.parametrize("geometry", ["homography", "none"])
 def test_match_prints_how_many_are_inliers(run, geometry):
     code, out, _ = run("match", *HALLWAY, "--geometry", geometry)
     assert code == 0

@@ -48,7 +48,7 @@ class Sift:
         return f"Sift({self.config})"
 
     def __call__(
-        self, image: Image, mask: BoolArray | None = None, *, describe: bool = True
+        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
     ) -> Keypoints:
         """Detect interest points and describe them.
 
@@ -68,11 +68,12 @@ class Sift:
         Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
         """
         gray = as_gray(image)  # (H, W)
-        if mask is not None and mask.shape != gray.shape:
-            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {mask.shape}")
+        wanted = None if mask is None else np.asarray(mask) != 0
+        if wanted is not None and wanted.shape != gray.shape:
+            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {wanted.shape}")
         workspace = self._spare.pop() if self._spare else Workspace()
         try:
-            return self._detect(gray, mask, describe, workspace)
+            return self._detect(gray, wanted, describe, workspace)
         finally:
             self._spare.append(workspace)
 
@@ -204,7 +205,7 @@ class Points(NamedTuple):
         xy, _ = self.in_image(space)
         column, row = np.rint(xy).astype(np.int64).T
         height, width = mask.shape
-        return self.take(mask[row.clip(0, height - 1), column.clip(0, width - 1)] != 0)
+        return self.take(mask[row.clip(0, height - 1), column.clip(0, width - 1)])
 
 
 def concatenate(parts: list[Points]) -> Points:
