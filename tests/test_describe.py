@@ -211,8 +211,12 @@ def test_points_that_cannot_be_described_are_named(fields, words):
 
 
 def test_an_image_too_small_to_describe_is_named():
-    with pytest.raises(ImageError, match="at least 11 px a side to describe points, found 9 x 10"):
-        Sift().describe(np.zeros((10, 9)), Keypoints.at([[4, 4]], 3))
+    point = Keypoints.at([[4, 3]], 3)
+    for first_octave, side in ((-1, 6), (0, 11)):
+        sift = Sift(SiftConfig(first_octave=first_octave))
+        assert len(sift.describe(np.zeros((side, 30)), point)) == 1
+        with pytest.raises(ImageError, match=f"11 samples a side.*image of 30 x {side - 1} px"):
+            sift.describe(np.zeros((side - 1, 30)), point)
 
 
 @pytest.mark.parametrize("first_octave", [-1, 0])

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import ImageError, KeypointsError
+from saccade.errors import KeypointsError
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale_space import ScaleSpace
 from saccade.types import Float32Array, IntArray, Keypoints
@@ -43,18 +43,16 @@ def locate(
     return octave, plane, xy.astype(np.float32), (sigma / spacing).astype(np.float32)
 
 
-def check_given(keypoints: Keypoints, shape: tuple[int, int], smallest_side: int) -> Keypoints:
+def check_given(keypoints: Keypoints, shape: tuple[int, int]) -> Keypoints:
     """Points in their proper dtypes, without descriptors, if an image shows them.
 
     Args:
         keypoints: n points.
         shape: (H, W) of the image.
-        smallest_side: of an image that can be described at all.
 
     Raises:
         KeypointsError: a place outside the image, a size that is not over 0, an angle that is
             not finite, or fields of different lengths.
-        ImageError: there are points, but the image is too small.
     """
     height, width = shape
     n = len(keypoints)
@@ -78,11 +76,6 @@ def check_given(keypoints: Keypoints, shape: tuple[int, int], smallest_side: int
     sized = (found["size"] > 0) & np.isfinite(found["size"])
     _require_all(sized, "a size over 0 px", found["size"])
     _require_all(np.isfinite(found["angle"]), "a finite angle", found["angle"])
-    if n and min(shape) < smallest_side:
-        raise ImageError(
-            f"image: expected at least {smallest_side} px a side to describe points, "
-            f"found {width} x {height}"
-        )
     return Keypoints(**found)
 
 

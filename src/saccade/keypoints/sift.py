@@ -101,10 +101,16 @@ class Sift:
             ImageError: not an image, or too small an image.
         """
         gray, config = as_gray(image), self.config
-        given = check_given(keypoints, gray.shape, self._smallest_side)
+        given = check_given(keypoints, gray.shape)
         workspace = self._spare.pop() if self._spare else Workspace()
         try:
             space = self._scale_space(gray, workspace)
+            if len(given) and not space.octaves:
+                height, width = gray.shape
+                raise ImageError(
+                    f"image: expected at least {self._smallest_side} samples a side in the first "
+                    f"octave, found an image of {width} x {height} px; describe a larger one"
+                )
             points = Points.at(given, space, config)
             if orient and config.upright:
                 points = points._replace(angle=np.zeros_like(points.angle))
