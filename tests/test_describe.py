@@ -43,7 +43,7 @@ def test_our_own_points_are_described_to_the_same_bytes(rng, photo, preset):
 def test_so_are_those_of_other_scales(rng, photo, intervals, base_sigma):
     config = SiftConfig(intervals=intervals, base_sigma=base_sigma, contrast_threshold=0.002)
     found = Sift(config)(photo)
-    assert len(found) > 400
+    assert len(found) > 300
     assert_same(Sift(config).describe(photo, found), found)
 
 
@@ -212,10 +212,10 @@ def test_points_that_cannot_be_described_are_named(fields, words):
 
 def test_an_image_too_small_to_describe_is_named():
     point = Keypoints.at([[4, 3]], 3)
-    for first_octave, side in ((-1, 6), (0, 11)):
-        sift = Sift(SiftConfig(first_octave=first_octave))
+    for first_octave, side in ((-1, 5), (0, 8)):
+        sift = Sift(SiftConfig(first_octave=first_octave, density=1.0))
         assert len(sift.describe(np.zeros((side, 30)), point)) == 1
-        with pytest.raises(ImageError, match=f"11 samples a side.*image of 30 x {side - 1} px"):
+        with pytest.raises(ImageError, match=f"8 samples a side.*image of 30 x {side - 1} px"):
             sift.describe(np.zeros((side - 1, 30)), point)
 
 
@@ -224,7 +224,7 @@ def test_a_point_lies_in_the_octave_of_its_size(first_octave):
     """The plane's blur is the point's scale, to half an interval."""
     config = SiftConfig(first_octave=first_octave)
     space = gaussian_scale_space(np.zeros((200, 200), np.float32), first_octave=first_octave)
-    sizes = np.geomspace(4, 60, 50)
+    sizes = np.geomspace(4.2, 60, 50)
     points = dataclasses.replace(
         Keypoints.at(np.full((50, 2), 90.0), sizes), octave=np.full(50, 99, np.int32)
     )

@@ -104,12 +104,12 @@ class Sift:
         given = check_given(keypoints, gray.shape)
         workspace = self._spare.pop() if self._spare else Workspace()
         try:
-            space = self._scale_space(gray, workspace)
+            space = self._scale_space(gray, workspace, SMALLEST_SIDE)
             if len(given) and not space.octaves:
                 height, width = gray.shape
                 raise ImageError(
-                    f"image: expected at least {self._smallest_side} samples a side in the first "
-                    f"octave, found an image of {width} x {height} px; describe a larger one"
+                    f"image: expected at least {SMALLEST_SIDE} samples a side in the first octave "
+                    f"to describe points, found an image of {width} x {height} px"
                 )
             points = Points.at(given, space, config)
             if orient and config.upright:
@@ -122,11 +122,9 @@ class Sift:
         finally:
             self._spare.append(workspace)
 
-    @property
-    def _smallest_side(self) -> int:
-        return max(SMALLEST_SIDE, 2 * self.config.border + 1)
-
-    def _scale_space(self, gray: Float32Array, workspace: Workspace) -> ScaleSpace:
+    def _scale_space(
+        self, gray: Float32Array, workspace: Workspace, smallest_side: int
+    ) -> ScaleSpace:
         config = self.config
         return gaussian_scale_space(
             gray,
@@ -134,18 +132,21 @@ class Sift:
             octaves=config.octaves,
             intervals=config.intervals,
             base_sigma=config.base_sigma,
+            density=config.density,
             camera_sigma=config.camera_sigma,
             kernel_radius=config.kernel_radius,
             grid=config.grid,
-            smallest_side=self._smallest_side,
+            smallest_side=smallest_side,
             workspace=workspace,
+            threads=self.threads,
         )
 
     def _detect(
         self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
     ) -> Keypoints:
         config = self.config
-        space = self._scale_space(gray, workspace)  # B.1-B.2
+        searched = max(SMALLEST_SIDE, 2 * config.border + 1)
+        space = self._scale_space(gray, workspace, searched)  # B.1-B.2
         found = [Points.none()]
         for number, octave in enumerate(space.octaves):
             differences = difference_of_gaussians(octave, workspace, self.threads)  # B.3
@@ -230,7 +231,7 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
         quartic=config.fit == "quartic",
         threads=threads,
     )
-    sigma = config.base_sigma * 2 ** (found.scale / config.intervals)
+    sigma = config.density * config.base_sigma * 2 ** (found.scale / config.intervals)
     return Points(
         octave=np.full(len(found.plane), octave),
         plane=np.rint(found.scale).astype(np.int64),  # the quartic may have left the seed's

@@ -15,13 +15,18 @@ class SiftConfig:
     """
 
     first_octave: int = -1
-    """-1 doubles the image first; 0 starts from the image: a quarter of the points."""
+    """-1 begins at the scales of a doubled image; 0 at those of the image: a quarter of the
+    points."""
     octaves: int = 0
     """How many at most; 0 for as many as the image has room for."""
-    intervals: int = 3
+    intervals: int = 4
     """s, the scales to an octave."""
-    base_sigma: float = 1.6
-    """Blur of the first plane of an octave, in samples."""
+    base_sigma: float = 1.84
+    """Blur of the first plane of an octave, in samples of density 1."""
+    density: float = 0.5
+    """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
+    the octave of the doubled image has the pixels of the image: blurred as it is, it has next
+    to nothing between them. That costs a quarter, and finds points as often."""
     camera_sigma: float = 0.0
     """Blur that the image is assumed to have, in pixels. 0 blurs it by all of `base_sigma`:
     the finest points, which the noise makes, are fewer, and more of the others come back."""
@@ -33,7 +38,7 @@ class SiftConfig:
     is doubled, as OpenCV does."""
     border: int = 5
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = 0.0155
+    contrast_threshold: float = 0.0145
     """tau_c: the least |D| at an extremum (B.6)."""
     candidate_fraction: float = 0.5
     """Share of `contrast_threshold` that a sample must exceed before the fit."""
@@ -55,7 +60,7 @@ class SiftConfig:
     """Centre orientation and descriptor on the point, not on the sample nearest to it."""
     orientation_spacing: float = 1.0
     """Of the samples that the histogram of directions looks at, in scales; 0 for all."""
-    descriptor_spacing: float = 1.0
+    descriptor_spacing: float = 1.5
     """Of the samples that the descriptor looks at, in scales; 0 for all. Lowe's 4x4 samples
     in each of 4x4 subregions are 0.75 apart."""
     window_sigma: float = 0.7
@@ -79,12 +84,19 @@ class SiftConfig:
         require(self.octaves >= 0, "octaves", "0 or more", self.octaves)
         require(1 <= self.intervals <= 16, "intervals", "1 to 16", self.intervals)
         require(0.5 <= self.base_sigma <= 8, "base_sigma", "0.5 to 8", self.base_sigma)
+        require(self.density in (0.5, 1), "density", "0.5 or 1", self.density)
         require(0 <= self.camera_sigma <= 4, "camera_sigma", "0 to 4", self.camera_sigma)
         require(1 <= self.kernel_radius <= 8, "kernel_radius", "1 to 8", self.kernel_radius)
         require(
             self.grid in ("centered", "shifted"),
             "grid",
             "'centered' or 'shifted'",
+            self.grid,
+        )
+        require(
+            self.grid == "centered" or self.density == 1,
+            "grid",
+            "'centered' where density is 0.5",
             self.grid,
         )
         require(self.border >= 2, "border", "2 or more", self.border)
@@ -138,6 +150,9 @@ class SiftConfig:
         beyond its quadratic (see `fit`).
         """
         return cls(
+            intervals=3,
+            base_sigma=1.6,
+            density=1.0,
             camera_sigma=0.5,
             kernel_radius=4.0,
             border=2,
