@@ -117,7 +117,8 @@ class Sift:
             elif orient:
                 index, angle = all_directions(space, points, config, self.threads)
                 given, points = given[index], points.take(index)._replace(angle=angle)
-            descriptors = describe_all(space, points, config, self.threads)
+            order = np.arange(len(given))
+            descriptors = describe_all(space, points, order, config, self.threads)
             return replace(given, angle=points.angle, descriptors=descriptors)
         finally:
             self._spare.append(workspace)
@@ -156,13 +157,15 @@ class Sift:
             if not config.upright:
                 points = orient(octave, points, config, self.threads)  # B.11-B.12
             found.append(points)
-        points = strongest(concatenate(found), space, config.max_keypoints, config.spread)
+        points = concatenate(found)
+        order = strongest(points, space, config.max_keypoints, config.spread)
         kept = keypoints(points, space, config.first_octave)
         if not describe:
-            return kept
+            return kept[order]
         # From what is handed out, so that it can be described again to the same bytes.
         points = Points.at(kept, space, config)
-        return replace(kept, descriptors=describe_all(space, points, config, self.threads))
+        descriptors = describe_all(space, points, order, config, self.threads)
+        return replace(kept[order], descriptors=descriptors)
 
 
 class Points(NamedTuple):
@@ -284,24 +287,31 @@ def all_directions(
     return index[order], np.concatenate(angles)[order]
 
 
-def strongest(points: Points, space: ScaleSpace, most: int, spread: bool = False) -> Points:
-    """Points by falling response, then by row, column, size and angle; `most` of them unless 0."""
+def strongest(points: Points, space: ScaleSpace, most: int, spread: bool = False) -> IntArray:
+    """Order by falling response, then row, column, size, angle; `most` of the points unless 0."""
     xy, sigma = points.in_image(space)
     order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -points.response))
     if most and spread:
         order = order[spread_out(xy[order], points.response[order], most)]
-    return points.take(order[:most] if most else order)
+    return order[:most] if most else order
 
 
 def describe_all(
-    space: ScaleSpace, points: Points, config: SiftConfig, threads: int = 1
+    space: ScaleSpace, points: Points, order: IntArray, config: SiftConfig, threads: int = 1
 ) -> ByteArray:
-    """(n, 128) descriptors, octave by octave."""
-    descriptors = np.empty((len(points.octave), 128), np.uint8)
+    """(n, 128) descriptors of the points that `order` names.
+
+    They are made as the points lie in the planes: neighbors share what is in the cache.
+    """
+    place = np.empty(len(points.octave), np.int64)
+    place[order] = np.arange(len(order))
+    wanted = np.zeros(len(place), np.bool_)
+    wanted[order] = True
+    descriptors = np.empty((len(order), 128), np.uint8)
     for number, octave in enumerate(space.octaves):
-        here = points.octave == number
+        here = np.flatnonzero(wanted & (points.octave == number))
         part = points.take(here)
-        descriptors[here] = describe_frames(
+        descriptors[place[here]] = describe_frames(
             octave,
             part.frames,
             part.angle,
