@@ -1,12 +1,14 @@
 """Images at many scales, shared by attention and interest points."""
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from math import log2, prod, sqrt
 from typing import Literal
 
 import cv2
 import numpy as np
+from scipy.optimize import brentq
 
 from saccade._jit import spread
 from saccade.types import Float32Array, FloatArray
@@ -110,7 +112,14 @@ def gaussian_scale_space(
         stack = workspace.array("octave", len(stacks), (intervals + 3, *plane.shape))
         stack[0] = plane
         for i, sigma in enumerate(steps):
-            blurred(stack[i], sigma, kernel_radius, out=stack[i + 1], threads=threads)  # B.2
+            blurred(
+                stack[i],
+                sigma,
+                kernel_radius,
+                corrected=grid == "centered",
+                out=stack[i + 1],
+                threads=threads,
+            )  # B.2
         stacks.append(stack)
         origins.append(origin)
         spacings.append(spacing)
@@ -143,11 +152,13 @@ def first_plane(
         The plane and the (2,) pixel (x, y) of its first sample.
     """
     if spacing > 1:
-        plane = blurred(gray, spacing * blur, kernel_radius, threads=threads)
+        plane = blurred(gray, spacing * blur, kernel_radius, corrected=True, threads=threads)
         return halve(gray, plane, spacing * blur, kernel_radius, threads)
     if spacing < 1:
         gray = double(gray) if grid == "centered" else double_shifted(gray)
-    return blurred(gray, blur, kernel_radius, threads=threads), np.zeros(2)
+    corrected = grid == "centered"
+    plane = blurred(gray, blur, kernel_radius, corrected=corrected, threads=threads)
+    return plane, np.zeros(2)
 
 
 def difference_of_gaussians(
@@ -213,7 +224,9 @@ def halve(
     even = [side % 2 == 0 for side in plane.shape]
     if any(even):
         down, across = (sqrt(max(step**2 - mean_of_two * e, 0.01)) for e in even)
-        plane = blurred(before, across, kernel_radius, sigma_y=down, threads=threads)
+        plane = blurred(
+            before, across, kernel_radius, sigma_y=down, corrected=True, threads=threads
+        )
     start = [0.5, 0.5]
     for axis, side in enumerate(plane.shape):
         lines = np.moveaxis(plane, axis, 0)
@@ -233,30 +246,51 @@ def blurred(
     kernel_radius: float,
     *,
     sigma_y: float | None = None,
+    corrected: bool = False,
     out: Float32Array | None = None,
     threads: int = 1,
 ) -> Float32Array:
     """A plane under a Gaussian that is cut at `kernel_radius` sigmas, mirrored outside.
 
-    `sigma_y` is the sigma down the columns where it differs; `out` takes the result.
+    Args:
+        plane: (h, w).
+        sigma: of the Gaussian, in samples.
+        kernel_radius: where it is cut, in sigmas.
+        sigma_y: sigma down the columns where it differs.
+        corrected: give the kernel the variance of the Gaussian, which sampling and cutting
+            change; otherwise the kernel samples the Gaussian itself.
+        out: (h, w) takes the result.
+        threads: how many work at a time; the result does not depend on it.
     """
-    sigma_y = sigma if sigma_y is None else sigma_y
-    size = [round(2 * kernel_radius * s + 1) | 1 for s in (sigma, sigma_y)]
-    height = len(plane)
-    reach = size[1] // 2
+    sigmas = sigma, sigma if sigma_y is None else sigma_y
+    size = [round(2 * kernel_radius * s + 1) | 1 for s in sigmas]
+    x, y = (
+        sigma_of_kernel(s, n // 2) if corrected else s for s, n in zip(sigmas, size, strict=True)
+    )
+    height, reach = len(plane), size[1] // 2
     result = np.empty(plane.shape, np.float32) if out is None else out
 
     def blur(rows: slice) -> None:
         first, last = max(rows.start - reach, 0), min(rows.stop + reach, height)
         part = cv2.GaussianBlur(
-            plane[first:last], size, sigma, sigmaY=sigma_y, borderType=cv2.BORDER_REFLECT_101
+            plane[first:last], size, x, sigmaY=y, borderType=cv2.BORDER_REFLECT_101
         )
         result[rows] = part[rows.start - first : rows.stop - first]
 
-    if threads == 1 or height < 2 * ROWS_AT_ONCE:
-        cv2.GaussianBlur(
-            plane, size, sigma, dst=result, sigmaY=sigma_y, borderType=cv2.BORDER_REFLECT_101
-        )
-    else:
+    if threads > 1 and height >= 2 * ROWS_AT_ONCE:
         spread(blur, height, -(-height // threads), threads)
+    else:
+        cv2.GaussianBlur(plane, size, x, dst=result, sigmaY=y, borderType=cv2.BORDER_REFLECT_101)
     return result
+
+
+@cache
+def sigma_of_kernel(sigma: float, radius: int) -> float:
+    """The Gaussian whose samples at -radius..radius have the variance `sigma` squared."""
+    squares = np.arange(-radius, radius + 1) ** 2
+
+    def excess(candidate: float) -> float:
+        weights = np.exp(-squares / (2 * candidate**2))
+        return float(weights @ squares / weights.sum()) - sigma**2
+
+    return float(brentq(excess, sigma / 2, 4 * sigma + 1))

@@ -17,20 +17,17 @@ ROWS_AT_ONCE = 64
 SEEDS_AT_ONCE = 512
 """That a thread fits at a time."""
 TRUSTED = 0.25
-"""Samples by which the quartic may move what the quadratic has found."""
-QUARTIC = (
-    np.array(
-        [
-            [0, 2, -1, -2, 1],
-            [0, -16, 16, 4, -4],
-            [24, 0, -30, 0, 6],
-            [0, 16, 16, -4, -4],
-            [0, -2, -1, 2, 1],
-        ]
-    )
-    / 24
+"""Samples by which it may move what the quadratic has found."""
+REACH = 6
+"""Samples on either side of the nearest that refine a place."""
+NODES = np.arange(-REACH, REACH + 1)
+LAGRANGE = np.array(
+    [
+        np.poly(np.delete(NODES, i))[::-1] / np.prod(n - np.delete(NODES, i))
+        for i, n in enumerate(NODES)
+    ]
 )
-"""(5, 5) by sample and power: the quartic that is 1 at this sample of five and 0 at the others."""
+"""(13, 13) by sample and power: the polynomial that is 1 at this sample and 0 at the others."""
 
 
 class Extrema(NamedTuple):
@@ -53,7 +50,7 @@ def find_extrema(
     candidate_threshold: float,
     contrast_threshold: float,
     edge_ratio: float,
-    quartic: bool,
+    lagrange: bool,
     threads: int = 1,
 ) -> Extrema:
     """The extrema of an octave that stand out and are no edges.
@@ -64,8 +61,8 @@ def find_extrema(
         candidate_threshold: what a sample must exceed to be looked at.
         contrast_threshold: tau_c, the least |D| at the extremum (B.6).
         edge_ratio: tau_r, the greatest ratio of principal curvatures (B.10).
-        quartic: refine the place by a quartic, and keep extrema halfway between two
-            samples, of which the quadratics at each lead to the other.
+        lagrange: refine the place by the polynomial through 13 samples each way, and keep
+            extrema halfway between two samples, of which the quadratics lead to each other.
         threads: how many work at a time.
 
     Returns:
@@ -79,7 +76,7 @@ def find_extrema(
 
     def fit(block: slice) -> None:
         part = seeds[block], offsets[block], values[block]
-        fit_extrema(dog, border, contrast_threshold, edge_ratio, quartic, *part)
+        fit_extrema(dog, border, contrast_threshold, edge_ratio, lagrange, *part)
 
     spread(fit, count, SEEDS_AT_ONCE, threads)
     kept = np.flatnonzero(values)
@@ -193,7 +190,7 @@ def fit_extrema(
     border: int,
     contrast_threshold: float,
     edge_ratio: float,
-    quartic: bool,
+    lagrange: bool,
     seeds: IntArray,
     offsets: FloatArray,
     values: FloatArray,
@@ -210,10 +207,10 @@ def fit_extrema(
             after = (plane + step(scale), row + step(y), column + step(x))
             # Halfway between two samples the quadratic at each may point to the other.
             between = after == before and max(abs(x), abs(y), abs(scale)) < 1
-            if after == (plane, row, column) or (quartic and between):
+            if after == (plane, row, column) or (lagrange and between):
                 strong = abs(value) >= contrast_threshold  # B.6
                 if strong and determinant > 0 and trace * trace < edge * determinant:  # B.10
-                    if quartic:
+                    if lagrange:
                         x, y, scale = refine_place(dog, plane, row, column, x, y, scale)
                     seeds[i, 0], seeds[i, 1], seeds[i, 2] = plane, row, column
                     offsets[i, 0], offsets[i, 1], offsets[i, 2] = x, y, scale
@@ -270,25 +267,29 @@ def fit_quadratic(
 def refine_place(
     dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
 ) -> tuple[float, float, float]:
-    """Where the quartic in x and y, quadratic in scale, through 3x5x5 samples is flat.
+    """Where the polynomial through 3x13x13 samples is flat.
 
-    Newton's method (B.5) from the offset given; that comes back where it leads away.
+    Newton's method (B.5) from the offset given; that comes back where it leads away, and
+    where not all of the samples lie in the octave.
     """
-    weights_x, weights_y = np.empty((3, 5)), np.empty((3, 5))
+    height, width = dog.shape[1:]
+    if min(row, column, height - 1 - row, width - 1 - column) < REACH:
+        return x, y, scale
+    weights_x, weights_y = np.empty((3, 2 * REACH + 1)), np.empty((3, 2 * REACH + 1))
     u, v, t = x, y, scale
     for _ in range(3):
-        quartic_weights(u, weights_x)
-        quartic_weights(v, weights_y)
+        lagrange_weights(u, weights_x)
+        lagrange_weights(v, weights_y)
         gx = gy = gs = xx = yy = ss = xy = xs = ys = 0.0
         for i in range(3):
             side = i - 1
             at, slope, bend = 0.5 * t * (t + side), t + 0.5 * side, 1.0
             if side == 0:
                 at, slope, bend = 1 - t * t, -2 * t, -2.0
-            for j in range(5):
+            for j in range(2 * REACH + 1):
                 level, along, curve = 0.0, 0.0, 0.0
-                for k in range(5):
-                    sample = float(dog[plane - 1 + i, row - 2 + j, column - 2 + k])
+                for k in range(2 * REACH + 1):
+                    sample = float(dog[plane - 1 + i, row - REACH + j, column - REACH + k])
                     level += weights_x[0, k] * sample
                     along += weights_x[1, k] * sample
                     curve += weights_x[2, k] * sample
@@ -310,16 +311,18 @@ def refine_place(
 
 
 @kernel()
-def quartic_weights(t: float, out: FloatArray) -> None:
-    """Fill (3, 5) `out` with what five samples at -2..2 weigh in the quartic through them at `t`.
+def lagrange_weights(t: float, out: FloatArray) -> None:
+    """Fill (3, 13) `out` with what samples at -6..6 weigh at `t` in the polynomial through them.
 
     The rows are for its value, slope and curvature.
     """
-    for node in range(5):
-        a, b, c, d, e = QUARTIC[node]  # powers 0 to 4
-        out[0, node] = a + t * (b + t * (c + t * (d + t * e)))
-        out[1, node] = b + t * (2 * c + t * (3 * d + t * 4 * e))
-        out[2, node] = 2 * c + t * (6 * d + t * 12 * e)
+    for node in range(len(LAGRANGE)):
+        value = slope = bend = 0.0
+        for power in range(len(LAGRANGE) - 1, -1, -1):  # Horner's rule, for the derivatives too
+            bend = bend * t + 2 * slope
+            slope = slope * t + value
+            value = value * t + LAGRANGE[node, power]
+        out[0, node], out[1, node], out[2, node] = value, slope, bend
 
 
 @kernel()

@@ -231,7 +231,7 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
         candidate_threshold=config.candidate_fraction * config.contrast_threshold,
         contrast_threshold=config.contrast_threshold,
         edge_ratio=config.edge_ratio,
-        quartic=config.fit == "quartic",
+        lagrange=config.fit == "lagrange",
         threads=threads,
     )
     sigma = config.density * config.base_sigma * 2 ** (found.scale / config.intervals)
