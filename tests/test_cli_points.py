@@ -87,6 +87,12 @@ def test_one_bad_image_does_not_keep_the_others_from_the_table(run, tmp_path):
     assert len(found) > 100
 
 
+def test_nothing_is_written_where_the_only_image_is_bad(run, tmp_path):
+    (tmp_path / "bad.jpg").write_text("no image")
+    assert run("detect", "bad.jpg", "--format", "parquet", "--out", "out")[0] == 2
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_format_without_its_library_is_named_before_the_work(run, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "h5py", None)
     code, _, err = run("detect", *HALLWAY, "--format", "hdf5")

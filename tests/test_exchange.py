@@ -225,7 +225,7 @@ def test_the_table_is_what_others_expect(rng, tmp_path):
 def test_a_folder_of_tables_in_any_order(rng, tmp_path):
     """As other programs write them: parts, rows that are mixed, lists without a length."""
     points = random_points(rng, 30)
-    table = exchange.as_table({"a": points[:20], "b": points[20:]})
+    table = exchange.to_arrow({"a": points[:20], "b": points[20:]})
     loose = table.schema.field("descriptor").with_type(pa.list_(pa.uint8()))
     table = table.cast(table.schema.set(7, loose)).replace_schema_metadata()
     order = np.argsort(rng.random(30) + np.arange(30) / 100)
@@ -367,3 +367,10 @@ def test_points_from_anywhere():
     points = Keypoints.at([[1, 2], [3, 4]], size=[5, 6], angle=0.5)
     assert_same(points, Keypoints.at(points.xy.tolist(), points.size, [0.5, 0.5]))
     assert len(Keypoints.at([], 3)) == 0
+    for xy, size, words in (
+        (np.zeros((2, 3)), 3, r"xy: expected shape \(n, 2\), found \(2, 3\)"),
+        (np.zeros(4), 3, r"xy: expected shape \(n, 2\), found \(4,\)"),
+        (np.zeros((3, 2)), [1, 2], r"size: expected shape \(3,\), found \(2,\)"),
+    ):
+        with pytest.raises(KeypointsError, match=words):
+            Keypoints.at(xy, size)

@@ -61,8 +61,7 @@ def detect(
     For each image a picture (NAME.keypoints.png) appears in --out, and the
     points: in NAME.keypoints.npz or .csv (which has no descriptors), or those
     of all images in keypoints.parquet, keypoints.h5 (as hloc reads it) or
-    database.db (for COLMAP). All hold x, y, size, angle and descriptors; a
-    Parquet row is one point.
+    database.db (for COLMAP).
     """
     from saccade.cli.output import for_each_image, print_json, print_table
     from saccade.errors import OutputError, SaccadeError
@@ -86,7 +85,8 @@ def detect(
     except OutputError:
         raise
     except SaccadeError:
-        write_together(found, out, together)  # the others are there, as the message says
+        if found:  # the message says that the others are there
+            write_together(found, out, together)
         raise
     files = write_together(found, out, together)
     if as_json:

@@ -5,17 +5,17 @@ from saccade.exchange.csv import read_csv, write_csv
 from saccade.exchange.hdf5 import read_hdf5, write_hdf5
 from saccade.exchange.npz import read_npz, write_npz
 from saccade.exchange.opencv import from_opencv, to_opencv
-from saccade.exchange.parquet import as_table, read_parquet, write_parquet
+from saccade.exchange.parquet import read_parquet, to_arrow, write_parquet
 
 __all__ = [
     "ColmapFeatures",
-    "as_table",
     "from_opencv",
     "read_colmap",
     "read_csv",
     "read_hdf5",
     "read_npz",
     "read_parquet",
+    "to_arrow",
     "to_opencv",
     "write_colmap",
     "write_csv",

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError, OutputError
 from saccade.exchange.fields import check_name, checked, import_optional, keypoints_from, reading
 from saccade.files import whole_file
-from saccade.types import FloatArray, IntArray, Keypoints
+from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
 
 CENTER = np.float32(0.5)
 """Of the first pixel."""
@@ -156,17 +156,7 @@ def _check_pair(
             raise KeypointsError(f"matches of {name}: expected keypoints of {each}, found none")
     if pair[0] == pair[1]:
         raise KeypointsError(f"matches of {name}: expected two images, found one")
-    if indices.ndim != 2 or indices.shape[1] != 2 or indices.dtype.kind not in "iu":
-        raise KeypointsError(
-            f"matches of {name}: expected whole numbers of shape (m, 2), "
-            f"found {indices.dtype} of shape {indices.shape}"
-        )
-    counts = [len(keypoints[each]) for each in pair]
-    if ((indices < 0) | (indices >= counts)).any():
-        raise KeypointsError(
-            f"matches of {name}: expected indices below {counts[0]} and {counts[1]}, "
-            f"found {indices.min()} to {indices.max()}"
-        )
+    check_pairs(indices, (len(keypoints[pair[0]]), len(keypoints[pair[1]])), f"matches of {name}")
 
 
 def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, ...]) -> int:

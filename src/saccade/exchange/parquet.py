@@ -21,7 +21,7 @@ NOTE = b"saccade"
 """Key of what the file says about itself, as JSON: the images, since one may have no points."""
 
 
-def as_table(keypoints: Mapping[str, Keypoints]) -> Any:
+def to_arrow(keypoints: Mapping[str, Keypoints]) -> Any:
     """Points as a `pyarrow.Table`, image by image.
 
     Args:
@@ -42,7 +42,7 @@ def as_table(keypoints: Mapping[str, Keypoints]) -> Any:
 
 
 def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
-    """Write the points of many images to one file; see `as_table` for its columns.
+    """Write the points of many images to one file; see `to_arrow` for its columns.
 
     Args:
         path: whole or not at all; an old file is replaced.
@@ -53,7 +53,7 @@ def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
         ConfigError: pyarrow is not installed.
         OutputError: the file cannot be written.
     """
-    table = as_table(keypoints)
+    table = to_arrow(keypoints)
     pq = import_optional("pyarrow.parquet", "parquet")
     with whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")

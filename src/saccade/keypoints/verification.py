@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError, require
-from saccade.types import FloatArray, IntArray, Keypoints
+from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Geometry: TypeAlias = Literal["fundamental", "homography"]
@@ -66,21 +66,16 @@ def verify(
 
     Raises:
         ConfigError: another geometry, or a tolerance that is not over 0.
-        KeypointsError: indices of points that there are not.
+        KeypointsError: pairs that are none, or places that are not finite.
 
     Source: OpenCV's USAC with the score of MAGSAC++; Barath et al. (2020).
     """
     require(geometry in SAMPLE, "geometry", "fundamental or homography", geometry)
     require(0 < tolerance < np.inf, "tolerance", "pixels over 0", tolerance)
-    if np.shape(pairs)[1:] != (2,):
-        raise KeypointsError(f"pairs: expected shape (m, 2), found {np.shape(pairs)}")
-    counts = len(first), len(second)
-    if len(pairs) and ((pairs < 0) | (pairs >= counts)).any():
-        raise KeypointsError(
-            f"pairs: expected indices below {counts[0]} and {counts[1]}, "
-            f"found {pairs.min()} to {pairs.max()}"
-        )
+    check_pairs(pairs, (len(first), len(second)), "pairs")
     matched = np.hstack([first.xy[pairs[:, 0]], second.xy[pairs[:, 1]]]).astype(np.float64)
+    if not np.isfinite(matched).all():
+        raise KeypointsError("keypoints: expected finite places, found NaN or infinity")
     places, row = np.unique(matched, axis=0, return_inverse=True)
     matrix, agree = estimate(places, geometry, tolerance)
     if matrix is None or agree.sum() < least:
