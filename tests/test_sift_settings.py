@@ -16,7 +16,7 @@ REAL = [field.name for field in dataclasses.fields(SiftConfig) if field.type is 
 SWITCHES = [field.name for field in dataclasses.fields(SiftConfig) if field.type is bool]
 CHOICES = {
     "grid": ("centered", "shifted"),
-    "fit": ("quartic", "quadratic"),
+    "fit": ("lagrange", "quadratic"),
     "voting": ("linear", "nearest"),
     "descriptor": ("sift", "root"),
 }
@@ -81,6 +81,7 @@ def test_every_setting_is_tried():
 @settings(max_examples=150)
 @example({"border": 2, "contrast_threshold": 0.0, "edge_ratio": 1e300, "intervals": 16}, "noise")
 @example({"border": 2, "contrast_threshold": 0.0, "candidate_fraction": 0.0}, "square")
+@example({"kernel_radius": 1.0}, "texture")
 def test_valid_settings_give_points(values, image):
     if values.get("spread") and "max_keypoints" not in values:
         values["max_keypoints"] = 7

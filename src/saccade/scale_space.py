@@ -286,11 +286,15 @@ def blurred(
 
 @cache
 def sigma_of_kernel(sigma: float, radius: int) -> float:
-    """The Gaussian whose samples at -radius..radius have the variance `sigma` squared."""
+    """The Gaussian whose samples at -radius..radius have the variance `sigma` squared.
+
+    Where it is cut so short that none has, it is that of `sigma` itself.
+    """
     squares = np.arange(-radius, radius + 1) ** 2
 
     def excess(candidate: float) -> float:
         weights = np.exp(-squares / (2 * candidate**2))
         return float(weights @ squares / weights.sum()) - sigma**2
 
-    return float(brentq(excess, sigma / 2, 4 * sigma + 1))
+    widest = 4 * sigma + 1
+    return float(brentq(excess, sigma / 2, widest)) if excess(widest) > 0 else sigma

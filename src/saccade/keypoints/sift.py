@@ -237,7 +237,7 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
     sigma = config.density * config.base_sigma * 2 ** (found.scale / config.intervals)
     return Points(
         octave=np.full(len(found.plane), octave),
-        plane=np.rint(found.scale).astype(np.int64),  # the quartic may have left the seed's
+        plane=np.rint(found.scale).astype(np.int64),  # the refinement may have left the seed's
         xy=found.xy,
         sigma=sigma.astype(np.float32),
         angle=np.zeros(len(found.plane), np.float32),
