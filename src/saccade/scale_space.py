@@ -11,10 +11,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from saccade._jit import spread
-from saccade.types import Float32Array, FloatArray
+from saccade.types import Float32Array, FloatArray, IntArray
 
 SMALLEST_SIDE = 8
 """Samples: an octave narrower than this shows its reflected borders, not the image."""
+
+NARROW = 0.8
+"""Samples: a Gaussian of a smaller sigma is not well described by its samples."""
 
 ROWS_AT_ONCE = 64
 """That a thread subtracts at a time: they stay in the cache from one plane to the next."""
@@ -262,39 +265,58 @@ def blurred(
         out: (h, w) takes the result.
         threads: how many work at a time; the result does not depend on it.
     """
-    sigmas = sigma, sigma if sigma_y is None else sigma_y
-    size = [round(2 * kernel_radius * s + 1) | 1 for s in sigmas]
-    x, y = (
-        sigma_of_kernel(s, n // 2) if corrected else s for s, n in zip(sigmas, size, strict=True)
-    )
-    height, reach = len(plane), size[1] // 2
+    across = gaussian_kernel(sigma, kernel_radius, corrected)
+    down = across
+    if sigma_y is not None:
+        down = gaussian_kernel(sigma_y, kernel_radius, corrected)
+    height, reach = len(plane), len(down) // 2
     result = np.empty(plane.shape, np.float32) if out is None else out
 
     def blur(rows: slice) -> None:
         first, last = max(rows.start - reach, 0), min(rows.stop + reach, height)
-        part = cv2.GaussianBlur(
-            plane[first:last], size, x, sigmaY=y, borderType=cv2.BORDER_REFLECT_101
+        part = cv2.sepFilter2D(
+            plane[first:last], -1, across, down, borderType=cv2.BORDER_REFLECT_101
         )
         result[rows] = part[rows.start - first : rows.stop - first]
 
     if threads > 1 and height >= 2 * ROWS_AT_ONCE:
         spread(blur, height, -(-height // threads), threads)
     else:
-        cv2.GaussianBlur(plane, size, x, dst=result, sigmaY=y, borderType=cv2.BORDER_REFLECT_101)
+        cv2.sepFilter2D(plane, -1, across, down, dst=result, borderType=cv2.BORDER_REFLECT_101)
     return result
 
 
 @cache
-def sigma_of_kernel(sigma: float, radius: int) -> float:
-    """The Gaussian whose samples at -radius..radius have the variance `sigma` squared.
+def gaussian_kernel(sigma: float, kernel_radius: float, corrected: bool) -> Float32Array:
+    """(n,) samples of a Gaussian, cut at `kernel_radius` sigmas.
 
-    Where it is cut so short that none has, it is that of `sigma` itself.
+    Sampling and cutting change its variance. `corrected`, a narrow kernel has the Gaussian's
+    moments up to the sixth, and a wide one samples a Gaussian that has the right variance
+    when it is sampled.
     """
+    if corrected and sigma < NARROW:
+        return kernel_of_moments(sigma)
+    radius = (round(2 * kernel_radius * sigma + 1) | 1) // 2
     squares = np.arange(-radius, radius + 1) ** 2
 
     def excess(candidate: float) -> float:
-        weights = np.exp(-squares / (2 * candidate**2))
-        return float(weights @ squares / weights.sum()) - sigma**2
+        return float(samples_of_gaussian(squares, candidate) @ squares) - sigma**2
 
-    widest = 4 * sigma + 1
-    return float(brentq(excess, sigma / 2, widest)) if excess(widest) > 0 else sigma
+    # Where it is cut so short that none has the variance, it is left as it is.
+    if corrected and excess(2 * sigma) > 0:
+        sigma = brentq(excess, sigma / 2, 2 * sigma)
+    return samples_of_gaussian(squares, sigma).astype(np.float32)
+
+
+def kernel_of_moments(sigma: float) -> Float32Array:
+    """(7,) weights that have a Gaussian's moments up to the sixth."""
+    taps = np.arange(4)
+    even = np.vander(taps**2, 4, increasing=True).T.astype(np.float64)  # k^0, k^2, k^4, k^6
+    half = np.linalg.solve(even, [1, sigma**2, 3 * sigma**4, 15 * sigma**6])
+    return np.concatenate([half[:0:-1] / 2, half[:1], half[1:] / 2]).astype(np.float32)
+
+
+def samples_of_gaussian(squares: IntArray, sigma: float) -> FloatArray:
+    """Those at places whose squares are given; their sum is 1."""
+    weights = np.exp(-squares / (2 * sigma**2))
+    return np.asarray(weights / weights.sum(), np.float64)

@@ -16,6 +16,8 @@ ROWS_AT_ONCE = 64
 """That a thread searches at a time."""
 SEEDS_AT_ONCE = 512
 """That a thread fits at a time."""
+BETWEEN = 1.5
+"""Samples by which the quadratic may overshoot an extremum halfway between two."""
 TRUSTED = 0.25
 """Samples by which it may move what the quadratic has found."""
 REACH = 6
@@ -202,11 +204,12 @@ def fit_extrema(
         plane, row, column = seeds[i]
         before = (plane, row, column)
         values[i] = 0
-        for _ in range(REFITS):
+        for refit in range(REFITS):
             x, y, scale, value, trace, determinant = fit_quadratic(dog, plane, row, column)
             after = (plane + step(scale), row + step(y), column + step(x))
             # Halfway between two samples the quadratic at each may point to the other.
-            between = after == before and max(abs(x), abs(y), abs(scale)) < 1
+            returned = after == before or refit == REFITS - 1
+            between = returned and max(abs(x), abs(y), abs(scale)) < BETWEEN
             if after == (plane, row, column) or (lagrange and between):
                 strong = abs(value) >= contrast_threshold  # B.6
                 if strong and determinant > 0 and trace * trace < edge * determinant:  # B.10
@@ -230,6 +233,12 @@ def fit_extrema(
 def step(offset: float) -> int:
     """Towards the neighbor that is nearer than this sample, if any."""
     return int(offset > 0.5) - int(offset < -0.5)
+
+
+@kernel()
+def halfway(offset: float) -> float:
+    """An offset, but at most half a sample."""
+    return min(max(offset, -0.5), 0.5)
 
 
 @kernel()
@@ -276,7 +285,8 @@ def refine_place(
     if min(row, column, height - 1 - row, width - 1 - column) < REACH:
         return x, y, scale
     weights_x, weights_y = np.empty((3, 2 * REACH + 1)), np.empty((3, 2 * REACH + 1))
-    u, v, t = x, y, scale
+    start = halfway(x), halfway(y), halfway(scale)
+    u, v, t = start
     for _ in range(3):
         lagrange_weights(u, weights_x)
         lagrange_weights(v, weights_y)
@@ -305,7 +315,7 @@ def refine_place(
                 ys += slope * dw * level
         du, dv, dt = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
         u, v, t = u + du, v + dv, t + dt
-        if not max(abs(u - x), abs(v - y), abs(t - scale)) < TRUSTED:
+        if not max(abs(u - start[0]), abs(v - start[1]), abs(t - start[2])) < TRUSTED:
             return x, y, scale
     return u, v, t
 

@@ -21,12 +21,12 @@ class SiftConfig:
     """How many at most; 0 for as many as the image has room for."""
     intervals: int = 4
     """s, the scales to an octave."""
-    base_sigma: float = 1.84
+    base_sigma: float = 1.68
     """Blur of the first plane of an octave, in samples of density 1."""
     density: float = 0.5
     """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
-    the octave of the doubled image has the pixels of the image: blurred as it is, it has next
-    to nothing between them. That costs a quarter, and finds points as often."""
+    the octave of the doubled image is made of the image's own pixels: under its blur there is
+    next to nothing between them. It costs a quarter."""
     camera_sigma: float = 0.0
     """Blur that the image is assumed to have, in pixels. 0 blurs it by all of `base_sigma`:
     the finest points, which the noise makes, are fewer, and more of the others come back."""
@@ -38,7 +38,7 @@ class SiftConfig:
     is doubled, as OpenCV does."""
     border: int = 5
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = 0.0145
+    contrast_threshold: float = 0.04 / 3
     """tau_c: the least |D| at an extremum (B.6)."""
     candidate_fraction: float = 0.5
     """Share of `contrast_threshold` that a sample must exceed before the fit."""
@@ -60,7 +60,7 @@ class SiftConfig:
     """Centre orientation and descriptor on the point, not on the sample nearest to it."""
     orientation_spacing: float = 1.0
     """Of the samples that the histogram of directions looks at, in scales; 0 for all."""
-    descriptor_spacing: float = 1.5
+    descriptor_spacing: float = 1.2
     """Of the samples that the descriptor looks at, in scales; 0 for all. Lowe's 4x4 samples
     in each of 4x4 subregions are 0.75 apart."""
     window_sigma: float = 0.7
