@@ -27,6 +27,7 @@ ALLOWED = {
     "slam": {"types", "errors", "_jit"},
     "datasets": FOUNDATION | {"image"},
     "evaluation": FOUNDATION,
+    "exchange": FOUNDATION,
     "viewing": FOUNDATION,
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""

@@ -76,7 +76,7 @@ def orientations(
     Source: Lowe (2004), section 5.
     """
     bins = np.zeros((len(frames.plane), ORIENTATION_BINS), np.float32)
-    room = room_for(frames.sigma, 2 * ORIENTATION_RADIUS, spacing)
+    room = min(room_for(frames.sigma, 2 * ORIENTATION_RADIUS, spacing), octave[0].size)
 
     def fill(block: slice) -> None:
         fill_orientation_bins(
@@ -130,7 +130,7 @@ def describe_frames(
     """
     raw = np.empty((len(angle), CELLS * CELLS * DIRECTIONS), np.float32)
     quantized = np.empty(raw.shape, np.uint8)
-    room = room_for(frames.sigma, (CELLS + 1) * CELL_SIZE, spacing)
+    room = min(room_for(frames.sigma, (CELLS + 1) * CELL_SIZE, spacing), octave[0].size)
 
     def fill(block: slice) -> None:
         fill_descriptors(

@@ -1,6 +1,7 @@
 """The settings of SIFT, and their presets."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from numbers import Integral, Real
 from typing import Literal
 
 from saccade.errors import require
@@ -68,8 +69,17 @@ class SiftConfig:
     """"root" L1-normalizes and takes the square root (RootSIFT)."""
     max_keypoints: int = 0
     """Keep this many of the strongest; 0 keeps all."""
+    spread: bool = False
+    """Keep as many, but rather those that are far from any clearly stronger one: they cover
+    the image (adaptive non-maximal suppression)."""
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type is int:
+                require(isinstance(value, Integral), field.name, "a whole number", value)
+            elif field.type is float:
+                require(isinstance(value, Real), field.name, "a number", value)
         require(self.first_octave in (-1, 0), "first_octave", "-1 or 0", self.first_octave)
         require(self.octaves >= 0, "octaves", "0 or more", self.octaves)
         require(1 <= self.intervals <= 16, "intervals", "1 to 16", self.intervals)
@@ -107,15 +117,21 @@ class SiftConfig:
         require(
             self.voting in ("linear", "nearest"), "voting", "'linear' or 'nearest'", self.voting
         )
-        require(self.smoothing >= 0, "smoothing", "0 or more", self.smoothing)
+        require(0 <= self.smoothing <= 100, "smoothing", "0 to 100", self.smoothing)
         require(self.max_orientations >= 0, "max_orientations", "0 or more", self.max_orientations)
         for name in ("orientation_spacing", "descriptor_spacing"):
             require(0 <= getattr(self, name) <= 3, name, "0 to 3", getattr(self, name))
-        require(self.window_sigma > 0, "window_sigma", "over 0", self.window_sigma)
+        require(0.1 <= self.window_sigma <= 10, "window_sigma", "0.1 to 10", self.window_sigma)
         require(
             self.descriptor in ("sift", "root"), "descriptor", "'sift' or 'root'", self.descriptor
         )
         require(self.max_keypoints >= 0, "max_keypoints", "0 or more", self.max_keypoints)
+        require(
+            self.max_keypoints > 0 or not self.spread,
+            "spread",
+            "max_keypoints over 0 with it",
+            self.max_keypoints,
+        )
 
     @classmethod
     def recommended(cls) -> "SiftConfig":
