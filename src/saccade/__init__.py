@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from saccade import datasets, slam, viewing
+    from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
     from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
     from saccade.attention.scanpath import ScanpathConfig, scanpath
+    from saccade.attention.symmetric_pairs import symmetric_pairs
+    from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
     from saccade.errors import ConfigError, ImageError, LogError, OutputError, SaccadeError
     from saccade.image import read_image
     from saccade.keypoints.matching import match
@@ -22,14 +25,18 @@ if TYPE_CHECKING:
         LandmarkMap,
         Observation,
         Scanpath,
+        SymmetricPairs,
         Trajectory,
     )
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "saccade.attention.combined": ("AttentionConfig", "AttentionMaps", "attention_saliency"),
     "saccade.attention.contrast": ("ContrastConfig", "ContrastMaps", "contrast_saliency"),
     "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
+    "saccade.attention.symmetric_pairs": ("symmetric_pairs",),
+    "saccade.attention.symmetry": ("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
     "saccade.errors": ("ConfigError", "ImageError", "LogError", "OutputError", "SaccadeError"),
     "saccade.image": ("read_image",),
     "saccade.keypoints.matching": ("match",),
@@ -41,6 +48,7 @@ _HOMES = {
         "LandmarkMap",
         "Observation",
         "Scanpath",
+        "SymmetricPairs",
         "Trajectory",
     ),
 }
@@ -48,6 +56,8 @@ _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 _ROOMS = ("datasets", "slam", "viewing")
 
 __all__ = [
+    "AttentionConfig",
+    "AttentionMaps",
     "ConfigError",
     "ContrastConfig",
     "ContrastMaps",
@@ -63,13 +73,19 @@ __all__ = [
     "ScanpathConfig",
     "Sift",
     "SiftConfig",
+    "SymmetricPairs",
+    "SymmetryConfig",
+    "SymmetryMaps",
     "Trajectory",
+    "attention_saliency",
     "contrast_saliency",
     "datasets",
     "match",
     "read_image",
     "scanpath",
     "slam",
+    "symmetric_pairs",
+    "symmetry_saliency",
     "viewing",
 ]
 
