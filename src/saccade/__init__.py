@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from saccade import datasets, exchange, slam, viewing
+    from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
     from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
     from saccade.attention.scanpath import ScanpathConfig, scanpath
+    from saccade.attention.symmetric_pairs import symmetric_pairs
+    from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
     from saccade.errors import (
         ConfigError,
         ImageError,
@@ -30,12 +33,14 @@ if TYPE_CHECKING:
         LandmarkMap,
         Observation,
         Scanpath,
+        SymmetricPairs,
         Trajectory,
     )
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "saccade.attention.combined": ("AttentionConfig", "AttentionMaps", "attention_saliency"),
     "saccade.attention.contrast": ("ContrastConfig", "ContrastMaps", "contrast_saliency"),
     "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
     "saccade.errors": (
@@ -46,6 +51,8 @@ _HOMES = {
         "OutputError",
         "SaccadeError",
     ),
+    "saccade.attention.symmetric_pairs": ("symmetric_pairs",),
+    "saccade.attention.symmetry": ("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
     "saccade.image": ("read_image",),
     "saccade.keypoints.matching": ("match",),
     "saccade.keypoints.sift": ("Sift",),
@@ -57,6 +64,7 @@ _HOMES = {
         "LandmarkMap",
         "Observation",
         "Scanpath",
+        "SymmetricPairs",
         "Trajectory",
     ),
 }
@@ -64,6 +72,8 @@ _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 _ROOMS = ("datasets", "exchange", "slam", "viewing")
 
 __all__ = [
+    "AttentionConfig",
+    "AttentionMaps",
     "ConfigError",
     "ContrastConfig",
     "ContrastMaps",
@@ -80,8 +90,12 @@ __all__ = [
     "ScanpathConfig",
     "Sift",
     "SiftConfig",
+    "SymmetricPairs",
+    "SymmetryConfig",
+    "SymmetryMaps",
     "Trajectory",
     "Verification",
+    "attention_saliency",
     "contrast_saliency",
     "datasets",
     "exchange",
@@ -89,6 +103,8 @@ __all__ = [
     "read_image",
     "scanpath",
     "slam",
+    "symmetric_pairs",
+    "symmetry_saliency",
     "verify",
     "viewing",
 ]

@@ -120,6 +120,41 @@ class Scanpath:
         return f"Scanpath({len(self)} fixations{last})"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class SymmetricPairs:
+    """Pairs of gradients that face each other across a place, the strongest first."""
+
+    first: FloatArray
+    """(n, 2) place of the one, in image pixels."""
+    second: FloatArray
+    """(n, 2) place of the other."""
+    first_angle: FloatArray
+    """(n,) direction in radians, from x towards y, in which it gets lighter at the one."""
+    second_angle: FloatArray
+    """(n,) the same at the other."""
+    strength: FloatArray
+    """(n,) what the pair contributes to the symmetry of the place."""
+    level: IntArray
+    """(n,) pyramid level at which it was found; 0 is the image."""
+
+    def __len__(self) -> int:
+        return len(self.strength)
+
+    def __getitem__(self, index: slice | npt.NDArray[Any]) -> "SymmetricPairs":
+        """The pairs that a slice, a mask or an index array names."""
+        return SymmetricPairs(
+            self.first[index],
+            self.second[index],
+            self.first_angle[index],
+            self.second_angle[index],
+            self.strength[index],
+            self.level[index],
+        )
+
+    def __repr__(self) -> str:
+        return f"SymmetricPairs({len(self)} pairs)"
+
+
 class Observation(NamedTuple):
     """One landmark as the robot sees it."""
 
