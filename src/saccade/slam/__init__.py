@@ -7,6 +7,7 @@ from saccade.slam.landmarks import Candidates
 from saccade.slam.models import RANGE_BEARING, Sensor, compose, drive, observe, place, wrap
 from saccade.slam.retraction import INVARIANT, STANDARD
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
+from saccade.slam.smoothing import SmoothConfig, SmoothResult, smooth
 
 __all__ = [
     "INVARIANT",
@@ -21,11 +22,14 @@ __all__ = [
     "NearestNeighbor",
     "Sensor",
     "SlamResult",
+    "SmoothConfig",
+    "SmoothResult",
     "compose",
     "dead_reckon",
     "drive",
     "observe",
     "place",
     "run",
+    "smooth",
     "wrap",
 ]
