@@ -12,30 +12,13 @@ import cv2
 import numpy as np
 import PIL.Image
 import pytest
-from evo.tools import file_interface
 
-from saccade.cli import main
 from saccade.cli.output import names_for, print_json
 
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
 COMMANDS = ("look", "detect", "match", "slam", "demo", "config")
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run `saccade` in an empty folder; gives the exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["saccade", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
 
 
 def looks_like_a_picture(path):
@@ -104,21 +87,6 @@ def test_match_agrees_with_the_epipolar_geometry(run):
     assert len(places) == row["matches"] > 30
     _, inlier = cv2.findFundamentalMat(places[:, :2], places[:, 2:], cv2.USAC_MAGSAC, 1.5, 0.999)
     assert inlier.mean() > 0.6
-
-
-def test_slam(run, tmp_path):
-    code, out, _ = run("slam", DATA / "victoria_park.txt", "--json")
-    assert code == 0
-    row = json.loads(out)
-    assert row["landmarks"] == 151
-    assert looks_like_a_picture(row["files"]["picture"])
-    trajectory = file_interface.read_tum_trajectory_file(row["files"]["trajectory"])
-    assert trajectory.num_poses == row["poses"] == 6969
-    assert json.loads((tmp_path / "saccade-slam" / "run.json").read_text()) == row
-    with Path(row["files"]["landmarks"]).open() as table:
-        landmarks = list(csv.DictReader(table))
-    assert len(landmarks) == 151
-    assert {"id", "x", "y", "cov_xx", "cov_xy", "cov_yy"} <= set(landmarks[0])
 
 
 def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path):

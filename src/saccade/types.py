@@ -127,6 +127,27 @@ class LandmarkMap:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class MapSnapshot:
+    """The map as it stands at one pose of a drive."""
+
+    step: int
+    """Number of the pose."""
+    path: FloatArray
+    """(m, 3) the poses since the last snapshot, this one at the end."""
+    covariance: FloatArray
+    """(3, 3) of this pose."""
+    landmarks: FloatArray
+    """(n, 2) metres."""
+    landmark_covariance: FloatArray
+    """(n, 2, 2) square metres."""
+    seen: IntArray
+    """(s,) rows of `landmarks` that were observed since the last snapshot."""
+
+    def __repr__(self) -> str:
+        return f"MapSnapshot(pose {self.step}, {len(self.landmarks)} landmarks)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class LandmarkLog:
     """What a robot drove and what it saw: t controls between t + 1 poses, k observations.
 

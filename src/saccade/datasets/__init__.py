@@ -6,6 +6,7 @@ from saccade.datasets.landmark_csv import write_landmarks
 from saccade.datasets.loading import Kind, load, recognize
 from saccade.datasets.mrclam import read_mrclam
 from saccade.datasets.odometry import OdometryNoise, integrate
+from saccade.datasets.table import symmetric_columns, write_table
 from saccade.datasets.tum import write_tum
 from saccade.datasets.victoria_park import read_victoria_park
 
@@ -20,6 +21,8 @@ __all__ = [
     "read_mrclam",
     "read_victoria_park",
     "recognize",
+    "symmetric_columns",
     "write_landmarks",
+    "write_table",
     "write_tum",
 ]
