@@ -21,6 +21,11 @@ MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control that a log may hold."""
 RETRACTIONS: dict[str, Retraction] = {"invariant": INVARIANT, "standard": STANDARD}
 """How each kind of filter measures errors."""
+FINEST = 1e-4
+"""Metres and radians. What claims to be exact leaves a filter no room for its own linearization
+and drives it off; it is taken to be as good as this."""
+FARTHEST = 1e9
+"""Metres from the origin at which an estimate has gone astray."""
 
 
 @dataclass(frozen=True)
@@ -117,13 +122,14 @@ def run(
         Trajectory, map, consistency and association.
 
     Raises:
-        LogError: known association is asked of a log that does not name its landmarks.
+        LogError: known association is asked of a log that does not name its landmarks, a
+            model of its own is not given, or the estimate goes astray; names the pose.
     """
     poses = len(log.time)
     ekf = _filter(log, config, motion, sensor)
     associate, candidates = _association(log, config, associate)
     U = log.control_covariance * config.motion_noise_scale**2  # (t, c, c)
-    R = log.observation_covariance * config.sensor_noise_scale**2  # (k, 2, 2)
+    R = _believed(log.observation_covariance * config.sensor_noise_scale**2)  # (k, 2, 2)
     scans = np.searchsorted(log.observation_pose, np.arange(poses + 1))
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     association = np.empty(len(log.observation), np.int64)
@@ -161,6 +167,11 @@ def run(
                 association[k] = ekf.augment(log.observation[k], R[k])  # C.15-C.18
                 associate.added(int(association[k]), int(log.landmark[k]))
         pose[step], covariance[step] = ekf.pose, ekf.pose_covariance
+        if not np.abs(pose[step]).max() < FARTHEST:
+            raise LogError(
+                f"pose {step}: expected an estimate on this planet, found that it has gone "
+                "astray; observations or controls contradict the deviations they are said to have"
+            )
         if recorder is not None:
             recorder.add(step, poses, ekf, association[scan])
         if checkpoint is not None:
@@ -193,14 +204,34 @@ def dead_reckon(
     return Trajectory(log.time, pose, covariance)
 
 
+def motion_of(log: LandmarkLog, own: Motion | None) -> Motion:
+    """The motion model of a log.
+
+    Raises:
+        LogError: its controls are of a model of its own, and that is not given.
+    """
+    if own is not None:
+        return own
+    if log.motion not in MOTIONS:
+        raise LogError(f"motion: expected the model of {log.motion} controls, found none given")
+    return MOTIONS[log.motion]
+
+
 def _filter(log: LandmarkLog, config: EkfConfig, motion: Motion | None, sensor: Sensor) -> EkfSlam:
     return EkfSlam(
         log.start,
         np.diag(np.square(config.start_sigma)),
-        motion=MOTIONS[log.motion] if motion is None else motion,
+        motion=motion_of(log, motion),
         sensor=sensor,
         retraction=RETRACTIONS[config.filter],
     )
+
+
+def _believed(R: FloatArray) -> FloatArray:
+    """Covariances (k, 2, 2), singular ones with `FINEST` in every direction."""
+    a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
+    least = (a + d) / 2 - np.hypot((a - d) / 2, b)
+    return R + FINEST**2 * (least < FINEST**2)[:, None, None] * np.eye(2)
 
 
 def _association(
