@@ -18,7 +18,7 @@ from saccade.cli.output import names_for, print_json
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
-COMMANDS = ("look", "detect", "match", "slam", "demo", "config")
+COMMANDS = ("look", "detect", "match", "slam", "convert", "demo", "config")
 
 
 def looks_like_a_picture(path):

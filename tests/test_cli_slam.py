@@ -156,3 +156,29 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
         assert Path(resumed["files"][name]).read_bytes() == Path(whole["files"][name]).read_bytes()
     resumed["files"] = whole["files"]
     assert resumed == whole
+
+
+def test_a_log_in_another_format_makes_the_same_map(run, short):
+    before = json.loads(run("slam", short, "--no-film", "--json")[1])
+    for name in ("park.csv", "park.g2o"):
+        code, out, _ = run("convert", short, name, "--json")
+        assert (code, json.loads(out)["file"]) == (0, name)
+        after = json.loads(run("slam", name, "--no-film", "--json")[1])
+        assert after["nis_mean"] == pytest.approx(before["nis_mean"], rel=1e-3)
+        assert after["landmarks"] == before["landmarks"]
+    code, out, err = run("convert", short, "park.bag")
+    assert (code, out) == (2, "")
+    assert "park.bag" in err
+
+
+def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):
+    """Nothing is driven and nothing is seen, and all of it is written."""
+    (tmp_path / "one.csv").write_text(
+        "time,forward,left,turn,cov_forward_forward,cov_left_left,cov_turn_turn,"
+        "range,bearing,cov_range_range,cov_bearing_bearing\n0,,,,,,,,,,\n"
+    )
+    code, out, err = run("slam", "one.csv", "--smooth", "--json")
+    assert (code, err) == (0, "")
+    row = json.loads(out)
+    assert (row["poses"], row["landmarks"], row["nis_mean"]) == (1, 0, None)
+    assert all(Path(file).stat().st_size > 0 for file in row["files"].values())
