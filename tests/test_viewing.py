@@ -166,6 +166,12 @@ def test_the_viewer_has_all_that_happens(tmp_path):
         np.arange(10.0),
         Trajectory(np.arange(10.0), np.zeros((10, 3))),
     )
+    found = _entities(path)
+    for entity in ("drive", "odometry", "in_sight", "landmarks", "robot", "landmarks/sigma"):
+        assert f"/map/{entity}" in found
+
+
+def _entities(path):
     done = subprocess.run(
         [sys.executable, "-m", "rerun", "rrd", "print", str(path)],
         capture_output=True,
@@ -173,8 +179,35 @@ def test_the_viewer_has_all_that_happens(tmp_path):
         check=True,
         timeout=120,
     )
-    for entity in ("drive", "odometry", "in_sight", "landmarks", "robot", "landmarks/sigma"):
-        assert f"/map/{entity}" in done.stdout
+    return done.stdout
+
+
+def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
+    rerun = pytest.importorskip("rerun")
+    path = tmp_path / "live.rrd"
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda self: self.save(path))
+    told = []
+    monkeypatch.setattr(
+        rerun.RecordingStream, "set_time", lambda self, line, **at: told.append((line, at))
+    )
+    snapshots = _growing_map()
+    show = LiveMap("a drive", np.arange(10.0), Trajectory(np.arange(10.0), np.zeros((10, 3))))
+    show(snapshots[:1])
+    show(snapshots)
+    assert [at["sequence"] for line, at in told if line == "pose"] == [4, 9]
+    del show
+    assert "/map/drive" in _entities(path)
+
+
+def test_a_viewer_that_does_not_start_is_one_line(monkeypatch):
+    rerun = pytest.importorskip("rerun")
+
+    def spawn(stream):
+        raise RuntimeError("no display\nand much advice")
+
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
+    with pytest.raises(ConfigError, match=r"cannot be started: no display$"):
+        LiveMap("a drive", np.zeros(1), Trajectory(np.zeros(1), np.zeros((1, 3))))
 
 
 def test_a_missing_viewer_is_named(monkeypatch, tmp_path):

@@ -1,5 +1,7 @@
 """The map in the rerun viewer, while it grows or from a file."""
 
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -7,12 +9,17 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_rgb
 
+from saccade.errors import ConfigError
 from saccade.extras import extra
 from saccade.files import whole_file
 from saccade.types import FloatArray, MapSnapshot, Trajectory
-from saccade.viewing.maps import ellipse_outlines
+from saccade.viewing.maps import bounds, ellipse_outlines
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED
 
+FILM_RATE = 24
+"""Snapshots a second, when it is played."""
+ARROW = 0.03
+"""Length of the robot, by the size of the map."""
 MOST_POINTS = 2000
 """Of a drive: it is sent again with each snapshot."""
 
@@ -26,13 +33,19 @@ class LiveMap:
         dead_reckoning: the same drive from odometry alone.
 
     Raises:
-        ConfigError: rerun is not installed.
+        ConfigError: rerun is not installed, or its viewer cannot be started.
     """
 
     def __init__(self, name: str, time: FloatArray, dead_reckoning: Trajectory) -> None:
         self._stage = _Stage(name, time, dead_reckoning)
-        self._stage.stream.spawn()
-        self._stage.begin()
+        beside = str(Path(sys.executable).parent)  # the viewer of an environment not activated
+        os.environ["PATH"] = os.pathsep.join([os.environ.get("PATH", ""), beside])
+        try:
+            self._stage.stream.spawn()
+        except (RuntimeError, OSError) as error:
+            reason = str(error).splitlines()[0]
+            raise ConfigError(f"rerun: its viewer cannot be started: {reason}") from error
+        self._stage.begin(bounds(dead_reckoning.pose[:, :2]))
         self._shown = 0
 
     def __call__(self, snapshots: Sequence[MapSnapshot]) -> None:
@@ -65,7 +78,8 @@ def save_rrd(
     stage = _Stage(name, time, dead_reckoning)
     with whole_file(path) as temporary:
         stage.stream.save(temporary)
-        stage.begin()
+        drives = [each.path[:, :2] for each in snapshots]
+        stage.begin(bounds(np.concatenate([np.empty((0, 2)), *drives])))
         for snapshot in snapshots:
             stage.show(snapshot)
         stage.stream.flush()
@@ -81,27 +95,44 @@ class _Stage:
         self.stream = self.rerun.RecordingStream("saccade_slam")
         self.name, self.time, self.dead_reckoning = name, time, dead_reckoning
         self.path = np.empty((0, 2))
+        self.frame, self.size = -1, 1.0
 
-    def begin(self) -> None:
+    def begin(self, box: FloatArray) -> None:
+        """Look at a box (2, 2) from above."""
         self.stream.send_recording_name(self.name)
         blueprint = self.rerun.blueprint
+        (x, y), self.size = box.mean(0).tolist(), float((box[1] - box[0]).max())
+        eye = blueprint.EyeControls3D(
+            position=[x, y - 0.01 * self.size, 1.1 * self.size],
+            look_target=[x, y, 0.0],
+            eye_up=[0.0, 1.0, 0.0],
+        )
         self.stream.send_blueprint(
             blueprint.Blueprint(
                 blueprint.Horizontal(
-                    blueprint.Spatial3DView(origin="map", name="map", background=[255, 255, 255]),
+                    blueprint.Spatial3DView(
+                        origin="map", name="map", background=[255, 255, 255], eye_controls=eye
+                    ),
                     blueprint.Vertical(
-                        blueprint.TimeSeriesView(origin="plots/sigma", name="sigma of the place"),
+                        blueprint.TimeSeriesView(
+                            origin="plots/sigma", name="sigma of the place [m]"
+                        ),
                         blueprint.TimeSeriesView(origin="plots/landmarks", name="landmarks"),
                     ),
                     column_shares=[3, 1],
-                )
+                ),
+                blueprint.TimePanel(timeline="frame", fps=FILM_RATE, state="collapsed"),
+                blueprint.BlueprintPanel(state="collapsed"),
+                blueprint.SelectionPanel(state="collapsed"),
             )
         )
         self.stream.log("map", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
     def show(self, snapshot: MapSnapshot) -> None:
         step, landmarks, pose = snapshot.step, snapshot.landmarks, snapshot.path[-1]
+        self.frame += 1
         self.path = np.concatenate([self.path, snapshot.path[:, :2]])
+        self.stream.set_time("frame", sequence=self.frame)
         self.stream.set_time("pose", sequence=step)
         self.stream.set_time("time", duration=float(self.time[step] - self.time[0]))
         reckoned = self.dead_reckoning.pose[: step + 1, :2]
@@ -116,11 +147,11 @@ class _Stage:
         points = self.rerun.Points3D
         black, dot = [0, 0, 0], self.rerun.Radius.ui_points(3)
         self.stream.log("map/landmarks", points(_flat(landmarks), colors=black, radii=dot))
-        ahead = [[np.cos(pose[2]), np.sin(pose[2])]]
+        ahead = ARROW * self.size * np.array([[np.cos(pose[2]), np.sin(pose[2])]])
         self.stream.log(
             "map/robot",
             self.rerun.Arrows3D(
-                origins=_flat(pose[None, :2]), vectors=_flat(np.array(ahead)), colors=_rgb(RED)
+                origins=_flat(pose[None, :2]), vectors=_flat(ahead), colors=_rgb(RED)
             ),
         )
         sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
