@@ -21,7 +21,9 @@ def slam(
     out: Out = Path("saccade-slam"),
     kind: Annotated[
         str,
-        typer.Option("--format", help="victoria-park, mrclam, isam or dlr; auto finds out."),
+        typer.Option(
+            "--format", help="csv, g2o, isam, mrclam, victoria-park or dlr; auto finds out."
+        ),
     ] = "auto",
     robot: Annotated[
         int | None, typer.Option(min=1, help="Which robot, where a log has several.")

@@ -56,7 +56,12 @@ def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
 
     Returns:
         (t, 3), and their covariance (t, 3, 3), to first order.
+
+    Raises:
+        LogError: the controls are of a model of the log's own.
     """
+    if log.motion == "custom":
+        raise LogError(f"{log.name}: expected controls of drive or compose, found those of a model")
     if log.motion == "compose":
         return log.control, log.control_covariance
     d, phi = log.control.T

@@ -55,8 +55,11 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
     """Write a log with every digit; truth is not part of it.
 
     Raises:
+        LogError: the controls are of a model of the log's own.
         OutputError: the file cannot be written.
     """
+    if log.motion not in _CONTROLS:
+        raise LogError(f"{log.name}: expected controls of drive or compose, found those of a model")
     control = _CONTROLS[log.motion]
     poses, seen = len(log.time), len(log.observation)
     place = np.arange(poses) + np.searchsorted(log.observation_pose, np.arange(poses))

@@ -13,7 +13,8 @@ import numpy as np
 
 from saccade.errors import LogError, require
 from saccade.extras import extra
-from saccade.slam.run import MOTIONS, SlamResult
+from saccade.slam.models import Motion
+from saccade.slam.run import SlamResult, motion_of
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 STIFF = 1e-4
@@ -75,7 +76,10 @@ class SmoothResult:
 
 
 def smooth(
-    log: LandmarkLog, filtered: SlamResult, config: SmoothConfig = SmoothConfig()
+    log: LandmarkLog,
+    filtered: SlamResult,
+    config: SmoothConfig = SmoothConfig(),
+    motion: Motion | None = None,
 ) -> SmoothResult:
     """Smooth a log over the association that the filter found.
 
@@ -83,6 +87,8 @@ def smooth(
         log: controls and observations of range and bearing.
         filtered: of the same log; where the smoothing begins.
         config: noise.
+        motion: what the controls mean; the log says it unless told otherwise. One whose way does
+            not depend on where it begins.
 
     Returns:
         Trajectory, map, and the weight of each observation.
@@ -91,15 +97,17 @@ def smooth(
         LogError: the log leaves variables undetermined; names them.
         ConfigError: GTSAM is not installed.
     """
-    return _Graph(log, filtered, config).solve()
+    return _Graph(log, filtered, config, motion_of(log, motion)).solve()
 
 
 class _Graph:
     """The log as GTSAM has it: variables x0, x1, ... and l0, l1, ..., a factor a measurement."""
 
-    def __init__(self, log: LandmarkLog, filtered: SlamResult, config: SmoothConfig) -> None:
+    def __init__(
+        self, log: LandmarkLog, filtered: SlamResult, config: SmoothConfig, motion: Motion
+    ) -> None:
         self.gtsam = extra("gtsam", "smooth")
-        self.log, self.filtered, self.config = log, filtered, config
+        self.log, self.filtered, self.config, self.motion = log, filtered, config, motion
         self.used = np.flatnonzero(filtered.association >= 0)
         self.graph = self.gtsam.NonlinearFactorGraph()
         self.values = self.gtsam.Values()
@@ -129,9 +137,8 @@ class _Graph:
         start = self.gtsam.Pose2(*self.log.start)
         spread = np.diag(np.square(self.config.start_sigma))
         self.graph.add(self.gtsam.PriorFactorPose2(self._x(0), start, self._noise(spread)))
-        move = MOTIONS[self.log.motion]
         for step in steps.tolist():
-            moved, _, Fu = move(np.zeros(3), self.log.control[step])
+            moved, _, Fu = self.motion(np.zeros(3), self.log.control[step])
             A = _turned(-moved[2]) @ Fu  # GTSAM has errors in the frame of the later pose
             spread = A @ self.log.control_covariance[step] @ A.T
             along, left, turn = spread.diagonal()
