@@ -4,6 +4,7 @@ import os
 import sys
 from pathlib import Path
 
+import cv2
 import hypothesis
 import numpy as np
 import pytest
@@ -69,3 +70,8 @@ def run(monkeypatch, capsys, tmp_path):
         return ended.value.code or 0, printed.out, printed.err
 
     return call
+
+
+def looks_like_a_picture(path):
+    picture = cv2.imread(str(path))
+    return picture is not None and min(picture.shape[:2]) > 200 and picture.std() > 10

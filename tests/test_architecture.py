@@ -28,6 +28,7 @@ ALLOWED = {
     "slam": FOUNDATION | {"_jit"},
     "datasets": FOUNDATION | {"image"},
     "evaluation": FOUNDATION,
+    "exchange": FOUNDATION,
     "viewing": FOUNDATION,
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""

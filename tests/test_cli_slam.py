@@ -121,7 +121,7 @@ def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
         code, out, err = run("slam", short, *option)
         assert (code, out) == (2, "")
         assert err == (
-            f"saccade: {module}: expected to be installed, found that it is not; "
+            f"saccade: {extra}: needs {module}, which is not installed; "
             f"pip install 'saccade[{extra}]'\n"
         )
     assert not Path("saccade-slam").exists()

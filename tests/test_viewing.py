@@ -85,6 +85,16 @@ def test_a_line_leads_from_each_keypoint_to_its_circle():
         assert np.arctan2(*along[::-1]) == pytest.approx(KEYPOINTS.angle[k], abs=1e-6)
 
 
+def test_inliers_lie_above_other_matches():
+    pairs = np.array([[0, 0], [1, 1], [0, 1]])
+    inliers = np.array([True, False, True])
+    figure = match_figure((IMAGE, IMAGE), (KEYPOINTS, KEYPOINTS), pairs, inliers)
+    lines = [each.get_edgecolor() for each in figure.artists]
+    assert len(set(lines)) == 2
+    assert lines[0] != lines[1] == lines[2]
+    assert figure.axes[0].get_title() == "2 interest points, 3 matched, 2 inliers"
+
+
 def test_matches_are_joined():
     pairs = np.array([[0, 1], [1, 0]])
     figure = match_figure((IMAGE, IMAGE), (KEYPOINTS, KEYPOINTS), pairs)

@@ -8,14 +8,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from saccade import datasets, slam, viewing
+    from saccade import datasets, exchange, slam, viewing
     from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
     from saccade.attention.scanpath import ScanpathConfig, scanpath
-    from saccade.errors import ConfigError, ImageError, LogError, OutputError, SaccadeError
+    from saccade.errors import (
+        ConfigError,
+        ImageError,
+        KeypointsError,
+        LogError,
+        OutputError,
+        SaccadeError,
+    )
     from saccade.image import read_image
     from saccade.keypoints.matching import match
     from saccade.keypoints.sift import Sift
     from saccade.keypoints.sift_config import SiftConfig
+    from saccade.keypoints.verification import Verification, verify
     from saccade.types import (
         Keypoints,
         LandmarkLog,
@@ -30,11 +38,19 @@ __version__ = "0.1.0"
 _HOMES = {
     "saccade.attention.contrast": ("ContrastConfig", "ContrastMaps", "contrast_saliency"),
     "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
-    "saccade.errors": ("ConfigError", "ImageError", "LogError", "OutputError", "SaccadeError"),
+    "saccade.errors": (
+        "ConfigError",
+        "ImageError",
+        "KeypointsError",
+        "LogError",
+        "OutputError",
+        "SaccadeError",
+    ),
     "saccade.image": ("read_image",),
     "saccade.keypoints.matching": ("match",),
     "saccade.keypoints.sift": ("Sift",),
     "saccade.keypoints.sift_config": ("SiftConfig",),
+    "saccade.keypoints.verification": ("Verification", "verify"),
     "saccade.types": (
         "Keypoints",
         "LandmarkLog",
@@ -45,7 +61,7 @@ _HOMES = {
     ),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "slam", "viewing")
+_ROOMS = ("datasets", "exchange", "slam", "viewing")
 
 __all__ = [
     "ConfigError",
@@ -53,6 +69,7 @@ __all__ = [
     "ContrastMaps",
     "ImageError",
     "Keypoints",
+    "KeypointsError",
     "LandmarkLog",
     "LandmarkMap",
     "LogError",
@@ -64,12 +81,15 @@ __all__ = [
     "Sift",
     "SiftConfig",
     "Trajectory",
+    "Verification",
     "contrast_saliency",
     "datasets",
+    "exchange",
     "match",
     "read_image",
     "scanpath",
     "slam",
+    "verify",
     "viewing",
 ]
 

@@ -6,20 +6,19 @@ from typing import Any
 from saccade.errors import ConfigError
 
 
-def extra(module: str, name: str) -> Any:
-    """Import a library that an extra of this package brings.
+def import_optional(library: str, extra: str) -> Any:
+    """A library that an extra of this package brings.
 
     Args:
-        module: what to import.
-        name: the extra that brings it.
+        library: what to import.
+        extra: what brings it.
 
     Raises:
         ConfigError: it is not installed; says how to install it.
     """
     try:
-        return import_module(module)
+        return import_module(library)
     except ImportError as error:
         raise ConfigError(
-            f"{module}: expected to be installed, found that it is not; "
-            f"pip install 'saccade[{name}]'"
+            f"{extra}: needs {library}, which is not installed; pip install 'saccade[{extra}]'"
         ) from error

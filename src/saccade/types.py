@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import LogError
+from saccade.errors import KeypointsError, LogError
 
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
@@ -34,9 +34,39 @@ class Keypoints:
     response: Float32Array
     """(n,) strength; its unit is the detector's."""
     octave: npt.NDArray[np.int32]
-    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself."""
+    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself, or not known."""
     descriptors: npt.NDArray[np.uint8] | None = None
     """(n, 128), or None where only places were asked for."""
+
+    @classmethod
+    def at(cls, xy: npt.ArrayLike, size: npt.ArrayLike, angle: npt.ArrayLike = 0.0) -> "Keypoints":
+        """Points from anywhere, without response, octave and descriptors.
+
+        Args:
+            xy: (n, 2) place in image pixels.
+            size: (n,) or one for all: diameter in image pixels, as OpenCV means it.
+            angle: (n,) or one for all: radians from x towards y.
+
+        Raises:
+            KeypointsError: other shapes.
+        """
+        places = np.array(xy, np.float32)
+        if places.shape == (0,):
+            places = places.reshape(0, 2)
+        if places.ndim != 2 or places.shape[1] != 2:
+            raise KeypointsError(f"xy: expected shape (n, 2), found {places.shape}")
+        n = len(places)
+        columns = {"size": np.array(size, np.float32), "angle": np.array(angle, np.float32)}
+        for name, column in columns.items():
+            if column.shape not in ((), (n,)):
+                raise KeypointsError(f"{name}: expected shape ({n},), found {column.shape}")
+        return cls(
+            xy=places,
+            size=np.broadcast_to(columns["size"], n).copy(),
+            angle=np.broadcast_to(columns["angle"], n).copy(),
+            response=np.zeros(n, np.float32),
+            octave=np.zeros(n, np.int32),
+        )
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -55,6 +85,20 @@ class Keypoints:
     def __repr__(self) -> str:
         described = "without descriptors" if self.descriptors is None else "with descriptors"
         return f"Keypoints({len(self)} points, {described})"
+
+
+def check_pairs(pairs: IntArray, counts: tuple[int, int], name: str) -> None:
+    """Raise `KeypointsError` unless `pairs` are (m, 2) indices below the `counts` of two images."""
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
+        raise KeypointsError(
+            f"{name}: expected whole numbers of shape (m, 2), "
+            f"found {pairs.dtype} of shape {pairs.shape}"
+        )
+    if ((pairs < 0) | (pairs >= counts)).any():
+        raise KeypointsError(
+            f"{name}: expected indices below {counts[0]} and {counts[1]}, "
+            f"found {pairs.min()} to {pairs.max()}"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

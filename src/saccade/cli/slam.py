@@ -132,14 +132,14 @@ def map_log(
     from saccade.cli.output import write_text
     from saccade.cli.slam_files import figures, write_film, write_pictures, write_tables
     from saccade.errors import LogError
-    from saccade.extras import extra
+    from saccade.extras import import_optional
     from saccade.slam import Checkpoint, Recorder, dead_reckon
     from saccade.viewing.live import LiveMap, save_rrd
 
     if smooth:
-        extra("gtsam", "smooth")  # before the work, not after it
+        import_optional("gtsam", "smooth")  # before the work, not after it
     if rrd is not None:
-        extra("rerun", "live")
+        import_optional("rerun", "live")
     try:
         show = LiveMap(log.name, log.time, dead_reckon(log, settings)) if live else None
         recorder, kept = Recorder(heard=show), Checkpoint(out / "checkpoint.npz", checkpoint)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
-from saccade.extras import extra
+from saccade.extras import import_optional
 from saccade.files import whole_file
 from saccade.types import FloatArray
 
@@ -33,7 +33,10 @@ def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> No
     if path.suffix == ".csv":
         _write_csv(path, columns)
         return
-    arrow, parquet = extra("pyarrow", "parquet"), extra("pyarrow.parquet", "parquet")
+    arrow, parquet = (
+        import_optional("pyarrow", "parquet"),
+        import_optional("pyarrow.parquet", "parquet"),
+    )
     table = arrow.table({name: arrow.array(c, from_pandas=True) for name, c in columns.items()})
     with whole_file(path) as temporary:
         parquet.write_table(table, temporary)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError, require
-from saccade.extras import extra
+from saccade.extras import import_optional
 from saccade.slam.models import Motion
 from saccade.slam.run import SlamResult, motion_of
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
@@ -106,7 +106,7 @@ class _Graph:
     def __init__(
         self, log: LandmarkLog, filtered: SlamResult, config: SmoothConfig, motion: Motion
     ) -> None:
-        self.gtsam = extra("gtsam", "smooth")
+        self.gtsam = import_optional("gtsam", "smooth")
         self.log, self.filtered, self.config, self.motion = log, filtered, config, motion
         self.used = np.flatnonzero(filtered.association >= 0)
         self.graph = self.gtsam.NonlinearFactorGraph()

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from saccade.errors import ConfigError
-from saccade.extras import extra
+from saccade.extras import import_optional
 from saccade.files import whole_file
 from saccade.types import FloatArray, MapSnapshot, Trajectory
 from saccade.viewing.maps import bounds, ellipse_outlines
@@ -91,7 +91,7 @@ class _Stage:
     """What is drawn: the ground is z = 0, since rerun's flat view turns y down."""
 
     def __init__(self, name: str, time: FloatArray, dead_reckoning: Trajectory) -> None:
-        self.rerun = extra("rerun", "live")
+        self.rerun = import_optional("rerun", "live")
         self.stream = self.rerun.RecordingStream("saccade_slam")
         self.name, self.time, self.dead_reckoning = name, time, dead_reckoning
         self.path = np.empty((0, 2))
