@@ -1,6 +1,5 @@
 """The commands as a person runs them: what they print, write and return."""
 
-import csv
 import json
 import subprocess
 import sys
@@ -12,7 +11,6 @@ import cv2
 import numpy as np
 import PIL.Image
 import pytest
-from evo.tools import file_interface
 
 from conftest import looks_like_a_picture
 from saccade.cli.output import names_for, print_json
@@ -20,7 +18,7 @@ from saccade.cli.output import names_for, print_json
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
-COMMANDS = ("look", "detect", "match", "slam", "demo", "config")
+COMMANDS = ("look", "detect", "match", "slam", "convert", "demo", "config")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -60,21 +58,6 @@ def test_look_prints_a_table_for_people(run):
     assert code == 0
     assert "saccade-look/rocket.look.png" in out.replace("\n", "")
     assert out.count("\n") < 15
-
-
-def test_slam(run, tmp_path):
-    code, out, _ = run("slam", DATA / "victoria_park.txt", "--json")
-    assert code == 0
-    row = json.loads(out)
-    assert row["landmarks"] == 151
-    assert looks_like_a_picture(row["files"]["picture"])
-    trajectory = file_interface.read_tum_trajectory_file(row["files"]["trajectory"])
-    assert trajectory.num_poses == row["poses"] == 6969
-    assert json.loads((tmp_path / "saccade-slam" / "run.json").read_text()) == row
-    with Path(row["files"]["landmarks"]).open() as table:
-        landmarks = list(csv.DictReader(table))
-    assert len(landmarks) == 151
-    assert {"id", "x", "y", "cov_xx", "cov_xy", "cov_yy"} <= set(landmarks[0])
 
 
 def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path):

@@ -206,6 +206,27 @@ class LandmarkMap:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class MapSnapshot:
+    """The map as it stands at one pose of a drive."""
+
+    step: int
+    """Number of the pose."""
+    path: FloatArray
+    """(m, 3) the poses since the last snapshot, this one at the end."""
+    covariance: FloatArray
+    """(3, 3) of this pose."""
+    landmarks: FloatArray
+    """(n, 2) metres."""
+    landmark_covariance: FloatArray
+    """(n, 2, 2) square metres."""
+    seen: IntArray
+    """(s,) rows of `landmarks` that were observed since the last snapshot."""
+
+    def __repr__(self) -> str:
+        return f"MapSnapshot(pose {self.step}, {len(self.landmarks)} landmarks)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class LandmarkLog:
     """What a robot drove and what it saw: t controls between t + 1 poses, k observations.
 
@@ -219,17 +240,18 @@ class LandmarkLog:
     """(3,) pose at the beginning."""
     time: FloatArray
     """(t + 1,) of each pose, in seconds; the number of the pose where the log has no clock."""
-    motion: Literal["drive", "compose"]
-    """What a control is: "drive" (distance, turn), turned before driven as in C.5; or
-    "compose" (forward, left, turn), the next pose in the frame of the last."""
+    motion: Literal["drive", "compose", "custom"]
+    """What a control is: "drive" (distance, turn), turned before driven as in C.5;
+    "compose" (forward, left, turn), the next pose in the frame of the last; or "custom",
+    what a motion model of one's own takes."""
     control: FloatArray
-    """(t, 2) or (t, 3): from pose i to pose i + 1."""
+    """(t, c) from pose i to pose i + 1: c is 2, 3 or the model's."""
     control_covariance: FloatArray
-    """(t, 2, 2) or (t, 3, 3)."""
+    """(t, c, c)."""
     observation_pose: IntArray
     """(k,) number of the pose from which each observation was made, ascending."""
     observation: FloatArray
-    """(k, 2) range in metres, bearing in radians."""
+    """(k, 2) range in metres, bearing in radians; or what a sensor model of one's own takes."""
     observation_covariance: FloatArray
     """(k, 2, 2)."""
     landmark: IntArray
@@ -240,10 +262,13 @@ class LandmarkLog:
     """Where the landmarks really are, if known."""
 
     def __post_init__(self) -> None:
-        if self.motion not in ("drive", "compose"):
-            raise LogError(f"{self.name}: motion: expected drive or compose, found {self.motion!r}")
+        sizes = {"drive": 2, "compose": 3, "custom": self.control.shape[-1]}
+        if self.motion not in sizes:
+            raise LogError(
+                f"{self.name}: motion: expected one of {', '.join(sizes)}, found {self.motion!r}"
+            )
         steps, seen = len(self.control), len(self.observation)
-        size = 2 if self.motion == "drive" else 3
+        size = sizes[self.motion]
         shapes = {
             "start": (3,),
             "time": (steps + 1,),

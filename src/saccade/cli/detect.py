@@ -102,7 +102,7 @@ def detect(
 def require_libraries(formats: Sequence[Format]) -> None:
     """Import what the formats need, before any work is done."""
     from saccade.exchange.colmap import import_pycolmap
-    from saccade.exchange.fields import import_optional
+    from saccade.extras import import_optional
 
     if Format.COLMAP in formats:
         import_pycolmap()

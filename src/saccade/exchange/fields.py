@@ -2,14 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import ConfigError, KeypointsError
+from saccade.errors import KeypointsError
 from saccade.types import Keypoints
 
 UNKNOWN_SIZE = 2.0
@@ -67,20 +66,6 @@ def check_name(name: str) -> str:
     if not name or name != name.strip("/") or "\0" in name:
         raise KeypointsError(f"image: expected a name such as folder/photo.jpg, found {name!r}")
     return name
-
-
-def import_optional(library: str, extra: str) -> Any:
-    """A library that only one format needs.
-
-    Raises:
-        ConfigError: it is not installed.
-    """
-    try:
-        return import_module(library)
-    except ImportError as error:
-        raise ConfigError(
-            f"{extra}: needs {library}, which is not installed; pip install 'saccade[{extra}]'"
-        ) from error
 
 
 @contextmanager

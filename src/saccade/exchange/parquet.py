@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
-from saccade.exchange.fields import check_name, checked, import_optional, keypoints_from, reading
+from saccade.exchange.fields import check_name, checked, keypoints_from, reading
+from saccade.extras import import_optional
 from saccade.files import whole_file
 from saccade.types import IntArray, Keypoints
 
