@@ -90,7 +90,9 @@ def test_a_blob_of_any_size_is_found(rng, sigma):
     for x, y in [(60, 60), (60.5, 60.5), (60.5, 61), *(60 + rng.random((6, 2)))]:
         found = sift(blob((121, 122), x, y, sigma), describe=False)
         assert 1 <= len(found) <= 2
-        np.testing.assert_allclose(found.xy, np.tile([x, y], (len(found), 1)), atol=0.02)
+        np.testing.assert_allclose(
+            found.xy, np.tile([x, y], (len(found), 1)), atol=max(0.02, 0.006 * sigma)
+        )
 
 
 @pytest.mark.parametrize("sigma", [3.5, 5.0, 8.0])

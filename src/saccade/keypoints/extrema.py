@@ -82,9 +82,11 @@ def find_extrema(
 
     spread(fit, count, SEEDS_AT_ONCE, threads)
     kept = np.flatnonzero(values)
+    # Seeds on either side of an extremum lead to it from both; few lie a third past a sample.
+    z, y, x = np.floor(seeds[kept] + offsets[kept][:, ::-1] + 0.37).astype(np.int64).T
+    _, first = np.unique((z * dog.shape[1] + y) * dog.shape[2] + x, return_index=True)
+    kept = kept[first]
     plane, row, column = seeds[kept].T
-    _, first = np.unique((plane * dog.shape[1] + row) * dog.shape[2] + column, return_index=True)
-    kept, plane, row, column = kept[first], plane[first], row[first], column[first]
     x, y, scale = offsets[kept].T
     return Extrema(
         plane,
@@ -214,7 +216,10 @@ def fit_extrema(
                 strong = abs(value) >= contrast_threshold  # B.6
                 if strong and determinant > 0 and trace * trace < edge * determinant:  # B.10
                     if lagrange:
+                        rough = (x, y, scale)
                         x, y, scale = refine_place(dog, plane, row, column, x, y, scale)
+                        if after != (plane, row, column) and (x, y, scale) == rough:
+                            break
                     seeds[i, 0], seeds[i, 1], seeds[i, 2] = plane, row, column
                     offsets[i, 0], offsets[i, 1], offsets[i, 2] = x, y, scale
                     values[i] = value
