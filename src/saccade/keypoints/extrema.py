@@ -11,9 +11,9 @@ from saccade.types import Float32Array, FloatArray, IntArray
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
-ROWS_AT_ONCE = 192
+ROWS_AT_ONCE = 64
 """That a thread searches at a time."""
-SEEDS_AT_ONCE = 2048
+SEEDS_AT_ONCE = 512
 """That a thread fits at a time."""
 MEETING = np.float32(0.01)
 """Share of itself by which the plane beyond an octave may exceed an extremum: it lies about

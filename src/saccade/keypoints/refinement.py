@@ -144,7 +144,7 @@ def refine_place(
     columns = np.empty((3, len(NODES)))
     start = halfway(x), halfway(y), halfway(scale)
     u, v, t = start
-    for _ in range(3):
+    for _ in range(2):
         lagrange_weights(u, weights_x)
         lagrange_weights(v, weights_y)
         gx = gy = gs = xx = yy = ss = xy = xs = ys = 0.0
