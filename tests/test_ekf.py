@@ -261,6 +261,7 @@ def test_landmark_under_the_robot_is_survived(retraction):
         (lambda e: e.update(np.array([1.0, 0]), R * np.nan, 0), "covariance of the observation"),
         (lambda e: e.update(np.array([1.0, 0]), R, 1), "from 0 to 0"),
         (lambda e: e.update(np.array([1.0, 0]), R, -1), "found -1"),
+        (lambda e: e.innovation(np.array([1.0, 0]), R, 1), "from 0 to 0"),
         (lambda e: e.augment(np.array([1.0, 0, 0]), R), "2 numbers"),
         (lambda e: e.augment(np.array([1e200, 0]), R), "within"),
     ],
@@ -309,6 +310,23 @@ def test_expectation_is_what_an_update_finds(rng):
         innovation = copy.update(expected.z[landmark], R, landmark)
         np.testing.assert_allclose(innovation.value, 0, atol=1e-12)
         np.testing.assert_allclose(innovation.covariance, expected.covariance[landmark] + R)
+
+
+@both
+def test_innovation_is_what_an_update_finds(retraction, rng):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.1, 0.1, 0.01]), retraction=retraction)
+    for _ in _wander(ekf, rng, steps=20):
+        pass
+    for landmark in range(len(ekf)):
+        z = ekf.expect().z[landmark] + np.array([0.1, -0.02])
+        before = ekf.state, ekf.covariance
+        asked = ekf.innovation(z, R, landmark)
+        np.testing.assert_array_equal(ekf.state, before[0])
+        np.testing.assert_array_equal(ekf.covariance, before[1])
+        found = ekf.update(z, R, landmark)
+        np.testing.assert_allclose(asked.value, found.value, atol=1e-12)
+        np.testing.assert_allclose(asked.covariance, found.covariance, atol=1e-12)
+        assert asked.nis == pytest.approx(found.nis)
 
 
 @given(_values(2, 2))

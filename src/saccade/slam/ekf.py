@@ -136,6 +136,28 @@ class EkfSlam:
             _add_product(P, np.vstack([-V, D, a]), np.vstack([V, a, D]))  # C.13, then transport
         return Innovation(v, S, float(white @ white))
 
+    def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
+        """What `update` would find, at a cost that does not grow with the map.
+
+        A robust caller looks here first, and then updates with a covariance R as much
+        larger as the innovation deserves.
+
+        Args:
+            z: (2,) range in metres and bearing in radians.
+            R: (2, 2) its covariance.
+            landmark: number of the landmark in the map.
+        """
+        self._check(landmark)
+        z = _vector("observation", z, 2)
+        R = _covariance("covariance of the observation", R, 2)
+        m = 3 + 2 * landmark
+        place = [0, 1, 2, m, m + 1]
+        s, P = self._s, _symmetric(self._P[np.ix_(place, place)])  # (5, 5)
+        v, H, noise = self._retraction.linearize(self._sensor, s[:3], s[m : m + 2], z, R)  # C.14
+        S = H @ P @ H.T + noise  # C.11
+        white = _whitening(S, (np.abs(H) @ np.sqrt(np.abs(P.diagonal()))) ** 2 + noise.diagonal())
+        return Innovation(v, S, float(np.square(white @ v).sum()))
+
     def augment(self, z: FloatArray, R: FloatArray) -> int:
         """Take a new landmark into the map (C.15-C.18).
 
