@@ -5,10 +5,11 @@ from saccade.slam.consistency import Consistency
 from saccade.slam.ekf import EkfSlam, Innovation
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import RANGE_BEARING, Sensor, compose, drive, observe, place, wrap
-from saccade.slam.retraction import INVARIANT, STANDARD
+from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
 
 __all__ = [
+    "FIRST_ESTIMATES",
     "INVARIANT",
     "RANGE_BEARING",
     "STANDARD",
@@ -19,6 +20,7 @@ __all__ = [
     "Innovation",
     "KnownIdentity",
     "NearestNeighbor",
+    "Retraction",
     "Sensor",
     "SlamResult",
     "compose",

@@ -12,12 +12,16 @@ from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.ekf import EkfSlam
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import Motion, compose, drive
-from saccade.slam.retraction import INVARIANT, STANDARD, Retraction
+from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.types import IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control that a log may hold."""
-RETRACTIONS: dict[str, Retraction] = {"invariant": INVARIANT, "standard": STANDARD}
+RETRACTIONS: dict[str, Retraction] = {
+    "invariant": INVARIANT,
+    "standard": STANDARD,
+    "first-estimates": FIRST_ESTIMATES,
+}
 """How each kind of filter measures errors."""
 
 
@@ -25,7 +29,7 @@ RETRACTIONS: dict[str, Retraction] = {"invariant": INVARIANT, "standard": STANDA
 class EkfConfig:
     """How a log is filtered."""
 
-    filter: Literal["invariant", "standard"] = "invariant"
+    filter: Literal["invariant", "standard", "first-estimates"] = "invariant"
     """How errors are measured: in SE(2), which stays consistent, or as the source does."""
     association: Literal["auto", "known", "nearest"] = "auto"
     """Whose word is taken for what was seen: the log's, or the nearest landmark's; "auto"

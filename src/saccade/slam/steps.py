@@ -1,0 +1,398 @@
+"""The arithmetic of the filter on plain arrays: each step changes the `Belief` it is given.
+
+What is stored of the covariance is that of the errors
+
+    eta = e - a e_theta,    a = J (s - f) for the robot's place and every landmark, 0 for all else,
+
+e the errors along the axes of the map, J a quarter turn, s the state, and f where each
+point was believed to be first: a landmark when it was augmented, the robot when it last
+moved. In these errors a correction of the invariant filter carries no covariance along, an
+observation depends on f alone, and moving the robot leaves the landmarks but for the
+noise of its heading. The other filters have eta = e; the standard one's a is zero, that
+of first estimates says at which f the slopes are to be taken.
+
+Nothing here is quadratic in the map. What the steps take from the covariance between
+landmarks and what they give is kept as thin rows until somebody adds them up: it is
+base - taken^T taken + given^T given.
+"""
+
+from math import atan2, cos, hypot, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.types import FloatArray, IntArray
+
+STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
+"""The filters: how errors are measured."""
+LANDMARKS, TAKEN, GIVEN = 0, 1, 2
+"""Places in `Belief.used`."""
+SINGULAR = 1e-13
+"""An innovation variance under this share of the terms that it is the sum of counts as zero."""
+ROUNDING = 1e-9
+"""No correction can take more than the whole variance; what would by more than this share is
+the rounding of a variance that is none."""
+NEAREST = 1e-6
+"""Metres; a landmark closer than this to the robot has no direction."""
+TINY = 1e-100
+"""Square metres or radians; variances under it are zero."""
+
+
+class Belief(NamedTuple):
+    """A Gaussian over the robot, r numbers of which three are its pose, and N landmarks."""
+
+    state: FloatArray
+    """(size,) x, y, theta, other states of the robot, m1x, m1y, ... (C.3); n = r + 2 N in use."""
+    swing: FloatArray
+    """(size,) a."""
+    P: FloatArray
+    """(size, size) of eta (C.4): the robot's r rows, and the base's upper triangle."""
+    own: FloatArray
+    """(size, 3) of eta: xx, xy, yy of landmark after landmark, up to date."""
+    taken: FloatArray
+    """(rank, size)."""
+    given: FloatArray
+    """(rank, size)."""
+    work: FloatArray
+    """(r, size)."""
+    fresh: FloatArray
+    """(1,) heading variance of the last row given if no swing has changed since, else 0."""
+    used: IntArray
+    """(3,) of landmarks, and of rows taken and given."""
+
+
+@kernel()
+def wrapped(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    if -np.pi < angle <= np.pi:
+        return angle
+    return np.pi - (np.pi - angle) % (2 * np.pi)
+
+
+@kernel()
+def _times(A: FloatArray, x: FloatArray) -> FloatArray:
+    """A x, small: BLAS costs more than the arithmetic."""
+    y = np.zeros(len(A))
+    for i in range(len(A)):
+        for j in range(len(x)):
+            y[i] += A[i, j] * x[j]
+    return y
+
+
+@kernel()
+def sandwich(A: FloatArray, C: FloatArray, noise: FloatArray) -> FloatArray:
+    """A C A^T + noise, C and the noise symmetric and small."""
+    out = noise.copy()
+    for i in range(len(A)):
+        row = _times(C, A[i])
+        for j in range(i + 1):
+            for k in range(len(C)):
+                out[i, j] += A[j, k] * row[k]
+            out[j, i] = out[i, j]
+    return out
+
+
+@kernel(fastmath=("contract",))
+def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
+    """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.7)."""
+    r = len(moved)
+    n = r + 2 * b.used[LANDMARKS]
+    P, old, a = b.P, b.work, b.swing
+    G = F.copy()  # by eta
+    for i in range(r):
+        G[i, 2] += F[i, 0] * a[0] + F[i, 1] * a[1]
+    Pxx = P[:r, :r].copy()
+    leak = np.zeros(r)  # covariance of the robot, once moved, with the error of the turn
+    if kind == INVARIANT:
+        turn = G[2].copy()
+        turn[2] -= 1.0
+        with_turn = _times(Pxx, turn)
+        leak = _times(G, with_turn) + Q[:, 2]
+        _swing_landmarks(b, turn, leak[2] - with_turn[2])
+    old[:, r:n] = P[:r, r:n]
+    for i in range(r):
+        P[i, r:n] = 0.0
+        _add(P[i, r:n], -leak[i], a[r:n])
+        for k in range(r):
+            if G[i, k] != 0:
+                _add(P[i, r:n], G[i, k], old[k, r:n])  # C.7, Pxm
+    P[:r, :r] = sandwich(G, Pxx, Q)  # C.7, Pxx
+    b.state[:r] = moved  # C.5
+    a[:2] = 0.0
+
+
+@kernel(fastmath=("contract",))
+def _swing_landmarks(b: Belief, turn: FloatArray, variance: float) -> None:
+    """Change the landmarks' eta by -a e, e the error of a turn, `variance` in all.
+
+    It is turn . eta of the robot before the step, and noise.
+    """
+    r = len(turn)
+    n = r + 2 * b.used[LANDMARKS]
+    a, y, x = b.swing[r:n], b.given[b.used[GIVEN], r:n], b.taken[b.used[TAKEN], r:n]
+    if variance <= 0 or (a == 0).all():
+        return
+    y[:] = a * sqrt(variance)
+    if (turn != 0).any():
+        x[:] = 0.0
+        for k in range(r):
+            _add(x, turn[k] / sqrt(variance), b.P[k, r:n])
+        y -= x
+        _add_own(b, x, -1.0)
+        b.used[TAKEN] += 1
+        b.fresh[0] = 0.0
+    _add_own(b, y, 1.0)
+    if b.fresh[0] > 0:
+        b.given[b.used[GIVEN] - 1, r:n] *= sqrt(1 + variance / b.fresh[0])
+    else:
+        b.used[GIVEN] += 1
+    b.fresh[0] += 0.0 if (turn != 0).any() else variance
+
+
+@kernel(fastmath=("contract",))
+def _add_own(b: Belief, y: FloatArray, sign: float) -> None:
+    """Add sign y^T y, y (2N,), to the landmarks' own blocks."""
+    for i in range(b.used[LANDMARKS]):
+        first, second = y[2 * i], y[2 * i + 1]
+        b.own[i, 0] += sign * first * first
+        b.own[i, 1] += sign * first * second
+        b.own[i, 2] += sign * second * second
+
+
+@kernel(fastmath=("contract",))
+def correct(
+    b: Belief, kind: int, m: int, v: FloatArray, H: FloatArray, noise: FloatArray
+) -> tuple[float, FloatArray]:
+    """Correct by an innovation v (2,) of the landmark at row m; gives v^T S^-1 v, and S.
+
+    H (2, r + 2) is by the robot and the landmark, `noise` (2, 2) the covariance of the
+    observation. Only their columns take part in the gain (C.10-C.13).
+    """
+    r = H.shape[1] - 2
+    n = r + 2 * b.used[LANDMARKS]
+    S, D, A = weigh(b, kind, m, H, noise)
+    V, P, u = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2], b.P, _times(A, v)
+    _observed_rows(b, m, D, V)
+    for j in range(n):
+        own = P[j, j] if j < r else b.own[(j - r) // 2, 2 * ((j - r) % 2)]
+        if V[0, j] ** 2 + V[1, j] ** 2 > own * (1 + ROUNDING):
+            V[0, j] = V[1, j] = 0.0
+    for k in range(2):
+        for i in range(r):
+            _add(P[i, :n], -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
+        _add_own(b, V[k, r:], -1.0)
+    b.used[TAKEN] += 2
+    _retract(b, kind, r, u, V)
+    return u[0] ** 2 + u[1] ** 2, S
+
+
+@kernel()
+def weigh(
+    b: Belief, kind: int, m: int, H: FloatArray, noise: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """S (C.11) of an observation as in `correct`; A D, D (2, r + 2) its slope by eta; and A.
+
+    A (2, 2) is the inverse root of S: A S A^T = 1 on the directions in which S has a
+    variance. What rounding leaves of one that is much smaller than its terms is none.
+    """
+    r, a, D = H.shape[1] - 2, b.swing, H.copy()
+    if kind == INVARIANT:
+        for k in range(2):
+            D[k, 2] += H[k, 0] * a[0] + H[k, 1] * a[1] + H[k, r] * a[m] + H[k, r + 1] * a[m + 1]
+    C, own = np.empty((r + 2, r + 2)), b.own[(m - r) // 2]
+    C[:r, :r] = b.P[:r, :r]
+    C[:r, r:] = b.P[:r, m : m + 2]
+    C[r:, :r] = C[:r, r:].T
+    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = own[0], own[1], own[1], own[2]
+    S, A = sandwich(D, C, noise), np.zeros((2, 2))
+    size = _times(np.abs(D), np.sqrt(np.abs(np.diag(C)))) ** 2 + np.diag(noise)
+    i = 0 if S[0, 0] * size[1] >= S[1, 1] * size[0] else 1
+    j = 1 - i
+    if S[i, i] > SINGULAR * size[i] + TINY:
+        slope = S[i, j] / S[i, i]
+        rest = S[j, j] - slope * S[i, j]
+        A[i, i] = 1 / sqrt(S[i, i])
+        if rest > SINGULAR * size[j] + TINY:
+            A[j, j] = 1 / sqrt(rest)
+            A[j, i] = -slope * A[j, j]
+    for i in range(r + 2):
+        D[:, i] = _times(A, D[:, i])
+    return S, D, A
+
+
+@kernel(fastmath=("contract",))
+def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
+    """Fill V (2, n) with D's product with the covariance of eta, D as `weigh` gives it."""
+    r, P = D.shape[1] - 2, b.P
+    n = r + 2 * b.used[LANDMARKS]
+    for k in range(2):
+        first, second, v = D[k, r], D[k, r + 1], V[k, :n]
+        for j in range(m):
+            v[j] = first * P[j, m] + second * P[j, m + 1]
+        v[m] = first * P[m, m] + second * P[m, m + 1]
+        left, right = P[m, m + 1 : n], P[m + 1, m + 1 : n]
+        for j in range(n - m - 1):
+            v[m + 1 + j] = first * left[j] + second * right[j]
+    for i in range(r):
+        _add(V[0, :n], D[0, i], P[i, :n])
+        _add(V[1, :n], D[1, i], P[i, :n])
+    for sign, rows, used in ((-1.0, b.taken, b.used[TAKEN]), (1.0, b.given, b.used[GIVEN])):
+        for i in range(used):
+            first, second = sign * rows[i, m], sign * rows[i, m + 1]
+            _add(V[0, r:n], D[0, r] * first + D[0, r + 1] * second, rows[i, r:n])
+            _add(V[1, r:n], D[1, r] * first + D[1, r + 1] * second, rows[i, r:n])
+
+
+@kernel(fastmath=("contract",))
+def _add(row: FloatArray, factor: float, other: FloatArray) -> None:
+    """Add factor other to row."""
+    for j in range(len(row)):
+        row[j] += factor * other[j]
+
+
+@kernel(fastmath=("contract",))
+def _retract(b: Belief, kind: int, r: int, u: FloatArray, V: FloatArray) -> None:
+    """Correct the state by u V, errors of eta (C.10); the invariant filter's by an exponential."""
+    s, a = b.state, b.swing
+    turn = u[0] * V[0, 2] + u[1] * V[1, 2]
+    sine, lost, p, q = 0.0, 0.0, 1.0, 0.0
+    if kind == INVARIANT and turn != 0:
+        sine, lost = sin(turn), 2 * sin(turn / 2) ** 2
+        p, q = sine / turn, lost / turn
+    for i in range(2, r):
+        s[i] += u[0] * V[0, i] + u[1] * V[1, i]
+    s[2] = wrapped(s[2])
+    for i in range(-1, b.used[LANDMARKS]):
+        j = r + 2 * i if i >= 0 else 0
+        e, f = u[0] * V[0, j] + u[1] * V[1, j], u[0] * V[0, j + 1] + u[1] * V[1, j + 1]
+        x = p * e - q * f + sine * a[j] - lost * a[j + 1]
+        y = q * e + p * f + lost * a[j] + sine * a[j + 1]
+        s[j] += x
+        s[j + 1] += y
+        if kind != STANDARD:
+            a[j] -= y
+            a[j + 1] += x
+    b.fresh[0] = 0.0
+
+
+@kernel(fastmath=("contract",))
+def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None:
+    """Take in a landmark at xy (2,), its slope G (2, r) by the robot, and noise (C.15-C.18)."""
+    r, P = G.shape[1], b.P
+    n = r + 2 * b.used[LANDMARKS]
+    for k in range(2):
+        D = G[k].copy()
+        D[2] += D[0] * b.swing[0] + D[1] * b.swing[1]
+        P[:n, n + k] = D[0] * P[0, :n]
+        for i in range(1, r):
+            P[:n, n + k] += D[i] * P[i, :n]  # C.17, Gx Pxx and Gx Pxm
+        for m in range(k + 1):
+            total = (noise[k, m] + noise[m, k]) / 2
+            for i in range(r):
+                total += D[i] * P[i, n + m]
+            P[n + m, n + k] = total  # C.17, Gx Pxx Gx^T + Gz R Gz^T
+            b.own[b.used[LANDMARKS], k + m] = total
+        b.state[n + k], b.swing[n + k] = xy[k], 0.0
+        b.taken[: b.used[TAKEN], n + k] = 0.0
+        b.given[: b.used[GIVEN], n + k] = 0.0
+    b.used[LANDMARKS] += 1
+
+
+@kernel()
+def _move(b: Belief, kind: int, u: FloatArray, U: FloatArray) -> None:
+    """`predict` by `models.compose`: to the pose u (3,) in the frame of the last."""
+    c, s = cos(b.state[2]), sin(b.state[2])
+    B = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    moved = b.state[:3] + _times(B, u)
+    F = np.eye(3)
+    F[0, 2], F[1, 2] = b.state[1] - moved[1], moved[0] - b.state[0]
+    moved[2] = wrapped(moved[2])
+    predict(b, kind, moved, F, sandwich(B, U, np.zeros((3, 3))))
+
+
+@kernel()
+def _sight(
+    b: Belief, kind: int, m: int, z: FloatArray, R: FloatArray, v: FloatArray
+) -> tuple[float, FloatArray]:
+    """`correct` by range and bearing, as `retraction.linearize` has them; v (2,) is filled."""
+    s, a, H = b.state, b.swing, np.zeros((2, 5))
+    dx, dy = s[m] - s[0], s[m + 1] - s[1]
+    if kind == INVARIANT:
+        B = _at(s, z)
+        v[0], v[1] = z[0] * B[0, 0] - dx, z[0] * B[1, 0] - dy
+        H[0, 0] = H[1, 1] = -1.0
+        H[0, 3] = H[1, 4] = 1.0
+        H[0, 2], H[1, 2] = dy, -dx
+        return correct(b, kind, m, v, H, sandwich(B, R, np.zeros((2, 2))))
+    q = hypot(dx, dy)
+    ahead = wrapped(atan2(dy, dx) - s[2]) if q > NEAREST else 0.0
+    v[0], v[1] = z[0] - q, wrapped(z[1] - ahead)
+    dx, dy = dx - a[m + 1] + a[1], dy + a[m] - a[0]  # where they were first
+    q = hypot(dx, dy)
+    if q > NEAREST:
+        H[0, 3], H[0, 4], H[1, 3], H[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
+        H[:, :2] = -H[:, 3:]
+        H[1, 2] = -1.0
+    return correct(b, kind, m, v, H, R)
+
+
+@kernel()
+def _at(s: FloatArray, z: FloatArray) -> FloatArray:
+    """Slope (2, 2) of the place of an observation by z (C.16)."""
+    c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
+    return np.array([[c, -z[0] * d], [d, z[0] * c]])
+
+
+@kernel()
+def replay(
+    b: Belief,
+    kind: int,
+    control: FloatArray,
+    U: FloatArray,
+    z: FloatArray,
+    R: FloatArray,
+    landmark: IntArray,
+    edge: IntArray,
+    at: IntArray,
+    pose: FloatArray,
+    covariance: FloatArray,
+    v: FloatArray,
+    S: FloatArray,
+    nis: FloatArray,
+) -> None:
+    """Go on from step at[0] and observation at[1] as far as there is room.
+
+    Control i leads to step i, at which the observations edge[i] to edge[i + 1] are made,
+    each of `landmark`: one of the map, the next new one, or none (negative).
+    """
+    while at[0] < len(control):
+        i = at[0]
+        if at[1] < 0:
+            _move(b, kind, control[i], U[i])
+            at[1] = edge[i]
+        while at[1] < edge[i + 1]:
+            k, m = at[1], 3 + 2 * landmark[at[1]]
+            if len(b.taken) - b.used[TAKEN] < 3 or m >= len(b.state):
+                return
+            if landmark[k] == b.used[LANDMARKS]:
+                B = _at(b.state, z[k])
+                xy = np.array([b.state[0] + z[k, 0] * B[0, 0], b.state[1] + z[k, 0] * B[1, 0]])
+                G = np.array([[1.0, 0.0, -z[k, 0] * B[1, 0]], [0.0, 1.0, z[k, 0] * B[0, 0]]])
+                augment(b, xy, G, sandwich(B, R[k], np.zeros((2, 2))))
+            elif landmark[k] >= 0:
+                nis[k], S[k] = _sight(b, kind, m, z[k], R[k], v[k])
+            at[1] += 1
+        pose[i], covariance[i] = b.state[:3], pose_covariance(b, kind)
+        at[0], at[1] = i + 1, -1
+        if b.used[GIVEN] == len(b.given):
+            return
+
+
+@kernel()
+def pose_covariance(b: Belief, kind: int) -> FloatArray:
+    """(3, 3) of e."""
+    F = np.eye(3)
+    if kind == INVARIANT:
+        F[0, 2], F[1, 2] = b.swing[0], b.swing[1]
+    return sandwich(F, b.P[:3, :3], np.zeros((3, 3)))
