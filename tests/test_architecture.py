@@ -25,6 +25,7 @@ ALLOWED = {
     "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "slam": {"types", "errors", "_jit"},
+    "simulation": {"types", "errors", "slam"},
     "datasets": FOUNDATION | {"image"},
     "evaluation": FOUNDATION,
     "viewing": FOUNDATION,

@@ -88,6 +88,21 @@ def flush(b: Belief) -> None:
     b.fresh[0] = 0.0
 
 
+def add_rows(b: Belief, sign: float, Y: FloatArray) -> None:
+    """Add sign Y^T Y, Y (k, n) zero for the robot, to the covariance."""
+    r, n = len(b.work), size_of(b)
+    for start in range(0, len(Y), RANK):
+        rows = Y[start : start + RANK]
+        which, kept = (GIVEN, b.given) if sign > 0 else (TAKEN, b.taken)
+        kept[: len(rows), :n] = rows
+        b.used[which] = len(rows)
+        flush(b)
+    x, y = Y[:, r::2], Y[:, r + 1 :: 2]
+    N = b.used[LANDMARKS]
+    for i, product in enumerate((x * x, x * y, y * y)):
+        b.own[:N, i] += sign * product.sum(0)
+
+
 @kernel(fastmath=("contract",))
 def _add_product(P: FloatArray, sign: float, Y: FloatArray, rank: int, r: int, n: int) -> None:
     """Add sign Y^T Y, of Y's first `rank` rows, to P's upper triangle from r to n."""
@@ -120,8 +135,13 @@ def dense(b: Belief, kind: int) -> FloatArray:
     """The covariance of e of all (n, n)."""
     flush(b)
     n = size_of(b)
-    upper = np.triu(b.P[:n, :n])
-    return _by_map(upper + np.triu(upper, 1).T, _swing(b, kind)[:n])
+    return _by_map(symmetric(b.P[:n, :n]), _swing(b, kind)[:n])
+
+
+def symmetric(upper: FloatArray) -> FloatArray:
+    """The matrix whose upper triangle this is."""
+    triangle = np.triu(upper)
+    return triangle + np.triu(triangle, 1).T
 
 
 def robot_rows(b: Belief, kind: int) -> FloatArray:

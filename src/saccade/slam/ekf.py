@@ -92,7 +92,7 @@ class EkfSlam:
     ) -> None:
         self._motion = motion
         self._sensor = sensor
-        self._retraction = Retraction(retraction)
+        self._retraction = int(Retraction(retraction))
         robot = _vector("pose", pose, max(3, np.size(pose)))
         spread = _covariance("covariance of the pose", covariance, len(robot))
         self._belief = new_belief(robot, spread, FIRST_CAPACITY)
@@ -143,7 +143,7 @@ class EkfSlam:
             landmark: number of the landmark in the map.
         """
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
-        S, _, root = steps.weigh(self._belief, self._retraction, at, H, noise)  # C.11
+        S, _, root = steps.weigh(self._belief, at, H, noise)  # C.11
         white = root @ v
         return Innovation(v, S, float(white @ white))
 
@@ -312,11 +312,7 @@ class EkfSlam:
         self, z: FloatArray, R: FloatArray, landmark: int
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         """The landmark's row, and the `Linearization` of an observation of it."""
-        if not 0 <= landmark < len(self):
-            raise LogError(
-                f"landmark: expected a number from 0 to {len(self) - 1} of a map of "
-                f"{len(self)} landmarks, found {landmark}"
-            )
+        check_landmark(landmark, len(self))
         z = _vector("observation", z, 2)
         R = _covariance("covariance of the observation", R, 2)
         b, r = self._belief, len(self._robot)
@@ -335,6 +331,15 @@ class EkfSlam:
             flush(b)
         if len(self) == len(b.own):
             self._belief = grown(b)
+
+
+def check_landmark(landmark: int, count: int) -> None:
+    """Raise unless it is one of so many."""
+    if not 0 <= landmark < count:
+        raise LogError(
+            f"landmark: expected a number from 0 to {count - 1} of a map of "
+            f"{count} landmarks, found {landmark}"
+        )
 
 
 def _vector(name: str, value: FloatArray, size: int | None = None) -> FloatArray:
@@ -364,14 +369,14 @@ def _are_covariances(matrices: FloatArray) -> npt.NDArray[np.bool_]:
     """(k,) whether each of (k, c, c) is one, but for rounding."""
     largest = np.abs(matrices).max((1, 2), initial=0.0)
     skew = np.abs(matrices - matrices.transpose(0, 2, 1)).max((1, 2), initial=0.0)
-    fine = np.logical_and(largest < LARGEST**2, skew <= 1e-9 * largest)
+    fine = np.array(largest < LARGEST**2, np.bool_) & np.array(skew <= 1e-9 * largest, np.bool_)
     fine[fine] = np.linalg.eigvalsh(matrices[fine]).min(1) >= -1e-9 * largest[fine]
     return fine
 
 
 def _check_all(name: str, values: FloatArray, covariances: FloatArray) -> None:
     """Raise for the first of values (k, c) and covariances (k, c, c) that is none."""
-    fine = (np.abs(values) < LARGEST).all(1)
+    fine = np.array((np.abs(values) < LARGEST).all(1), np.bool_)
     fine[fine] = _are_covariances(covariances[fine])
     for i in np.flatnonzero(~fine)[:1].tolist():
         _vector(f"{name} {i}", values[i])

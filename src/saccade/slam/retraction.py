@@ -53,7 +53,7 @@ class Linearization(NamedTuple):
 
 
 def linearize(
-    retraction: Retraction,
+    retraction: int,
     sensor: Sensor,
     s: FloatArray,
     first: FloatArray,
@@ -70,14 +70,11 @@ def linearize(
         z: (2,) observation.
         R: (2, 2) its covariance.
     """
-    robot, landmark = s[:-2], s[-2:]
-    if retraction == INVARIANT:
-        seen, Gp, Gz = sensor.place(robot, z)
-        dx, dy = (landmark - robot[:2]).tolist()
-        H = np.concatenate([-Gp, np.eye(2)], 1)  # xi_m - xi_p
-        H[:, :3] = [[-1.0, 0.0, dy], [0.0, -1.0, -dx]]
-        return Linearization(seen - landmark, H, Gz @ R @ Gz.T)
-    expected, H = sensor.observe(robot, landmark)
-    if retraction == FIRST_ESTIMATES:
-        _, H = sensor.observe(first[:-2], first[-2:])
-    return Linearization(sensor.difference(z, expected), H, R)  # C.14
+    if retraction == STANDARD:
+        expected, H = sensor.observe(s[:-2], s[-2:])
+        return Linearization(sensor.difference(z, expected), H, R)  # C.14
+    seen, Gp, Gz = sensor.place(s[:-2], z)
+    dx, dy = (first[-2:] - first[:2]).tolist()
+    H = np.concatenate([-Gp, np.eye(2)], 1)
+    H[:, :3] = [[-1.0, 0.0, dy], [0.0, -1.0, -dx]]
+    return Linearization(seen - s[-2:], H, Gz @ R @ Gz.T)

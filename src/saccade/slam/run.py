@@ -7,14 +7,22 @@ from typing import Literal
 import numpy as np
 
 from saccade.errors import LogError, require
-from saccade.slam.association import NEW, Association, KnownIdentity, NearestNeighbor
+from saccade.slam.association import (
+    NEW,
+    Association,
+    KnownIdentity,
+    NearestNeighbor,
+    number_by_first_sight,
+)
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.ekf import EkfSlam
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import Motion, compose, drive
 from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
-from saccade.types import IntArray, LandmarkLog, LandmarkMap, Trajectory
+from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
+STRETCH = 1000
+"""Poses that are filtered between two words about the progress."""
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control that a log may hold."""
 RETRACTIONS: dict[str, Retraction] = {
@@ -116,6 +124,8 @@ def run(
     association = np.empty(len(log.observation), np.int64)
     nis = np.full(len(log.observation), np.nan)
 
+    if isinstance(associate, KnownIdentity):
+        return _replayed(log, config, ekf, U, R, progress)
     for step in range(poses):
         if step > 0:
             ekf.predict(log.control[step - 1], U[step - 1])  # C.5-C.9
@@ -143,16 +153,58 @@ def run(
     )
 
 
+def _replayed(
+    log: LandmarkLog,
+    config: EkfConfig,
+    ekf: EkfSlam,
+    U: FloatArray,
+    R: FloatArray,
+    progress: Callable[[int, int], None] | None,
+) -> SlamResult:
+    """Filter a log whose association is known beforehand."""
+    association = number_by_first_sight(log.landmark, log.observation_pose)
+    parts = []
+    poses = len(log.time)
+    still = np.zeros((1, log.control.shape[1]))  # after which the first pose is left
+    control = np.concatenate([still, log.control])
+    U = np.concatenate([still[:, :, None] * still[:, None], U])
+    for start in range(0, poses, STRETCH):
+        end = min(start + STRETCH, poses)
+        first, last = np.searchsorted(log.observation_pose, [start, end])
+        parts.append(
+            ekf.replay(
+                control[start:end],
+                U[start:end],
+                log.observation_pose[first:last] - start,
+                log.observation[first:last],
+                R[first:last],
+                association[first:last],
+            )
+        )
+        if progress is not None:
+            progress(end, poses)
+    pose, covariance, _, _, nis = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return SlamResult(
+        trajectory=Trajectory(log.time, pose, covariance),
+        map=_landmark_map(ekf, log, association),
+        consistency=summarize(nis),
+        association=association,
+        dead_reckoning=dead_reckon(log, config),
+    )
+
+
 def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:
     """Where the controls alone lead, with the covariance that grows on the way."""
     ekf = _filter(log, config)
+    start, spread = ekf.pose, ekf.pose_covariance
     U = log.control_covariance * config.motion_noise_scale**2
-    pose, covariance = np.empty((len(log.time), 3)), np.empty((len(log.time), 3, 3))
-    pose[0], covariance[0] = ekf.pose, ekf.pose_covariance
-    for step, control in enumerate(log.control):
-        ekf.predict(control, U[step])
-        pose[step + 1], covariance[step + 1] = ekf.pose, ekf.pose_covariance
-    return Trajectory(log.time, pose, covariance)
+    nothing = np.empty(0, np.int64)
+    way = ekf.replay(log.control, U, nothing, np.empty((0, 2)), np.empty((0, 2, 2)), nothing)
+    return Trajectory(
+        log.time,
+        np.concatenate([start[None], way.pose]),
+        np.concatenate([spread[None], way.covariance]),
+    )
 
 
 def _filter(log: LandmarkLog, config: EkfConfig) -> EkfSlam:

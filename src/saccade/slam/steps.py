@@ -83,13 +83,14 @@ def _times(A: FloatArray, x: FloatArray) -> FloatArray:
 @kernel()
 def sandwich(A: FloatArray, C: FloatArray, noise: FloatArray) -> FloatArray:
     """A C A^T + noise, C and the noise symmetric and small."""
-    out = noise.copy()
+    out = np.empty(noise.shape)
     for i in range(len(A)):
-        row = _times(C, A[i])
         for j in range(i + 1):
+            total = noise[i, j]
             for k in range(len(C)):
-                out[i, j] += A[j, k] * row[k]
-            out[j, i] = out[i, j]
+                for m in range(len(C)):
+                    total += A[i, k] * C[k, m] * A[j, m]
+            out[i, j] = out[j, i] = total
     return out
 
 
@@ -166,12 +167,12 @@ def correct(
 ) -> tuple[float, FloatArray]:
     """Correct by an innovation v (2,) of the landmark at row m; gives v^T S^-1 v, and S.
 
-    H (2, r + 2) is by the robot and the landmark, `noise` (2, 2) the covariance of the
+    H (2, r + 2) is by eta of the robot and the landmark, `noise` (2, 2) the covariance of the
     observation. Only their columns take part in the gain (C.10-C.13).
     """
     r = H.shape[1] - 2
     n = r + 2 * b.used[LANDMARKS]
-    S, D, A = weigh(b, kind, m, H, noise)
+    S, D, A = weigh(b, m, H, noise)
     V, P, u = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2], b.P, _times(A, v)
     _observed_rows(b, m, D, V)
     for j in range(n):
@@ -189,24 +190,24 @@ def correct(
 
 @kernel()
 def weigh(
-    b: Belief, kind: int, m: int, H: FloatArray, noise: FloatArray
+    b: Belief, m: int, H: FloatArray, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """S (C.11) of an observation as in `correct`; A D, D (2, r + 2) its slope by eta; and A.
+    """S (C.11) of an observation as in `correct`; A H; and A.
 
     A (2, 2) is the inverse root of S: A S A^T = 1 on the directions in which S has a
     variance. What rounding leaves of one that is much smaller than its terms is none.
     """
-    r, a, D = H.shape[1] - 2, b.swing, H.copy()
-    if kind == INVARIANT:
-        for k in range(2):
-            D[k, 2] += H[k, 0] * a[0] + H[k, 1] * a[1] + H[k, r] * a[m] + H[k, r + 1] * a[m + 1]
+    r = H.shape[1] - 2
     C, own = np.empty((r + 2, r + 2)), b.own[(m - r) // 2]
-    C[:r, :r] = b.P[:r, :r]
-    C[:r, r:] = b.P[:r, m : m + 2]
-    C[r:, :r] = C[:r, r:].T
+    for i in range(r):
+        C[i, :r] = b.P[i, :r]
+        C[i, r], C[i, r + 1] = C[r, i], C[r + 1, i] = b.P[i, m], b.P[i, m + 1]
     C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = own[0], own[1], own[1], own[2]
-    S, A = sandwich(D, C, noise), np.zeros((2, 2))
-    size = _times(np.abs(D), np.sqrt(np.abs(np.diag(C)))) ** 2 + np.diag(noise)
+    S, A, size, D = sandwich(H, C, noise), np.zeros((2, 2)), np.zeros(2), np.empty(H.shape)
+    for k in range(2):
+        for i in range(r + 2):
+            size[k] += abs(H[k, i]) * sqrt(abs(C[i, i]))
+        size[k] = size[k] ** 2 + noise[k, k]
     i = 0 if S[0, 0] * size[1] >= S[1, 1] * size[0] else 1
     j = 1 - i
     if S[i, i] > SINGULAR * size[i] + TINY:
@@ -217,7 +218,8 @@ def weigh(
             A[j, j] = 1 / sqrt(rest)
             A[j, i] = -slope * A[j, j]
     for i in range(r + 2):
-        D[:, i] = _times(A, D[:, i])
+        D[0, i] = A[0, 0] * H[0, i] + A[0, 1] * H[1, i]
+        D[1, i] = A[1, 0] * H[0, i] + A[1, 1] * H[1, i]
     return S, D, A
 
 
@@ -318,22 +320,20 @@ def _sight(
     """`correct` by range and bearing, as `retraction.linearize` has them; v (2,) is filled."""
     s, a, H = b.state, b.swing, np.zeros((2, 5))
     dx, dy = s[m] - s[0], s[m + 1] - s[1]
-    if kind == INVARIANT:
+    if kind != STANDARD:
         B = _at(s, z)
         v[0], v[1] = z[0] * B[0, 0] - dx, z[0] * B[1, 0] - dy
         H[0, 0] = H[1, 1] = -1.0
         H[0, 3] = H[1, 4] = 1.0
-        H[0, 2], H[1, 2] = dy, -dx
+        H[0, 2], H[1, 2] = dy + a[m] - a[0], a[m + 1] - a[1] - dx  # J (f_p - f_m)
         return correct(b, kind, m, v, H, sandwich(B, R, np.zeros((2, 2))))
-    q = hypot(dx, dy)
-    ahead = wrapped(atan2(dy, dx) - s[2]) if q > NEAREST else 0.0
-    v[0], v[1] = z[0] - q, wrapped(z[1] - ahead)
-    dx, dy = dx - a[m + 1] + a[1], dy + a[m] - a[0]  # where they were first
     q = hypot(dx, dy)
     if q > NEAREST:
         H[0, 3], H[0, 4], H[1, 3], H[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
         H[:, :2] = -H[:, 3:]
         H[1, 2] = -1.0
+    ahead = wrapped(atan2(dy, dx) - s[2]) if q > NEAREST else 0.0
+    v[0], v[1] = z[0] - q, wrapped(z[1] - ahead)
     return correct(b, kind, m, v, H, R)
 
 
