@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.slam import steps
@@ -18,13 +17,11 @@ from saccade.slam.belief import (
     robot_rows,
     size_of,
 )
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, as_compose, compose, drive, wrapped
+from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
+from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive, wrapped
 from saccade.slam.retraction import STANDARD, Retraction, linearize
 from saccade.slam.steps import GIVEN, TAKEN
 from saccade.types import FloatArray, IntArray
-
-LARGEST = 1e9
-"""Metres or radians; numbers beyond it are no measurements, and their squares may overflow."""
 
 
 class Innovation(NamedTuple):
@@ -93,8 +90,9 @@ class EkfSlam:
         self._motion = motion
         self._sensor = sensor
         self._retraction = int(Retraction(retraction))
-        robot = _vector("pose", pose, max(3, np.size(pose)))
-        spread = _covariance("covariance of the pose", covariance, len(robot))
+        self._fast = motion in (drive, compose) and sensor is RANGE_BEARING and np.size(pose) == 3
+        robot = check_vector("pose", pose, max(3, np.size(pose)))
+        spread = check_covariance("covariance of the pose", covariance, len(robot))
         self._belief = new_belief(robot, spread, FIRST_CAPACITY)
         self._belief.state[2] = wrapped(robot[2])
 
@@ -105,9 +103,12 @@ class EkfSlam:
             u: (c,) control of the motion model; (distance, turn) for `drive`.
             U: (c, c) its covariance.
         """
-        u = _vector("control", u)
-        U = _covariance("covariance of the control", U, len(u))
+        u = check_vector("control", u)
+        U = check_covariance("covariance of the control", U, len(u))
         self._make_room()
+        if self._fast:
+            steps.move(self._belief, self._retraction, u, U)
+            return
         moved, Fx, Fu = self._motion(self._robot, u)  # C.5, C.8, C.9
         steps.predict(self._belief, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
 
@@ -157,8 +158,8 @@ class EkfSlam:
         Returns:
             The landmark's number in the map.
         """
-        z = _vector("observation", z, 2)
-        R = _covariance("covariance of the observation", R, 2)
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
         xy, Gx, Gz = self._sensor.place(self._robot, z)  # C.15, C.16
         steps.augment(self._belief, xy, Gx, Gz @ R @ Gz.T)  # C.17
@@ -187,8 +188,8 @@ class EkfSlam:
                 one leaves the observation out.
         """
         t, k = len(control), len(z)
-        _check_all("control", control, U)
-        _check_all("observation", z, R)
+        check_all("control", control, U)
+        check_all("observation", z, R)
         edge = np.searchsorted(scan, np.arange(t + 1))
         free = np.maximum.accumulate(np.append(len(self) - 1, landmark))[:-1] + 1  # (k,)
         if (landmark > free).any():
@@ -203,11 +204,9 @@ class EkfSlam:
             innovation_covariance=np.full((k, 2, 2), np.nan),
             nis=np.full(k, np.nan),
         )
-        if self._sensor is not RANGE_BEARING or self._motion not in (drive, compose):
+        if not self._fast:
             self._replay_slowly(control, U, edge, z, R, landmark, out)
             return out
-        if self._motion is drive:
-            control, U = as_compose(control, U)
         at = np.array([0, -1])
         while at[0] < t:
             self._make_room()
@@ -313,8 +312,8 @@ class EkfSlam:
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         """The landmark's row, and the `Linearization` of an observation of it."""
         check_landmark(landmark, len(self))
-        z = _vector("observation", z, 2)
-        R = _covariance("covariance of the observation", R, 2)
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
         b, r = self._belief, len(self._robot)
         m = r + 2 * landmark
         here = np.append(np.arange(r), [m, m + 1])
@@ -331,53 +330,3 @@ class EkfSlam:
             flush(b)
         if len(self) == len(b.own):
             self._belief = grown(b)
-
-
-def check_landmark(landmark: int, count: int) -> None:
-    """Raise unless it is one of so many."""
-    if not 0 <= landmark < count:
-        raise LogError(
-            f"landmark: expected a number from 0 to {count - 1} of a map of "
-            f"{count} landmarks, found {landmark}"
-        )
-
-
-def _vector(name: str, value: FloatArray, size: int | None = None) -> FloatArray:
-    array = np.asarray(value, np.float64)
-    if array.ndim != 1 or (size is not None and len(array) != size):
-        raise LogError(f"{name}: expected {size or 'some'} numbers, found shape {array.shape}")
-    if not (np.abs(array) < LARGEST).all():  # NaN is not under anything
-        raise LogError(f"{name}: expected numbers within {LARGEST:g}, found {array.tolist()}")
-    return array
-
-
-def _covariance(name: str, value: FloatArray, size: int) -> FloatArray:
-    matrix = np.asarray(value, np.float64)
-    if matrix.shape != (size, size):
-        raise LogError(f"{name}: expected shape {(size, size)}, found {matrix.shape}")
-    if not np.abs(matrix).max() < LARGEST**2:
-        raise LogError(f"{name}: expected numbers within {LARGEST**2:g}, found {matrix.tolist()}")
-    if not _are_covariances(matrix[None])[0]:
-        raise LogError(
-            f"{name}: expected a symmetric matrix without negative eigenvalues, "
-            f"found {matrix.tolist()}"
-        )
-    return matrix
-
-
-def _are_covariances(matrices: FloatArray) -> npt.NDArray[np.bool_]:
-    """(k,) whether each of (k, c, c) is one, but for rounding."""
-    largest = np.abs(matrices).max((1, 2), initial=0.0)
-    skew = np.abs(matrices - matrices.transpose(0, 2, 1)).max((1, 2), initial=0.0)
-    fine = np.array(largest < LARGEST**2, np.bool_) & np.array(skew <= 1e-9 * largest, np.bool_)
-    fine[fine] = np.linalg.eigvalsh(matrices[fine]).min(1) >= -1e-9 * largest[fine]
-    return fine
-
-
-def _check_all(name: str, values: FloatArray, covariances: FloatArray) -> None:
-    """Raise for the first of values (k, c) and covariances (k, c, c) that is none."""
-    fine = np.array((np.abs(values) < LARGEST).all(1), np.bool_)
-    fine[fine] = _are_covariances(covariances[fine])
-    for i in np.flatnonzero(~fine)[:1].tolist():
-        _vector(f"{name} {i}", values[i])
-        _covariance(f"covariance of {name} {i}", covariances[i], values.shape[1])

@@ -89,25 +89,6 @@ def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArr
     return moved, Fx, Fu
 
 
-def as_compose(control: FloatArray, U: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same motion for `compose`, from controls of `drive`.
-
-    Args:
-        control: (t, 2) distances in metres, turns in radians.
-        U: (t, 2, 2) their covariances.
-
-    Returns:
-        (t, 3) poses, each in the frame of the last, and their covariances (t, 3, 3).
-    """
-    d, phi = control.T
-    c, s = np.cos(phi), np.sin(phi)
-    B = np.zeros((len(control), 3, 2))
-    B[:, 0, 0], B[:, 0, 1] = c, -d * s
-    B[:, 1, 0], B[:, 1, 1] = s, d * c
-    B[:, 2, 1] = 1.0
-    return np.stack([d * c, d * s, phi], 1), B @ U @ B.transpose(0, 2, 1)
-
-
 def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Range and bearing of landmarks from a pose (C.14).
 

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel
+from saccade.slam.models import NEAREST
 from saccade.types import FloatArray, IntArray
 
 STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
@@ -33,8 +34,6 @@ SINGULAR = 1e-13
 ROUNDING = 1e-9
 """No correction can take more than the whole variance; what would by more than this share is
 the rounding of a variance that is none."""
-NEAREST = 1e-6
-"""Metres; a landmark closer than this to the robot has no direction."""
 TINY = 1e-100
 """Square metres or radians; variances under it are zero."""
 
@@ -95,6 +94,13 @@ def sandwich(A: FloatArray, C: FloatArray, noise: FloatArray) -> FloatArray:
 
 
 @kernel(fastmath=("contract",))
+def _mix(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None:
+    """Make row keep row + factor other."""
+    for j in range(len(row)):
+        row[j] = keep * row[j] + factor * other[j]
+
+
+@kernel(fastmath=("contract",))
 def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.7)."""
     r = len(moved)
@@ -109,18 +115,21 @@ def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArra
         turn = G[2].copy()
         turn[2] -= 1.0
         with_turn = _times(Pxx, turn)
-        leak = _times(G, with_turn) + Q[:, 2]
+        leak = _times(G, with_turn)
+        for i in range(r):
+            leak[i] += Q[i, 2]
         _swing_landmarks(b, turn, leak[2] - with_turn[2])
-    old[:, r:n] = P[:r, r:n]
+    Pxx = sandwich(G, Pxx, Q)  # C.7, Pxx
     for i in range(r):
-        P[i, r:n] = 0.0
-        _add(P[i, r:n], -leak[i], a[r:n])
+        _mix(P[i, :r], 0.0, 1.0, Pxx[i])
+        _mix(old[i, r:n], 0.0, 1.0, P[i, r:n])
+    for i in range(r):
+        _mix(P[i, r:n], 0.0, -leak[i], a[r:n])
         for k in range(r):
             if G[i, k] != 0:
-                _add(P[i, r:n], G[i, k], old[k, r:n])  # C.7, Pxm
-    P[:r, :r] = sandwich(G, Pxx, Q)  # C.7, Pxx
-    b.state[:r] = moved  # C.5
-    a[:2] = 0.0
+                _mix(P[i, r:n], 1.0, G[i, k], old[k, r:n])  # C.7, Pxm
+    _mix(b.state[:r], 0.0, 1.0, moved)  # C.5
+    a[0] = a[1] = 0.0
 
 
 @kernel(fastmath=("contract",))
@@ -132,23 +141,25 @@ def _swing_landmarks(b: Belief, turn: FloatArray, variance: float) -> None:
     r = len(turn)
     n = r + 2 * b.used[LANDMARKS]
     a, y, x = b.swing[r:n], b.given[b.used[GIVEN], r:n], b.taken[b.used[TAKEN], r:n]
-    if variance <= 0 or (a == 0).all():
+    if variance <= 0:
         return
-    y[:] = a * sqrt(variance)
-    if (turn != 0).any():
-        x[:] = 0.0
-        for k in range(r):
-            _add(x, turn[k] / sqrt(variance), b.P[k, r:n])
-        y -= x
+    root, coupled = sqrt(variance), False
+    _mix(y, 0.0, root, a)
+    for k in range(r):
+        if turn[k] != 0:
+            _mix(x, 1.0 if coupled else 0.0, turn[k] / root, b.P[k, r:n])
+            coupled = True
+    if coupled:
+        _mix(y, 1.0, -1.0, x)
         _add_own(b, x, -1.0)
         b.used[TAKEN] += 1
         b.fresh[0] = 0.0
     _add_own(b, y, 1.0)
     if b.fresh[0] > 0:
-        b.given[b.used[GIVEN] - 1, r:n] *= sqrt(1 + variance / b.fresh[0])
+        _mix(b.given[b.used[GIVEN] - 1, r:n], sqrt(1 + variance / b.fresh[0]), 0.0, a)
     else:
         b.used[GIVEN] += 1
-    b.fresh[0] += 0.0 if (turn != 0).any() else variance
+    b.fresh[0] += 0.0 if coupled else variance
 
 
 @kernel(fastmath=("contract",))
@@ -181,7 +192,7 @@ def correct(
             V[0, j] = V[1, j] = 0.0
     for k in range(2):
         for i in range(r):
-            _add(P[i, :n], -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
+            _mix(P[i, :n], 1.0, -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
         _add_own(b, V[k, r:], -1.0)
     b.used[TAKEN] += 2
     _retract(b, kind, r, u, V)
@@ -200,8 +211,8 @@ def weigh(
     r = H.shape[1] - 2
     C, own = np.empty((r + 2, r + 2)), b.own[(m - r) // 2]
     for i in range(r):
-        C[i, :r] = b.P[i, :r]
-        C[i, r], C[i, r + 1] = C[r, i], C[r + 1, i] = b.P[i, m], b.P[i, m + 1]
+        for j in range(r + 2):
+            C[i, j] = C[j, i] = b.P[i, j if j < r else m + j - r]
     C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = own[0], own[1], own[1], own[2]
     S, A, size, D = sandwich(H, C, noise), np.zeros((2, 2)), np.zeros(2), np.empty(H.shape)
     for k in range(2):
@@ -237,20 +248,13 @@ def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
         for j in range(n - m - 1):
             v[m + 1 + j] = first * left[j] + second * right[j]
     for i in range(r):
-        _add(V[0, :n], D[0, i], P[i, :n])
-        _add(V[1, :n], D[1, i], P[i, :n])
+        _mix(V[0, :n], 1.0, D[0, i], P[i, :n])
+        _mix(V[1, :n], 1.0, D[1, i], P[i, :n])
     for sign, rows, used in ((-1.0, b.taken, b.used[TAKEN]), (1.0, b.given, b.used[GIVEN])):
         for i in range(used):
             first, second = sign * rows[i, m], sign * rows[i, m + 1]
-            _add(V[0, r:n], D[0, r] * first + D[0, r + 1] * second, rows[i, r:n])
-            _add(V[1, r:n], D[1, r] * first + D[1, r + 1] * second, rows[i, r:n])
-
-
-@kernel(fastmath=("contract",))
-def _add(row: FloatArray, factor: float, other: FloatArray) -> None:
-    """Add factor other to row."""
-    for j in range(len(row)):
-        row[j] += factor * other[j]
+            _mix(V[0, r:n], 1.0, D[0, r] * first + D[0, r + 1] * second, rows[i, r:n])
+            _mix(V[1, r:n], 1.0, D[1, r] * first + D[1, r + 1] * second, rows[i, r:n])
 
 
 @kernel(fastmath=("contract",))
@@ -286,9 +290,10 @@ def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None
     for k in range(2):
         D = G[k].copy()
         D[2] += D[0] * b.swing[0] + D[1] * b.swing[1]
-        P[:n, n + k] = D[0] * P[0, :n]
-        for i in range(1, r):
-            P[:n, n + k] += D[i] * P[i, :n]  # C.17, Gx Pxx and Gx Pxm
+        for j in range(n):
+            P[j, n + k] = 0.0
+            for i in range(r):
+                P[j, n + k] += D[i] * P[i, j]  # C.17, Gx Pxx and Gx Pxm
         for m in range(k + 1):
             total = (noise[k, m] + noise[m, k]) / 2
             for i in range(r):
@@ -296,19 +301,24 @@ def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None
             P[n + m, n + k] = total  # C.17, Gx Pxx Gx^T + Gz R Gz^T
             b.own[b.used[LANDMARKS], k + m] = total
         b.state[n + k], b.swing[n + k] = xy[k], 0.0
-        b.taken[: b.used[TAKEN], n + k] = 0.0
-        b.given[: b.used[GIVEN], n + k] = 0.0
+        b.taken[:, n + k] = b.given[:, n + k] = 0.0
     b.used[LANDMARKS] += 1
 
 
 @kernel()
-def _move(b: Belief, kind: int, u: FloatArray, U: FloatArray) -> None:
-    """`predict` by `models.compose`: to the pose u (3,) in the frame of the last."""
-    c, s = cos(b.state[2]), sin(b.state[2])
-    B = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    moved = b.state[:3] + _times(B, u)
-    F = np.eye(3)
-    F[0, 2], F[1, 2] = b.state[1] - moved[1], moved[0] - b.state[0]
+def move(b: Belief, kind: int, u: FloatArray, U: FloatArray) -> None:
+    """`predict` by `models.drive`, u (2,), or by `models.compose`, u (3,)."""
+    s, F, B = b.state, np.eye(3), np.zeros((3, len(u)))
+    angle = s[2] + u[1] if len(u) == 2 else s[2]
+    B[0, 0], B[1, 0], B[2, len(u) - 1] = cos(angle), sin(angle), 1.0
+    B[0, 1], B[1, 1] = -B[1, 0], B[0, 0]
+    if len(u) == 2:
+        step = np.array([u[0] * B[0, 0], u[0] * B[1, 0], u[1]])
+        B[0, 1], B[1, 1] = -step[1], step[0]
+    else:
+        step = _times(B, u)
+    F[0, 2], F[1, 2] = -step[1], step[0]
+    moved = s[:3] + step
     moved[2] = wrapped(moved[2])
     predict(b, kind, moved, F, sandwich(B, U, np.zeros((3, 3))))
 
@@ -369,7 +379,7 @@ def replay(
     while at[0] < len(control):
         i = at[0]
         if at[1] < 0:
-            _move(b, kind, control[i], U[i])
+            move(b, kind, control[i], U[i])
             at[1] = edge[i]
         while at[1] < edge[i + 1]:
             k, m = at[1], 3 + 2 * landmark[at[1]]
