@@ -112,18 +112,19 @@ class DenseFirstEstimatesEkf(DenseEkf):
         self.first[:3] = self.s[:3]
 
     def update(self, z, R, landmark):
-        m, here = 3 + 2 * landmark, self.s
-        q = np.hypot(*(here[m : m + 2] - here[:2]))
-        v = z - [q, np.arctan2(*(here[m : m + 2] - here[:2])[::-1]) - here[2]]
-        v[1] = np.angle(np.exp(1j * v[1]))
-        dx, dy = self.first[:2] - self.first[m : m + 2]
-        q = np.hypot(dx, dy)
-        H = np.zeros((2, len(here)))
-        H[:, :3] = [[dx / q, dy / q, 0], [-dy / q**2, dx / q**2, -1]]
-        H[:, m : m + 2] = -H[:, :2]
-        S = H @ self.P @ H.T + R
+        """Of the relative place of the landmark, as Huang, Mourikis & Roumeliotis have it."""
+        m = 3 + 2 * landmark
+        c, s = np.cos(self.s[2]), np.sin(self.s[2])
+        back = np.array([[c, s], [-s, c]])
+        cz, sz = np.cos(z[1]), np.sin(z[1])
+        slope = np.array([[cz, -z[0] * sz], [sz, z[0] * cz]])
+        v = z[0] * slope[:, 0] - back @ (self.s[m : m + 2] - self.s[:2])
+        H = np.zeros((2, len(self.s)))
+        H[:, :2], H[:, m : m + 2] = -back, back
+        H[:, 2] = -back @ QUARTER_TURN @ (self.first[m : m + 2] - self.first[:2])
+        S = H @ self.P @ H.T + slope @ R @ slope.T
         W = self.P @ H.T @ np.linalg.inv(S)
-        self.s = here + W @ v
+        self.s = self.s + W @ v
         self.P = self.P - W @ S @ W.T
 
     def augment(self, z, R):

@@ -18,6 +18,8 @@ from saccade.types import FloatArray
 FloatMap: TypeAlias = npt.NDArray[Any]
 """(h, w) float32 or float64; what is computed from it has the same dtype."""
 
+DEEPEST = 30
+"""Pyramid level that no image reaches."""
 BINOMIAL_SIZE = (5, 5)
 """OpenCV's Gaussian of this size is [1 4 6 4 1] / 16 along both axes, of variance 1."""
 

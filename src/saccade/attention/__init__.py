@@ -1,15 +1,25 @@
-"""Where to look: contrast saliency, and the scanpath over a saliency map."""
+"""Where to look: contrast and symmetry saliency, and the scanpath over a saliency map."""
 
+from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap, contrast_saliency
 from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
+from saccade.attention.symmetric_pairs import symmetric_pairs
+from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
 
 __all__ = [
+    "AttentionConfig",
+    "AttentionMaps",
     "ContrastConfig",
     "ContrastMaps",
     "FeatureMap",
     "ScanpathConfig",
+    "SymmetryConfig",
+    "SymmetryMaps",
+    "attention_saliency",
     "contrast_saliency",
     "proto_object",
     "scanpath",
+    "symmetric_pairs",
+    "symmetry_saliency",
 ]

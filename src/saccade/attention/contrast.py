@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from saccade.attention import channels
 from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.normalize import normalize, rescale
+from saccade.attention.normalize import normalize, sharpen, smooth
 from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Steps
 from saccade.errors import ImageError
 from saccade.image import as_rgb, check_image
@@ -31,10 +31,6 @@ from saccade.pyramid import (
 from saccade.types import Image
 
 __all__ = ["ContrastConfig", "ContrastMaps", "FeatureMap", "contrast_saliency"]
-
-
-WIDEST = 1 / 8
-"""Part of a map's side over which its smoothing would leave nothing but its mean."""
 
 
 class FeatureMap(NamedTuple):
@@ -290,19 +286,6 @@ class MirroredSteps:
 
 
 Steps: TypeAlias = MirroredSteps | SaliencyToolbox2Steps
-
-
-def smooth(values: FloatMap, sigma: float) -> FloatMap:
-    """The map under a Gaussian of this many cells, but no wider than a part of each side."""
-    if sigma == 0:
-        return values
-    y, x = (min(sigma, WIDEST * side) for side in values.shape)
-    return cv2.GaussianBlur(values, (0, 0), x, sigmaY=y, borderType=cv2.BORDER_REFLECT)
-
-
-def sharpen(saliency: FloatMap, exponent: float) -> FloatMap:
-    """The map in [0, 1] to a power; as it is for the power 1."""
-    return saliency if exponent == 1 else rescale(saliency) ** exponent
 
 
 def weigh_center(saliency: FloatMap, sigma: float) -> FloatMap:

@@ -8,6 +8,7 @@ import numpy as np
 from saccade.attention.channels import COLORS, Color
 from saccade.attention.normalize import NORMALIZATIONS, Normalization
 from saccade.errors import require
+from saccade.pyramid import DEEPEST
 
 Scales = tuple[tuple[int, int], ...]
 
@@ -17,8 +18,6 @@ Arithmetic = Literal["mirrored", "saliencytoolbox2"]
 CENTERS_2_TO_4: Scales = ((2, 5), (2, 6), (3, 6), (3, 7), (4, 7), (4, 8))
 """The six pairs of A.7-A.10."""
 
-DEEPEST = 30
-"""Pyramid level that no image reaches."""
 HEAVIEST = 1e6
 """Weight beyond which single precision loses what weighs less."""
 

@@ -26,6 +26,8 @@ NARROWEST = 0.5
 """Standard deviation in pixels under which a sampled Gaussian no longer sums to its strength."""
 KERNEL_CUT = 0.01
 """The Gaussians are cut where they fall below this part of their peak."""
+WIDEST = 1 / 8
+"""Part of a map's side over which its smoothing would leave nothing but its mean."""
 
 
 def normalize(
@@ -65,6 +67,19 @@ def rescale(values: FloatMap) -> FloatMap:
         return np.zeros_like(values)
     scaled: FloatMap = (values - low) / (high - low)
     return scaled
+
+
+def smooth(values: FloatMap, sigma: float) -> FloatMap:
+    """The map under a Gaussian of this many cells, but no wider than a part of each side."""
+    if sigma == 0:
+        return values
+    y, x = (min(sigma, WIDEST * side) for side in values.shape)
+    return cv2.GaussianBlur(values, (0, 0), x, sigmaY=y, borderType=cv2.BORDER_REFLECT)
+
+
+def sharpen(saliency: FloatMap, exponent: float) -> FloatMap:
+    """The map in [0, 1] to a power; as it is for the power 1."""
+    return saliency if exponent == 1 else rescale(saliency) ** exponent
 
 
 def promotion(maxima: FloatMap) -> float:

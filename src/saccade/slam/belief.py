@@ -1,4 +1,4 @@
-"""The buffers of a `Belief`: made, grown, read, and all that is quadratic in the map.
+"""A `Belief` and its buffers: made, grown, read, and all that is quadratic in the map.
 
 The steps leave thin rows beside the covariance between landmarks. Some dozens of them are
 added up at once, in one pass over the matrix: at the speed of the arithmetic, where adding
@@ -6,13 +6,17 @@ each by itself goes at the speed of the memory.
 """
 
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
+from typing import NamedTuple
 
 import numpy as np
 
 from saccade._jit import blas, kernel
-from saccade.slam.steps import GIVEN, INVARIANT, LANDMARKS, TAKEN, Belief
 from saccade.types import FloatArray, IntArray
 
+STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
+"""The filters: how errors are measured."""
+LANDMARKS, TAKEN, GIVEN = 0, 1, 2
+"""Places in `Belief.used`."""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
 RANK = 64
@@ -27,6 +31,29 @@ _dsyrk = blas(
     "dsyrk", c_char_p, c_char_p, _int, _int, _double, c_void_p, _int, _double, c_void_p, _int
 )
 """uplo, trans, n, k, alpha, A, lda, beta, C, ldc: C becomes alpha A A^T + beta C."""
+
+
+class Belief(NamedTuple):
+    """A Gaussian over the robot, r numbers of which three are its pose, and N landmarks."""
+
+    state: FloatArray
+    """(size,) x, y, theta, other states of the robot, m1x, m1y, ... (C.3); n = r + 2 N in use."""
+    swing: FloatArray
+    """(size,) a."""
+    P: FloatArray
+    """(size, size) of eta (C.4): the robot's r rows, and the base's upper triangle."""
+    own: FloatArray
+    """(size, 3) of eta: xx, xy, yy of landmark after landmark, up to date."""
+    taken: FloatArray
+    """(rank, size)."""
+    given: FloatArray
+    """(rank, size)."""
+    work: FloatArray
+    """(r, size)."""
+    fresh: FloatArray
+    """(1,) heading variance of the last row given if no swing has changed since, else 0."""
+    used: IntArray
+    """(3,) of landmarks, and of rows taken and given."""
 
 
 def new_belief(robot: FloatArray, covariance: FloatArray, landmarks: int) -> Belief:

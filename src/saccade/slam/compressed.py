@@ -16,10 +16,19 @@ import copy
 
 import numpy as np
 
-from saccade.slam.belief import add_rows, flush, grown, new_belief, size_of, symmetric
+from saccade.slam.belief import (
+    LANDMARKS,
+    STANDARD,
+    Belief,
+    add_rows,
+    flush,
+    grown,
+    new_belief,
+    size_of,
+    symmetric,
+)
 from saccade.slam.checks import check_landmark
 from saccade.slam.ekf import EkfSlam, Expectation, Innovation
-from saccade.slam.steps import LANDMARKS, STANDARD, Belief
 from saccade.types import FloatArray, IntArray
 
 SPARE = 16

@@ -8,6 +8,7 @@ from saccade.errors import LogError
 from saccade.slam import steps
 from saccade.slam.belief import (
     FIRST_CAPACITY,
+    LANDMARKS,
     dense,
     flush,
     grown,
@@ -18,9 +19,8 @@ from saccade.slam.belief import (
     size_of,
 )
 from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive, wrapped
+from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
 from saccade.slam.retraction import STANDARD, Retraction, linearize
-from saccade.slam.steps import GIVEN, TAKEN
 from saccade.types import FloatArray, IntArray
 
 
@@ -58,6 +58,17 @@ class Replay(NamedTuple):
     nis: FloatArray
     """(k,)."""
 
+    @classmethod
+    def empty(cls, t: int, k: int) -> "Replay":
+        """Room for so many steps and observations."""
+        return cls(
+            pose=np.empty((t, 3)),
+            covariance=np.empty((t, 3, 3)),
+            innovation=np.full((k, 2), np.nan),
+            innovation_covariance=np.full((k, 2, 2), np.nan),
+            nis=np.full(k, np.nan),
+        )
+
 
 class EkfSlam:
     """The pose of a robot and the landmarks around it, as one Gaussian.
@@ -90,7 +101,8 @@ class EkfSlam:
         self._motion = motion
         self._sensor = sensor
         self._retraction = int(Retraction(retraction))
-        self._fast = motion in (drive, compose) and sensor is RANGE_BEARING and np.size(pose) == 3
+        own = motion in (drive, compose) and type(sensor) is RangeBearing
+        self._fast = own and np.size(pose) == 3
         robot = check_vector("pose", pose, max(3, np.size(pose)))
         spread = check_covariance("covariance of the pose", covariance, len(robot))
         self._belief = new_belief(robot, spread, FIRST_CAPACITY)
@@ -197,13 +209,7 @@ class EkfSlam:
                 f"landmark: expected numbers up to {int(free[landmark > free][0])}, "
                 f"found {int(landmark[landmark > free][0])}"
             )
-        out = Replay(
-            pose=np.empty((t, 3)),
-            covariance=np.empty((t, 3, 3)),
-            innovation=np.full((k, 2), np.nan),
-            innovation_covariance=np.full((k, 2, 2), np.nan),
-            nis=np.full(k, np.nan),
-        )
+        out = Replay.empty(t, k)
         if not self._fast:
             self._replay_slowly(control, U, edge, z, R, landmark, out)
             return out
@@ -277,7 +283,7 @@ class EkfSlam:
         return self._sensor
 
     def __len__(self) -> int:
-        return int(self._belief.used[steps.LANDMARKS])
+        return int(self._belief.used[LANDMARKS])
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
@@ -325,8 +331,7 @@ class EkfSlam:
 
     def _make_room(self) -> None:
         """For another step and another landmark."""
-        b = self._belief
-        if b.used[TAKEN] + 3 > len(b.taken) or b.used[GIVEN] == len(b.given):
-            flush(b)
-        if len(self) == len(b.own):
-            self._belief = grown(b)
+        if len(self) == len(self._belief.own):
+            self._belief = grown(self._belief)
+        elif steps.is_full(self._belief):
+            flush(self._belief)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.slam import steps
+from saccade.slam import belief
 from saccade.slam.models import Sensor
 from saccade.types import FloatArray
 
@@ -30,11 +30,11 @@ from saccade.types import FloatArray
 class Retraction(IntEnum):
     """How errors are measured."""
 
-    STANDARD = steps.STANDARD
+    STANDARD = belief.STANDARD
     """Along the axes of the map: C.10-C.14 to the letter."""
-    INVARIANT = steps.INVARIANT
+    INVARIANT = belief.INVARIANT
     """In SE(2), from the right."""
-    FIRST_ESTIMATES = steps.FIRST_ESTIMATES
+    FIRST_ESTIMATES = belief.FIRST_ESTIMATES
     """Along the axes of the map, slopes at first estimates."""
 
 

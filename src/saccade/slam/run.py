@@ -14,15 +14,15 @@ from saccade.slam.association import (
     NearestNeighbor,
     number_by_first_sight,
 )
+from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.ekf import EkfSlam
+from saccade.slam.ekf import EkfSlam, Replay
 from saccade.slam.landmarks import Candidates
-from saccade.slam.models import Motion, compose, drive
+from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.recording import Recorder
 from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-STRETCH = 1000
-"""Poses that are filtered between two words about the progress."""
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control that a log may hold."""
 RETRACTIONS: dict[str, Retraction] = {
@@ -31,6 +31,11 @@ RETRACTIONS: dict[str, Retraction] = {
     "first-estimates": FIRST_ESTIMATES,
 }
 """How each kind of filter measures errors."""
+FINEST = 1e-4
+"""Metres and radians. What claims to be exact leaves a filter no room for its own linearization
+and drives it off; it is taken to be as good as this."""
+FARTHEST = 1e9
+"""Metres from the origin at which an estimate has gone astray."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,10 @@ class SlamResult:
     """Whether the innovations are as large as the filter expected."""
     association: IntArray
     """(k,) number of the landmark in the map for each observation, -1 where it was not used."""
+    innovation: FloatArray
+    """(k, 2) of each observation, as the filter has it (see `Innovation`); NaN as the NIS is."""
+    innovation_covariance: FloatArray
+    """(k, 2, 2) before the update."""
     dead_reckoning: Trajectory
     """(t + 1) poses from the controls alone, with covariance."""
 
@@ -99,6 +108,12 @@ def run(
     log: LandmarkLog,
     config: EkfConfig = EkfConfig(),
     progress: Callable[[int, int], None] | None = None,
+    *,
+    motion: Motion | None = None,
+    sensor: Sensor = RANGE_BEARING,
+    associate: Association | None = None,
+    recorder: Recorder | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> SlamResult:
     """Filter a landmark log with EKF-SLAM (C.1-C.18).
 
@@ -107,116 +122,195 @@ def run(
         config: association and noise.
         progress: called with the number of poses done and of all poses, some
             hundred times in all.
+        motion: what the controls mean; the log says it unless told otherwise.
+        sensor: what the observations mean; range and bearing unless told otherwise.
+        associate: a rule in the place of the one that `config` names.
+        recorder: takes snapshots of the map while it grows.
+        checkpoint: where the run saves itself, and goes on if it was interrupted.
 
     Returns:
         Trajectory, map, consistency and association.
 
     Raises:
-        LogError: known association is asked of a log that does not name its landmarks.
+        LogError: known association is asked of a log that does not name its landmarks, a
+            model of its own is not given, or the estimate goes astray; names the pose.
     """
     poses = len(log.time)
-    ekf = _filter(log, config)
-    associate, candidates = _association(log, config)
-    U = log.control_covariance * config.motion_noise_scale**2  # (t, c, c)
-    R = log.observation_covariance * config.sensor_noise_scale**2  # (k, 2, 2)
-    scans = np.searchsorted(log.observation_pose, np.arange(poses + 1))
-    pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
-    association = np.empty(len(log.observation), np.int64)
-    nis = np.full(len(log.observation), np.nan)
-
-    if isinstance(associate, KnownIdentity):
-        return _replayed(log, config, ekf, U, R, progress)
-    for step in range(poses):
-        if step > 0:
-            ekf.predict(log.control[step - 1], U[step - 1])  # C.5-C.9
-        scan = np.arange(scans[step], scans[step + 1])
-        if len(scan) > 0:
-            found = associate(ekf, log.observation[scan], R[scan], log.landmark[scan])
-            for k, landmark in zip(scan[found >= 0], found[found >= 0].tolist(), strict=True):
-                nis[k] = ekf.update(log.observation[k], R[k], landmark).nis  # C.10-C.14
-            new = scan[found == NEW]
-            confirmed = candidates.confirm(ekf, log.observation[new], R[new], log.time[step])
-            association[scan] = np.maximum(found, -1)
-            for k in new[confirmed]:
-                association[k] = ekf.augment(log.observation[k], R[k])  # C.15-C.18
-                associate.added(int(association[k]), int(log.landmark[k]))
-        pose[step], covariance[step] = ekf.pose, ekf.pose_covariance
-        if progress is not None and (step % (poses // 100 + 1) == 0 or step == poses - 1):
-            progress(step + 1, poses)
-
-    return SlamResult(
-        trajectory=Trajectory(log.time, pose, covariance),
-        map=_landmark_map(ekf, log, association),
-        consistency=summarize(nis),
-        association=association,
-        dead_reckoning=dead_reckon(log, config),
+    associate, candidates = _association(log, config, associate)
+    going = _Run(
+        log=log,
+        ekf=_filter(log, config, motion, sensor),
+        associate=associate,
+        candidates=candidates,
+        U=log.control_covariance * config.motion_noise_scale**2,
+        R=_believed(log.observation_covariance * config.sensor_noise_scale**2),
+        scans=np.searchsorted(log.observation_pose, np.arange(poses + 1)),
+        said=Replay.empty(poses, len(log.observation)),
+        association=np.empty(len(log.observation), np.int64),
     )
+    state = {
+        "ekf": going.ekf,
+        "associate": associate,
+        "candidates": candidates,
+        "association": going.association,
+        "recorder": recorder,
+        **going.said._asdict(),
+    }
+    known = type(associate) is KnownIdentity and not associate.number
+    models = (config, motion, sensor, associate)
+    done = 0 if checkpoint is None else checkpoint.resume(log, models, state)
+    hundredth = poses // 100 + 1
+    stretch = hundredth if known and recorder is None else 1
 
-
-def _replayed(
-    log: LandmarkLog,
-    config: EkfConfig,
-    ekf: EkfSlam,
-    U: FloatArray,
-    R: FloatArray,
-    progress: Callable[[int, int], None] | None,
-) -> SlamResult:
-    """Filter a log whose association is known beforehand."""
-    association = number_by_first_sight(log.landmark, log.observation_pose)
-    parts = []
-    poses = len(log.time)
-    still = np.zeros((1, log.control.shape[1]))  # after which the first pose is left
-    control = np.concatenate([still, log.control])
-    U = np.concatenate([still[:, :, None] * still[:, None], U])
-    for start in range(0, poses, STRETCH):
-        end = min(start + STRETCH, poses)
-        first, last = np.searchsorted(log.observation_pose, [start, end])
-        parts.append(
-            ekf.replay(
-                control[start:end],
-                U[start:end],
-                log.observation_pose[first:last] - start,
-                log.observation[first:last],
-                R[first:last],
-                association[first:last],
-            )
-        )
-        if progress is not None:
+    for start in range(done, poses, stretch):
+        end = min(start + stretch, poses)
+        if known:
+            going.replay(start, end)
+        else:
+            going.step(start)
+        going.check(start, end)
+        if recorder is not None:
+            recorder.add(start, poses, going.ekf, going.association[going.scan(start, end)])
+        if checkpoint is not None:
+            checkpoint.keep(end, state)
+        if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
-    pose, covariance, _, _, nis = (np.concatenate(part) for part in zip(*parts, strict=True))
+
+    pose, covariance, innovation, spread, nis = going.said
     return SlamResult(
         trajectory=Trajectory(log.time, pose, covariance),
-        map=_landmark_map(ekf, log, association),
+        map=_landmark_map(going.ekf, log, going.association),
         consistency=summarize(nis),
-        association=association,
-        dead_reckoning=dead_reckon(log, config),
+        association=going.association,
+        innovation=innovation,
+        innovation_covariance=spread,
+        dead_reckoning=dead_reckon(log, config, motion),
     )
 
 
-def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A filter on its way through a log, and what it has said so far."""
+
+    log: LandmarkLog
+    ekf: EkfSlam
+    associate: Association
+    candidates: Candidates
+    U: FloatArray
+    """(t, c, c)."""
+    R: FloatArray
+    """(k, 2, 2)."""
+    scans: IntArray
+    """(t + 2,) observations scans[i] to scans[i + 1] are made from pose i."""
+    said: Replay
+    association: IntArray
+    """(k,)."""
+
+    def scan(self, start: int, end: int) -> slice:
+        """The observations made from poses."""
+        return slice(int(self.scans[start]), int(self.scans[end]))
+
+    def step(self, step: int) -> None:
+        """Go to the next pose, and see what is to be seen there."""
+        log, ekf, said = self.log, self.ekf, self.said
+        if step > 0:
+            ekf.predict(log.control[step - 1], self.U[step - 1])  # C.5-C.9
+        scan = np.arange(self.scans[step], self.scans[step + 1])
+        if len(scan) > 0:
+            z, R = log.observation, self.R
+            found = self.associate(ekf, z[scan], R[scan], log.landmark[scan])
+            for k, landmark in zip(scan[found >= 0], found[found >= 0].tolist(), strict=True):
+                what = ekf.update(z[k], R[k], landmark)  # C.10-C.14
+                said.innovation[k], said.innovation_covariance[k], said.nis[k] = what
+            new = scan[found == NEW]
+            confirmed = self.candidates.confirm(ekf, z[new], R[new], log.time[step])
+            self.association[scan] = np.maximum(found, -1)
+            for k in new[confirmed]:
+                self.association[k] = ekf.augment(z[k], R[k])  # C.15-C.18
+                self.associate.added(int(self.association[k]), int(log.landmark[k]))
+        said.pose[step], said.covariance[step] = ekf.pose, ekf.pose_covariance
+
+    def replay(self, start: int, end: int) -> None:
+        """Go to many poses at once, where it is known beforehand what is seen."""
+        if start == 0:
+            self.step(0)
+            which = number_by_first_sight(self.log.landmark, self.log.observation_pose)
+            self.association[:] = np.maximum(which, -1)
+            start = 1
+        log, seen = self.log, self.scan(start, end)
+        went = self.ekf.replay(
+            log.control[start - 1 : end - 1],
+            self.U[start - 1 : end - 1],
+            log.observation_pose[seen] - start,
+            log.observation[seen],
+            self.R[seen],
+            self.association[seen],
+        )
+        said = self.said
+        said.pose[start:end], said.covariance[start:end] = went.pose, went.covariance
+        said.innovation[seen], said.innovation_covariance[seen] = went[2:4]
+        said.nis[seen] = went.nis
+
+    def check(self, start: int, end: int) -> None:
+        """Raise for the first of some poses that is nowhere."""
+        astray = ~(np.abs(self.said.pose[start:end]).max(1) < FARTHEST)
+        if astray.any():
+            raise LogError(
+                f"pose {start + int(astray.argmax())}: expected an estimate on this planet, found "
+                "that it has gone astray; observations or controls contradict the deviations "
+                "they are said to have"
+            )
+
+
+def dead_reckon(
+    log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: Motion | None = None
+) -> Trajectory:
     """Where the controls alone lead, with the covariance that grows on the way."""
-    ekf = _filter(log, config)
-    start, spread = ekf.pose, ekf.pose_covariance
+    ekf = _filter(log, config, motion, RANGE_BEARING)
+    start, spread = ekf.pose[None], ekf.pose_covariance[None]
     U = log.control_covariance * config.motion_noise_scale**2
     nothing = np.empty(0, np.int64)
     way = ekf.replay(log.control, U, nothing, np.empty((0, 2)), np.empty((0, 2, 2)), nothing)
     return Trajectory(
-        log.time,
-        np.concatenate([start[None], way.pose]),
-        np.concatenate([spread[None], way.covariance]),
+        log.time, np.concatenate([start, way.pose]), np.concatenate([spread, way.covariance])
     )
 
 
-def _filter(log: LandmarkLog, config: EkfConfig) -> EkfSlam:
+def motion_of(log: LandmarkLog, own: Motion | None) -> Motion:
+    """The motion model of a log.
+
+    Raises:
+        LogError: its controls are of a model of its own, and that is not given.
+    """
+    if own is not None:
+        return own
+    if log.motion not in MOTIONS:
+        raise LogError(f"motion: expected the model of {log.motion} controls, found none given")
+    return MOTIONS[log.motion]
+
+
+def _filter(log: LandmarkLog, config: EkfConfig, motion: Motion | None, sensor: Sensor) -> EkfSlam:
     return EkfSlam(
         log.start,
         np.diag(np.square(config.start_sigma)),
-        motion=MOTIONS[log.motion],
+        motion=motion_of(log, motion),
+        sensor=sensor,
         retraction=RETRACTIONS[config.filter],
     )
 
 
-def _association(log: LandmarkLog, config: EkfConfig) -> tuple[Association, Candidates]:
+def _believed(R: FloatArray) -> FloatArray:
+    """Covariances (k, 2, 2), singular ones with `FINEST` in every direction."""
+    a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
+    least = (a + d) / 2 - np.hypot((a - d) / 2, b)
+    return R + FINEST**2 * (least < FINEST**2)[:, None, None] * np.eye(2)
+
+
+def _association(
+    log: LandmarkLog, config: EkfConfig, own: Association | None
+) -> tuple[Association, Candidates]:
+    if own is not None:
+        return own, Candidates(config.sightings, config.lifetime, config.gate)
     named = log.landmark >= 0
     if config.association == "known" and not named.any() and len(named) > 0:
         raise LogError(

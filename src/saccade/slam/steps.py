@@ -17,18 +17,14 @@ base - taken^T taken + given^T given.
 """
 
 from math import atan2, cos, hypot, sin, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from saccade._jit import kernel
+from saccade.slam.belief import GIVEN, INVARIANT, LANDMARKS, STANDARD, TAKEN, Belief
 from saccade.slam.models import NEAREST
 from saccade.types import FloatArray, IntArray
 
-STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
-"""The filters: how errors are measured."""
-LANDMARKS, TAKEN, GIVEN = 0, 1, 2
-"""Places in `Belief.used`."""
 SINGULAR = 1e-13
 """An innovation variance under this share of the terms that it is the sum of counts as zero."""
 ROUNDING = 1e-9
@@ -36,29 +32,6 @@ ROUNDING = 1e-9
 the rounding of a variance that is none."""
 TINY = 1e-100
 """Square metres or radians; variances under it are zero."""
-
-
-class Belief(NamedTuple):
-    """A Gaussian over the robot, r numbers of which three are its pose, and N landmarks."""
-
-    state: FloatArray
-    """(size,) x, y, theta, other states of the robot, m1x, m1y, ... (C.3); n = r + 2 N in use."""
-    swing: FloatArray
-    """(size,) a."""
-    P: FloatArray
-    """(size, size) of eta (C.4): the robot's r rows, and the base's upper triangle."""
-    own: FloatArray
-    """(size, 3) of eta: xx, xy, yy of landmark after landmark, up to date."""
-    taken: FloatArray
-    """(rank, size)."""
-    given: FloatArray
-    """(rank, size)."""
-    work: FloatArray
-    """(r, size)."""
-    fresh: FloatArray
-    """(1,) heading variance of the last row given if no swing has changed since, else 0."""
-    used: IntArray
-    """(3,) of landmarks, and of rows taken and given."""
 
 
 @kernel()
@@ -355,6 +328,13 @@ def _at(s: FloatArray, z: FloatArray) -> FloatArray:
 
 
 @kernel()
+def is_full(b: Belief) -> bool:
+    """Whether there is no room for another step and another landmark."""
+    full = len(b.taken) - b.used[TAKEN] < 3 or b.used[GIVEN] == len(b.given)
+    return full or b.used[LANDMARKS] == len(b.own)
+
+
+@kernel()
 def replay(
     b: Belief,
     kind: int,
@@ -379,11 +359,13 @@ def replay(
     while at[0] < len(control):
         i = at[0]
         if at[1] < 0:
+            if is_full(b):
+                return
             move(b, kind, control[i], U[i])
             at[1] = edge[i]
         while at[1] < edge[i + 1]:
             k, m = at[1], 3 + 2 * landmark[at[1]]
-            if len(b.taken) - b.used[TAKEN] < 3 or m >= len(b.state):
+            if is_full(b):
                 return
             if landmark[k] == b.used[LANDMARKS]:
                 B = _at(b.state, z[k])
@@ -395,8 +377,6 @@ def replay(
             at[1] += 1
         pose[i], covariance[i] = b.state[:3], pose_covariance(b, kind)
         at[0], at[1] = i + 1, -1
-        if b.used[GIVEN] == len(b.given):
-            return
 
 
 @kernel()
