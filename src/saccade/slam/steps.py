@@ -74,6 +74,13 @@ def _mix(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None
 
 
 @kernel(fastmath=("contract",))
+def _mix_two(row: FloatArray, a: float, one: FloatArray, b: float, other: FloatArray) -> None:
+    """Add a one + b other to row."""
+    for j in range(len(row)):
+        row[j] += a * one[j] + b * other[j]
+
+
+@kernel(fastmath=("contract",))
 def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.7)."""
     r = len(moved)
@@ -159,14 +166,12 @@ def correct(
     S, D, A = weigh(b, m, H, noise)
     V, P, u = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2], b.P, _times(A, v)
     _observed_rows(b, m, D, V)
-    for j in range(n):
-        own = P[j, j] if j < r else b.own[(j - r) // 2, 2 * ((j - r) % 2)]
-        if V[0, j] ** 2 + V[1, j] ** 2 > own * (1 + ROUNDING):
-            V[0, j] = V[1, j] = 0.0
-    for k in range(2):
-        for i in range(r):
-            _mix(P[i, :n], 1.0, -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
-        _add_own(b, V[k, r:], -1.0)
+    for i in range(r):
+        if V[0, i] ** 2 + V[1, i] ** 2 > P[i, i] * (1 + ROUNDING):
+            V[0, i] = V[1, i] = 0.0
+    _take_own(b, V)
+    for i in range(r):
+        _mix_two(P[i, :n], -V[0, i], V[0, :n], -V[1, i], V[1, :n])  # C.13: W S W^T = V^T V
     b.used[TAKEN] += 2
     _retract(b, kind, r, u, V)
     return u[0] ** 2 + u[1] ** 2, S
@@ -220,14 +225,33 @@ def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
         left, right = P[m, m + 1 : n], P[m + 1, m + 1 : n]
         for j in range(n - m - 1):
             v[m + 1 + j] = first * left[j] + second * right[j]
-    for i in range(r):
-        _mix(V[0, :n], 1.0, D[0, i], P[i, :n])
-        _mix(V[1, :n], 1.0, D[1, i], P[i, :n])
+        for i in range(r):
+            _mix(v, 1.0, D[k, i], P[i, :n])
     for sign, rows, used in ((-1.0, b.taken, b.used[TAKEN]), (1.0, b.given, b.used[GIVEN])):
-        for i in range(used):
-            first, second = sign * rows[i, m], sign * rows[i, m + 1]
-            _mix(V[0, r:n], 1.0, D[0, r] * first + D[0, r + 1] * second, rows[i, r:n])
-            _mix(V[1, r:n], 1.0, D[1, r] * first + D[1, r + 1] * second, rows[i, r:n])
+        even = used - used % 2
+        for k in range(2):
+            x, y, v = sign * D[k, r], sign * D[k, r + 1], V[k, r:n]
+            for i in range(0, even, 2):
+                first = x * rows[i, m] + y * rows[i, m + 1]
+                second = x * rows[i + 1, m] + y * rows[i + 1, m + 1]
+                _mix_two(v, first, rows[i, r:n], second, rows[i + 1, r:n])
+            for i in range(even, used):
+                _mix(v, 1.0, x * rows[i, m] + y * rows[i, m + 1], rows[i, r:n])
+
+
+@kernel(fastmath=("contract",))
+def _take_own(b: Belief, V: FloatArray) -> None:
+    """Take V^T V, V (2, n), from the landmarks' own blocks, but no more than is there."""
+    r = len(b.work)
+    for i in range(b.used[LANDMARKS]):
+        j = r + 2 * i
+        if V[0, j] ** 2 + V[1, j] ** 2 > b.own[i, 0] * (1 + ROUNDING):
+            V[0, j] = V[1, j] = 0.0
+        if V[0, j + 1] ** 2 + V[1, j + 1] ** 2 > b.own[i, 2] * (1 + ROUNDING):
+            V[0, j + 1] = V[1, j + 1] = 0.0
+        b.own[i, 0] -= V[0, j] ** 2 + V[1, j] ** 2
+        b.own[i, 1] -= V[0, j] * V[0, j + 1] + V[1, j] * V[1, j + 1]
+        b.own[i, 2] -= V[0, j + 1] ** 2 + V[1, j + 1] ** 2
 
 
 @kernel(fastmath=("contract",))
