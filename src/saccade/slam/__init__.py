@@ -2,6 +2,7 @@
 
 from saccade.slam.association import DROPPED, NEW, Association, KnownIdentity, NearestNeighbor
 from saccade.slam.checkpoint import Checkpoint
+from saccade.slam.compressed import CompressedSlam
 from saccade.slam.consistency import Consistency
 from saccade.slam.ekf import EkfSlam, Innovation
 from saccade.slam.landmarks import Candidates
@@ -31,6 +32,7 @@ __all__ = [
     "Association",
     "Candidates",
     "Checkpoint",
+    "CompressedSlam",
     "Consistency",
     "EkfConfig",
     "EkfSlam",

@@ -139,9 +139,16 @@ class EkfSlam:
         Returns:
             The innovation, its covariance, and its normalized square.
         """
-        at, v, H, noise = self._linearized(z, R, landmark)  # C.14
+        check_landmark(landmark, len(self))
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
-        nis, S = steps.correct(self._belief, self._retraction, at, v, H, noise)  # C.10-C.13
+        if self._fast:
+            v = np.empty(2)
+            nis, S = steps.sight(self._belief, self._retraction, 3 + 2 * landmark, z, R, v)
+        else:
+            at, v, H, noise = self._linearized(z, R, landmark)  # C.14
+            nis, S = steps.correct(self._belief, self._retraction, at, v, H, noise)  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -155,6 +162,9 @@ class EkfSlam:
             R: (2, 2) its covariance.
             landmark: number of the landmark in the map.
         """
+        check_landmark(landmark, len(self))
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
         S, _, root = steps.weigh(self._belief, at, H, noise)  # C.11
         white = root @ v
@@ -317,9 +327,6 @@ class EkfSlam:
         self, z: FloatArray, R: FloatArray, landmark: int
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         """The landmark's row, and the `Linearization` of an observation of it."""
-        check_landmark(landmark, len(self))
-        z = check_vector("observation", z, 2)
-        R = check_covariance("covariance of the observation", R, 2)
         b, r = self._belief, len(self._robot)
         m = r + 2 * landmark
         here = np.append(np.arange(r), [m, m + 1])

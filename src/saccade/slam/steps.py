@@ -321,7 +321,7 @@ def move(b: Belief, kind: int, u: FloatArray, U: FloatArray) -> None:
 
 
 @kernel()
-def _sight(
+def sight(
     b: Belief, kind: int, m: int, z: FloatArray, R: FloatArray, v: FloatArray
 ) -> tuple[float, FloatArray]:
     """`correct` by range and bearing, as `retraction.linearize` has them; v (2,) is filled."""
@@ -397,7 +397,7 @@ def replay(
                 G = np.array([[1.0, 0.0, -z[k, 0] * B[1, 0]], [0.0, 1.0, z[k, 0] * B[0, 0]]])
                 augment(b, xy, G, sandwich(B, R[k], np.zeros((2, 2))))
             elif landmark[k] >= 0:
-                nis[k], S[k] = _sight(b, kind, m, z[k], R[k], v[k])
+                nis[k], S[k] = sight(b, kind, m, z[k], R[k], v[k])
             at[1] += 1
         pose[i], covariance[i] = b.state[:3], pose_covariance(b, kind)
         at[0], at[1] = i + 1, -1
