@@ -74,13 +74,6 @@ def _mix(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None
 
 
 @kernel(fastmath=("contract",))
-def _mix_two(row: FloatArray, a: float, one: FloatArray, b: float, other: FloatArray) -> None:
-    """Add a one + b other to row."""
-    for j in range(len(row)):
-        row[j] += a * one[j] + b * other[j]
-
-
-@kernel(fastmath=("contract",))
 def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.7)."""
     r = len(moved)
@@ -170,8 +163,9 @@ def correct(
         if V[0, i] ** 2 + V[1, i] ** 2 > P[i, i] * (1 + ROUNDING):
             V[0, i] = V[1, i] = 0.0
     _take_own(b, V)
-    for i in range(r):
-        _mix_two(P[i, :n], -V[0, i], V[0, :n], -V[1, i], V[1, :n])  # C.13: W S W^T = V^T V
+    for k in range(2):
+        for i in range(r):
+            _mix(P[i, :n], 1.0, -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
     b.used[TAKEN] += 2
     _retract(b, kind, r, u, V)
     return u[0] ** 2 + u[1] ** 2, S
@@ -228,15 +222,10 @@ def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
         for i in range(r):
             _mix(v, 1.0, D[k, i], P[i, :n])
     for sign, rows, used in ((-1.0, b.taken, b.used[TAKEN]), (1.0, b.given, b.used[GIVEN])):
-        even = used - used % 2
-        for k in range(2):
-            x, y, v = sign * D[k, r], sign * D[k, r + 1], V[k, r:n]
-            for i in range(0, even, 2):
-                first = x * rows[i, m] + y * rows[i, m + 1]
-                second = x * rows[i + 1, m] + y * rows[i + 1, m + 1]
-                _mix_two(v, first, rows[i, r:n], second, rows[i + 1, r:n])
-            for i in range(even, used):
-                _mix(v, 1.0, x * rows[i, m] + y * rows[i, m + 1], rows[i, r:n])
+        for i in range(used):
+            first, second = sign * rows[i, m], sign * rows[i, m + 1]
+            for k in range(2):
+                _mix(V[k, r:n], 1.0, D[k, r] * first + D[k, r + 1] * second, rows[i, r:n])
 
 
 @kernel(fastmath=("contract",))
@@ -330,8 +319,7 @@ def sight(
     if kind != STANDARD:
         B = _at(s, z)
         v[0], v[1] = z[0] * B[0, 0] - dx, z[0] * B[1, 0] - dy
-        H[0, 0] = H[1, 1] = -1.0
-        H[0, 3] = H[1, 4] = 1.0
+        H[0, 0], H[1, 1], H[0, 3], H[1, 4] = -1.0, -1.0, 1.0, 1.0
         H[0, 2], H[1, 2] = dy + a[m] - a[0], a[m + 1] - a[1] - dx  # J (f_p - f_m)
         return correct(b, kind, m, v, H, sandwich(B, R, np.zeros((2, 2))))
     q = hypot(dx, dy)
