@@ -1,27 +1,9 @@
-"""Slow, readable twins of the SLAM kernels, and the textbook filter on dense matrices."""
+"""Slow, readable twins of the SLAM kernels: the textbook filters on dense matrices."""
 
 import numpy as np
+from scipy.linalg import expm
 
-
-def full(upper):
-    """The symmetric matrix whose upper triangle this is."""
-    return np.triu(upper) + np.triu(upper, 1).T
-
-
-def observed_rows(P, m, H, n):
-    """H P of the first n columns, H by the pose and the rows m and m + 1."""
-    wide = np.zeros((2, len(P)))
-    wide[:, :3] = H[:, :3]
-    wide[:, m : m + 2] += H[:, 3:]
-    return (wide @ full(P))[:, :n]
-
-
-def add_product(P, X, Y):
-    """P + X^T Y on the upper triangle of the first n rows and columns."""
-    n = X.shape[1]
-    out = P.copy()
-    out[:n, :n] += np.triu(X.T @ Y)
-    return out
+QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 def numerical_jacobian(f, x, step=1e-6):
@@ -36,8 +18,8 @@ class DenseEkf:
     def __init__(self, pose, covariance):
         self.s, self.P = np.array(pose, float), np.array(covariance, float)
 
-    def predict(self, d, phi, U):
-        x, y, theta = self.s[:3]
+    def predict(self, u, U):
+        (d, phi), (x, y, theta) = u, self.s[:3]
         n = len(self.s)
         c, s = np.cos(theta + phi), np.sin(theta + phi)
         self.s[:3] = x + d * c, y + d * s, theta + phi
@@ -69,6 +51,90 @@ class DenseEkf:
         G[:, :3] = [[1, 0, -r * s], [0, 1, r * c]]
         Gz = np.array([[c, -r * s], [s, r * c]])
         self.s = np.append(self.s, [self.s[0] + r * c, self.s[1] + r * s])
+        top = np.vstack([np.eye(n), G])
+        self.P = top @ self.P @ top.T
+        self.P[n:, n:] += Gz @ R @ Gz.T
+
+
+class DenseInvariantEkf(DenseEkf):
+    """The right-invariant filter: corrected in the errors xi, carried back at the new state."""
+
+    def slope(self):
+        """Of the errors xi by the errors along the axes."""
+        T = np.eye(len(self.s))
+        swing = -(np.delete(self.s, 2).reshape(-1, 2) @ QUARTER_TURN.T).ravel()
+        T[:2, 2], T[3:, 2] = swing[:2], swing[2:]
+        return T
+
+    def update(self, z, R, landmark):
+        T, m = self.slope(), 3 + 2 * landmark
+        r, beta = z[0], self.s[2] + z[1]
+        c, s = np.cos(beta), np.sin(beta)
+        Gz = np.array([[c, -r * s], [s, r * c]])
+        H = np.zeros((2, len(self.s)))
+        H[:, :2], H[:, m : m + 2] = -np.eye(2), np.eye(2)
+        Pi = T @ self.P @ T.T
+        S = H @ Pi @ H.T + Gz @ R @ Gz.T
+        W = Pi @ H.T @ np.linalg.inv(S)
+        xi = W @ (self.s[:2] + r * np.array([c, s]) - self.s[m : m + 2])
+        self.s = self.moved(xi)
+        back = np.linalg.inv(self.slope())
+        self.P = back @ (Pi - W @ S @ W.T) @ back.T
+
+    def moved(self, xi):
+        """Every point by the exponential of xi."""
+        corrected = self.s + xi
+        for i in [0, *range(3, len(self.s), 2)]:
+            generator = np.zeros((3, 3))
+            generator[:2, :2] = xi[2] * QUARTER_TURN
+            generator[:2, 2] = xi[i : i + 2]
+            corrected[i : i + 2] = (expm(generator) @ [*self.s[i : i + 2], 1])[:2]
+        return corrected
+
+
+class DenseFirstEstimatesEkf(DenseEkf):
+    """First-estimates Jacobians: slopes where the landmarks, and the pose moved, were first."""
+
+    def __init__(self, pose, covariance):
+        super().__init__(pose, covariance)
+        self.first = self.s.copy()
+
+    def predict(self, u, U):
+        place = self.s[:2].copy()
+        (d, phi), theta = u, self.s[2]
+        n, c, s = len(self.s), np.cos(theta + phi), np.sin(theta + phi)
+        self.s[:3] = place[0] + d * c, place[1] + d * s, theta + phi
+        F = np.eye(n)
+        F[:2, 2] = QUARTER_TURN @ (self.s[:2] - self.first[:2])
+        G = np.zeros((n, 2))
+        G[:3] = [[c, -d * s], [s, d * c], [0, 1]]
+        self.P = F @ self.P @ F.T + G @ U @ G.T
+        self.first[:3] = self.s[:3]
+
+    def update(self, z, R, landmark):
+        """Of the relative place of the landmark, as Huang, Mourikis & Roumeliotis have it."""
+        m = 3 + 2 * landmark
+        c, s = np.cos(self.s[2]), np.sin(self.s[2])
+        back = np.array([[c, s], [-s, c]])
+        cz, sz = np.cos(z[1]), np.sin(z[1])
+        slope = np.array([[cz, -z[0] * sz], [sz, z[0] * cz]])
+        v = z[0] * slope[:, 0] - back @ (self.s[m : m + 2] - self.s[:2])
+        H = np.zeros((2, len(self.s)))
+        H[:, :2], H[:, m : m + 2] = -back, back
+        H[:, 2] = -back @ QUARTER_TURN @ (self.first[m : m + 2] - self.first[:2])
+        S = H @ self.P @ H.T + slope @ R @ slope.T
+        W = self.P @ H.T @ np.linalg.inv(S)
+        self.s = self.s + W @ v
+        self.P = self.P - W @ S @ W.T
+
+    def augment(self, z, R):
+        n = len(self.s)
+        c, s = np.cos(self.s[2] + z[1]), np.sin(self.s[2] + z[1])
+        new = self.s[:2] + z[0] * np.array([c, s])
+        G = np.zeros((2, n))
+        G[:, :2], G[:, 2] = np.eye(2), QUARTER_TURN @ (new - self.first[:2])
+        Gz = np.array([[c, -z[0] * s], [s, z[0] * c]])
+        self.s, self.first = np.append(self.s, new), np.append(self.first, new)
         top = np.vstack([np.eye(n), G])
         self.P = top @ self.P @ top.T
         self.P[n:, n:] += Gz @ R @ Gz.T

@@ -26,6 +26,7 @@ ALLOWED = {
     "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "slam": FOUNDATION | {"_jit"},
+    "simulation": {"types", "errors", "slam"},
     "datasets": FOUNDATION | {"image"},
     "evaluation": FOUNDATION,
     "exchange": FOUNDATION,

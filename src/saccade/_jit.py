@@ -4,6 +4,7 @@ A kernel and the kernels it calls share one file: the cache on disk cannot see
 a change in another file.
 """
 
+import ctypes
 import logging
 import os
 from collections.abc import Callable, Iterable
@@ -13,6 +14,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import event
+from numba.extending import get_cython_function_address
 
 _logger = logging.getLogger(__name__)
 
@@ -61,6 +63,17 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
             return compiled(cache=False)
 
     return compile_lazily
+
+
+def blas(name: str, *arguments: type) -> Callable[..., None]:
+    """A routine of the BLAS that SciPy brings; unlike SciPy's own, it can change part of a matrix.
+
+    Args:
+        name: of the routine, such as "dsyrk".
+        arguments: the ctypes of its arguments, all of which are pointers.
+    """
+    address = get_cython_function_address("scipy.linalg.cython_blas", name)
+    return cast("Callable[..., None]", ctypes.CFUNCTYPE(None, *arguments)(address))
 
 
 def spread(work: Callable[[slice], None], count: int, block: int, threads: int) -> None:

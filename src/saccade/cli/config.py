@@ -8,7 +8,7 @@ from saccade.cli.options import Preset
 
 
 def config(
-    kind: Annotated[str, typer.Argument(help="contrast, scanpath, sift or slam.")],
+    kind: Annotated[str, typer.Argument(help="contrast, scanpath, sift, slam or world.")],
     preset: Preset = None,
 ) -> None:
     """Print a configuration with its presets as TOML.

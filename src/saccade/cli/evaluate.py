@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from saccade.cli.evaluate_consistency import consistency
 from saccade.cli.evaluate_features import features
 from saccade.cli.options import Json, Preset, Settings
 
@@ -14,6 +15,9 @@ evaluate = typer.Typer(
 )
 evaluate.command(epilog="Example: saccade evaluate features --pairs oxford --detector opencv")(
     features
+)
+evaluate.command(epilog="Example: saccade evaluate consistency --preset loop --runs 20")(
+    consistency
 )
 
 

@@ -13,6 +13,7 @@ KINDS = {
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
     "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
+    "world": ("saccade.simulation", "WorldConfig"),
 }
 """Where the configuration of each kind lives."""
 

@@ -2,6 +2,7 @@
 
 from saccade.slam.association import DROPPED, NEW, Association, KnownIdentity, NearestNeighbor
 from saccade.slam.checkpoint import Checkpoint
+from saccade.slam.compressed import CompressedSlam
 from saccade.slam.consistency import Consistency
 from saccade.slam.ekf import EkfSlam, Innovation
 from saccade.slam.landmarks import Candidates
@@ -17,12 +18,13 @@ from saccade.slam.models import (
     wrap,
 )
 from saccade.slam.recording import Recorder
-from saccade.slam.retraction import INVARIANT, STANDARD
+from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
 from saccade.slam.smoothing import SmoothConfig, SmoothResult, smooth
 
 __all__ = [
     "DROPPED",
+    "FIRST_ESTIMATES",
     "INVARIANT",
     "NEW",
     "RANGE_BEARING",
@@ -30,6 +32,7 @@ __all__ = [
     "Association",
     "Candidates",
     "Checkpoint",
+    "CompressedSlam",
     "Consistency",
     "EkfConfig",
     "EkfSlam",
@@ -38,6 +41,7 @@ __all__ = [
     "Motion",
     "NearestNeighbor",
     "Recorder",
+    "Retraction",
     "Sensor",
     "SlamResult",
     "SmoothConfig",

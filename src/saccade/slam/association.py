@@ -61,6 +61,25 @@ class KnownIdentity:
         self.number[identity] = landmark
 
 
+def number_by_first_sight(identity: IntArray, pose: IntArray) -> IntArray:
+    """What `KnownIdentity` finds in a whole log.
+
+    Args:
+        identity: (k,) of the landmarks, -1 where the log does not say.
+        pose: (k,) from which each was seen, ascending.
+
+    Returns:
+        (k,) number of the landmark in the map, in the order of first sight; `DROPPED` for
+        what has no identity or was seen before from the pose that saw it first.
+    """
+    _, first, which = np.unique(identity, return_index=True, return_inverse=True)
+    again = (pose == pose[first[which]]) & (np.arange(len(pose)) != first[which])
+    named = np.flatnonzero(identity[first] >= 0)
+    number = np.full(len(first), DROPPED, np.int64)
+    number[named[np.argsort(first[named])]] = np.arange(len(named))
+    return np.where(again, DROPPED, number[which])
+
+
 @dataclass(frozen=True)
 class NearestNeighbor:
     """The nearest landmark within a gate, by Mahalanobis distance.

@@ -8,8 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from saccade.errors import require
-from saccade.types import FloatArray
+from saccade.errors import LogError, require
+from saccade.slam.models import wrap
+from saccade.slam.retraction import INVARIANT, Retraction
+from saccade.slam.steps import TINY
+from saccade.types import FloatArray, Trajectory
+
+REGULAR = 1e-6
+"""Smallest eigenvalue of the correlations of a covariance that counts as regular."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,6 +50,45 @@ def normalized_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
     """
     solved = np.linalg.solve(covariance, error[..., None])[..., 0]
     return np.asarray((error * solved).sum(-1))
+
+
+def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -> FloatArray:
+    """NEES of the poses of a trajectory, in the coordinates in which its filter measures errors.
+
+    Args:
+        estimate: (t) poses with covariance.
+        truth: the true poses at the same times.
+        retraction: the filter's; the error of the invariant one is that whose exponential
+            takes the estimate to the truth.
+
+    Returns:
+        (t,) values, chi-square with three degrees if the filter is consistent; NaN where
+        the covariance is singular.
+    """
+    if estimate.covariance is None:
+        raise LogError("estimate: expected a trajectory with covariance, found one without")
+    error, C = truth.pose - estimate.pose, estimate.covariance
+    error[:, 2] = wrap(error[:, 2])
+    if retraction == INVARIANT:  # xi, in the coordinates of the covariance
+        x, y = estimate.pose[:, 0], estimate.pose[:, 1]
+        swing = error[:, 2:] * np.stack([-y, x], 1)
+        error[:, :2] = _shift(estimate.pose, truth.pose[:, :2], error[:, 2]) + swing
+    scale = np.sqrt(np.maximum(C.diagonal(0, 1, 2), TINY))
+    correlation = C / (scale[:, :, None] * scale[:, None, :])
+    regular = np.linalg.eigvalsh(correlation)[:, 0] > REGULAR
+    nees = np.full(len(error), np.nan)
+    nees[regular] = normalized_squared((error / scale)[regular], correlation[regular])
+    return nees
+
+
+def _shift(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
+    """The xi (t, 2) whose exponential, with a turn (t,), takes the pose to xy."""
+    c, s = np.cos(turn), np.sin(turn)
+    x = xy[:, 0] - c * pose[:, 0] + s * pose[:, 1]
+    y = xy[:, 1] - s * pose[:, 0] - c * pose[:, 1]
+    half = turn / 2
+    h = np.cos(half) / np.sinc(half / np.pi)  # half / tan(half)
+    return np.stack([h * x + half * y, h * y - half * x], 1)
 
 
 def chi_square_gate(dof: int, confidence: float) -> float:

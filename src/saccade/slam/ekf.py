@@ -4,30 +4,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade._jit import kernel
 from saccade.errors import LogError
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, drive, wrapped
-from saccade.slam.retraction import STANDARD, Retraction
-from saccade.types import FloatArray
-
-FIRST_CAPACITY = 32
-"""Landmarks for which there is room at first; doubled whenever it runs out."""
-LARGEST = 1e9
-"""Metres or radians; numbers beyond it are no measurements, and their squares may overflow."""
-SINGULAR = 1e-13
-"""An innovation variance under this share of the terms that it is the sum of counts as zero."""
-ROUNDING = 1e-9
-"""No correction can take more than the whole variance; what would by more than this share is
-the rounding of a variance that is none."""
-TINY = 1e-100
-"""Square metres or radians; variances under it are zero."""
+from saccade.slam import steps
+from saccade.slam.belief import (
+    FIRST_CAPACITY,
+    LANDMARKS,
+    dense,
+    flush,
+    grown,
+    landmark_blocks,
+    marginal,
+    new_belief,
+    robot_rows,
+    size_of,
+)
+from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
+from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
+from saccade.slam.retraction import STANDARD, Retraction, linearize
+from saccade.types import FloatArray, IntArray
 
 
 class Innovation(NamedTuple):
     """What an observation said beyond what was expected."""
 
     value: FloatArray
-    """(2,) observed less expected: range and bearing, or map coordinates (see `Retraction`)."""
+    """(2,) observed less expected: range and bearing, or map coordinates (see `retraction`)."""
     covariance: FloatArray
     """(2, 2) S of C.11, before the update."""
     nis: float
@@ -43,19 +44,45 @@ class Expectation(NamedTuple):
     """(n, 2, 2) H P H^T of each, without the noise of an observation."""
 
 
+class Replay(NamedTuple):
+    """What came of a stretch of a log."""
+
+    pose: FloatArray
+    """(t, 3) after each step."""
+    covariance: FloatArray
+    """(t, 3, 3) of the pose."""
+    innovation: FloatArray
+    """(k, 2) as in `Innovation`; here and below NaN where an observation corrected nothing."""
+    innovation_covariance: FloatArray
+    """(k, 2, 2)."""
+    nis: FloatArray
+    """(k,)."""
+
+    @classmethod
+    def empty(cls, t: int, k: int) -> "Replay":
+        """Room for so many steps and observations."""
+        return cls(
+            pose=np.empty((t, 3)),
+            covariance=np.empty((t, 3, 3)),
+            innovation=np.full((k, 2), np.nan),
+            innovation_covariance=np.full((k, 2, 2), np.nan),
+            nis=np.full(k, np.nan),
+        )
+
+
 class EkfSlam:
     """The pose of a robot and the landmarks around it, as one Gaussian.
 
-    The state is s = (x, y, theta, m1x, m1y, ..., mNx, mNy) (C.3); of the
-    covariance P (C.4) the upper triangle is kept, so that it cannot become
-    asymmetric, in one buffer that doubles when it is full.
+    The state is s = (x, y, theta, m1x, m1y, ..., mNx, mNy) (C.3). Its covariance P (C.4)
+    is one buffer that doubles when it is full; see `steps` for how it is kept.
 
     Args:
-        pose: (3,) x, y in metres, heading in radians.
+        pose: (3,) x, y in metres, heading in radians; more numbers, which the motion and
+            the sensor model use as they like, become part of the robot's state.
         covariance: (3, 3) of the pose; zero where the pose defines the frame.
         motion: the motion model; `drive` (C.5-C.9) unless told otherwise.
         sensor: the sensor model; range and bearing (C.14-C.18) unless told otherwise.
-        retraction: how errors are measured; `Standard`, the source's, unless told otherwise.
+        retraction: how errors are measured; `STANDARD`, the source's, unless told otherwise.
 
     Raises:
         LogError: here and in every method, an argument of the wrong shape, one that
@@ -73,13 +100,13 @@ class EkfSlam:
     ) -> None:
         self._motion = motion
         self._sensor = sensor
-        self._retraction = retraction
-        self._count = 0
-        self._s = np.zeros(3 + 2 * FIRST_CAPACITY)
-        self._P = np.zeros((len(self._s), len(self._s)))
-        self._s[:3] = _vector("pose", pose, 3)
-        self._s[2] = wrapped(self._s[2])
-        self._P[:3, :3] = _covariance("covariance of the pose", covariance, 3)
+        self._retraction = int(Retraction(retraction))
+        own = motion in (drive, compose) and type(sensor) is RangeBearing
+        self._fast = own and np.size(pose) == 3
+        robot = check_vector("pose", pose, max(3, np.size(pose)))
+        spread = check_covariance("covariance of the pose", covariance, len(robot))
+        self._belief = new_belief(robot, spread, FIRST_CAPACITY)
+        self._belief.state[2] = wrapped(robot[2])
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
         """Move the robot (C.5-C.9).
@@ -88,14 +115,14 @@ class EkfSlam:
             u: (c,) control of the motion model; (distance, turn) for `drive`.
             U: (c, c) its covariance.
         """
-        u = _vector("control", u)
-        U = _covariance("covariance of the control", U, len(u))
-        n, s, P = self._size, self._s, self._P
-        moved, Fx, Fu = self._motion(s[:3], u)
-        Pxx = Fx @ _symmetric(P[:3, :3]) @ Fx.T + Fu @ U @ Fu.T  # C.7, (3, 3)
-        s[:3] = moved  # C.5
-        P[:3, 3:n] = Fx @ P[:3, 3:n]  # C.7, (3, 2N); Pmm stays
-        P[:3, :3] = (Pxx + Pxx.T) / 2
+        u = check_vector("control", u)
+        U = check_covariance("covariance of the control", U, len(u))
+        self._make_room()
+        if self._fast:
+            steps.move(self._belief, self._retraction, u, U)
+            return
+        moved, Fx, Fu = self._motion(self._robot, u)  # C.5, C.8, C.9
+        steps.predict(self._belief, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
         """Correct the state by an observation of a landmark of the map (C.10-C.14).
@@ -112,28 +139,35 @@ class EkfSlam:
         Returns:
             The innovation, its covariance, and its normalized square.
         """
-        self._check(landmark)
-        z = _vector("observation", z, 2)
-        R = _covariance("covariance of the observation", R, 2)
-        n, s, P, m = self._size, self._s, self._P, 3 + 2 * landmark
-        v, H, noise = self._retraction.linearize(self._sensor, s[:3], s[m : m + 2], z, R)  # C.14
-        HP = np.empty((2, n))
-        _observed_rows(P, m, H, HP)
-        S = HP[:, :3] @ H[:, :3].T + HP[:, m : m + 2] @ H[:, 3:].T + noise  # C.11, (2, 2)
-        sigma = np.sqrt(np.abs(P.diagonal()[[0, 1, 2, m, m + 1]]))
-        size = (np.abs(H) @ sigma) ** 2 + noise.diagonal()
-        A = _whitening(S, size)  # A S A^T = 1, thus S^-1 = A^T A
-        V = A @ HP  # (2, n); the gain of C.12 is W = V^T A, and W S W^T = V^T V
-        V[:, np.square(V).sum(0) > P.diagonal()[:n] * (1 + ROUNDING)] = 0.0
-        white = A @ v
-        s[:n], D = self._retraction.apply(s[:n], white @ V)  # C.10
-        s[2] = wrapped(s[2])
-        if D is None:
-            _add_product(P, -V, V)  # C.13
+        check_landmark(landmark, len(self))
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
+        self._make_room()
+        if self._fast:
+            v = np.empty(2)
+            nis, S = steps.sight(self._belief, self._retraction, 3 + 2 * landmark, z, R, v)
         else:
-            heading = np.concatenate([P[:2, 2], P[2, 2:n]]) - V[:, 2] @ V  # (n,) after C.13
-            a = heading + heading[2] / 2 * D
-            _add_product(P, np.vstack([-V, D, a]), np.vstack([V, a, D]))  # C.13, then transport
+            at, v, H, noise = self._linearized(z, R, landmark)  # C.14
+            nis, S = steps.correct(self._belief, self._retraction, at, v, H, noise)  # C.10-C.13
+        return Innovation(v, S, nis)
+
+    def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
+        """What `update` would find, at a cost that does not grow with the map.
+
+        A robust caller looks here first, and then updates with a covariance R as much
+        larger as the innovation deserves.
+
+        Args:
+            z: (2,) range in metres and bearing in radians.
+            R: (2, 2) its covariance.
+            landmark: number of the landmark in the map.
+        """
+        check_landmark(landmark, len(self))
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
+        at, v, H, noise = self._linearized(z, R, landmark)  # C.14
+        S, _, root = steps.weigh(self._belief, at, H, noise)  # C.11
+        white = root @ v
         return Innovation(v, S, float(white @ white))
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
@@ -146,63 +180,107 @@ class EkfSlam:
         Returns:
             The landmark's number in the map.
         """
-        z = _vector("observation", z, 2)
-        R = _covariance("covariance of the observation", R, 2)
-        n = self._size
-        if n == len(self._s):
-            self._grow()
-        s, P = self._s, self._P
-        s[n : n + 2], Gx, Gz = self._sensor.place(s[:3], z)  # C.15, C.16
-        Pxx = _symmetric(P[:3, :3])
-        P[:3, n : n + 2] = Pxx @ Gx.T  # C.17, (3, 2)
-        P[3:n, n : n + 2] = P[:3, 3:n].T @ Gx.T  # C.17, (2N, 2)
-        Pnn = Gx @ Pxx @ Gx.T + Gz @ R @ Gz.T  # C.17, (2, 2)
-        P[n : n + 2, n : n + 2] = (Pnn + Pnn.T) / 2
-        self._count += 1
-        return self._count - 1
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
+        self._make_room()
+        xy, Gx, Gz = self._sensor.place(self._robot, z)  # C.15, C.16
+        steps.augment(self._belief, xy, Gx, Gz @ R @ Gz.T)  # C.17
+        return len(self) - 1
+
+    def replay(
+        self,
+        control: FloatArray,
+        U: FloatArray,
+        scan: IntArray,
+        z: FloatArray,
+        R: FloatArray,
+        landmark: IntArray,
+    ) -> Replay:
+        """Take t steps with k observations at once, each step a `predict` and what is seen then.
+
+        Where the models are those of this package it is done without leaving compiled code.
+
+        Args:
+            control: (t, c).
+            U: (t, c, c) their covariances.
+            scan: (k,) after which of the controls each observation was made, ascending.
+            z: (k, 2).
+            R: (k, 2, 2) their covariances.
+            landmark: (k,) number in the map; the next free number augments, a negative
+                one leaves the observation out.
+        """
+        t, k = len(control), len(z)
+        check_all("control", control, U)
+        check_all("observation", z, R)
+        edge = np.searchsorted(scan, np.arange(t + 1))
+        free = np.maximum.accumulate(np.append(len(self) - 1, landmark))[:-1] + 1  # (k,)
+        if (landmark > free).any():
+            raise LogError(
+                f"landmark: expected numbers up to {int(free[landmark > free][0])}, "
+                f"found {int(landmark[landmark > free][0])}"
+            )
+        out = Replay.empty(t, k)
+        if not self._fast:
+            self._replay_slowly(control, U, edge, z, R, landmark, out)
+            return out
+        at = np.array([0, -1])
+        while at[0] < t:
+            self._make_room()
+            steps.replay(self._belief, self._retraction, control, U, z, R, landmark, edge, at, *out)
+        return out
 
     def expect(self) -> Expectation:
         """What should be seen of every landmark from here, for the association."""
-        n, N = self._size, self._count
-        z, H = self._sensor.observe(self._s[:3], self._s[3:n].reshape(N, 2))
-        Hx, Hm = H[..., :3], H[..., 3:]  # (N, 2, 3), (N, 2, 2)
-        Pxm = self._P[:3, 3:n].reshape(3, N, 2).transpose(1, 0, 2)  # (N, 3, 2)
+        b, r, N = self._belief, len(self._robot), len(self)
+        z, H = self._sensor.observe(self._robot, self.landmarks)
+        Hx, Hm = H[..., :r], H[..., r:]  # (N, 2, r), (N, 2, 2)
+        rows = robot_rows(b, self._retraction)
+        Pxm = rows[:, r:].reshape(r, N, 2).transpose(1, 0, 2)  # (N, r, 2)
         cross = Hx @ Pxm @ Hm.transpose(0, 2, 1)  # (N, 2, 2)
         own = Hm @ self.landmark_covariances @ Hm.transpose(0, 2, 1)
-        robot = Hx @ _symmetric(self._P[:3, :3]) @ Hx.transpose(0, 2, 1)
+        robot = Hx @ rows[:, :r] @ Hx.transpose(0, 2, 1)
         return Expectation(z, robot + cross + cross.transpose(0, 2, 1) + own)
+
+    def marginal(self, landmarks: IntArray) -> FloatArray:
+        """The joint covariance of the robot and of some landmarks, without looking at the rest.
+
+        Args:
+            landmarks: (k,) their numbers.
+
+        Returns:
+            (3 + 2k, 3 + 2k), in the order given.
+        """
+        return marginal(self._belief, self._retraction, np.asarray(landmarks, np.int64))
 
     @property
     def pose(self) -> FloatArray:
         """(3,) x, y in metres, heading in radians."""
-        return self._s[:3].copy()
+        return self._belief.state[:3].copy()
 
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
-        return _symmetric(self._P[:3, :3])
+        return steps.pose_covariance(self._belief, self._retraction)
 
     @property
     def landmarks(self) -> FloatArray:
         """(N, 2) metres, in the order in which they were augmented."""
-        return self._s[3 : self._size].reshape(-1, 2).copy()
+        return self._belief.state[len(self._robot) : size_of(self._belief)].reshape(-1, 2).copy()
 
     @property
     def landmark_covariances(self) -> FloatArray:
         """(N, 2, 2) square metres."""
-        i = np.arange(3, self._size, 2)
-        rows, columns = np.array([[0, 0], [0, 1]]), np.array([[0, 1], [1, 1]])
-        return np.asarray(self._P[i[:, None, None] + rows, i[:, None, None] + columns])
+        return landmark_blocks(self._belief, self._retraction)
 
     @property
     def state(self) -> FloatArray:
         """(3 + 2N,) the pose, then the landmarks (C.3)."""
-        return self._s[: self._size].copy()
+        return self._belief.state[: size_of(self._belief)].copy()
 
     @property
     def covariance(self) -> FloatArray:
         """(3 + 2N, 3 + 2N) of the whole state (C.4)."""
-        return _symmetric(self._P[: self._size, : self._size])
+        return dense(self._belief, self._retraction)
 
     @property
     def motion(self) -> Motion:
@@ -215,104 +293,52 @@ class EkfSlam:
         return self._sensor
 
     def __len__(self) -> int:
-        return self._count
+        return int(self._belief.used[LANDMARKS])
 
     def __repr__(self) -> str:
-        x, y, theta = self._s[:3]
-        return f"EkfSlam({self._count} landmarks, pose {x:.2f} {y:.2f} m {theta:.3f} rad)"
+        x, y, theta = self.pose
+        return f"EkfSlam({len(self)} landmarks, pose {x:.2f} {y:.2f} m {theta:.3f} rad)"
 
     @property
-    def _size(self) -> int:
-        return 3 + 2 * self._count
+    def _robot(self) -> FloatArray:
+        return self._belief.state[: len(self._belief.work)]
 
-    def _check(self, landmark: int) -> None:
-        if not 0 <= landmark < self._count:
-            raise LogError(
-                f"landmark: expected a number from 0 to {self._count - 1} of a map of "
-                f"{self._count} landmarks, found {landmark}"
-            )
+    def _replay_slowly(
+        self,
+        control: FloatArray,
+        U: FloatArray,
+        edge: IntArray,
+        z: FloatArray,
+        R: FloatArray,
+        landmark: IntArray,
+        out: Replay,
+    ) -> None:
+        for i in range(len(control)):
+            self.predict(control[i], U[i])
+            for k in range(edge[i], edge[i + 1]):
+                if landmark[k] == len(self):
+                    self.augment(z[k], R[k])
+                elif landmark[k] >= 0:
+                    found = self.update(z[k], R[k], int(landmark[k]))
+                    out.innovation[k], out.innovation_covariance[k], out.nis[k] = found
+            out.pose[i], out.covariance[i] = self.pose, self.pose_covariance
 
-    def _grow(self) -> None:
-        n = self._size
-        s, P = self._s, self._P
-        self._s = np.zeros(3 + 2 * (n - 3))
-        self._P = np.zeros((len(self._s), len(self._s)))
-        self._s[:n], self._P[:n, :n] = s, P
+    def _linearized(
+        self, z: FloatArray, R: FloatArray, landmark: int
+    ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+        """The landmark's row, and the `Linearization` of an observation of it."""
+        b, r = self._belief, len(self._robot)
+        m = r + 2 * landmark
+        here = np.append(np.arange(r), [m, m + 1])
+        s, a = b.state[here], b.swing[here]
+        first = s.copy()
+        first[[0, r]] -= a[[1, r + 1]]
+        first[[1, r + 1]] += a[[0, r]]
+        return m, *linearize(self._retraction, self._sensor, s, first, z, R)
 
-
-@kernel()
-def _observed_rows(P: FloatArray, m: int, H: FloatArray, HP: FloatArray) -> None:
-    """Fill HP (2, n) from P's upper triangle; H (2, 5) is by the pose and rows m and m + 1."""
-    n = HP.shape[1]
-    HP[:] = 0.0
-    for k in range(2):
-        for c in range(5):
-            h = H[k, c]
-            row = c if c < 3 else m + c - 3
-            for i in range(row):
-                HP[k, i] += h * P[i, row]
-            for i in range(row, n):
-                HP[k, i] += h * P[row, i]
-
-
-@kernel(fastmath=("contract",))
-def _add_product(P: FloatArray, X: FloatArray, Y: FloatArray) -> None:
-    """Add X^T Y, X and Y (k, n) and k even, to the upper triangle of P's first n rows."""
-    k, n = X.shape
-    for i in range(n):
-        row = P[i, i:n]
-        for m in range(0, k, 2):
-            a, b = X[m, i], X[m + 1, i]
-            first, second = Y[m, i:], Y[m + 1, i:]
-            for j in range(len(row)):
-                row[j] += a * first[j] + b * second[j]
-
-
-def _symmetric(upper: FloatArray) -> FloatArray:
-    full = np.triu(upper)
-    return full + np.triu(full, 1).T
-
-
-def _whitening(S: FloatArray, size: FloatArray) -> FloatArray:
-    """A (2, 2) with A S A^T = 1 on the directions in which S has a variance.
-
-    `size` (2,) is how large S's diagonal could be if nothing canceled in it: what is left
-    of that by rounding is no variance.
-    """
-    try:
-        L = np.linalg.cholesky(S)
-        if (L.diagonal() ** 2 > SINGULAR * size + TINY).all():
-            return np.linalg.inv(L)
-    except np.linalg.LinAlgError:
-        pass
-    scale = 1 / np.sqrt(np.where(size > TINY, size, 1.0))
-    values, vectors = np.linalg.eigh((S + S.T) / 2 * np.outer(scale, scale))
-    root = np.where(values > SINGULAR, 1 / np.sqrt(np.maximum(values, SINGULAR)), 0.0)
-    return np.asarray(root[:, None] * vectors.T * scale)
-
-
-def _vector(name: str, value: FloatArray, size: int | None = None) -> FloatArray:
-    array = np.asarray(value, np.float64)
-    if array.ndim != 1 or (size is not None and len(array) != size):
-        raise LogError(f"{name}: expected {size or 'some'} numbers, found shape {array.shape}")
-    if not (np.abs(array) < LARGEST).all():  # NaN is not under anything
-        raise LogError(f"{name}: expected numbers within {LARGEST:g}, found {array.tolist()}")
-    return array
-
-
-def _covariance(name: str, value: FloatArray, size: int) -> FloatArray:
-    matrix = np.asarray(value, np.float64)
-    if matrix.shape != (size, size):
-        raise LogError(f"{name}: expected shape {(size, size)}, found {matrix.shape}")
-    largest = np.abs(matrix).max()
-    if not largest < LARGEST**2:
-        raise LogError(f"{name}: expected numbers within {LARGEST**2:g}, found {matrix.tolist()}")
-    if (
-        np.abs(matrix - matrix.T).max() > 1e-9 * largest
-        or np.linalg.eigvalsh(matrix)[0] < -1e-9 * largest
-    ):
-        raise LogError(
-            f"{name}: expected a symmetric matrix without negative eigenvalues, "
-            f"found {matrix.tolist()}"
-        )
-    return matrix
+    def _make_room(self) -> None:
+        """For another step and another landmark."""
+        if len(self) == len(self._belief.own):
+            self._belief = grown(self._belief)
+        elif steps.is_full(self._belief):
+            flush(self._belief)

@@ -7,19 +7,29 @@ from typing import Literal
 import numpy as np
 
 from saccade.errors import LogError, require
-from saccade.slam.association import NEW, Association, KnownIdentity, NearestNeighbor
+from saccade.slam.association import (
+    NEW,
+    Association,
+    KnownIdentity,
+    NearestNeighbor,
+    number_by_first_sight,
+)
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.ekf import EkfSlam
+from saccade.slam.ekf import EkfSlam, Replay
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.recording import Recorder
-from saccade.slam.retraction import INVARIANT, STANDARD, Retraction
+from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control that a log may hold."""
-RETRACTIONS: dict[str, Retraction] = {"invariant": INVARIANT, "standard": STANDARD}
+RETRACTIONS: dict[str, Retraction] = {
+    "invariant": INVARIANT,
+    "standard": STANDARD,
+    "first-estimates": FIRST_ESTIMATES,
+}
 """How each kind of filter measures errors."""
 FINEST = 1e-4
 """Metres and radians. What claims to be exact leaves a filter no room for its own linearization
@@ -32,7 +42,7 @@ FARTHEST = 1e9
 class EkfConfig:
     """How a log is filtered."""
 
-    filter: Literal["invariant", "standard"] = "invariant"
+    filter: Literal["invariant", "standard", "first-estimates"] = "invariant"
     """How errors are measured: in SE(2), which stays consistent, or as the source does."""
     association: Literal["auto", "known", "nearest"] = "auto"
     """Whose word is taken for what was seen: the log's, or the nearest landmark's; "auto"
@@ -126,68 +136,130 @@ def run(
             model of its own is not given, or the estimate goes astray; names the pose.
     """
     poses = len(log.time)
-    ekf = _filter(log, config, motion, sensor)
     associate, candidates = _association(log, config, associate)
-    U = log.control_covariance * config.motion_noise_scale**2  # (t, c, c)
-    R = _believed(log.observation_covariance * config.sensor_noise_scale**2)  # (k, 2, 2)
-    scans = np.searchsorted(log.observation_pose, np.arange(poses + 1))
-    pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
-    association = np.empty(len(log.observation), np.int64)
-    nis = np.full(len(log.observation), np.nan)
-    innovation, spread = np.full((len(nis), 2), np.nan), np.full((len(nis), 2, 2), np.nan)
+    going = _Run(
+        log=log,
+        ekf=_filter(log, config, motion, sensor),
+        associate=associate,
+        candidates=candidates,
+        U=log.control_covariance * config.motion_noise_scale**2,
+        R=_believed(log.observation_covariance * config.sensor_noise_scale**2),
+        scans=np.searchsorted(log.observation_pose, np.arange(poses + 1)),
+        said=Replay.empty(poses, len(log.observation)),
+        association=np.empty(len(log.observation), np.int64),
+    )
     state = {
-        "ekf": ekf,
+        "ekf": going.ekf,
         "associate": associate,
         "candidates": candidates,
-        "pose": pose,
-        "covariance": covariance,
-        "association": association,
-        "nis": nis,
-        "innovation": innovation,
-        "spread": spread,
+        "association": going.association,
         "recorder": recorder,
+        **going.said._asdict(),
     }
+    known = type(associate) is KnownIdentity and not associate.number
     models = (config, motion, sensor, associate)
     done = 0 if checkpoint is None else checkpoint.resume(log, models, state)
+    hundredth = poses // 100 + 1
+    stretch = hundredth if known and recorder is None else 1
 
-    for step in range(done, poses):
-        if step > 0:
-            ekf.predict(log.control[step - 1], U[step - 1])  # C.5-C.9
-        scan = np.arange(scans[step], scans[step + 1])
-        if len(scan) > 0:
-            found = associate(ekf, log.observation[scan], R[scan], log.landmark[scan])
-            for k, landmark in zip(scan[found >= 0], found[found >= 0].tolist(), strict=True):
-                innovation[k], spread[k], nis[k] = ekf.update(
-                    log.observation[k], R[k], landmark
-                )  # C.10-C.14
-            new = scan[found == NEW]
-            confirmed = candidates.confirm(ekf, log.observation[new], R[new], log.time[step])
-            association[scan] = np.maximum(found, -1)
-            for k in new[confirmed]:
-                association[k] = ekf.augment(log.observation[k], R[k])  # C.15-C.18
-                associate.added(int(association[k]), int(log.landmark[k]))
-        pose[step], covariance[step] = ekf.pose, ekf.pose_covariance
-        if not np.abs(pose[step]).max() < FARTHEST:
-            raise LogError(
-                f"pose {step}: expected an estimate on this planet, found that it has gone "
-                "astray; observations or controls contradict the deviations they are said to have"
-            )
+    for start in range(done, poses, stretch):
+        end = min(start + stretch, poses)
+        if known:
+            going.replay(start, end)
+        else:
+            going.step(start)
+        going.check(start, end)
         if recorder is not None:
-            recorder.add(step, poses, ekf, association[scan])
+            recorder.add(start, poses, going.ekf, going.association[going.scan(start, end)])
         if checkpoint is not None:
-            checkpoint.keep(step + 1, state)
-        if progress is not None and (step % (poses // 100 + 1) == 0 or step == poses - 1):
-            progress(step + 1, poses)
+            checkpoint.keep(end, state)
+        if progress is not None and (start % hundredth == 0 or end == poses):
+            progress(end, poses)
 
+    pose, covariance, innovation, spread, nis = going.said
     return SlamResult(
         trajectory=Trajectory(log.time, pose, covariance),
-        map=_landmark_map(ekf, log, association),
+        map=_landmark_map(going.ekf, log, going.association),
         consistency=summarize(nis),
-        association=association,
+        association=going.association,
         innovation=innovation,
         innovation_covariance=spread,
         dead_reckoning=dead_reckon(log, config, motion),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A filter on its way through a log, and what it has said so far."""
+
+    log: LandmarkLog
+    ekf: EkfSlam
+    associate: Association
+    candidates: Candidates
+    U: FloatArray
+    """(t, c, c)."""
+    R: FloatArray
+    """(k, 2, 2)."""
+    scans: IntArray
+    """(t + 2,) observations scans[i] to scans[i + 1] are made from pose i."""
+    said: Replay
+    association: IntArray
+    """(k,)."""
+
+    def scan(self, start: int, end: int) -> slice:
+        """The observations made from poses."""
+        return slice(int(self.scans[start]), int(self.scans[end]))
+
+    def step(self, step: int) -> None:
+        """Go to the next pose, and see what is to be seen there."""
+        log, ekf, said = self.log, self.ekf, self.said
+        if step > 0:
+            ekf.predict(log.control[step - 1], self.U[step - 1])  # C.5-C.9
+        scan = np.arange(self.scans[step], self.scans[step + 1])
+        if len(scan) > 0:
+            z, R = log.observation, self.R
+            found = self.associate(ekf, z[scan], R[scan], log.landmark[scan])
+            for k, landmark in zip(scan[found >= 0], found[found >= 0].tolist(), strict=True):
+                what = ekf.update(z[k], R[k], landmark)  # C.10-C.14
+                said.innovation[k], said.innovation_covariance[k], said.nis[k] = what
+            new = scan[found == NEW]
+            confirmed = self.candidates.confirm(ekf, z[new], R[new], log.time[step])
+            self.association[scan] = np.maximum(found, -1)
+            for k in new[confirmed]:
+                self.association[k] = ekf.augment(z[k], R[k])  # C.15-C.18
+                self.associate.added(int(self.association[k]), int(log.landmark[k]))
+        said.pose[step], said.covariance[step] = ekf.pose, ekf.pose_covariance
+
+    def replay(self, start: int, end: int) -> None:
+        """Go to many poses at once, where it is known beforehand what is seen."""
+        if start == 0:
+            self.step(0)
+            which = number_by_first_sight(self.log.landmark, self.log.observation_pose)
+            self.association[:] = np.maximum(which, -1)
+            start = 1
+        log, seen = self.log, self.scan(start, end)
+        went = self.ekf.replay(
+            log.control[start - 1 : end - 1],
+            self.U[start - 1 : end - 1],
+            log.observation_pose[seen] - start,
+            log.observation[seen],
+            self.R[seen],
+            self.association[seen],
+        )
+        said = self.said
+        said.pose[start:end], said.covariance[start:end] = went.pose, went.covariance
+        said.innovation[seen], said.innovation_covariance[seen] = went[2:4]
+        said.nis[seen] = went.nis
+
+    def check(self, start: int, end: int) -> None:
+        """Raise for the first of some poses that is nowhere."""
+        astray = ~(np.abs(self.said.pose[start:end]).max(1) < FARTHEST)
+        if astray.any():
+            raise LogError(
+                f"pose {start + int(astray.argmax())}: expected an estimate on this planet, found "
+                "that it has gone astray; observations or controls contradict the deviations "
+                "they are said to have"
+            )
 
 
 def dead_reckon(
@@ -195,13 +267,13 @@ def dead_reckon(
 ) -> Trajectory:
     """Where the controls alone lead, with the covariance that grows on the way."""
     ekf = _filter(log, config, motion, RANGE_BEARING)
+    start, spread = ekf.pose[None], ekf.pose_covariance[None]
     U = log.control_covariance * config.motion_noise_scale**2
-    pose, covariance = np.empty((len(log.time), 3)), np.empty((len(log.time), 3, 3))
-    pose[0], covariance[0] = ekf.pose, ekf.pose_covariance
-    for step, control in enumerate(log.control):
-        ekf.predict(control, U[step])
-        pose[step + 1], covariance[step + 1] = ekf.pose, ekf.pose_covariance
-    return Trajectory(log.time, pose, covariance)
+    nothing = np.empty(0, np.int64)
+    way = ekf.replay(log.control, U, nothing, np.empty((0, 2)), np.empty((0, 2, 2)), nothing)
+    return Trajectory(
+        log.time, np.concatenate([start, way.pose]), np.concatenate([spread, way.covariance])
+    )
 
 
 def motion_of(log: LandmarkLog, own: Motion | None) -> Motion:

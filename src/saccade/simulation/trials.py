@@ -1,0 +1,62 @@
+"""A filter let loose on the same world many times: whether its errors are as large as it says."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from saccade.simulation.world import WorldConfig, simulate_world
+from saccade.slam import EkfConfig, run
+from saccade.slam.consistency import chi_square_band, pose_nees
+from saccade.slam.run import RETRACTIONS
+from saccade.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trials:
+    """Errors of several runs, at every pose."""
+
+    nees: FloatArray
+    """(runs, t) normalized squared error of the pose, in the filter's own coordinates; three is
+    right. NaN where the pose is still exact."""
+    squared_error: FloatArray
+    """(runs, t) of the position, in square metres."""
+
+    @property
+    def anees(self) -> float:
+        """Mean over poses and runs."""
+        return float(np.nanmean(self.nees))
+
+    @property
+    def median(self) -> float:
+        """Over the runs, of each one's mean over the poses."""
+        return float(np.median(np.nanmean(self.nees, 1)))
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Where the mean over the runs lies at any one pose, with 95 % probability."""
+        return chi_square_band(3, len(self.nees))
+
+    @property
+    def in_band(self) -> float:
+        """Share of the poses at which it does."""
+        mean = self.nees[:, np.isfinite(self.nees).all(0)].mean(0)
+        low, high = self.band
+        return float(((mean >= low) & (mean <= high)).mean())
+
+    @property
+    def rmse(self) -> float:
+        """Of the position, in metres."""
+        return float(np.sqrt(self.squared_error.mean()))
+
+
+def run_trials(
+    world: WorldConfig, config: EkfConfig, runs: int, seed: int = 0
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """NEES (t,) and squared position error (t,) of run after run, each with other noise."""
+    for number in range(runs):
+        log = simulate_world(world, seed + number)
+        estimate = run(log, config).trajectory
+        assert log.truth is not None
+        error = (estimate.pose - log.truth.pose)[:, :2]
+        yield pose_nees(estimate, log.truth, RETRACTIONS[config.filter]), np.square(error).sum(1)
