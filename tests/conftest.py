@@ -1,11 +1,15 @@
 """Where the tests find their data."""
 
 import os
+import sys
 from pathlib import Path
 
+import cv2
 import hypothesis
 import numpy as np
 import pytest
+
+from saccade.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
@@ -51,3 +55,23 @@ def shared():
 @pytest.fixture
 def rng():
     return np.random.default_rng(20261121)
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run `saccade` in an empty folder; gives the exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["saccade", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+def looks_like_a_picture(path):
+    picture = cv2.imread(str(path))
+    return picture is not None and min(picture.shape[:2]) > 200 and picture.std() > 10

@@ -12,11 +12,12 @@ import pytest
 import saccade
 
 SOURCE = Path(saccade.__file__).parent
-FOUNDATION = {"types", "errors", "files"}
+FOUNDATION = {"types", "errors", "files", "extras"}
 ALLOWED = {
     "errors": set(),
     "types": {"errors"},
     "files": {"errors"},
+    "extras": {"errors"},
     "_jit": {"errors"},
     "image": {"types", "errors"},
     "video": FOUNDATION | {"image"},
@@ -24,9 +25,10 @@ ALLOWED = {
     "scale_space": {"types", "errors", "_jit"},
     "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
     "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space"},
-    "slam": {"types", "errors", "_jit"},
+    "slam": FOUNDATION | {"_jit"},
     "datasets": FOUNDATION | {"image"},
     "evaluation": FOUNDATION,
+    "exchange": FOUNDATION,
     "viewing": FOUNDATION,
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""

@@ -1,6 +1,5 @@
 """The commands as a person runs them: what they print, write and return."""
 
-import csv
 import json
 import subprocess
 import sys
@@ -12,35 +11,14 @@ import cv2
 import numpy as np
 import PIL.Image
 import pytest
-from evo.tools import file_interface
 
-from saccade.cli import main
+from conftest import looks_like_a_picture
 from saccade.cli.output import names_for, print_json
 
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
-COMMANDS = ("look", "detect", "match", "slam", "demo", "config")
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run `saccade` in an empty folder; gives the exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["saccade", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
-
-
-def looks_like_a_picture(path):
-    picture = cv2.imread(str(path))
-    return picture is not None and min(picture.shape[:2]) > 200 and picture.std() > 10
+COMMANDS = ("look", "detect", "match", "slam", "convert", "demo", "config")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -80,45 +58,6 @@ def test_look_prints_a_table_for_people(run):
     assert code == 0
     assert "saccade-look/rocket.look.png" in out.replace("\n", "")
     assert out.count("\n") < 15
-
-
-def test_detect(run, tmp_path):
-    code, out, _ = run("detect", *HALLWAY, "--max", 50, "--json")
-    assert code == 0
-    rows = json.loads(out)["images"]
-    assert [row["points"] for row in rows] == [50, 50]
-    assert all(looks_like_a_picture(row["picture"]) for row in rows)
-    with np.load(tmp_path / rows[0]["arrays"], allow_pickle=False) as arrays:
-        assert arrays["xy"].shape == (50, 2)
-        assert arrays["descriptors"].shape == (50, 128)
-
-
-def test_match_agrees_with_the_epipolar_geometry(run):
-    code, out, _ = run("match", *HALLWAY, "--json")
-    assert code == 0
-    row = json.loads(out)
-    assert looks_like_a_picture(row["picture"])
-    with Path(row["table"]).open() as table:
-        places = np.array([[float(p[k]) for k in ("x1", "y1", "x2", "y2")]
-                           for p in csv.DictReader(table)])  # fmt: skip
-    assert len(places) == row["matches"] > 30
-    _, inlier = cv2.findFundamentalMat(places[:, :2], places[:, 2:], cv2.USAC_MAGSAC, 1.5, 0.999)
-    assert inlier.mean() > 0.6
-
-
-def test_slam(run, tmp_path):
-    code, out, _ = run("slam", DATA / "victoria_park.txt", "--json")
-    assert code == 0
-    row = json.loads(out)
-    assert row["landmarks"] == 151
-    assert looks_like_a_picture(row["files"]["picture"])
-    trajectory = file_interface.read_tum_trajectory_file(row["files"]["trajectory"])
-    assert trajectory.num_poses == row["poses"] == 6969
-    assert json.loads((tmp_path / "saccade-slam" / "run.json").read_text()) == row
-    with Path(row["files"]["landmarks"]).open() as table:
-        landmarks = list(csv.DictReader(table))
-    assert len(landmarks) == 151
-    assert {"id", "x", "y", "cov_xx", "cov_xy", "cov_yy"} <= set(landmarks[0])
 
 
 def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path):

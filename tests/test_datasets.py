@@ -93,8 +93,8 @@ def test_dialect_is_found_out_from_the_lines(tmp_path):
     ("text", "message"),
     [
         ("", "found none"),
-        ("LANDMARK 0 1 2 3 1 0 1\n", "expected ODOMETRY or EDGE2 lines"),
-        (ISAM + "GPS 1 2 3\n", "line 8: expected ODOMETRY, EDGE2, LANDMARK or VERTEX2.*'GPS'"),
+        ("LANDMARK 0 1 2 3 1 0 1\n", "expected lines of EDGE_SE2, EDGE2, ODOMETRY, found none"),
+        (ISAM + "GPS 1 2 3\n", "line 8: expected EDGE_SE2, EDGE2, ODOMETRY, .*'GPS'"),
         (ISAM[: ISAM.index(" 0.1 0.4")], "line 2: expected 8 fields in a line of LANDMARK"),
         (ISAM.replace("-1 0 0.5", "-1 x 0.5"), "line 7: expected a finite number .*'x'"),
         (ISAM.replace("-1 0 0.5", "nan 0 0.5"), "line 7: expected a finite number .*'nan'"),

@@ -6,15 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles_keypoints as oracles
-from saccade.keypoints.descriptor import (
-    Frames,
-    describe_frames,
+from saccade.keypoints.descriptor import Frames, describe_frames, orientations, room_for
+from saccade.keypoints.gradients import (
     fill_descriptors,
     fill_orientation_bins,
     gather_gradients,
-    orientations,
     quantize,
-    room_for,
     weigh_gradients,
 )
 

@@ -167,7 +167,7 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
     words = ["evaluate", "features", "--pairs", scene, "--detector"]
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     for name, expected in (
-        ("colmap", "pip install pycolmap"),
+        ("colmap", "needs pycolmap"),
         ("surf", "found 'surf'"),
         ("nowhere:detect", "No module named 'nowhere'"),
         (f"{__name__}:SHIFT", "expected a callable"),

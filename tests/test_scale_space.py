@@ -7,6 +7,7 @@ from saccade.scale_space import (
     blurred,
     difference_of_gaussians,
     double,
+    gaussian_kernel,
     gaussian_scale_space,
 )
 
@@ -116,3 +117,43 @@ def test_memory_is_used_again():
     assert np.shares_memory(large, workspace.array("a", 0, (2, 3)))
     assert not np.shares_memory(large, workspace.array("a", 1, (2, 3)))
     assert workspace.array("a", 0, (9, 9)).shape == (9, 9)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.59, 0.79, 0.81, 1.3, 2.6])
+@pytest.mark.parametrize("radius", [3.0, 4.0])
+def test_a_corrected_kernel_has_the_variance_of_the_gaussian(sigma, radius):
+    kernel = gaussian_kernel(sigma, radius, corrected=True)
+    taps = np.arange(len(kernel)) - len(kernel) // 2
+    np.testing.assert_allclose(kernel.sum(), 1, rtol=1e-6)
+    np.testing.assert_allclose(kernel @ taps**2, sigma**2, rtol=1e-5)
+
+
+def test_a_kernel_cut_too_short_for_its_variance_is_still_a_gaussian():
+    kernel = gaussian_kernel(2.0, 1.0, corrected=True)
+    np.testing.assert_allclose(kernel[:-1] / kernel[1:], np.exp((5 - 2 * np.arange(1, 5)) / -8))
+
+
+@pytest.mark.parametrize("first_octave", [-1, 0])
+def test_half_as_many_samples_of_a_blob(first_octave):
+    x, y, sigma = 80.3, 71.8, 5.0
+    image = blob((151, 172), x, y, sigma)
+    space = gaussian_scale_space(
+        image, first_octave=first_octave, density=0.5, base_sigma=1.7, kernel_radius=3.0
+    )
+    for octave, origin, spacing in zip(
+        space.octaves[:2], space.origin, space.spacing, strict=False
+    ):
+        row, column = np.indices(octave.shape[1:])
+        px, py = origin[0] + column * spacing, origin[1] + row * spacing
+        for i, plane in enumerate(octave):
+            variance = sigma**2 + (1.7 * 2 ** (i / 3) * spacing / 2) ** 2 - 0.5**2
+            expected = np.exp(-((px - x) ** 2 + (py - y) ** 2) / (2 * variance))
+            np.testing.assert_allclose(plane, sigma**2 / variance * expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_change_no_bit(rng, threads):
+    plane = rng.random((300, 211), np.float32)
+    for sigma in (0.6, 1.5, 2.4):
+        alone = blurred(plane, sigma, 3.0)
+        np.testing.assert_array_equal(blurred(plane, sigma, 3.0, threads=threads), alone)

@@ -1,25 +1,33 @@
 """Pictures hold what they are said to hold, and pages show every word as a word."""
 
+import subprocess
+import sys
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from scipy.stats import chi2
 
-from saccade.errors import OutputError
-from saccade.types import Keypoints, LandmarkMap, Scanpath, Trajectory
+from saccade.errors import ConfigError, OutputError
+from saccade.types import Keypoints, LandmarkMap, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing import (
     Picture,
     Section,
     attention_figure,
     html_page,
+    innovation_figure,
     keypoint_figure,
     map_figure,
+    map_frames,
     match_figure,
     save_figure,
 )
 from saccade.viewing.attention import lit_by
+from saccade.viewing.live import LiveMap, save_rrd
+from saccade.viewing.style import BLUE, ORANGE, RED
 
 IMAGE = np.random.default_rng(1).random((60, 90, 3), np.float32)
 SCANPATH = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.1, 0.2]), np.ones(2))
@@ -77,6 +85,16 @@ def test_a_line_leads_from_each_keypoint_to_its_circle():
         assert np.arctan2(*along[::-1]) == pytest.approx(KEYPOINTS.angle[k], abs=1e-6)
 
 
+def test_inliers_lie_above_other_matches():
+    pairs = np.array([[0, 0], [1, 1], [0, 1]])
+    inliers = np.array([True, False, True])
+    figure = match_figure((IMAGE, IMAGE), (KEYPOINTS, KEYPOINTS), pairs, inliers)
+    lines = [each.get_edgecolor() for each in figure.artists]
+    assert len(set(lines)) == 2
+    assert lines[0] != lines[1] == lines[2]
+    assert figure.axes[0].get_title() == "2 interest points, 3 matched, 2 inliers"
+
+
 def test_matches_are_joined():
     pairs = np.array([[0, 1], [1, 0]])
     figure = match_figure((IMAGE, IMAGE), (KEYPOINTS, KEYPOINTS), pairs)
@@ -91,10 +109,124 @@ def test_ellipses_have_the_axes_of_the_covariance():
     covariance = tilt @ np.diag([4.0, 1.0]) @ tilt.T
     drive = Trajectory(np.arange(2.0), np.zeros((2, 3)))
     landmarks = LandmarkMap(np.array([7]), np.array([[1.0, 2.0]]), covariance[None])
-    (ellipses,) = ellipses_of(map_figure(drive, landmarks))
-    assert ellipses.get_widths()[0] == pytest.approx(12)
-    assert ellipses.get_heights()[0] == pytest.approx(6)
-    assert np.degrees(0.5) == pytest.approx(ellipses.get_angles()[0] % 180)
+    (axes,) = map_figure(drive, landmarks).axes
+    (ellipses,) = [each for each in axes.collections if isinstance(each, PolyCollection)]
+    corners = (ellipses.get_paths()[0].vertices - np.array([1.0, 2.0])) @ tilt
+    np.testing.assert_allclose((corners**2 / [36, 9]).sum(1), 1)
+    np.testing.assert_allclose(np.abs(corners).max(0), [6, 3], rtol=1e-3)
+
+
+def _growing_map():
+    """A robot that drives to the right below two landmarks; the second is seen at the end."""
+    place = np.array([[0.0, 4.0], [10.0, 4.0]])
+    return [
+        MapSnapshot(
+            step=step,
+            path=np.array([[x, 0.0, 0.0] for x in range(step - 4, step + 1)], float),
+            covariance=np.diag([0.01, 0.01, 0.01]),
+            landmarks=place[:n],
+            landmark_covariance=np.tile(np.eye(2) * 0.04, (n, 1, 1)),
+            seen=np.arange(n),
+        )
+        for step, n in ((4, 1), (9, 2))
+    ]
+
+
+def test_a_film_shows_what_is_known_so_far():
+    frames = list(map_frames(_growing_map(), np.arange(10.0)))
+    first, last = frames[0], frames[1]
+    assert first.shape == (720, 1280, 3)
+    assert len(frames) > 2
+    assert all((frame == last).all() for frame in frames[2:])
+    columns = {}
+    for name, color in (("drive", BLUE), ("landmark", ORANGE), ("robot", RED)):
+        value = 255 * np.array(to_rgb(color))
+        for frame in (first, last):
+            near = (np.abs(frame[80:] - value) < 12).all(2).nonzero()[1]  # below the legend
+            columns.setdefault(name, []).append((near.min(), near.max()))
+    assert columns["drive"][0][1] < columns["drive"][1][1]
+    assert columns["robot"][0][1] < columns["robot"][1][0]
+    assert columns["landmark"][0][1] < columns["landmark"][1][1]
+
+
+def test_a_drive_without_snapshots_has_no_frames():
+    assert list(map_frames([], np.zeros(0))) == []
+
+
+def test_innovations_are_drawn_against_their_band(rng):
+    time, nis = np.arange(400.0), rng.chisquare(2, 400)
+    nis[:7] = np.nan
+    drive = Trajectory(time, np.zeros((400, 3)), np.tile(np.diag([4.0, 1.0, 0.25]), (400, 1, 1)))
+    over_time, spread, place, heading = innovation_figure(time, nis, 2, 20, (1.4, 2.7), drive).axes
+    dots, mean = over_time.lines
+    assert len(dots.get_xdata()) == 393
+    np.testing.assert_allclose(mean.get_ydata()[-1], nis[-20:].mean())
+    assert spread.lines[0].get_ydata()[-1] == pytest.approx(chi2.pdf(12, 2))
+    assert place.lines[0].get_ydata()[0] == pytest.approx(6)
+    assert heading.lines[0].get_ydata()[0] == pytest.approx(np.degrees(1.5))
+
+
+def test_the_viewer_has_all_that_happens(tmp_path):
+    pytest.importorskip("rerun")
+    snapshots = _growing_map()
+    path = save_rrd(
+        tmp_path / "map.rrd",
+        "a drive",
+        snapshots,
+        np.arange(10.0),
+        Trajectory(np.arange(10.0), np.zeros((10, 3))),
+    )
+    found = _entities(path)
+    for entity in ("drive", "odometry", "in_sight", "landmarks", "robot", "landmarks/sigma"):
+        assert f"/map/{entity}" in found
+
+
+def _entities(path):
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    return done.stdout
+
+
+def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
+    rerun = pytest.importorskip("rerun")
+    path = tmp_path / "live.rrd"
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda self: self.save(path))
+    told = []
+    monkeypatch.setattr(
+        rerun.RecordingStream, "set_time", lambda self, line, **at: told.append((line, at))
+    )
+    snapshots = _growing_map()
+    show = LiveMap("a drive", np.arange(10.0), Trajectory(np.arange(10.0), np.zeros((10, 3))))
+    show(snapshots[:1])
+    show(snapshots)
+    assert [at["sequence"] for line, at in told if line == "pose"] == [4, 9]
+    del show
+    assert "/map/drive" in _entities(path)
+
+
+def test_a_viewer_that_does_not_start_is_one_line(monkeypatch):
+    rerun = pytest.importorskip("rerun")
+
+    def spawn(stream):
+        raise RuntimeError("no display\nand much advice")
+
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
+    with pytest.raises(ConfigError, match=r"cannot be started: no display$"):
+        LiveMap("a drive", np.zeros(1), Trajectory(np.zeros(1), np.zeros((1, 3))))
+
+
+def test_a_missing_viewer_is_named(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    still = Trajectory(np.zeros(1), np.zeros((1, 3)))
+    with pytest.raises(ConfigError, match=r"pip install 'saccade\[live\]'"):
+        save_rrd(tmp_path / "map.rrd", "a drive", [], np.zeros(1), still)
+    with pytest.raises(ConfigError, match=r"pip install 'saccade\[live\]'"):
+        LiveMap("a drive", np.zeros(1), still)
 
 
 def test_an_empty_result_can_still_be_drawn(tmp_path):
@@ -106,7 +238,8 @@ def test_an_empty_result_can_still_be_drawn(tmp_path):
         attention_figure(IMAGE, {"saliency": IMAGE[:, :, 0]}, nowhere),
         keypoint_figure(IMAGE, nothing),
         match_figure((IMAGE, IMAGE), (nothing, nothing), np.zeros((0, 2), np.int64)),
-        map_figure(still, empty_map, still, still),
+        map_figure(still, empty_map, still, still, empty_map, still),
+        innovation_figure(np.zeros(0), np.zeros(0), 2, 5, (1.0, 3.0), still),
     ]
     for number, figure in enumerate(figures):
         assert save_figure(figure, tmp_path / f"{number}.png").stat().st_size > 1000

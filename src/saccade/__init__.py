@@ -8,17 +8,25 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from saccade import datasets, slam, viewing
+    from saccade import datasets, exchange, slam, viewing
     from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
     from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
     from saccade.attention.scanpath import ScanpathConfig, scanpath
     from saccade.attention.symmetric_pairs import symmetric_pairs
     from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
-    from saccade.errors import ConfigError, ImageError, LogError, OutputError, SaccadeError
+    from saccade.errors import (
+        ConfigError,
+        ImageError,
+        KeypointsError,
+        LogError,
+        OutputError,
+        SaccadeError,
+    )
     from saccade.image import read_image
     from saccade.keypoints.matching import match
     from saccade.keypoints.sift import Sift
     from saccade.keypoints.sift_config import SiftConfig
+    from saccade.keypoints.verification import Verification, verify
     from saccade.types import (
         Keypoints,
         LandmarkLog,
@@ -35,13 +43,21 @@ _HOMES = {
     "saccade.attention.combined": ("AttentionConfig", "AttentionMaps", "attention_saliency"),
     "saccade.attention.contrast": ("ContrastConfig", "ContrastMaps", "contrast_saliency"),
     "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
+    "saccade.errors": (
+        "ConfigError",
+        "ImageError",
+        "KeypointsError",
+        "LogError",
+        "OutputError",
+        "SaccadeError",
+    ),
     "saccade.attention.symmetric_pairs": ("symmetric_pairs",),
     "saccade.attention.symmetry": ("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
-    "saccade.errors": ("ConfigError", "ImageError", "LogError", "OutputError", "SaccadeError"),
     "saccade.image": ("read_image",),
     "saccade.keypoints.matching": ("match",),
     "saccade.keypoints.sift": ("Sift",),
     "saccade.keypoints.sift_config": ("SiftConfig",),
+    "saccade.keypoints.verification": ("Verification", "verify"),
     "saccade.types": (
         "Keypoints",
         "LandmarkLog",
@@ -53,7 +69,7 @@ _HOMES = {
     ),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "slam", "viewing")
+_ROOMS = ("datasets", "exchange", "slam", "viewing")
 
 __all__ = [
     "AttentionConfig",
@@ -63,6 +79,7 @@ __all__ = [
     "ContrastMaps",
     "ImageError",
     "Keypoints",
+    "KeypointsError",
     "LandmarkLog",
     "LandmarkMap",
     "LogError",
@@ -77,15 +94,18 @@ __all__ = [
     "SymmetryConfig",
     "SymmetryMaps",
     "Trajectory",
+    "Verification",
     "attention_saliency",
     "contrast_saliency",
     "datasets",
+    "exchange",
     "match",
     "read_image",
     "scanpath",
     "slam",
     "symmetric_pairs",
     "symmetry_saliency",
+    "verify",
     "viewing",
 ]
 

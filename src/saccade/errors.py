@@ -13,6 +13,10 @@ class ImageError(SaccadeError, ValueError):
     """Not an image, or one that the algorithm cannot use."""
 
 
+class KeypointsError(SaccadeError, ValueError):
+    """Interest points that cannot be used, or a file that does not hold them."""
+
+
 class LogError(SaccadeError, ValueError):
     """A landmark log that is broken, or is not of the format it was said to be."""
 

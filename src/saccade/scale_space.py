@@ -1,20 +1,25 @@
 """Images at many scales, shared by attention and interest points."""
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from math import log2, prod, sqrt
 from typing import Literal
 
 import cv2
 import numpy as np
+from scipy.optimize import brentq
 
 from saccade._jit import spread
-from saccade.types import Float32Array, FloatArray
+from saccade.types import Float32Array, FloatArray, IntArray
 
 SMALLEST_SIDE = 8
 """Samples: an octave narrower than this shows its reflected borders, not the image."""
 
-ROWS_AT_ONCE = 64
+NARROW = 0.8
+"""Samples: a Gaussian of a smaller sigma is not well described by its samples."""
+
+ROWS_AT_ONCE = 192
 """That a thread subtracts at a time: they stay in the cache from one plane to the next."""
 
 Grid = Literal["centered", "shifted"]
@@ -63,20 +68,24 @@ def gaussian_scale_space(
     octaves: int = 0,
     intervals: int = 3,
     base_sigma: float = 1.6,
+    density: float = 1.0,
     camera_sigma: float = 0.5,
     kernel_radius: float = 4.0,
     grid: Grid = "centered",
     smallest_side: int = SMALLEST_SIDE,
     workspace: Workspace | None = None,
+    threads: int = 1,
 ) -> ScaleSpace:
     """The Gaussian scale space of a grey image.
 
     Args:
         gray: (H, W).
-        first_octave: -1 to double the image first, 0 to start from the image.
+        first_octave: -1 starts at the scales of a doubled image, 0 at those of the image.
         octaves: how many at most; 0 for as many as the image has room for.
         intervals: s, the scales to an octave.
-        base_sigma: blur of the first plane of every octave, in its own samples.
+        base_sigma: blur of the first plane of every octave, in samples of density 1.
+        density: 1 or 0.5, samples to a side for each that Lowe takes. With 0.5 and
+            `first_octave` -1 the first octave has the image's own pixels.
         camera_sigma: blur that the image is assumed to have, in pixels.
         kernel_radius: where the Gaussian kernel is cut, in sigmas.
         grid: "centered" lays the samples of every octave evenly about the middle of the
@@ -85,6 +94,7 @@ def gaussian_scale_space(
             and every octave starts at the upper left sample of the one before.
         smallest_side: octaves narrower than this are left out.
         workspace: where the octaves are made; None for memory of their own.
+        threads: how many work at a time.
 
     Returns:
         Octaves of float32 planes; none where the image is smaller than `smallest_side`.
@@ -92,12 +102,10 @@ def gaussian_scale_space(
     Source: Lowe (2004), section 3; equations B.1-B.2.
     """
     workspace = Workspace() if workspace is None else workspace
-    plane, origin, spacing, blur = gray, np.zeros(2), 1.0, camera_sigma
-    if first_octave < 0:
-        plane = double(gray) if grid == "centered" else double_shifted(gray)
-        spacing, blur = 0.5, 2 * camera_sigma
-    plane = blurred(plane, sqrt(max(base_sigma**2 - blur**2, 0.01)), kernel_radius)
-    sigmas = [base_sigma * 2 ** (i / intervals) for i in range(intervals + 3)]
+    spacing = 2.0**first_octave / density
+    sigmas = [density * base_sigma * 2 ** (i / intervals) for i in range(intervals + 3)]
+    blur = sqrt(max(sigmas[0] ** 2 - (camera_sigma / spacing) ** 2, 0.01))
+    plane, origin = first_plane(gray, spacing, blur, kernel_radius, grid, threads)
     steps = [sqrt(after**2 - before**2) for before, after in pairwise(sigmas)]
 
     stacks: list[Float32Array] = []
@@ -107,13 +115,22 @@ def gaussian_scale_space(
         stack = workspace.array("octave", len(stacks), (intervals + 3, *plane.shape))
         stack[0] = plane
         for i, sigma in enumerate(steps):
-            blurred(stack[i], sigma, kernel_radius, out=stack[i + 1])  # B.2
+            blurred(
+                stack[i],
+                sigma,
+                kernel_radius,
+                corrected=grid == "centered",
+                out=stack[i + 1],
+                threads=threads,
+            )  # B.2
         stacks.append(stack)
         origins.append(origin)
         spacings.append(spacing)
         if grid == "centered":
             step = sqrt(sigmas[intervals] ** 2 - sigmas[intervals - 1] ** 2)
-            plane, start = halve(stack[intervals - 1], stack[intervals], step, kernel_radius)
+            plane, start = halve(
+                stack[intervals - 1], stack[intervals], step, kernel_radius, threads
+            )
             origin = origin + spacing * start
         else:
             height, width = plane.shape
@@ -122,6 +139,29 @@ def gaussian_scale_space(
     return ScaleSpace(
         tuple(stacks), np.array(origins).reshape(-1, 2), np.array(spacings, np.float64)
     )
+
+
+def first_plane(
+    gray: Float32Array,
+    spacing: float,
+    blur: float,
+    kernel_radius: float,
+    grid: Grid,
+    threads: int,
+) -> tuple[Float32Array, FloatArray]:
+    """An image sampled every 0.5, 1 or 2 pixels, under a blur of `blur` such samples.
+
+    Returns:
+        The plane and the (2,) pixel (x, y) of its first sample.
+    """
+    if spacing > 1:
+        plane = blurred(gray, spacing * blur, kernel_radius, corrected=True, threads=threads)
+        return halve(gray, plane, spacing * blur, kernel_radius, threads)
+    if spacing < 1:
+        gray = double(gray) if grid == "centered" else double_shifted(gray)
+    corrected = grid == "centered"
+    plane = blurred(gray, blur, kernel_radius, corrected=corrected, threads=threads)
+    return plane, np.zeros(2)
 
 
 def difference_of_gaussians(
@@ -161,7 +201,11 @@ def double_shifted(gray: Float32Array) -> Float32Array:
 
 
 def halve(
-    before: Float32Array, plane: Float32Array, step: float, kernel_radius: float
+    before: Float32Array,
+    plane: Float32Array,
+    step: float,
+    kernel_radius: float,
+    threads: int = 1,
 ) -> tuple[Float32Array, FloatArray]:
     """Every second sample of a plane, laid evenly about its middle.
 
@@ -174,6 +218,7 @@ def halve(
         plane: (h, w).
         step: sigma of the blur that led from `before` to `plane`.
         kernel_radius: where the Gaussian kernel is cut, in sigmas.
+        threads: how many work at a time.
 
     Returns:
         (h', w') plane and the (2,) place (x, y) of its first sample, in samples of `plane`.
@@ -182,7 +227,9 @@ def halve(
     even = [side % 2 == 0 for side in plane.shape]
     if any(even):
         down, across = (sqrt(max(step**2 - mean_of_two * e, 0.01)) for e in even)
-        plane = blurred(before, across, kernel_radius, sigma_y=down)
+        plane = blurred(
+            before, across, kernel_radius, sigma_y=down, corrected=True, threads=threads
+        )
     start = [0.5, 0.5]
     for axis, side in enumerate(plane.shape):
         lines = np.moveaxis(plane, axis, 0)
@@ -202,16 +249,74 @@ def blurred(
     kernel_radius: float,
     *,
     sigma_y: float | None = None,
+    corrected: bool = False,
     out: Float32Array | None = None,
+    threads: int = 1,
 ) -> Float32Array:
     """A plane under a Gaussian that is cut at `kernel_radius` sigmas, mirrored outside.
 
-    `sigma_y` is the sigma down the columns where it differs; `out` takes the result.
+    Args:
+        plane: (h, w).
+        sigma: of the Gaussian, in samples.
+        kernel_radius: where it is cut, in sigmas.
+        sigma_y: sigma down the columns where it differs.
+        corrected: give the kernel the variance of the Gaussian, which sampling and cutting
+            change; otherwise the kernel samples the Gaussian itself.
+        out: (h, w) takes the result.
+        threads: how many work at a time; the result does not depend on it.
     """
-    sigma_y = sigma if sigma_y is None else sigma_y
-    size = [round(2 * kernel_radius * s + 1) | 1 for s in (sigma, sigma_y)]
+    across = gaussian_kernel(sigma, kernel_radius, corrected)
+    down = across
+    if sigma_y is not None:
+        down = gaussian_kernel(sigma_y, kernel_radius, corrected)
+    height, reach = len(plane), len(down) // 2
     result = np.empty(plane.shape, np.float32) if out is None else out
-    cv2.GaussianBlur(
-        plane, size, sigma, dst=result, sigmaY=sigma_y, borderType=cv2.BORDER_REFLECT_101
-    )
+
+    def blur(rows: slice) -> None:
+        first, last = max(rows.start - reach, 0), min(rows.stop + reach, height)
+        part = cv2.sepFilter2D(
+            plane[first:last], -1, across, down, borderType=cv2.BORDER_REFLECT_101
+        )
+        result[rows] = part[rows.start - first : rows.stop - first]
+
+    if threads > 1 and height >= ROWS_AT_ONCE:
+        spread(blur, height, -(-height // threads), threads)
+    else:
+        cv2.sepFilter2D(plane, -1, across, down, dst=result, borderType=cv2.BORDER_REFLECT_101)
     return result
+
+
+@cache
+def gaussian_kernel(sigma: float, kernel_radius: float, corrected: bool) -> Float32Array:
+    """(n,) samples of a Gaussian, cut at `kernel_radius` sigmas.
+
+    Sampling and cutting change its variance. `corrected`, a narrow kernel has the Gaussian's
+    moments up to the sixth, and a wide one samples a Gaussian that has the right variance
+    when it is sampled.
+    """
+    if corrected and sigma < NARROW:
+        return kernel_of_moments(sigma)
+    radius = (round(2 * kernel_radius * sigma + 1) | 1) // 2
+    squares = np.arange(-radius, radius + 1) ** 2
+
+    def excess(candidate: float) -> float:
+        return float(samples_of_gaussian(squares, candidate) @ squares) - sigma**2
+
+    # Where it is cut so short that none has the variance, it is left as it is.
+    if corrected and excess(2 * sigma) > 0:
+        sigma = brentq(excess, sigma / 2, 2 * sigma)
+    return samples_of_gaussian(squares, sigma).astype(np.float32)
+
+
+def kernel_of_moments(sigma: float) -> Float32Array:
+    """(7,) weights that have a Gaussian's moments up to the sixth."""
+    taps = np.arange(4)
+    even = np.vander(taps**2, 4, increasing=True).T.astype(np.float64)  # k^0, k^2, k^4, k^6
+    half = np.linalg.solve(even, [1, sigma**2, 3 * sigma**4, 15 * sigma**6])
+    return np.concatenate([half[:0:-1] / 2, half[:1], half[1:] / 2]).astype(np.float32)
+
+
+def samples_of_gaussian(squares: IntArray, sigma: float) -> FloatArray:
+    """Those at places whose squares are given; their sum is 1."""
+    weights = np.exp(-squares / (2 * sigma**2))
+    return np.asarray(weights / weights.sum(), np.float64)

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import LogError
+from saccade.errors import KeypointsError, LogError
 
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
@@ -34,9 +34,39 @@ class Keypoints:
     response: Float32Array
     """(n,) strength; its unit is the detector's."""
     octave: npt.NDArray[np.int32]
-    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself."""
+    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself, or not known."""
     descriptors: npt.NDArray[np.uint8] | None = None
     """(n, 128), or None where only places were asked for."""
+
+    @classmethod
+    def at(cls, xy: npt.ArrayLike, size: npt.ArrayLike, angle: npt.ArrayLike = 0.0) -> "Keypoints":
+        """Points from anywhere, without response, octave and descriptors.
+
+        Args:
+            xy: (n, 2) place in image pixels.
+            size: (n,) or one for all: diameter in image pixels, as OpenCV means it.
+            angle: (n,) or one for all: radians from x towards y.
+
+        Raises:
+            KeypointsError: other shapes.
+        """
+        places = np.array(xy, np.float32)
+        if places.shape == (0,):
+            places = places.reshape(0, 2)
+        if places.ndim != 2 or places.shape[1] != 2:
+            raise KeypointsError(f"xy: expected shape (n, 2), found {places.shape}")
+        n = len(places)
+        columns = {"size": np.array(size, np.float32), "angle": np.array(angle, np.float32)}
+        for name, column in columns.items():
+            if column.shape not in ((), (n,)):
+                raise KeypointsError(f"{name}: expected shape ({n},), found {column.shape}")
+        return cls(
+            xy=places,
+            size=np.broadcast_to(columns["size"], n).copy(),
+            angle=np.broadcast_to(columns["angle"], n).copy(),
+            response=np.zeros(n, np.float32),
+            octave=np.zeros(n, np.int32),
+        )
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -55,6 +85,20 @@ class Keypoints:
     def __repr__(self) -> str:
         described = "without descriptors" if self.descriptors is None else "with descriptors"
         return f"Keypoints({len(self)} points, {described})"
+
+
+def check_pairs(pairs: IntArray, counts: tuple[int, int], name: str) -> None:
+    """Raise `KeypointsError` unless `pairs` are (m, 2) indices below the `counts` of two images."""
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
+        raise KeypointsError(
+            f"{name}: expected whole numbers of shape (m, 2), "
+            f"found {pairs.dtype} of shape {pairs.shape}"
+        )
+    if ((pairs < 0) | (pairs >= counts)).any():
+        raise KeypointsError(
+            f"{name}: expected indices below {counts[0]} and {counts[1]}, "
+            f"found {pairs.min()} to {pairs.max()}"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -162,6 +206,27 @@ class LandmarkMap:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class MapSnapshot:
+    """The map as it stands at one pose of a drive."""
+
+    step: int
+    """Number of the pose."""
+    path: FloatArray
+    """(m, 3) the poses since the last snapshot, this one at the end."""
+    covariance: FloatArray
+    """(3, 3) of this pose."""
+    landmarks: FloatArray
+    """(n, 2) metres."""
+    landmark_covariance: FloatArray
+    """(n, 2, 2) square metres."""
+    seen: IntArray
+    """(s,) rows of `landmarks` that were observed since the last snapshot."""
+
+    def __repr__(self) -> str:
+        return f"MapSnapshot(pose {self.step}, {len(self.landmarks)} landmarks)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class LandmarkLog:
     """What a robot drove and what it saw: t controls between t + 1 poses, k observations.
 
@@ -175,17 +240,18 @@ class LandmarkLog:
     """(3,) pose at the beginning."""
     time: FloatArray
     """(t + 1,) of each pose, in seconds; the number of the pose where the log has no clock."""
-    motion: Literal["drive", "compose"]
-    """What a control is: "drive" (distance, turn), turned before driven as in C.5; or
-    "compose" (forward, left, turn), the next pose in the frame of the last."""
+    motion: Literal["drive", "compose", "custom"]
+    """What a control is: "drive" (distance, turn), turned before driven as in C.5;
+    "compose" (forward, left, turn), the next pose in the frame of the last; or "custom",
+    what a motion model of one's own takes."""
     control: FloatArray
-    """(t, 2) or (t, 3): from pose i to pose i + 1."""
+    """(t, c) from pose i to pose i + 1: c is 2, 3 or the model's."""
     control_covariance: FloatArray
-    """(t, 2, 2) or (t, 3, 3)."""
+    """(t, c, c)."""
     observation_pose: IntArray
     """(k,) number of the pose from which each observation was made, ascending."""
     observation: FloatArray
-    """(k, 2) range in metres, bearing in radians."""
+    """(k, 2) range in metres, bearing in radians; or what a sensor model of one's own takes."""
     observation_covariance: FloatArray
     """(k, 2, 2)."""
     landmark: IntArray
@@ -196,10 +262,13 @@ class LandmarkLog:
     """Where the landmarks really are, if known."""
 
     def __post_init__(self) -> None:
-        if self.motion not in ("drive", "compose"):
-            raise LogError(f"{self.name}: motion: expected drive or compose, found {self.motion!r}")
+        sizes = {"drive": 2, "compose": 3, "custom": self.control.shape[-1]}
+        if self.motion not in sizes:
+            raise LogError(
+                f"{self.name}: motion: expected one of {', '.join(sizes)}, found {self.motion!r}"
+            )
         steps, seen = len(self.control), len(self.observation)
-        size = 2 if self.motion == "drive" else 3
+        size = sizes[self.motion]
         shapes = {
             "start": (3,),
             "time": (steps + 1,),

@@ -12,6 +12,7 @@ import typer
 
 from saccade import __version__
 from saccade.cli.config import config
+from saccade.cli.convert import convert
 from saccade.cli.demo import demo
 from saccade.cli.detect import detect
 from saccade.cli.evaluate import evaluate
@@ -36,9 +37,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command(epilog="Example: saccade look photo.jpg --fixations 5 --out looked")(look)
-app.command(epilog="Example: saccade detect photo.jpg --preset opencv --max 500")(detect)
-app.command(epilog="Example: saccade match left.jpg right.jpg --ratio 0.75")(match)
+app.command(epilog="Example: saccade detect photos --max 500 --spread --format hdf5")(detect)
+app.command(epilog="Example: saccade match left.jpg right.jpg --geometry homography")(match)
 app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
+app.command(epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
 app.command(epilog="Example: saccade demo --out saccade-demo")(demo)
 app.add_typer(evaluate, name="evaluate")
 app.command(epilog="Example: saccade config sift --preset opencv > sift.toml")(config)

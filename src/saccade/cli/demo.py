@@ -72,7 +72,8 @@ def _make(data: Path, out: Path) -> tuple[dict[str, Any], dict[str, Any], dict[s
             log,
             out,
             load_settings("slam"),
-            lambda done, total: progress.update(mapping, completed=done, total=total),
+            lambda _, done, total: progress.update(mapping, completed=done, total=total),
+            film=False,
         )
     return looked, matched, mapped
 

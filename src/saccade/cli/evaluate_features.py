@@ -152,21 +152,14 @@ def _opencv() -> Callable[[Any], Any]:
 
 
 def _colmap() -> Callable[[Any], Any]:
-    from importlib import import_module
     from types import SimpleNamespace
 
     import numpy as np
 
-    from saccade.errors import ConfigError
+    from saccade.exchange.colmap import import_pycolmap
     from saccade.image import as_gray
 
-    try:
-        pycolmap = import_module("pycolmap")
-    except ImportError as error:
-        raise ConfigError(
-            "detector: colmap needs pycolmap, which is not installed; pip install pycolmap"
-        ) from error
-    pycolmap.logging.minloglevel = pycolmap.logging.WARNING.value
+    pycolmap = import_pycolmap()
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = UNCAPPED
     sift = pycolmap.FeatureExtractor.create(options)

@@ -1,7 +1,6 @@
 """`saccade slam`: a landmark log in, a trajectory and a map out."""
 
 from collections.abc import Callable
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -10,8 +9,11 @@ import typer
 from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
-    from saccade.slam import EkfConfig
+    from saccade.slam import Checkpoint, EkfConfig, Recorder, SlamResult, SmoothResult
     from saccade.types import LandmarkLog
+
+Watch = Callable[[str, int, int], None]
+"""Told what is being done, how much of it is, and how much there is."""
 
 
 def slam(
@@ -19,7 +21,9 @@ def slam(
     out: Out = Path("saccade-slam"),
     kind: Annotated[
         str,
-        typer.Option("--format", help="victoria-park, mrclam, isam or dlr; auto finds out."),
+        typer.Option(
+            "--format", help="csv, g2o, isam, mrclam, victoria-park or dlr; auto finds out."
+        ),
     ] = "auto",
     robot: Annotated[
         int | None, typer.Option(min=1, help="Which robot, where a log has several.")
@@ -28,15 +32,29 @@ def slam(
         str | None,
         typer.Option(help="known: the log says what was seen; nearest: find out; auto."),
     ] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Smooth the whole drive at the end (needs GTSAM).")
+    ] = False,
+    film: Annotated[bool, typer.Option(help="Make a film of the map while it grows.")] = True,
+    live: Annotated[
+        bool, typer.Option("--live", help="Watch in the rerun viewer (needs rerun-sdk).")
+    ] = False,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Save for the rerun viewer (needs rerun-sdk).")
+    ] = None,
+    checkpoint: Annotated[
+        float, typer.Option(min=0.0, help="Seconds between checkpoints, to go on from.")
+    ] = 10.0,
     preset: Preset = None,
     config: Settings = None,
     as_json: Json = False,
 ) -> None:
     """Map landmarks from a recorded log with an extended Kalman filter.
 
-    In --out appear the trajectory (trajectory.tum, for evo), the landmarks
-    with their covariance (landmarks.csv), the picture (map.png), and the
-    settings with the figures (run.json).
+    In --out appear the trajectory (trajectory.tum, for evo; poses.csv with covariances), the
+    landmarks with theirs (landmarks.csv), every innovation (innovations.csv), pictures (map.png,
+    innovations.png), a film (map.mp4), and the settings with the figures (run.json).
+    A run that was interrupted goes on from its last checkpoint.
     """
     from dataclasses import replace
 
@@ -58,7 +76,14 @@ def slam(
             recorded,
             out,
             settings,
-            lambda done, total: progress.update(task, completed=done, total=total),
+            lambda what, done, total: progress.update(
+                task, description=f"{escape(recorded.name)}: {what}", completed=done, total=total
+            ),
+            smooth=smooth,
+            film=film,
+            live=live,
+            rrd=rrd,
+            checkpoint=checkpoint,
         )
     if as_json:
         print_json(row)
@@ -79,56 +104,99 @@ def map_log(
     log: "LandmarkLog",
     out: Path,
     settings: "EkfConfig",
-    progress: Callable[[int, int], None] | None = None,
+    watch: Watch,
+    *,
+    smooth: bool = False,
+    film: bool = True,
+    live: bool = False,
+    rrd: Path | None = None,
+    checkpoint: float = 10.0,
 ) -> dict[str, Any]:
-    """Run the filter over a log: write trajectory, map, picture and run.json, give the row.
+    """Run the filter over a log, write all that comes of it, give the row for run.json.
 
     Args:
         log: a LandmarkLog.
         out: folder for what is made.
         settings: an EkfConfig.
-        progress: called with the steps done and their number.
+        watch: told of the progress.
+        smooth: whether the drive is smoothed at the end.
+        film: whether a film is made.
+        live: whether the rerun viewer is opened.
+        rrd: a file for that viewer.
+        checkpoint: seconds between checkpoints.
     """
     import json
     from dataclasses import asdict
 
     import saccade
     from saccade.cli.output import write_text
-    from saccade.datasets import write_landmarks, write_tum
+    from saccade.cli.slam_files import figures, write_film, write_pictures, write_tables
     from saccade.errors import LogError
-    from saccade.slam import run
-    from saccade.viewing import map_figure, save_figure
+    from saccade.extras import import_optional
+    from saccade.slam import Checkpoint, Recorder, dead_reckon
+    from saccade.viewing.live import LiveMap, save_rrd
 
+    if smooth:
+        import_optional("gtsam", "smooth")  # before the work, not after it
+    if rrd is not None:
+        import_optional("rerun", "live")
     try:
-        result = run(log, settings, progress=progress)
+        show = LiveMap(log.name, log.time, dead_reckon(log, settings)) if live else None
+        recorder, kept = Recorder(heard=show), Checkpoint(out / "checkpoint.npz", checkpoint)
+        result, smoothed = _estimate(log, settings, watch, smooth, recorder, kept)
     except LogError as error:
         raise LogError(f"{log.name}: {error}") from error
-    figure = map_figure(result.trajectory, result.map, result.dead_reckoning)
-    files = {
-        "picture": out / "map.png",
-        "trajectory": out / "trajectory.tum",
-        "landmarks": out / "landmarks.csv",
-    }
-    save_figure(figure, files["picture"])
-    write_tum(files["trajectory"], result.trajectory)
-    write_landmarks(files["landmarks"], result.map)
-    low, high = result.consistency.band
+    files = write_tables(out, log, result, smoothed)
+    files |= write_pictures(out, log, result, smoothed)
+    snapshots, reckoned = recorder.snapshots, result.dead_reckoning
+    if film:
+        files["film"] = write_film(
+            out / "map.mp4", snapshots, log, result, lambda done, of: watch("film", done, of)
+        )
+    if rrd is not None:
+        files["rrd"] = save_rrd(rrd, log.name, snapshots, log.time, reckoned)
     row = {
-        "log": log.name,
-        "poses": len(result.trajectory),
-        "observations": len(log.observation),
-        "observations_used": int((result.association >= 0).sum()),
-        "landmarks": len(result.map),
-        "nis_mean": finite(result.consistency.mean),
-        "nis_band": [low, high],
+        **figures(log, result, smoothed),
         "version": saccade.__version__,
+        "seed": None,  # nothing is drawn at random
         "settings": asdict(settings),
+        "smooth": smooth,
         "files": {name: str(path) for name, path in files.items()},
     }
     write_text(out / "run.json", json.dumps(row, indent=2) + "\n")
+    kept.remove()
     return row
 
 
-def finite(value: float) -> float | None:
-    """A number, or None where there is none: JSON has no NaN."""
-    return value if isfinite(value) else None
+def _estimate(
+    log: "LandmarkLog",
+    settings: "EkfConfig",
+    watch: Watch,
+    smooth: bool,
+    recorder: "Recorder",
+    checkpoint: "Checkpoint",
+) -> "tuple[SlamResult, SmoothResult | None]":
+    from saccade import slam
+    from saccade.cli.output import say
+
+    try:
+        result = slam.run(
+            log,
+            settings,
+            lambda done, of: watch("filter", done, of),
+            recorder=recorder,
+            checkpoint=checkpoint,
+        )
+    except KeyboardInterrupt:
+        if checkpoint.path.exists():
+            say(f"the same command goes on from {checkpoint.path}")
+        raise
+    if not smooth:
+        return result, None
+    watch("smoothing", 0, 1)
+    noise = slam.SmoothConfig(
+        motion_noise_scale=settings.motion_noise_scale,
+        sensor_noise_scale=settings.sensor_noise_scale,
+        start_sigma=settings.start_sigma,
+    )
+    return result, slam.smooth(log, result, noise)

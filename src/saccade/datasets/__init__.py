@@ -2,24 +2,37 @@
 
 from saccade.datasets.dlr import read_dlr
 from saccade.datasets.isam import Entries, read_isam
+from saccade.datasets.isam_writer import Dialect, write_isam
 from saccade.datasets.landmark_csv import write_landmarks
-from saccade.datasets.loading import Kind, load, recognize
+from saccade.datasets.loading import Format, Kind, load, recognize, save
+from saccade.datasets.log_csv import read_log_csv, write_log_csv
 from saccade.datasets.mrclam import read_mrclam
+from saccade.datasets.mrclam_writer import write_mrclam
 from saccade.datasets.odometry import OdometryNoise, integrate
+from saccade.datasets.table import symmetric_columns, write_table
 from saccade.datasets.tum import write_tum
 from saccade.datasets.victoria_park import read_victoria_park
 
 __all__ = [
+    "Dialect",
     "Entries",
+    "Format",
     "Kind",
     "OdometryNoise",
     "integrate",
     "load",
     "read_dlr",
     "read_isam",
+    "read_log_csv",
     "read_mrclam",
     "read_victoria_park",
     "recognize",
+    "save",
+    "symmetric_columns",
+    "write_isam",
     "write_landmarks",
+    "write_log_csv",
+    "write_mrclam",
+    "write_table",
     "write_tum",
 ]

@@ -1,12 +1,18 @@
-"""The text formats of iSAM, TORO and GTSAM: poses in a chain, landmarks seen from them.
+"""The text formats of g2o, iSAM, TORO and GTSAM: poses in a chain, landmarks seen from them.
 
-    ODOMETRY from to forward left turn  a b c d e f
-    EDGE2    from to forward left turn  a b c d e f
-    LANDMARK pose landmark forward left  a b c
-    VERTEX2  pose x y heading                        (a first guess: left out)
+    EDGE_SE2    from to forward left turn  a b c d e f      (g2o)
+    EDGE2       from to forward left turn  a b c d e f      (iSAM, TORO)
+    ODOMETRY    from to forward left turn  a b c d e f      (iSAM, GTSAM)
+    EDGE_SE2_XY pose landmark forward left  a b c           (g2o)
+    LANDMARK    pose landmark forward left  a b c           (iSAM, GTSAM)
+    BR          pose landmark bearing range  sigma sigma    (GTSAM)
+    VERTEX_SE2  pose x y heading                            (VERTEX2 in TORO)
+    VERTEX_XY   landmark x y
+    FIX         pose
 
-The last numbers of a line are a symmetric or a triangular matrix, and no two
-dialects agree on which; `Entries` names them.
+The last numbers of an edge are a symmetric or a triangular matrix, and no two dialects agree
+on which; `Entries` names them. Vertices are a first guess: the one of the first pose says where
+the log begins, all else of them is left out.
 """
 
 from dataclasses import dataclass, field
@@ -25,43 +31,55 @@ Entries: TypeAlias = Literal["auto", "covariance", "information", "root", "toro"
 
 - "covariance": its upper triangle row by row, as the Victoria Park file has it
   that GTSAM distributes (`ODOMETRY` lines).
-- "information": the upper triangle of the inverse of the covariance, row by row.
+- "information": the upper triangle of the inverse of the covariance, row by row, as g2o has it.
 - "root": the upper triangular square root of the information, row by row, as
   iSAM has it (`EDGE2` lines; in cityTrees10000 the entry 50 goes with a noise of
   0.02 m).
 - "toro": information in TORO's order: xx, xy, yy, tt, xt, yt.
-- "auto": "toro" where the file has `VERTEX2` lines, else "covariance" where its
-  first line is `ODOMETRY`, else "root".
+- "auto": "information" where the file has `EDGE_SE2` lines, "toro" where it has `VERTEX2`
+  lines, "covariance" where its first edge is `ODOMETRY`, else "root".
 """
+TORO_ORDER = (0, 1, 4, 2, 5, 3)
+"""Where TORO keeps each of xx, xy, xt, yy, yt, tt."""
 
-_FIELDS = {"ODOMETRY": 12, "EDGE2": 12, "LANDMARK": 8, "VERTEX2": 5}
-_ROW_ORDER = (0, 1, 2, 3, 4, 5)
-_TORO_ORDER = (0, 1, 4, 2, 5, 3)
+_EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
+_SIGHTINGS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
+_POSES = {"VERTEX_SE2": 5, "VERTEX2": 5}
+_FIELDS = {**_EDGES, **_SIGHTINGS, **_POSES, "VERTEX_XY": 4, "FIX": 2}
+"""How many words a line of each kind has."""
+
+
+@dataclass(frozen=True)
+class _Line:
+    """What stands in a line that begins with `tag`."""
+
+    number: int
+    tag: str
+    first: int
+    second: int
+    values: list[float]
 
 
 @dataclass
 class _Lines:
-    """What stands in the file, line by line."""
+    """What stands in the file, kind by kind."""
 
-    pose: list[int] = field(default_factory=list)
-    control: list[list[float]] = field(default_factory=list)
-    control_line: list[int] = field(default_factory=list)
-    seen_from: list[int] = field(default_factory=list)
-    landmark: list[int] = field(default_factory=list)
-    sighting: list[list[float]] = field(default_factory=list)
-    sighting_line: list[int] = field(default_factory=list)
-    dialect: Entries = "root"
+    edges: list[_Line] = field(default_factory=list)
+    sightings: list[_Line] = field(default_factory=list)
+    vertex: dict[int, list[float]] = field(default_factory=dict)
+    tags: set[str] = field(default_factory=set)
 
 
 def read_isam(path: str | Path, entries: Entries = "auto") -> LandmarkLog:
-    """Read an iSAM, TORO or GTSAM text log.
+    """Read a g2o, iSAM, TORO or GTSAM text log.
 
     Args:
         path: the file.
         entries: what the matrices in the file are.
 
     Returns:
-        A log of relative poses from the origin; its times are the file's numbers of the poses.
+        A log of relative poses; its times are the file's numbers of the poses, and it begins
+        where the vertex of the first pose is, or at the origin.
 
     Raises:
         LogError: no such file, an unknown or broken line, poses that are not a
@@ -70,84 +88,113 @@ def read_isam(path: str | Path, entries: Entries = "auto") -> LandmarkLog:
     """
     require(entries in get_args(Entries), "entries", f"one of {get_args(Entries)}", entries)
     path = Path(path)
-    lines = _parse(path)
-    kind = lines.dialect if entries == "auto" else entries
-    control = np.array(lines.control, np.float64)  # (t, 9)
-    sighting = np.array(lines.sighting, np.float64).reshape(-1, 5)  # (k, 5)
-    order = _TORO_ORDER if kind == "toro" else _ROW_ORDER
-    places = [f"{path}, line {line}" for line in lines.sighting_line]
-    observation, observation_covariance = to_range_bearing(
-        sighting[:, :2],
-        _covariances(path, lines.sighting_line, sighting[:, 2:], kind),
-        places,
-    )
-    seen_from = np.array(lines.seen_from, np.int64)
-    number = np.searchsorted(lines.pose, seen_from)
-    for k in np.flatnonzero(np.append(lines.pose, -1)[number] != seen_from)[:1]:
-        raise LogError(f"{places[k]}: expected a pose of the log, found {seen_from[k]}")
-    sort = np.argsort(number, kind="stable")
+    found = _parse(path)
+    kind = _dialect(found) if entries == "auto" else entries
+    edges = _chain(path, found.edges)
+    pose = [edges[0].first, *(edge.second for edge in edges)]
+    sightings = sorted(found.sightings, key=lambda line: line.first)
+    seen_from = np.array([line.first for line in sightings], np.int64)
+    number = np.searchsorted(pose, seen_from)
+    for k in np.flatnonzero(np.append(pose, -1)[number] != seen_from)[:1].tolist():
+        line = sightings[k]
+        raise LogError(
+            f"{path}, line {line.number}: expected a pose of the log, found {line.first}"
+        )
+    control = np.array([edge.values for edge in edges])  # (t, 9)
+    order = TORO_ORDER if kind == "toro" else range(6)
+    upper = control[:, 3:][:, list(order)]
+    observation, covariance = _observations(path, sightings, kind)
     return LandmarkLog(
         name=path.stem,
-        start=np.zeros(3),
-        time=np.array(lines.pose, np.float64),
+        start=np.array(found.vertex.get(pose[0], [0.0, 0.0, 0.0])),
+        time=np.array(pose, np.float64),
         motion="compose",
         control=control[:, :3],
-        control_covariance=_covariances(path, lines.control_line, control[:, 3:][:, order], kind),
-        observation_pose=number[sort],
-        observation=observation[sort],
-        observation_covariance=observation_covariance[sort],
-        landmark=np.array(lines.landmark, np.int64)[sort],
+        control_covariance=_covariances(path, [edge.number for edge in edges], upper, kind),
+        observation_pose=number.astype(np.int64),
+        observation=observation,
+        observation_covariance=covariance,
+        landmark=np.array([line.second for line in sightings], np.int64),
     )
 
 
 def _parse(path: Path) -> _Lines:
     found = _Lines()
-    tags: list[str] = []
-    for line, words in fields(read_lines(path)):
+    for number, words in fields(read_lines(path)):
         tag = words[0]
         if tag not in _FIELDS:
             raise LogError(
-                f"{path}, line {line}: expected ODOMETRY, EDGE2, LANDMARK or VERTEX2, "
-                f"found {tag[:40]!r}"
+                f"{path}, line {number}: expected {', '.join(_FIELDS)}, found {tag[:40]!r}"
             )
         if len(words) != _FIELDS[tag]:
             raise LogError(
-                f"{path}, line {line}: expected {_FIELDS[tag]} fields in a line of {tag}, "
+                f"{path}, line {number}: expected {_FIELDS[tag]} fields in a line of {tag}, "
                 f"found {len(words)}"
             )
-        if tag == "VERTEX2":
-            tags.append(tag)
+        found.tags.add(tag)
+        first = _identity(path, number, words[1])
+        if tag in _POSES:
+            found.vertex[first] = numbers(path, number, words[2:])
+        if tag not in _EDGES and tag not in _SIGHTINGS:
             continue
-        first, second = _identity(path, line, words[1]), _identity(path, line, words[2])
-        values = numbers(path, line, words[3:])
-        if tag == "LANDMARK":
-            found.seen_from.append(first)
-            found.landmark.append(second)
-            found.sighting.append(values)
-            found.sighting_line.append(line)
-            continue
-        tags.append(tag)
-        if not found.pose:
-            found.pose.append(first)
-        if first != found.pose[-1] or second <= first:
-            raise LogError(
-                f"{path}, line {line}: expected an edge from pose {found.pose[-1]} to a later one, "
-                f"found {first} to {second}; a log is one chain of poses, without loop closures"
-            )
-        found.pose.append(second)
-        found.control.append(values)
-        found.control_line.append(line)
-    if not found.pose:
-        raise LogError(f"{path}: expected ODOMETRY or EDGE2 lines, found none")
-    if "VERTEX2" in tags:
-        found.dialect = "toro"
-    elif tags[0] == "ODOMETRY":
-        found.dialect = "covariance"
+        second = _identity(path, number, words[2])
+        line = _Line(number, tag, first, second, numbers(path, number, words[3:]))
+        (found.edges if tag in _EDGES else found.sightings).append(line)
+    if not found.edges:
+        raise LogError(f"{path}: expected lines of {', '.join(_EDGES)}, found none")
     return found
 
 
+def _dialect(found: _Lines) -> Entries:
+    if found.tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
+        return "information"
+    if "VERTEX2" in found.tags:
+        return "toro"
+    return "covariance" if found.edges[0].tag == "ODOMETRY" else "root"
+
+
+def _chain(path: Path, edges: list[_Line]) -> list[_Line]:
+    """The edges in the order of the drive."""
+    edges = sorted(edges, key=lambda line: line.first)
+    last = edges[0].first
+    for edge in edges:
+        if edge.first != last or edge.second <= edge.first:
+            raise LogError(
+                f"{path}, line {edge.number}: expected an edge from pose {last} to a later one, "
+                f"found {edge.first} to {edge.second}; a log is one chain of poses, without loop "
+                "closures"
+            )
+        last = edge.second
+    return edges
+
+
+def _observations(
+    path: Path, sightings: list[_Line], kind: Entries
+) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing (k, 2) and their covariance (k, 2, 2)."""
+    observation, covariance = np.empty((len(sightings), 2)), np.empty((len(sightings), 2, 2))
+    polar = np.array([line.tag == "BR" for line in sightings], bool)
+    lines = [line for line in sightings if line.tag != "BR"]
+    values = np.array([line.values for line in lines]).reshape(-1, 5)
+    observation[~polar], covariance[~polar] = to_range_bearing(
+        values[:, :2],
+        _covariances(path, [line.number for line in lines], values[:, 2:], kind),
+        [f"{path}, line {line.number}" for line in lines],
+    )
+    for k in np.flatnonzero(polar).tolist():
+        bearing, distance, bearing_sigma, range_sigma = sightings[k].values
+        if distance < 0 or min(bearing_sigma, range_sigma) < 0:
+            raise LogError(
+                f"{path}, line {sightings[k].number}: expected a range and deviations of 0 or "
+                f"more, found {sightings[k].values}"
+            )
+        observation[k] = distance, bearing
+        covariance[k] = np.diag([range_sigma**2, bearing_sigma**2])
+    return observation, covariance
+
+
 def _identity(path: Path, line: int, word: str) -> int:
-    if not word.isdecimal() or len(word) > 18:  # more digits do not fit into 64 bits
+    if not (word.isascii() and word.isdecimal()) or len(word) > 18:  # more do not fit into 64 bits
         raise LogError(
             f"{path}, line {line}: expected the number of a pose or landmark, found {word!r}"
         )

@@ -1,12 +1,15 @@
 """One door to every landmark log."""
 
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, cast, get_args
 
 from saccade.datasets.archive import Archive
 from saccade.datasets.dlr import read_dlr
 from saccade.datasets.isam import Entries, read_isam
+from saccade.datasets.isam_writer import Dialect, write_isam
+from saccade.datasets.log_csv import read_log_csv, write_log_csv
 from saccade.datasets.mrclam import MRCLAM_ODOMETRY, MRCLAM_SENSOR, read_mrclam
+from saccade.datasets.mrclam_writer import write_mrclam
 from saccade.datasets.odometry import OdometryNoise
 from saccade.datasets.victoria_park import (
     VICTORIA_PARK_ODOMETRY,
@@ -17,8 +20,11 @@ from saccade.datasets.victoria_park import (
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog
 
-Kind: TypeAlias = Literal["auto", "victoria-park", "mrclam", "isam", "dlr"]
+Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr"]
 """The data sets; "auto" looks at the path and into the file."""
+Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam", "mrclam"]
+"""What a log can be written as; "auto" goes by the suffix."""
+_FORMATS: dict[str, Format] = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
 
 
 def load(
@@ -34,11 +40,12 @@ def load(
     """Read a landmark log.
 
     Args:
-        kind: "victoria-park" (raw .mat, or GTSAM's .txt), "mrclam" (folder or
-            .npz), "isam" (iSAM, TORO or GTSAM text), "dlr" (.npz), or "auto".
+        kind: "csv" (see `log_csv`), "g2o" or "isam" (g2o, iSAM, TORO or GTSAM text: one
+            reader), "mrclam" (folder or .npz), "victoria-park" (raw .mat, or GTSAM's .txt),
+            "dlr" (.npz), or "auto".
         path: the file or folder.
         robot: mrclam: which of the five; the first unless told otherwise.
-        entries: isam: what the matrices are; found out unless told otherwise.
+        entries: g2o and isam: what the matrices are; found out unless told otherwise.
         odometry_noise: mrclam and the raw Victoria Park log: how far the odometry
             goes astray.
         sensor_sigma: mrclam and the raw Victoria Park log: standard deviations of
@@ -63,7 +70,7 @@ def load(
     park = kind == "victoria-park" and path.suffix.lower() == ".mat"
     for name, given, has in (
         ("robot", robot, kind == "mrclam"),
-        ("entries", entries, kind == "isam"),
+        ("entries", entries, kind in ("g2o", "isam")),
         ("odometry_noise", odometry_noise, kind == "mrclam" or park),
         ("sensor_sigma", sensor_sigma, kind == "mrclam" or park),
         ("reference", reference, park),
@@ -86,7 +93,39 @@ def load(
         )
     if kind == "dlr":
         return read_dlr(path)
+    if kind == "csv":
+        return read_log_csv(path)
     return read_isam(path, entries or "auto")
+
+
+def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
+    """Write a landmark log.
+
+    Args:
+        path: the file, or the folder of "mrclam".
+        log: what to write.
+        kind: "csv", which keeps everything but the truth; "g2o", "isam", "toro" or "gtsam", text
+            without a clock (see `write_isam`); "mrclam", a folder of speeds without noise; or
+            "auto": .csv, .g2o, .isam, .graph (TORO), a name without suffix (a folder of mrclam).
+
+    Raises:
+        LogError: the log holds what the format has no place for.
+        OutputError: it cannot be written.
+        ConfigError: no such format.
+    """
+    require(kind in get_args(Format), "kind", f"one of {', '.join(get_args(Format))}", kind)
+    path = Path(path)
+    if kind == "auto":
+        known: dict[str, Format] = {**_FORMATS, "": "mrclam"}
+        suffix = path.suffix.lower()
+        require(suffix in known, "path", f"a file that ends in {', '.join(_FORMATS)}", str(path))
+        kind = known[suffix]
+    if kind == "csv":
+        write_log_csv(path, log)
+    elif kind == "mrclam":
+        write_mrclam(path, log)
+    else:
+        write_isam(path, log, cast("Dialect", kind))
 
 
 def recognize(path: Path) -> Kind:
@@ -109,4 +148,4 @@ def recognize(path: Path) -> Kind:
             return "dlr"
         found = ", ".join(sorted(archive.tables))
         raise LogError(f"{path}: expected the tables of mrclam or dlr, found {found[:80]}")
-    return "isam"
+    return "csv" if path.suffix.lower() == ".csv" else "isam"

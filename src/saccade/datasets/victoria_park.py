@@ -1,12 +1,13 @@
 """The Victoria Park log: Guivant & Nebot (2001), a car among the trees of a park in Sydney."""
 
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.cartesian import to_range_bearing
+from saccade.datasets.cartesian import to_cartesian, to_range_bearing
 from saccade.datasets.isam import read_isam
+from saccade.datasets.matlab import read_matlab
 from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.errors import LogError, require
 from saccade.types import FloatArray, IntArray, LandmarkLog, Trajectory
@@ -59,10 +60,10 @@ def read_victoria_park(
     path = Path(path)
     if path.suffix.lower() != ".mat":
         return read_isam(path)
-    held = _load(path, ("time", "u", "TLsr", "zt"))
+    held = read_matlab(path, ("time", "u", "TLsr", "zt"))
     time, at = _ascending(path, "time", held["time"]), _ascending(path, "TLsr", held["TLsr"])
     u = np.asarray(held["u"], np.float64)
-    scans = held["zt"].ravel()
+    scans = held["zt"]
     if u.shape != (2, len(time)) or len(scans) != len(at) or len(at) == 0:
         raise LogError(
             f"{path}: expected u of shape (2, {len(time)}) and {len(at)} scans in zt, "
@@ -110,23 +111,6 @@ def center_motion(speed: FloatArray, steering: FloatArray) -> tuple[FloatArray, 
     return center, center * np.tan(steering) / WHEEL_BASE
 
 
-def _load(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    try:
-        held: dict[str, Any] = loadmat(path)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # SciPy raises what the broken bytes happen to provoke
-        raise LogError(f"{path}: expected a MATLAB file, found one that is broken") from error
-    missing = [name for name in names if name not in held]
-    if missing:
-        raise LogError(
-            f"{path}: expected the variables {', '.join(names)}, found no {', '.join(missing)}"
-        )
-    return held
-
-
 def _ascending(path: Path, name: str, values: object) -> FloatArray:
     time = np.asarray(values, np.float64).ravel()
     if not np.isfinite(time).all() or (np.diff(time) < 0).any():
@@ -161,19 +145,14 @@ def _to_axle(
     path: Path, seen: FloatArray, covariance: FloatArray, scan_of: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Range and bearing from the rear axle, from those of the laser."""
-    r, c, s = seen[:, 0], np.cos(seen[:, 1]), np.sin(seen[:, 1])
-    A = np.empty((len(seen), 2, 2))
-    A[:, 0, 0], A[:, 0, 1] = c, -r * s
-    A[:, 1, 0], A[:, 1, 1] = s, r * c
-    xy = np.stack([LASER[0] + r * c, LASER[1] + r * s], 1)
-    spread = A @ covariance @ A.transpose(0, 2, 1)
-    return to_range_bearing(xy, spread, [f"{path}, scan {number}" for number in scan_of])
+    xy, spread = to_cartesian(seen, covariance)
+    return to_range_bearing(xy + LASER, spread, [f"{path}, scan {number}" for number in scan_of])
 
 
 def _gps(path: Path) -> Trajectory | None:
     if not path.exists():
         return None
-    held = _load(path, ("timeGps", "La_m", "Lo_m"))
+    held = read_matlab(path, ("timeGps", "La_m", "Lo_m"))
     time = _ascending(path, "timeGps", held["timeGps"]) / 1000
     x, y = (np.asarray(held[name], np.float64).ravel() for name in ("Lo_m", "La_m"))
     if len(x) != len(time) or len(y) != len(time) or not np.isfinite(x + y).all():

@@ -12,25 +12,24 @@ ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 REFITS = 5
 """Moves to a neighboring sample before an extremum is given up."""
-ROWS_AT_ONCE = 64
+ROWS_AT_ONCE = 192
 """That a thread searches at a time."""
-SEEDS_AT_ONCE = 512
+SEEDS_AT_ONCE = 2048
 """That a thread fits at a time."""
+BETWEEN = 1.5
+"""Samples by which the quadratic may overshoot an extremum halfway between two."""
 TRUSTED = 0.25
-"""Samples by which the quartic may move what the quadratic has found."""
-QUARTIC = (
-    np.array(
-        [
-            [0, 2, -1, -2, 1],
-            [0, -16, 16, 4, -4],
-            [24, 0, -30, 0, 6],
-            [0, 16, 16, -4, -4],
-            [0, -2, -1, 2, 1],
-        ]
-    )
-    / 24
-)
-"""(5, 5) by sample and power: the quartic that is 1 at this sample of five and 0 at the others."""
+"""Samples by which it may move what the quadratic has found."""
+REACH = 6
+"""Samples on either side of the nearest that refine a place."""
+NODES = np.arange(-REACH, REACH + 1)
+LAGRANGE = np.array(
+    [
+        np.poly(np.delete(NODES, i))[::-1] / np.prod(n - np.delete(NODES, i))
+        for i, n in enumerate(NODES)
+    ]
+).T.copy()
+"""(13, 13) by power and sample: the polynomial that is 1 at this sample and 0 at the others."""
 
 
 class Extrema(NamedTuple):
@@ -53,7 +52,7 @@ def find_extrema(
     candidate_threshold: float,
     contrast_threshold: float,
     edge_ratio: float,
-    quartic: bool,
+    lagrange: bool,
     threads: int = 1,
 ) -> Extrema:
     """The extrema of an octave that stand out and are no edges.
@@ -64,8 +63,8 @@ def find_extrema(
         candidate_threshold: what a sample must exceed to be looked at.
         contrast_threshold: tau_c, the least |D| at the extremum (B.6).
         edge_ratio: tau_r, the greatest ratio of principal curvatures (B.10).
-        quartic: refine the place by a quartic, and keep extrema halfway between two
-            samples, of which the quadratics at each lead to the other.
+        lagrange: refine the place by the polynomial through 13 samples each way, and keep
+            extrema halfway between two samples, of which the quadratics lead to each other.
         threads: how many work at a time.
 
     Returns:
@@ -79,13 +78,15 @@ def find_extrema(
 
     def fit(block: slice) -> None:
         part = seeds[block], offsets[block], values[block]
-        fit_extrema(dog, border, contrast_threshold, edge_ratio, quartic, *part)
+        fit_extrema(dog, border, contrast_threshold, edge_ratio, lagrange, *part)
 
     spread(fit, count, SEEDS_AT_ONCE, threads)
     kept = np.flatnonzero(values)
+    # Seeds on either side of an extremum lead to it from both; few lie a third past a sample.
+    z, y, x = np.floor(seeds[kept] + offsets[kept][:, ::-1] + 0.37).astype(np.int64).T
+    _, first = np.unique((z * dog.shape[1] + y) * dog.shape[2] + x, return_index=True)
+    kept = kept[first]
     plane, row, column = seeds[kept].T
-    _, first = np.unique((plane * dog.shape[1] + row) * dog.shape[2] + column, return_index=True)
-    kept, plane, row, column = kept[first], plane[first], row[first], column[first]
     x, y, scale = offsets[kept].T
     return Extrema(
         plane,
@@ -193,7 +194,7 @@ def fit_extrema(
     border: int,
     contrast_threshold: float,
     edge_ratio: float,
-    quartic: bool,
+    lagrange: bool,
     seeds: IntArray,
     offsets: FloatArray,
     values: FloatArray,
@@ -205,16 +206,20 @@ def fit_extrema(
         plane, row, column = seeds[i]
         before = (plane, row, column)
         values[i] = 0
-        for _ in range(REFITS):
+        for refit in range(REFITS):
             x, y, scale, value, trace, determinant = fit_quadratic(dog, plane, row, column)
             after = (plane + step(scale), row + step(y), column + step(x))
             # Halfway between two samples the quadratic at each may point to the other.
-            between = after == before and max(abs(x), abs(y), abs(scale)) < 1
-            if after == (plane, row, column) or (quartic and between):
+            returned = after == before or refit == REFITS - 1
+            between = returned and max(abs(x), abs(y), abs(scale)) < BETWEEN
+            if after == (plane, row, column) or (lagrange and between):
                 strong = abs(value) >= contrast_threshold  # B.6
                 if strong and determinant > 0 and trace * trace < edge * determinant:  # B.10
-                    if quartic:
+                    if lagrange:
+                        rough = (x, y, scale)
                         x, y, scale = refine_place(dog, plane, row, column, x, y, scale)
+                        if after != (plane, row, column) and (x, y, scale) == rough:
+                            break
                     seeds[i, 0], seeds[i, 1], seeds[i, 2] = plane, row, column
                     offsets[i, 0], offsets[i, 1], offsets[i, 2] = x, y, scale
                     values[i] = value
@@ -233,6 +238,12 @@ def fit_extrema(
 def step(offset: float) -> int:
     """Towards the neighbor that is nearer than this sample, if any."""
     return int(offset > 0.5) - int(offset < -0.5)
+
+
+@kernel()
+def halfway(offset: float) -> float:
+    """An offset, but at most half a sample."""
+    return min(max(offset, -0.5), 0.5)
 
 
 @kernel()
@@ -270,56 +281,92 @@ def fit_quadratic(
 def refine_place(
     dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
 ) -> tuple[float, float, float]:
-    """Where the quartic in x and y, quadratic in scale, through 3x5x5 samples is flat.
+    """Where the polynomial through 3x13x13 samples is flat.
 
-    Newton's method (B.5) from the offset given; that comes back where it leads away.
+    Newton's method (B.5) from the offset given; that comes back where it leads away, and
+    where not all of the samples lie in the octave.
     """
-    weights_x, weights_y = np.empty((3, 5)), np.empty((3, 5))
-    u, v, t = x, y, scale
+    height, width = dog.shape[1:]
+    if min(row, column, height - 1 - row, width - 1 - column) < REACH:
+        return x, y, scale
+    weights_x, weights_y = np.empty((3, len(NODES))), np.empty((3, len(NODES)))
+    columns = np.empty((3, len(NODES)))
+    start = halfway(x), halfway(y), halfway(scale)
+    u, v, t = start
     for _ in range(3):
-        quartic_weights(u, weights_x)
-        quartic_weights(v, weights_y)
+        lagrange_weights(u, weights_x)
+        lagrange_weights(v, weights_y)
         gx = gy = gs = xx = yy = ss = xy = xs = ys = 0.0
         for i in range(3):
             side = i - 1
             at, slope, bend = 0.5 * t * (t + side), t + 0.5 * side, 1.0
             if side == 0:
                 at, slope, bend = 1 - t * t, -2 * t, -2.0
-            for j in range(5):
-                level, along, curve = 0.0, 0.0, 0.0
-                for k in range(5):
-                    sample = float(dog[plane - 1 + i, row - 2 + j, column - 2 + k])
-                    level += weights_x[0, k] * sample
-                    along += weights_x[1, k] * sample
-                    curve += weights_x[2, k] * sample
-                w, dw, ddw = weights_y[0, j], weights_y[1, j], weights_y[2, j]
-                gx += at * w * along
-                gy += at * dw * level
-                gs += slope * w * level
-                xx += at * w * curve
-                yy += at * ddw * level
-                ss += bend * w * level
-                xy += at * dw * along
-                xs += slope * w * along
-                ys += slope * dw * level
+            around = dog[
+                plane + side, row - REACH : row + REACH + 1, column - REACH : column + REACH + 1
+            ]
+            level, dx, dy, dxx, dxy, dyy = interpolate(around, weights_x, weights_y, columns)
+            gx += at * dx
+            gy += at * dy
+            gs += slope * level
+            xx += at * dxx
+            yy += at * dyy
+            ss += bend * level
+            xy += at * dxy
+            xs += slope * dx
+            ys += slope * dy
         du, dv, dt = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
         u, v, t = u + du, v + dv, t + dt
-        if not max(abs(u - x), abs(v - y), abs(t - scale)) < TRUSTED:
+        if not max(abs(u - start[0]), abs(v - start[1]), abs(t - start[2])) < TRUSTED:
             return x, y, scale
     return u, v, t
 
 
-@kernel()
-def quartic_weights(t: float, out: FloatArray) -> None:
-    """Fill (3, 5) `out` with what five samples at -2..2 weigh in the quartic through them at `t`.
+@kernel(fastmath=("nsz", "contract", "reassoc"))
+def interpolate(
+    samples: Float32Array, weights_x: FloatArray, weights_y: FloatArray, columns: FloatArray
+) -> tuple[float, float, float, float, float, float]:
+    """The value and the derivatives x, y, xx, xy and yy of what (n, n) samples hold.
+
+    Args:
+        samples: (n, n).
+        weights_x: (3, n) what they weigh along a row in value, slope and curvature.
+        weights_y: (3, n) the same down a column.
+        columns: (3, n) takes value, slope and curvature of every column.
+    """
+    columns[:] = 0
+    for j in range(len(samples)):
+        w, dw, ddw = weights_y[0, j], weights_y[1, j], weights_y[2, j]
+        for k in range(len(samples)):
+            sample = float(samples[j, k])
+            columns[0, k] += w * sample
+            columns[1, k] += dw * sample
+            columns[2, k] += ddw * sample
+    level = dx = dy = dxx = dxy = dyy = 0.0
+    for k in range(len(samples)):
+        w, dw, ddw = weights_x[0, k], weights_x[1, k], weights_x[2, k]
+        level += w * columns[0, k]
+        dx += dw * columns[0, k]
+        dxx += ddw * columns[0, k]
+        dy += w * columns[1, k]
+        dxy += dw * columns[1, k]
+        dyy += w * columns[2, k]
+    return level, dx, dy, dxx, dxy, dyy
+
+
+@kernel(fastmath=("nsz", "contract", "reassoc"))
+def lagrange_weights(t: float, out: FloatArray) -> None:
+    """Fill (3, 13) `out` with what samples at -6..6 weigh at `t` in the polynomial through them.
 
     The rows are for its value, slope and curvature.
     """
-    for node in range(5):
-        a, b, c, d, e = QUARTIC[node]  # powers 0 to 4
-        out[0, node] = a + t * (b + t * (c + t * (d + t * e)))
-        out[1, node] = b + t * (2 * c + t * (3 * d + t * 4 * e))
-        out[2, node] = 2 * c + t * (6 * d + t * 12 * e)
+    value, slope, bend = out[0], out[1], out[2]
+    out[:] = 0
+    for power in range(len(LAGRANGE) - 1, -1, -1):  # Horner's rule, for the derivatives too
+        for node in range(len(value)):
+            bend[node] = bend[node] * t + 2 * slope[node]
+            slope[node] = slope[node] * t + value[node]
+            value[node] = value[node] * t + LAGRANGE[power, node]
 
 
 @kernel()

@@ -1,6 +1,7 @@
 """The Scale-Invariant Feature Transform: the detector of appendix B.1."""
 
 import os
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -10,6 +11,8 @@ from saccade.errors import ImageError, require
 from saccade.image import as_gray
 from saccade.keypoints.descriptor import Frames, describe_frames, orientations
 from saccade.keypoints.extrema import find_extrema
+from saccade.keypoints.given import check_given, locate
+from saccade.keypoints.selection import spread_out
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale_space import (
     SMALLEST_SIDE,
@@ -45,7 +48,7 @@ class Sift:
         return f"Sift({self.config})"
 
     def __call__(
-        self, image: Image, mask: BoolArray | None = None, *, describe: bool = True
+        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
     ) -> Keypoints:
         """Detect interest points and describe them.
 
@@ -65,30 +68,86 @@ class Sift:
         Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
         """
         gray = as_gray(image)  # (H, W)
-        if mask is not None and mask.shape != gray.shape:
-            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {mask.shape}")
+        wanted = None if mask is None else np.asarray(mask) != 0
+        if wanted is not None and wanted.shape != gray.shape:
+            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {wanted.shape}")
         workspace = self._spare.pop() if self._spare else Workspace()
         try:
-            return self._detect(gray, mask, describe, workspace)
+            return self._detect(gray, wanted, describe, workspace)
         finally:
             self._spare.append(workspace)
 
-    def _detect(
-        self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
-    ) -> Keypoints:
+    def describe(self, image: Image, keypoints: Keypoints, *, orient: bool = False) -> Keypoints:
+        """Describe points from anywhere: another detector, a grid, an earlier image.
+
+        Points that this detector found are described as they were, byte for byte.
+
+        Args:
+            image: as for detection.
+            keypoints: n points between the outer edges of the image; see `Keypoints.at` and
+                `saccade.exchange`. Their size says how much of the image is described and
+                how blurred; a descriptor is 12 scales wide, that is 6 sizes, and what lies
+                outside the image counts for nothing. Their own descriptors are not used.
+            orient: whether to find the angle. The default describes each point along the
+                angle it has. With it a point comes once for each strong direction, or not
+                at all where the image is flat; in an upright configuration angles are 0.
+
+        Returns:
+            The points in the order in which they were given, with descriptors.
+
+        Raises:
+            KeypointsError: a place outside the image, a size that is not over 0, an angle
+                that is not finite, or fields of different lengths.
+            ImageError: not an image, or too small an image.
+        """
+        gray, config = as_gray(image), self.config
+        given = check_given(keypoints, gray.shape)
+        workspace = self._spare.pop() if self._spare else Workspace()
+        try:
+            space = self._scale_space(gray, workspace, SMALLEST_SIDE)
+            if len(given) and not space.octaves:
+                height, width = gray.shape
+                raise ImageError(
+                    f"image: expected at least {SMALLEST_SIDE} samples a side in the first octave "
+                    f"to describe points, found an image of {width} x {height} px"
+                )
+            points = Points.at(given, space, config)
+            if orient and config.upright:
+                points = points._replace(angle=np.zeros_like(points.angle))
+            elif orient:
+                index, angle = all_directions(space, points, config, self.threads)
+                given, points = given[index], points.take(index)._replace(angle=angle)
+            order = np.arange(len(given))
+            descriptors = describe_all(space, points, order, config, self.threads)
+            return replace(given, angle=points.angle, descriptors=descriptors)
+        finally:
+            self._spare.append(workspace)
+
+    def _scale_space(
+        self, gray: Float32Array, workspace: Workspace, smallest_side: int
+    ) -> ScaleSpace:
         config = self.config
-        space = gaussian_scale_space(
+        return gaussian_scale_space(
             gray,
             first_octave=config.first_octave,
             octaves=config.octaves,
             intervals=config.intervals,
             base_sigma=config.base_sigma,
+            density=config.density,
             camera_sigma=config.camera_sigma,
             kernel_radius=config.kernel_radius,
             grid=config.grid,
-            smallest_side=max(SMALLEST_SIDE, 2 * config.border + 1),
+            smallest_side=smallest_side,
             workspace=workspace,
-        )  # B.1-B.2
+            threads=self.threads,
+        )
+
+    def _detect(
+        self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
+    ) -> Keypoints:
+        config = self.config
+        searched = max(SMALLEST_SIDE, 2 * config.border + 1)
+        space = self._scale_space(gray, workspace, searched)  # B.1-B.2
         found = [Points.none()]
         for number, octave in enumerate(space.octaves):
             differences = difference_of_gaussians(octave, workspace, self.threads)  # B.3
@@ -98,9 +157,15 @@ class Sift:
             if not config.upright:
                 points = orient(octave, points, config, self.threads)  # B.11-B.12
             found.append(points)
-        points = strongest(concatenate(found), space, config.max_keypoints)
-        descriptors = describe_all(space, points, config, self.threads) if describe else None
-        return keypoints(points, space, config.first_octave, descriptors)
+        points = concatenate(found)
+        order = strongest(points, space, config.max_keypoints, config.spread)
+        kept = keypoints(points, space, config.first_octave)
+        if not describe:
+            return kept[order]
+        # From what is handed out, so that it can be described again to the same bytes.
+        points = Points.at(kept, space, config)
+        descriptors = describe_all(space, points, order, config, self.threads)
+        return replace(kept[order], descriptors=descriptors)
 
 
 class Points(NamedTuple):
@@ -125,6 +190,12 @@ class Points(NamedTuple):
         number, real = np.zeros(0, np.int64), np.zeros(0, np.float32)
         return cls(number, number, np.zeros((0, 2), np.float32), real, real, real)
 
+    @classmethod
+    def at(cls, keypoints: Keypoints, space: ScaleSpace, config: SiftConfig) -> "Points":
+        """Points of the image, found by whomever."""
+        octave, plane, xy, sigma = locate(keypoints, space, config)
+        return cls(octave, plane, xy, sigma, keypoints.angle, keypoints.response)
+
     @property
     def frames(self) -> Frames:
         """Plane, place and scale."""
@@ -144,7 +215,7 @@ class Points(NamedTuple):
         xy, _ = self.in_image(space)
         column, row = np.rint(xy).astype(np.int64).T
         height, width = mask.shape
-        return self.take(mask[row.clip(0, height - 1), column.clip(0, width - 1)] != 0)
+        return self.take(mask[row.clip(0, height - 1), column.clip(0, width - 1)])
 
 
 def concatenate(parts: list[Points]) -> Points:
@@ -160,13 +231,13 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
         candidate_threshold=config.candidate_fraction * config.contrast_threshold,
         contrast_threshold=config.contrast_threshold,
         edge_ratio=config.edge_ratio,
-        quartic=config.fit == "quartic",
+        lagrange=config.fit == "lagrange",
         threads=threads,
     )
-    sigma = config.base_sigma * 2 ** (found.scale / config.intervals)
+    sigma = config.density * config.base_sigma * 2 ** (found.scale / config.intervals)
     return Points(
         octave=np.full(len(found.plane), octave),
-        plane=found.plane,
+        plane=np.rint(found.scale).astype(np.int64),  # the refinement may have left the seed's
         xy=found.xy,
         sigma=sigma.astype(np.float32),
         angle=np.zeros(len(found.plane), np.float32),
@@ -176,6 +247,14 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
 
 def orient(octave: Float32Array, points: Points, config: SiftConfig, threads: int = 1) -> Points:
     """Each point once for every strong direction of its gradients (B.11-B.12)."""
+    index, angle = directions(octave, points, config, threads)
+    return points.take(index)._replace(angle=angle)
+
+
+def directions(
+    octave: Float32Array, points: Points, config: SiftConfig, threads: int = 1
+) -> tuple[IntArray, Float32Array]:
+    """(m,) index of the point, ascending, and (m,) angle, for the points of one octave."""
     index, angle, height = orientations(
         octave,
         points.frames,
@@ -190,25 +269,49 @@ def orient(octave: Float32Array, points: Points, config: SiftConfig, threads: in
         rank = np.arange(len(index)) - np.searchsorted(index, index)
         chosen = np.sort(order[rank < config.max_orientations])
         index, angle = index[chosen], angle[chosen]
-    return points.take(index)._replace(angle=angle)
+    return index, angle
 
 
-def strongest(points: Points, space: ScaleSpace, most: int) -> Points:
-    """Points by falling response, then by row, column, size and angle; `most` of them unless 0."""
+def all_directions(
+    space: ScaleSpace, points: Points, config: SiftConfig, threads: int = 1
+) -> tuple[IntArray, Float32Array]:
+    """As `directions`, for the points of all octaves."""
+    indices, angles = [np.zeros(0, np.int64)], [np.zeros(0, np.float32)]
+    for number, octave in enumerate(space.octaves):
+        here = np.flatnonzero(points.octave == number)
+        index, angle = directions(octave, points.take(here), config, threads)
+        indices.append(here[index])
+        angles.append(angle)
+    index = np.concatenate(indices)
+    order = np.argsort(index, kind="stable")
+    return index[order], np.concatenate(angles)[order]
+
+
+def strongest(points: Points, space: ScaleSpace, most: int, spread: bool = False) -> IntArray:
+    """Order by falling response, then row, column, size, angle; `most` of the points unless 0."""
     xy, sigma = points.in_image(space)
     order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -points.response))
-    return points.take(order[:most] if most else order)
+    if most and spread:
+        order = order[spread_out(xy[order], points.response[order], most)]
+    return order[:most] if most else order
 
 
 def describe_all(
-    space: ScaleSpace, points: Points, config: SiftConfig, threads: int = 1
+    space: ScaleSpace, points: Points, order: IntArray, config: SiftConfig, threads: int = 1
 ) -> ByteArray:
-    """(n, 128) descriptors, octave by octave."""
-    descriptors = np.empty((len(points.octave), 128), np.uint8)
+    """(n, 128) descriptors of the points that `order` names.
+
+    They are made as the points lie in the planes: neighbors share what is in the cache.
+    """
+    place = np.empty(len(points.octave), np.int64)
+    place[order] = np.arange(len(order))
+    wanted = np.zeros(len(place), np.bool_)
+    wanted[order] = True
+    descriptors = np.empty((len(order), 128), np.uint8)
     for number, octave in enumerate(space.octaves):
-        here = points.octave == number
+        here = np.flatnonzero(wanted & (points.octave == number))
         part = points.take(here)
-        descriptors[here] = describe_frames(
+        descriptors[place[here]] = describe_frames(
             octave,
             part.frames,
             part.angle,
@@ -221,9 +324,7 @@ def describe_all(
     return descriptors
 
 
-def keypoints(
-    points: Points, space: ScaleSpace, first_octave: int, descriptors: ByteArray | None
-) -> Keypoints:
+def keypoints(points: Points, space: ScaleSpace, first_octave: int) -> Keypoints:
     """Points in pixels of the image."""
     xy, sigma = points.in_image(space)
     return Keypoints(
@@ -232,5 +333,4 @@ def keypoints(
         angle=points.angle,
         response=points.response,
         octave=(points.octave + first_octave).astype(np.int32),
-        descriptors=descriptors,
     )

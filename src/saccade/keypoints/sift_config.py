@@ -1,6 +1,7 @@
 """The settings of SIFT, and their presets."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from numbers import Integral, Real
 from typing import Literal
 
 from saccade.errors import require
@@ -14,13 +15,18 @@ class SiftConfig:
     """
 
     first_octave: int = -1
-    """-1 doubles the image first; 0 starts from the image: a quarter of the points."""
+    """-1 begins at the scales of a doubled image; 0 at those of the image: a quarter of the
+    points."""
     octaves: int = 0
     """How many at most; 0 for as many as the image has room for."""
-    intervals: int = 3
+    intervals: int = 4
     """s, the scales to an octave."""
-    base_sigma: float = 1.6
-    """Blur of the first plane of an octave, in samples."""
+    base_sigma: float = 1.68
+    """Blur of the first plane of an octave, in samples of density 1."""
+    density: float = 0.5
+    """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
+    the octave of the doubled image is made of the image's own pixels: under its blur there is
+    next to nothing between them. It costs a quarter."""
     camera_sigma: float = 0.0
     """Blur that the image is assumed to have, in pixels. 0 blurs it by all of `base_sigma`:
     the finest points, which the noise makes, are fewer, and more of the others come back."""
@@ -32,16 +38,16 @@ class SiftConfig:
     is doubled, as OpenCV does."""
     border: int = 5
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = 0.0155
+    contrast_threshold: float = 0.04 / 3
     """tau_c: the least |D| at an extremum (B.6)."""
     candidate_fraction: float = 0.5
     """Share of `contrast_threshold` that a sample must exceed before the fit."""
     edge_ratio: float = 12.0
     """tau_r: the greatest ratio of the principal curvatures (B.10)."""
-    fit: Literal["quartic", "quadratic"] = "quartic"
-    """"quadratic" is B.5. "quartic" goes on from there with two samples each way, which finds
-    a blob's centre within 0.003 px rather than 0.07, and keeps the extrema that lie halfway
-    between two samples, where the quadratic goes back and forth."""
+    fit: Literal["lagrange", "quadratic"] = "lagrange"
+    """"quadratic" is B.5. "lagrange" goes on from there with the polynomial through 13 samples
+    each way, which finds a blob's centre within 0.003 samples rather than 0.07, and keeps the
+    extrema that lie halfway between two samples, where the quadratic goes back and forth."""
     voting: Literal["linear", "nearest"] = "linear"
     """Whether a gradient is shared by the two nearest of the 36 directions or goes to one."""
     smoothing: int = 6
@@ -54,7 +60,7 @@ class SiftConfig:
     """Centre orientation and descriptor on the point, not on the sample nearest to it."""
     orientation_spacing: float = 1.0
     """Of the samples that the histogram of directions looks at, in scales; 0 for all."""
-    descriptor_spacing: float = 1.0
+    descriptor_spacing: float = 1.2
     """Of the samples that the descriptor looks at, in scales; 0 for all. Lowe's 4x4 samples
     in each of 4x4 subregions are 0.75 apart."""
     window_sigma: float = 0.7
@@ -63,12 +69,22 @@ class SiftConfig:
     """"root" L1-normalizes and takes the square root (RootSIFT)."""
     max_keypoints: int = 0
     """Keep this many of the strongest; 0 keeps all."""
+    spread: bool = False
+    """Keep as many, but rather those that are far from any clearly stronger one: they cover
+    the image (adaptive non-maximal suppression)."""
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type is int:
+                require(isinstance(value, Integral), field.name, "a whole number", value)
+            elif field.type is float:
+                require(isinstance(value, Real), field.name, "a number", value)
         require(self.first_octave in (-1, 0), "first_octave", "-1 or 0", self.first_octave)
         require(self.octaves >= 0, "octaves", "0 or more", self.octaves)
         require(1 <= self.intervals <= 16, "intervals", "1 to 16", self.intervals)
         require(0.5 <= self.base_sigma <= 8, "base_sigma", "0.5 to 8", self.base_sigma)
+        require(self.density in (0.5, 1), "density", "0.5 or 1", self.density)
         require(0 <= self.camera_sigma <= 4, "camera_sigma", "0 to 4", self.camera_sigma)
         require(1 <= self.kernel_radius <= 8, "kernel_radius", "1 to 8", self.kernel_radius)
         require(
@@ -77,8 +93,14 @@ class SiftConfig:
             "'centered' or 'shifted'",
             self.grid,
         )
+        require(
+            self.grid == "centered" or self.density == 1,
+            "grid",
+            "'centered' where density is 0.5",
+            self.grid,
+        )
         require(self.border >= 2, "border", "2 or more", self.border)
-        require(self.fit in ("quartic", "quadratic"), "fit", "'quartic' or 'quadratic'", self.fit)
+        require(self.fit in ("lagrange", "quadratic"), "fit", "'lagrange' or 'quadratic'", self.fit)
         require(
             0 <= self.contrast_threshold < 1,
             "contrast_threshold",
@@ -95,15 +117,21 @@ class SiftConfig:
         require(
             self.voting in ("linear", "nearest"), "voting", "'linear' or 'nearest'", self.voting
         )
-        require(self.smoothing >= 0, "smoothing", "0 or more", self.smoothing)
+        require(0 <= self.smoothing <= 100, "smoothing", "0 to 100", self.smoothing)
         require(self.max_orientations >= 0, "max_orientations", "0 or more", self.max_orientations)
         for name in ("orientation_spacing", "descriptor_spacing"):
             require(0 <= getattr(self, name) <= 3, name, "0 to 3", getattr(self, name))
-        require(self.window_sigma > 0, "window_sigma", "over 0", self.window_sigma)
+        require(0.1 <= self.window_sigma <= 10, "window_sigma", "0.1 to 10", self.window_sigma)
         require(
             self.descriptor in ("sift", "root"), "descriptor", "'sift' or 'root'", self.descriptor
         )
         require(self.max_keypoints >= 0, "max_keypoints", "0 or more", self.max_keypoints)
+        require(
+            self.max_keypoints > 0 or not self.spread,
+            "spread",
+            "max_keypoints over 0 with it",
+            self.max_keypoints,
+        )
 
     @classmethod
     def recommended(cls) -> "SiftConfig":
@@ -122,6 +150,9 @@ class SiftConfig:
         beyond its quadratic (see `fit`).
         """
         return cls(
+            intervals=3,
+            base_sigma=1.6,
+            density=1.0,
             camera_sigma=0.5,
             kernel_radius=4.0,
             border=2,

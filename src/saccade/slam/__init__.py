@@ -1,31 +1,54 @@
 """Where things are: range-bearing landmark SLAM; it never sees an image."""
 
-from saccade.slam.association import KnownIdentity, NearestNeighbor
+from saccade.slam.association import DROPPED, NEW, Association, KnownIdentity, NearestNeighbor
+from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency
 from saccade.slam.ekf import EkfSlam, Innovation
 from saccade.slam.landmarks import Candidates
-from saccade.slam.models import RANGE_BEARING, Sensor, compose, drive, observe, place, wrap
+from saccade.slam.models import (
+    RANGE_BEARING,
+    Motion,
+    Sensor,
+    compose,
+    difference,
+    drive,
+    observe,
+    place,
+    wrap,
+)
+from saccade.slam.recording import Recorder
 from saccade.slam.retraction import INVARIANT, STANDARD
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
+from saccade.slam.smoothing import SmoothConfig, SmoothResult, smooth
 
 __all__ = [
+    "DROPPED",
     "INVARIANT",
+    "NEW",
     "RANGE_BEARING",
     "STANDARD",
+    "Association",
     "Candidates",
+    "Checkpoint",
     "Consistency",
     "EkfConfig",
     "EkfSlam",
     "Innovation",
     "KnownIdentity",
+    "Motion",
     "NearestNeighbor",
+    "Recorder",
     "Sensor",
     "SlamResult",
+    "SmoothConfig",
+    "SmoothResult",
     "compose",
     "dead_reckon",
+    "difference",
     "drive",
     "observe",
     "place",
     "run",
+    "smooth",
     "wrap",
 ]

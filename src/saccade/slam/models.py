@@ -2,13 +2,12 @@
 
 A motion model is a function of pose and control. A sensor model is a `Sensor`:
 what is expected of a landmark, where an observation puts one, and the
-difference of two observations. A model of one's own is handed to `EkfSlam`.
+difference of two observations. A model of one's own is handed to `run` or `EkfSlam`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import cos, sin
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -22,18 +21,25 @@ NEAREST = 1e-6
 """Metres; a landmark closer than this to the robot has no direction."""
 
 
-@dataclass(frozen=True)
-class Sensor:
+class Sensor(Protocol):
     """What an observation of a landmark is."""
 
-    observe: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-    """(pose (3,), landmarks (..., 2)) -> expected (..., 2), Jacobian (..., 2, 5) by
-    the pose and the landmark."""
-    place: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
-    """(pose (3,), z (..., 2)) -> landmark (..., 2), Jacobians by pose (..., 2, 3) and
-    z (..., 2, 2)."""
-    difference: Callable[[FloatArray, FloatArray], FloatArray]
-    """(z (..., 2), expected (..., 2)) -> innovation (..., 2)."""
+    def observe(self, pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What is expected of landmarks (..., 2) from a pose (3,).
+
+        Returns:
+            (..., 2), and its Jacobian (..., 2, 5) by the pose and the landmark.
+        """
+
+    def place(self, pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Where observations (..., 2) from a pose (3,) put their landmarks.
+
+        Returns:
+            (..., 2), and its Jacobians by the pose (..., 2, 3) and by z (..., 2, 2).
+        """
+
+    def difference(self, z: FloatArray, expected: FloatArray) -> FloatArray:
+        """Observations less what is expected, (..., 2), angles wrapped."""
 
 
 def wrap(angle: npt.ArrayLike) -> FloatArray:
@@ -150,5 +156,13 @@ def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
     return innovation
 
 
-RANGE_BEARING = Sensor(observe, place, difference)
-"""Range in metres and bearing in radians, from the robot's place and heading."""
+class RangeBearing:
+    """Range in metres and bearing in radians, from the robot's place and heading."""
+
+    observe = staticmethod(observe)
+    place = staticmethod(place)
+    difference = staticmethod(difference)
+
+
+RANGE_BEARING = RangeBearing()
+"""The sensor of a log that does not say otherwise."""

@@ -8,17 +8,24 @@ import numpy as np
 
 from saccade.errors import LogError, require
 from saccade.slam.association import NEW, Association, KnownIdentity, NearestNeighbor
+from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.ekf import EkfSlam
 from saccade.slam.landmarks import Candidates
-from saccade.slam.models import Motion, compose, drive
+from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.recording import Recorder
 from saccade.slam.retraction import INVARIANT, STANDARD, Retraction
-from saccade.types import IntArray, LandmarkLog, LandmarkMap, Trajectory
+from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control that a log may hold."""
 RETRACTIONS: dict[str, Retraction] = {"invariant": INVARIANT, "standard": STANDARD}
 """How each kind of filter measures errors."""
+FINEST = 1e-4
+"""Metres and radians. What claims to be exact leaves a filter no room for its own linearization
+and drives it off; it is taken to be as good as this."""
+FARTHEST = 1e9
+"""Metres from the origin at which an estimate has gone astray."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,10 @@ class SlamResult:
     """Whether the innovations are as large as the filter expected."""
     association: IntArray
     """(k,) number of the landmark in the map for each observation, -1 where it was not used."""
+    innovation: FloatArray
+    """(k, 2) of each observation, as the filter has it (see `Innovation`); NaN as the NIS is."""
+    innovation_covariance: FloatArray
+    """(k, 2, 2) before the update."""
     dead_reckoning: Trajectory
     """(t + 1) poses from the controls alone, with covariance."""
 
@@ -87,6 +98,12 @@ def run(
     log: LandmarkLog,
     config: EkfConfig = EkfConfig(),
     progress: Callable[[int, int], None] | None = None,
+    *,
+    motion: Motion | None = None,
+    sensor: Sensor = RANGE_BEARING,
+    associate: Association | None = None,
+    recorder: Recorder | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> SlamResult:
     """Filter a landmark log with EKF-SLAM (C.1-C.18).
 
@@ -95,31 +112,54 @@ def run(
         config: association and noise.
         progress: called with the number of poses done and of all poses, some
             hundred times in all.
+        motion: what the controls mean; the log says it unless told otherwise.
+        sensor: what the observations mean; range and bearing unless told otherwise.
+        associate: a rule in the place of the one that `config` names.
+        recorder: takes snapshots of the map while it grows.
+        checkpoint: where the run saves itself, and goes on if it was interrupted.
 
     Returns:
         Trajectory, map, consistency and association.
 
     Raises:
-        LogError: known association is asked of a log that does not name its landmarks.
+        LogError: known association is asked of a log that does not name its landmarks, a
+            model of its own is not given, or the estimate goes astray; names the pose.
     """
     poses = len(log.time)
-    ekf = _filter(log, config)
-    associate, candidates = _association(log, config)
+    ekf = _filter(log, config, motion, sensor)
+    associate, candidates = _association(log, config, associate)
     U = log.control_covariance * config.motion_noise_scale**2  # (t, c, c)
-    R = log.observation_covariance * config.sensor_noise_scale**2  # (k, 2, 2)
+    R = _believed(log.observation_covariance * config.sensor_noise_scale**2)  # (k, 2, 2)
     scans = np.searchsorted(log.observation_pose, np.arange(poses + 1))
     pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
     association = np.empty(len(log.observation), np.int64)
     nis = np.full(len(log.observation), np.nan)
+    innovation, spread = np.full((len(nis), 2), np.nan), np.full((len(nis), 2, 2), np.nan)
+    state = {
+        "ekf": ekf,
+        "associate": associate,
+        "candidates": candidates,
+        "pose": pose,
+        "covariance": covariance,
+        "association": association,
+        "nis": nis,
+        "innovation": innovation,
+        "spread": spread,
+        "recorder": recorder,
+    }
+    models = (config, motion, sensor, associate)
+    done = 0 if checkpoint is None else checkpoint.resume(log, models, state)
 
-    for step in range(poses):
+    for step in range(done, poses):
         if step > 0:
             ekf.predict(log.control[step - 1], U[step - 1])  # C.5-C.9
         scan = np.arange(scans[step], scans[step + 1])
         if len(scan) > 0:
             found = associate(ekf, log.observation[scan], R[scan], log.landmark[scan])
             for k, landmark in zip(scan[found >= 0], found[found >= 0].tolist(), strict=True):
-                nis[k] = ekf.update(log.observation[k], R[k], landmark).nis  # C.10-C.14
+                innovation[k], spread[k], nis[k] = ekf.update(
+                    log.observation[k], R[k], landmark
+                )  # C.10-C.14
             new = scan[found == NEW]
             confirmed = candidates.confirm(ekf, log.observation[new], R[new], log.time[step])
             association[scan] = np.maximum(found, -1)
@@ -127,6 +167,15 @@ def run(
                 association[k] = ekf.augment(log.observation[k], R[k])  # C.15-C.18
                 associate.added(int(association[k]), int(log.landmark[k]))
         pose[step], covariance[step] = ekf.pose, ekf.pose_covariance
+        if not np.abs(pose[step]).max() < FARTHEST:
+            raise LogError(
+                f"pose {step}: expected an estimate on this planet, found that it has gone "
+                "astray; observations or controls contradict the deviations they are said to have"
+            )
+        if recorder is not None:
+            recorder.add(step, poses, ekf, association[scan])
+        if checkpoint is not None:
+            checkpoint.keep(step + 1, state)
         if progress is not None and (step % (poses // 100 + 1) == 0 or step == poses - 1):
             progress(step + 1, poses)
 
@@ -135,13 +184,17 @@ def run(
         map=_landmark_map(ekf, log, association),
         consistency=summarize(nis),
         association=association,
-        dead_reckoning=dead_reckon(log, config),
+        innovation=innovation,
+        innovation_covariance=spread,
+        dead_reckoning=dead_reckon(log, config, motion),
     )
 
 
-def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory:
+def dead_reckon(
+    log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: Motion | None = None
+) -> Trajectory:
     """Where the controls alone lead, with the covariance that grows on the way."""
-    ekf = _filter(log, config)
+    ekf = _filter(log, config, motion, RANGE_BEARING)
     U = log.control_covariance * config.motion_noise_scale**2
     pose, covariance = np.empty((len(log.time), 3)), np.empty((len(log.time), 3, 3))
     pose[0], covariance[0] = ekf.pose, ekf.pose_covariance
@@ -151,16 +204,41 @@ def dead_reckon(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Trajectory
     return Trajectory(log.time, pose, covariance)
 
 
-def _filter(log: LandmarkLog, config: EkfConfig) -> EkfSlam:
+def motion_of(log: LandmarkLog, own: Motion | None) -> Motion:
+    """The motion model of a log.
+
+    Raises:
+        LogError: its controls are of a model of its own, and that is not given.
+    """
+    if own is not None:
+        return own
+    if log.motion not in MOTIONS:
+        raise LogError(f"motion: expected the model of {log.motion} controls, found none given")
+    return MOTIONS[log.motion]
+
+
+def _filter(log: LandmarkLog, config: EkfConfig, motion: Motion | None, sensor: Sensor) -> EkfSlam:
     return EkfSlam(
         log.start,
         np.diag(np.square(config.start_sigma)),
-        motion=MOTIONS[log.motion],
+        motion=motion_of(log, motion),
+        sensor=sensor,
         retraction=RETRACTIONS[config.filter],
     )
 
 
-def _association(log: LandmarkLog, config: EkfConfig) -> tuple[Association, Candidates]:
+def _believed(R: FloatArray) -> FloatArray:
+    """Covariances (k, 2, 2), singular ones with `FINEST` in every direction."""
+    a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
+    least = (a + d) / 2 - np.hypot((a - d) / 2, b)
+    return R + FINEST**2 * (least < FINEST**2)[:, None, None] * np.eye(2)
+
+
+def _association(
+    log: LandmarkLog, config: EkfConfig, own: Association | None
+) -> tuple[Association, Candidates]:
+    if own is not None:
+        return own, Candidates(config.sightings, config.lifetime, config.gate)
     named = log.landmark >= 0
     if config.association == "known" and not named.any() and len(named) > 0:
         raise LogError(

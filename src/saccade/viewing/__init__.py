@@ -2,7 +2,9 @@
 
 from saccade.viewing.attention import attention_figure, heat_beside
 from saccade.viewing.film import save_film, scanpath_frames
+from saccade.viewing.innovations import innovation_figure
 from saccade.viewing.keypoints import keypoint_figure, match_figure
+from saccade.viewing.map_film import map_frames
 from saccade.viewing.maps import map_figure
 from saccade.viewing.page import Picture, Section, html_page
 from saccade.viewing.style import save_figure
@@ -13,8 +15,10 @@ __all__ = [
     "attention_figure",
     "heat_beside",
     "html_page",
+    "innovation_figure",
     "keypoint_figure",
     "map_figure",
+    "map_frames",
     "match_figure",
     "save_figure",
     "save_film",

@@ -1,0 +1,137 @@
+"""Numbers from MATLAB files of version 5, every length checked.
+
+SciPy reads more kinds of them, but a broken one can bring down its reader, and Python with it.
+"""
+
+import zlib
+from collections.abc import Iterator
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saccade.errors import LogError
+
+HEADER = 128
+LARGEST = 1 << 30
+"""Bytes of an unpacked variable; more is a broken file."""
+DEEPEST = 4
+"""Cells within cells."""
+_MATRIX, _COMPRESSED = 14, 15
+_CELL, _NUMERIC = 1, range(6, 16)
+_TYPES = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
+
+
+def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
+    """Variables of a .mat file.
+
+    Args:
+        path: the file.
+        names: the variables, real numbers or cells of them.
+
+    Returns:
+        By name, an array of float64, or the list of a cell's arrays, column by column.
+
+    Raises:
+        LogError: no such file, it is broken or of another version, or has no such variable.
+
+    Source: MathWorks, "MAT-File Format", the level 5 format.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+    order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
+    if order is None:
+        raise LogError(f"{path}: expected a MATLAB file of version 5, found another file")
+    held: dict[str, Any] = {}
+    try:
+        for matrix in _matrices(data[HEADER:], order):
+            held |= _variable(matrix, order, names)
+    except (ValueError, zlib.error) as error:
+        raise LogError(f"{path}: expected a MATLAB file, found a broken one: {error}") from error
+    missing = [name for name in names if name not in held]
+    if missing:
+        raise LogError(
+            f"{path}: expected the variables {', '.join(names)}, found no {', '.join(missing)}"
+        )
+    return held
+
+
+def _matrices(data: bytes, order: str) -> Iterator[bytes]:
+    """The content of each variable, unpacked."""
+    for kind, payload in _elements(data, order):
+        if kind == _MATRIX:
+            yield payload
+        elif kind == _COMPRESSED:
+            yield from (
+                each for inner, each in _elements(_inflated(payload), order) if inner == _MATRIX
+            )
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Kind and content of each element; a small one has its content in its tag."""
+    start = 0
+    while start < len(data):
+        if start + 8 > len(data):
+            raise ValueError("it ends within a tag")
+        kind, size = (int(word) for word in np.frombuffer(data, f"{order}u4", 2, start))
+        small, kind = divmod(kind, 1 << 16)
+        begin = start + (4 if small else 8)
+        size = small or size
+        if begin + size > len(data) or small > 4:
+            raise ValueError("an element is longer than what holds it")
+        yield kind, data[begin : begin + size]
+        packed = small == 0 and kind == _COMPRESSED
+        start = start + 8 if small else begin + (size if packed else -(-size // 8) * 8)
+
+
+def _inflated(payload: bytes) -> bytes:
+    unpacker = zlib.decompressobj()
+    content = unpacker.decompress(payload, LARGEST)
+    if not unpacker.eof:
+        raise ValueError("a compressed variable is cut, or too large")
+    return content
+
+
+def _variable(
+    matrix: bytes, order: str, names: tuple[str, ...] | None, depth: int = 0
+) -> dict[str, Any]:
+    """Name and value of a matrix, if its name is wanted and it holds numbers."""
+    if depth > 0 and not matrix:
+        return {"": np.empty((0, 0))}  # MATLAB's empty cell
+    elements = _elements(matrix, order)
+    parts = [next(elements, (0, b"")) for _ in range(3)]
+    if len(parts[0][1]) != 8 or len(parts[1][1]) < 8:
+        raise ValueError("a variable without a shape")
+    kind = int(np.frombuffer(parts[0][1], f"{order}u4")[0]) & 0xFF
+    shape = tuple(np.frombuffer(parts[1][1][: len(parts[1][1]) // 4 * 4], f"{order}i4").tolist())
+    name = parts[2][1].decode("ascii", "replace")
+    if min(shape) < 0:
+        raise ValueError("a variable of negative size")
+    if names is not None and name not in names:
+        return {}
+    if kind == _CELL and depth < DEEPEST:
+        cells = [_variable(cell, order, None, depth + 1) for _, cell in elements]
+        if len(cells) != prod(shape) or not all(cells):
+            raise ValueError(f"{name} has other cells than its shape says")
+        return {name: [value for cell in cells for value in cell.values()]}
+    if kind not in _NUMERIC:
+        return {}
+    stored, content = next(elements, (0, b""))
+    if stored not in _TYPES and prod(shape) > 0:
+        raise ValueError(f"{name} holds no numbers")
+    values = np.frombuffer(content, order + _TYPES.get(stored, "u1"))
+    return {name: values.astype(np.float64).reshape(shape, order="F")}

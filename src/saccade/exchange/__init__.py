@@ -1,0 +1,25 @@
+"""Interest points in the formats of others, both ways; one file per format."""
+
+from saccade.exchange.colmap import ColmapFeatures, read_colmap, write_colmap
+from saccade.exchange.csv import read_csv, write_csv
+from saccade.exchange.hdf5 import read_hdf5, write_hdf5
+from saccade.exchange.npz import read_npz, write_npz
+from saccade.exchange.opencv import from_opencv, to_opencv
+from saccade.exchange.parquet import read_parquet, to_arrow, write_parquet
+
+__all__ = [
+    "ColmapFeatures",
+    "from_opencv",
+    "read_colmap",
+    "read_csv",
+    "read_hdf5",
+    "read_npz",
+    "read_parquet",
+    "to_arrow",
+    "to_opencv",
+    "write_colmap",
+    "write_csv",
+    "write_hdf5",
+    "write_npz",
+    "write_parquet",
+]

@@ -1,0 +1,221 @@
+"""COLMAP's database: keypoints, descriptors and matches of many images.
+
+COLMAP puts the centre of the first pixel at (0.5, 0.5), half a pixel from where we have it;
+its scale is half of our size, its angle and the order of its descriptors are ours.
+"""
+
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.errors import KeypointsError, OutputError
+from saccade.exchange.fields import check_name, checked, keypoints_from, reading
+from saccade.extras import import_optional
+from saccade.files import whole_file
+from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
+
+CENTER = np.float32(0.5)
+"""Of the first pixel."""
+MOST_IMAGES = 2147483647
+"""By which COLMAP makes one number of the numbers of two images."""
+FOCAL_LENGTH = 1.2
+"""In longer sides of the image: what COLMAP takes where it knows nothing."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ColmapFeatures:
+    """What a database holds of interest points."""
+
+    keypoints: Mapping[str, Keypoints]
+    """By the name of their image. COLMAP knows no response and no octave: both are 0."""
+    matches: Mapping[tuple[str, str], IntArray]
+    """By the names of two images: (m, 2) indices into their points, as `saccade.match` gives."""
+    shapes: Mapping[str, tuple[int, int]]
+    """(H, W) of every image."""
+
+    def __repr__(self) -> str:
+        return f"ColmapFeatures({len(self.keypoints)} images, {len(self.matches)} matched pairs)"
+
+
+def write_colmap(
+    path: str | Path,
+    keypoints: Mapping[str, Keypoints],
+    shapes: Mapping[str, tuple[int, ...]],
+    matches: Mapping[tuple[str, str], IntArray] | None = None,
+) -> None:
+    """Write a new database, of the version of the pycolmap that is installed.
+
+    Every image gets a camera of its own, SIMPLE_RADIAL with a focal length that is but a
+    guess; COLMAP's mapper refines it. Verify the matches (`pycolmap.geometric_verification`)
+    before mapping.
+
+    Args:
+        path: whole or not at all; an old file is replaced.
+        keypoints: by the name of their image: its path from COLMAP's folder of images.
+        shapes: (H, W, ...) of each image.
+        matches: (m, 2) indices into the points of two images, by their names.
+
+    Raises:
+        KeypointsError: an image without a shape, matches of unknown images or points, or
+            fields that do not fit together.
+        ConfigError: pycolmap is not installed.
+        OutputError: the file cannot be written.
+    """
+    pycolmap = import_pycolmap()
+    matches = {} if matches is None else matches
+    for name in keypoints:
+        if name not in shapes:
+            raise KeypointsError(f"{name}: expected a shape for this image, found none")
+    for pair, indices in matches.items():
+        _check_pair(pair, indices, keypoints)
+        if pair[::-1] in matches:
+            raise KeypointsError(f"matches of {' and '.join(pair)}: expected one order, found both")
+    with whole_file(path) as temporary, _open_new(pycolmap, temporary, path) as database:
+        numbers = {}
+        for name, points in keypoints.items():
+            numbers[name] = _add_image(pycolmap, database, check_name(name), shapes[name])
+            _add_points(pycolmap, database, numbers[name], checked(name, points))
+        for (first, second), indices in matches.items():
+            database.write_matches(numbers[first], numbers[second], indices.astype(np.uint32))
+
+
+def read_colmap(path: str | Path) -> ColmapFeatures:
+    """Read a database of any version; it is not changed, and pycolmap is not needed.
+
+    Raises:
+        KeypointsError: the file is missing or something else, or its descriptors are not
+            bytes, as SIFT's are.
+    """
+    path = Path(path)
+    place = f"{path.resolve().as_uri()}?mode=ro"
+    with (
+        reading(path, "a COLMAP database", sqlite3.Error),
+        closing(sqlite3.connect(place, uri=True)) as database,
+    ):
+        images = {
+            number: (name, (height, width))
+            for number, name, height, width in database.execute(
+                "SELECT image_id, name, height, width FROM images JOIN cameras USING (camera_id) "
+                "ORDER BY image_id"
+            )
+        }
+        places = _blobs(database, "keypoints", "image_id", np.float32)
+        descriptors = _blobs(database, "descriptors", "image_id", np.uint8)
+        pairs = _blobs(database, "matches", "pair_id", np.uint32)
+    found = {
+        name: _points(f"{path}: {name}", places[number], descriptors.get(number))
+        for number, (name, _) in images.items()
+        if number in places
+    }
+    matches = {}
+    for number, indices in pairs.items():
+        first, second = (images.get(each, ("", ()))[0] for each in divmod(number, MOST_IMAGES))
+        if first in found and second in found:
+            matches[first, second] = indices.astype(np.int64)
+    return ColmapFeatures(found, matches, dict(images.values()))
+
+
+def import_pycolmap() -> Any:
+    """The library, quieter than it is by itself.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    import_module("zlib")  # Python's first: where that of pycolmap's wheel is, Python crashes
+    pycolmap = import_optional("pycolmap", "colmap")
+    pycolmap.logging.minloglevel = pycolmap.logging.WARNING.value
+    return pycolmap
+
+
+@contextmanager
+def _open_new(pycolmap: Any, temporary: Path, path: str | Path) -> Iterator[Any]:
+    """A database to write to; what goes wrong in it names the `path` it is made for."""
+    database = None
+    try:
+        database = pycolmap.Database.open(temporary)
+        yield database
+    except RuntimeError as error:
+        raise OutputError(f"{path}: cannot be written: {error}") from error
+    finally:
+        if database is not None:
+            database.close()
+
+
+def _check_pair(
+    pair: tuple[str, str], indices: IntArray, keypoints: Mapping[str, Keypoints]
+) -> None:
+    name = " and ".join(pair)
+    for each in pair:
+        if each not in keypoints:
+            raise KeypointsError(f"matches of {name}: expected keypoints of {each}, found none")
+    if pair[0] == pair[1]:
+        raise KeypointsError(f"matches of {name}: expected two images, found one")
+    check_pairs(indices, (len(keypoints[pair[0]]), len(keypoints[pair[1]])), f"matches of {name}")
+
+
+def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, ...]) -> int:
+    """Its number; with a camera, and since COLMAP 3.12 a rig and a frame."""
+    height, width = (int(side) for side in shape[:2])
+    focal_length = FOCAL_LENGTH * max(height, width)
+    camera = pycolmap.Camera.create_from_model_id(
+        0, pycolmap.CameraModelId.SIMPLE_RADIAL, focal_length, width, height
+    )
+    camera.camera_id = database.write_camera(camera)
+    rig = pycolmap.Rig()
+    rig.add_ref_sensor(camera.sensor_id)
+    image = pycolmap.Image(name=name, camera_id=camera.camera_id)
+    image.image_id = database.write_image(image)
+    frame = pycolmap.Frame()
+    frame.rig_id = database.write_rig(rig)
+    frame.add_data_id(image.data_id)
+    database.write_frame(frame)
+    return int(image.image_id)
+
+
+def _add_points(pycolmap: Any, database: Any, number: int, points: Keypoints) -> None:
+    rows = np.c_[points.xy + CENTER, points.size / 2, points.angle]
+    database.write_keypoints(number, rows.astype(np.float32))
+    if points.descriptors is not None:
+        kind = pycolmap.FeatureExtractorType.SIFT
+        database.write_descriptors(number, pycolmap.FeatureDescriptors(kind, points.descriptors))
+
+
+def _blobs(
+    database: sqlite3.Connection, table: str, key: str, dtype: type[np.generic]
+) -> dict[int, npt.NDArray[Any]]:
+    """The (rows, cols) arrays of a table by number."""
+    found = database.execute(f"SELECT {key}, rows, cols, data FROM {table} ORDER BY {key}")
+    little = np.dtype(dtype).newbyteorder("<")
+    arrays = {}
+    for number, rows, columns, data in found:
+        if len(data or b"") != rows * columns * little.itemsize:
+            raise sqlite3.DataError(
+                f"{table} of {number}: {rows} x {columns} {np.dtype(dtype)} in {len(data)} bytes"
+            )
+        arrays[number] = np.frombuffer(data or b"", little).reshape(rows, columns)
+    return arrays
+
+
+def _points(source: str, rows: npt.NDArray[Any], descriptors: npt.NDArray[Any] | None) -> Keypoints:
+    """Points from x and y alone, with scale and angle, or with an affine shape."""
+    size, angle = None, None
+    if rows.shape[1] == 4:
+        size, angle = 2 * rows[:, 2], rows[:, 3]
+    elif rows.shape[1] == 6:
+        shape: FloatArray = rows[:, 2:].reshape(-1, 2, 2).astype(np.float64)
+        size = np.hypot(shape[:, 0], shape[:, 1]).sum(axis=1)  # twice the mean of the axes
+        angle = np.arctan2(shape[:, 1, 0], shape[:, 0, 0])
+    return keypoints_from(
+        source, rows[:, :2] - CENTER, size, angle, None, None, _if_any(descriptors)
+    )
+
+
+def _if_any(descriptors: npt.NDArray[Any] | None) -> npt.NDArray[Any] | None:
+    return None if descriptors is None or not descriptors.shape[1] else descriptors

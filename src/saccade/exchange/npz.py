@@ -1,0 +1,51 @@
+"""NumPy's .npz, one image to a file: the fields of `Keypoints` by their names."""
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from saccade.errors import KeypointsError
+from saccade.exchange.fields import checked, keypoints_from, reading
+from saccade.files import whole_file
+from saccade.types import Keypoints
+
+FIELDS = ("xy", "size", "angle", "response", "octave", "descriptors")
+
+
+def write_npz(path: str | Path, keypoints: Keypoints) -> None:
+    """Write the points of an image, compressed and without pickle.
+
+    Args:
+        path: whole or not at all; an old file is replaced.
+        keypoints: without descriptors there is no array of that name.
+
+    Raises:
+        KeypointsError: shapes that do not fit together, or NaN.
+        OutputError: the file cannot be written.
+    """
+    fields = vars(checked(str(path), keypoints))
+    arrays = {name: values for name, values in fields.items() if values is not None}
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+
+
+def read_npz(path: str | Path) -> Keypoints:
+    """Read what `write_npz` writes; other arrays in the file are left alone.
+
+    Raises:
+        KeypointsError: the file is missing, is something else, or holds no points.
+    """
+    path = Path(path)
+    broken = (zipfile.BadZipFile, zlib.error, EOFError, ValueError)
+    with reading(path, "a NumPy .npz file", *broken):
+        if not zipfile.is_zipfile(path):
+            raise KeypointsError(f"{path}: expected a NumPy .npz file, found something else")
+        with np.load(path, allow_pickle=False) as arrays:
+            if "xy" not in arrays:
+                found = ", ".join(arrays) or "nothing"
+                raise KeypointsError(f"{path}: expected an array xy, found {found}")
+            return keypoints_from(
+                str(path), **{name: arrays[name] for name in FIELDS if name in arrays}
+            )

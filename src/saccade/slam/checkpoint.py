@@ -1,0 +1,224 @@
+"""A run that was interrupted goes on where it last saved itself.
+
+A checkpoint is one .npz: the arrays of the run as they are in memory, and as JSON how they hang
+together. Nothing in it is executed when it is read. It holds what objects keep to themselves too,
+so that the rest of a run is the same to the last bit.
+"""
+
+import hashlib
+import json
+import logging
+import sys
+import time
+import zipfile
+from importlib.metadata import version
+from pathlib import Path
+from types import BuiltinFunctionType, FunctionType, MethodType
+from typing import Any
+
+import numpy as np
+
+from saccade.errors import ConfigError, LogError
+from saccade.files import whole_file
+from saccade.types import LandmarkLog
+
+FORMAT = 1
+"""Of the file; another one is not read."""
+_SCALARS = (bool, int, float, str)
+_PLAIN = (FunctionType, BuiltinFunctionType, MethodType, type)
+"""What a run is made with again, and is not saved."""
+
+_logger = logging.getLogger(__name__)
+
+
+class Checkpoint:
+    """Where a run saves itself, and how often.
+
+    Args:
+        path: the file, an .npz.
+        every: seconds between one saving and the next; 0 saves at every pose.
+    """
+
+    def __init__(self, path: str | Path, every: float = 10.0) -> None:
+        self.path = Path(path)
+        self.every = every
+        self.step = 0
+        """Poses that the file has behind it."""
+        self.resumed = 0
+        """Poses that this run did not do again."""
+        self._identity = ""
+        self._last = time.monotonic()
+
+    def resume(self, log: LandmarkLog, models: tuple[object, ...], state: dict[str, Any]) -> int:
+        """Bring a run that is about to begin to where it was interrupted.
+
+        Args:
+            log: of the run.
+            models: settings and models of the run.
+            state: objects and arrays of the run, changed in place.
+
+        Returns:
+            The number of poses that are done; 0 where there is no checkpoint, or one that is
+            broken, or of another log, other settings or another version, which is said.
+        """
+        self._identity = _identity((log, models))
+        self._last = time.monotonic()
+        if not self.path.exists():
+            return 0
+        try:
+            saved, arrays = _read(self.path, self._identity)
+        except LogError as error:
+            _logger.warning("%s; beginning anew", error)
+            return 0
+        decoder = _Decoder(arrays)
+        for name, value in state.items():
+            found = decoder.decode(saved["state"][name], value)
+            if isinstance(value, np.ndarray):
+                value[...] = found
+        self.step = self.resumed = int(saved["step"])
+        _logger.info("%s: going on after pose %d of %d", self.path, self.step, len(log.time))
+        return self.resumed
+
+    def keep(self, step: int, state: dict[str, Any]) -> None:
+        """Save a run if it is time to.
+
+        Args:
+            step: poses that are done.
+            state: as for `resume`.
+
+        Raises:
+            ConfigError: something in the state is of a kind that cannot be saved.
+            OutputError: the file cannot be written.
+        """
+        if time.monotonic() - self._last < self.every:
+            return
+        encoder = _Encoder()
+        text = json.dumps(
+            {
+                "format": FORMAT,
+                "identity": self._identity,
+                "step": step,
+                "state": {name: encoder.encode(value) for name, value in state.items()},
+            }
+        )
+        arrays = {str(number): array for number, array in enumerate(encoder.arrays)}
+        with whole_file(self.path) as temporary:
+            np.savez(temporary, allow_pickle=False, text=np.array(text), **arrays)
+        self.step = step
+        self._last = time.monotonic()
+
+    def remove(self) -> None:
+        """Forget the run: it is done."""
+        self.path.unlink(missing_ok=True)
+
+
+class _Encoder:
+    """Objects as JSON, their arrays apart; what is met again is only pointed at."""
+
+    def __init__(self) -> None:
+        self.arrays: list[np.ndarray[Any, Any]] = []
+        self._met: dict[int, int] = {}
+
+    def encode(self, value: object) -> Any:
+        if value is None or type(value) in _SCALARS:
+            return value
+        if isinstance(value, _PLAIN):
+            return {"again": _name(value)}
+        if id(value) in self._met:
+            return {"met": self._met[id(value)]}
+        number = self._met[id(value)] = len(self._met)
+        return {"number": number, **self._describe(value)}
+
+    def _describe(self, value: Any) -> dict[str, Any]:
+        if isinstance(value, (np.ndarray, np.generic)) and value.dtype.kind in "biufU":
+            self.arrays.append(np.asanyarray(value))
+            return {"array": len(self.arrays) - 1, "scalar": isinstance(value, np.generic)}
+        if type(value) is dict:
+            return {"dict": [[self.encode(k), self.encode(v)] for k, v in value.items()]}
+        if type(value) in (list, set):
+            return {type(value).__name__: [self.encode(each) for each in value]}
+        if isinstance(value, tuple):
+            return {"tuple": [self.encode(each) for each in value], "class": _name(type(value))}
+        if not hasattr(value, "__dict__"):
+            raise ConfigError(f"checkpoint: expected arrays and numbers, found {type(value)}")
+        held = {name: self.encode(each) for name, each in vars(value).items()}
+        return {"object": held, "class": _name(type(value))}
+
+
+class _Decoder:
+    """Objects from JSON and arrays; where the run has one already, that one is changed."""
+
+    def __init__(self, arrays: dict[str, Any]) -> None:
+        self.arrays = arrays
+        self._met: dict[int, Any] = {}
+
+    def decode(self, saved: Any, like: object) -> Any:
+        if not isinstance(saved, dict):
+            return saved
+        if "again" in saved:
+            return like
+        if "met" in saved:
+            return self._met[saved["met"]]
+        if "object" in saved:
+            return self._object(saved, like)
+        made = self._met[saved["number"]] = self._value(saved)
+        return made
+
+    def _value(self, saved: dict[str, Any]) -> Any:
+        if "array" in saved:
+            array = self.arrays[str(saved["array"])]
+            return array[()] if saved["scalar"] else array
+        if "dict" in saved:
+            return {self.decode(k, None): self.decode(v, None) for k, v in saved["dict"]}
+        for kind in (list, set):
+            if kind.__name__ in saved:
+                return kind(self.decode(each, None) for each in saved[kind.__name__])
+        items = [self.decode(each, None) for each in saved["tuple"]]
+        own = _class(saved["class"])
+        return own(items) if own is tuple else own(*items)
+
+    def _object(self, saved: dict[str, Any], like: object) -> Any:
+        if like is None or _name(type(like)) != saved["class"]:
+            kind = _class(saved["class"])
+            like = kind.__new__(kind)
+        self._met[saved["number"]] = like
+        for name, each in saved["object"].items():
+            vars(like)[name] = self.decode(each, getattr(like, name, None))
+        return like
+
+
+def _identity(run: object) -> str:
+    encoder = _Encoder()
+    digest = hashlib.sha256(f"{version('saccade')} {json.dumps(encoder.encode(run))}".encode())
+    for array in encoder.arrays:
+        digest.update(f"{array.dtype} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _read(path: Path, identity: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            saved = json.loads(str(archive["text"]))
+            arrays = {name: archive[name] for name in archive.files}
+        known = (saved["format"], saved["identity"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise LogError(f"{path}: no checkpoint, or a broken one") from error
+    if known != (FORMAT, identity):
+        raise LogError(f"{path}: of another log, other settings or another version")
+    return saved, arrays
+
+
+def _name(value: Any) -> str:
+    return f"{value.__module__}:{value.__qualname__}"
+
+
+def _class(name: str) -> Any:
+    """One of our own classes by its name, or the tuple."""
+    if name == "builtins:tuple":
+        return tuple
+    module, _, qualified = name.partition(":")
+    found = getattr(sys.modules.get(module), qualified, None)
+    if module.split(".")[0] != "saccade" or not isinstance(found, type):
+        raise LogError(f"checkpoint: {name} is in it, which this run does not have")
+    return found

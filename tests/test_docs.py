@@ -1,0 +1,58 @@
+"""What the pages say can be done."""
+
+import importlib.util
+import re
+from importlib.resources import files
+
+import pytest
+
+from conftest import ROOT
+
+PAGE = (ROOT / "docs" / "keypoints.md").read_text(encoding="utf-8")
+SECTIONS = dict(zip(*[iter(re.split(r"^#+ (.+)$", PAGE, flags=re.MULTILINE)[1:])] * 2, strict=True))
+EXPECTED = {
+    "Interest points": lambda names: names["checked"].inliers.mean() > 0.6,
+    "Coming from OpenCV": lambda names: (
+        len(names["points"]) == len(names["keypoints"]) == 200 and len(names["described"]) > 100
+    ),
+    "Coming from scikit-image": lambda names: (
+        len(names["pairs"]) > 50 and names["described"].descriptors.any(axis=1).all()
+    ),
+    "Points from elsewhere": lambda names: (
+        len(names["dense"]) == len(names["grid"]) < len(names["turned"])
+    ),
+    "Settings": lambda names: (
+        ((names["inside"].xy[:, 0] > 99) & (names["inside"].xy[:, 0] < 300)).all()
+        and len(names["fast"]) < 0.6 * len(names["plain"])
+        and len(names["strongest"]) == len(names["spread"]) == 200
+    ),
+    "Verification": lambda names: len(names["right"]) > 50,
+    "Exchange": lambda names: (
+        len(names["database"].matches["left.jpg", "right.jpg"]) == len(names["pairs"]) > 50
+    ),
+}
+"""What holds when the code of a section has run."""
+
+
+def code_of(section):
+    return re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+
+
+def test_every_section_with_code_is_run():
+    assert {name for name, text in SECTIONS.items() if code_of(text)} == EXPECTED.keys()
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_the_code_of_a_section_runs(name, tmp_path, monkeypatch):
+    blocks = code_of(SECTIONS[name])
+    for library in re.findall(r"(?:import|from) (skimage|pycolmap)", "".join(blocks)):
+        if importlib.util.find_spec(library) is None:
+            pytest.skip(f"{library}, the peer, is not installed")
+    data = files("saccade") / "data"
+    for number, photo in enumerate(("left.jpg", "right.jpg"), 1):
+        (tmp_path / photo).write_bytes((data / f"hallway_{number}.jpg").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in blocks:
+        exec(block, names)
+    assert EXPECTED[name](names)
