@@ -343,6 +343,15 @@ MRCLAM = {
 }
 
 
+@pytest.mark.parametrize("subject", ["999999999999999999999", "6.5", "-1e90"])
+def test_a_subject_that_is_no_number_of_one_is_one_line(tmp_path, subject):
+    for name, text in MRCLAM.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "Barcodes.dat").write_text(f"1 5\n{subject} 72\n")
+    with pytest.raises(LogError, match="barcodes, row 2: expected whole numbers"):
+        read_mrclam(tmp_path)
+
+
 @pytest.mark.parametrize("name", MRCLAM)
 @given(data=st.data())
 def test_any_broken_mrclam_is_one_line_or_a_log_that_runs(tmp_path_factory, name, data):

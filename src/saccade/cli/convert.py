@@ -25,9 +25,10 @@ def convert(
 ) -> None:
     """Write a landmark log in another format.
 
-    csv keeps all but the truth, and its header says what its cells are. g2o, isam, toro and
-    gtsam are texts of poses and edges, without a clock; mrclam is a folder of speeds without
-    noise. They need the identity of every landmark.
+    csv keeps all but the truth, and its header says what its cells are. g2o,
+    isam, toro and gtsam are texts of poses and edges, without a clock; mrclam
+    is a folder of speeds without noise. They need the identity of every
+    landmark.
     """
     from saccade import datasets
     from saccade.cli.output import print_json, print_table

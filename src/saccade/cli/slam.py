@@ -51,9 +51,11 @@ def slam(
 ) -> None:
     """Map landmarks from a recorded log with an extended Kalman filter.
 
-    In --out appear the trajectory (trajectory.tum, for evo; poses.csv with covariances), the
-    landmarks with theirs (landmarks.csv), every innovation (innovations.csv), pictures (map.png,
-    innovations.png), a film (map.mp4), and the settings with the figures (run.json).
+    In --out appear the trajectory (trajectory.tum, for evo; poses.csv with
+    covariances), the landmarks with theirs (landmarks.csv), every innovation
+    (innovations.csv), pictures (map.png, innovations.png), a film (map.mp4),
+    and the settings with the figures (run.json).
+
     A run that was interrupted goes on from its last checkpoint.
     """
     from dataclasses import replace

@@ -9,7 +9,7 @@ from saccade.datasets.archive import Archive
 from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.datasets.text import read_columns
 from saccade.errors import LogError, require
-from saccade.types import FloatArray, LandmarkLog, LandmarkMap, Trajectory
+from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5
 """Subjects 1 to 5 are the robots themselves; the others are landmarks."""
@@ -77,7 +77,8 @@ def read_mrclam(
     if len(time) == 0:
         raise LogError(f"{path}: expected odometry of robot {robot}, found none")
 
-    subject_of = {int(barcode): int(subject) for subject, barcode in tables.barcode}
+    barcodes = _whole(path, "barcodes", tables.barcode)
+    subject_of = {int(barcode): int(subject) for subject, barcode in barcodes}
     subject = np.array([subject_of.get(int(b), -1) for b in tables.measurement[:, 1]], np.int64)
     seen = tables.measurement[subject > ROBOTS]  # (k, 4)
     whole = np.concatenate([time[[0, -1]], seen[:, 0]])
@@ -105,7 +106,7 @@ def read_mrclam(
         landmark_truth=None
         if landmarks is None
         else LandmarkMap(
-            id=landmarks[:, 0].astype(np.int64),
+            id=_whole(path, "landmarks", landmarks[:, :1])[:, 0],
             xy=landmarks[:, 1:3].copy(),
             covariance=landmarks[:, 3:, None] ** 2 * np.eye(2),
         ),
@@ -143,6 +144,17 @@ def _npz_tables(path: Path, robot: int) -> _Tables:
         groundtruth=table(truth, _GROUNDTRUTH) if truth in archive else None,
         landmark=table("landmarks", _LANDMARK) if "landmarks" in archive else None,
     )
+
+
+def _whole(path: Path, name: str, table: FloatArray) -> IntArray:
+    """Numbers of subjects and barcodes as integers; a float64 holds those under 2^53 exactly."""
+    wrong = np.argwhere((table != np.floor(table)) | (np.abs(table) >= 2**53))
+    if len(wrong):
+        raise LogError(
+            f"{path}, {name}, row {wrong[0, 0] + 1}: expected whole numbers under 2^53, "
+            f"found {table[tuple(wrong[0])]:g}"
+        )
+    return table.astype(np.int64)
 
 
 def _pose_times(first: float, last: float, seen: FloatArray) -> FloatArray:
