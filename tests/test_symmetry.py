@@ -10,7 +10,11 @@ import oracles_attention
 import oracles_symmetry as oracles
 from conftest import REFERENCE_IMAGES
 from saccade.attention import SymmetryConfig, symmetry_saliency
-from saccade.attention.pair_sums import (
+from saccade.attention.symmetry import complete
+from saccade.attention.symmetry_2010 import SWAPPED_LUMA
+from saccade.errors import ConfigError, ImageError
+from saccade.image import read_image
+from saccade.pair_sums import (
     color_sums,
     gradients_of,
     isotropic_sums,
@@ -18,10 +22,6 @@ from saccade.attention.pair_sums import (
     radial_sums,
     share_inside,
 )
-from saccade.attention.symmetry import complete
-from saccade.attention.symmetry_2010 import SWAPPED_LUMA
-from saccade.errors import ConfigError, ImageError
-from saccade.image import read_image
 
 SOURCE = SymmetryConfig.kootstra2010()
 FINE = dataclasses.replace(SOURCE, levels=(0, 1, 2), map_level=0)

@@ -23,7 +23,11 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.normalize import rescale, sharpen, smooth
-from saccade.attention.pair_sums import (
+from saccade.attention.symmetry_2010 import Kootstra2010Steps
+from saccade.attention.symmetry_config import SymmetryConfig
+from saccade.errors import ImageError
+from saccade.image import check_image, in_unit_range
+from saccade.pair_sums import (
     MARGIN,
     PairKernel,
     color_sums,
@@ -33,10 +37,6 @@ from saccade.attention.pair_sums import (
     radial_sums,
     share_inside,
 )
-from saccade.attention.symmetry_2010 import Kootstra2010Steps
-from saccade.attention.symmetry_config import SymmetryConfig
-from saccade.errors import ImageError
-from saccade.image import check_image, in_unit_range
 from saccade.pyramid import FloatMap, half_shape, halve, level_shape, resize
 from saccade.types import Float32Array, Image
 

@@ -8,7 +8,12 @@ from saccade.cli.options import Preset
 
 
 def config(
-    kind: Annotated[str, typer.Argument(help="contrast, scanpath, sift or slam.")],
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="attention, contrast, symmetry, scanpath, must, sift, symroid or slam."
+        ),
+    ],
     preset: Preset = None,
 ) -> None:
     """Print a configuration with its presets as TOML.
