@@ -84,7 +84,7 @@ def make_detector(
         settings = replace(settings, max_keypoints=most)
     if name == "symroid":
         require(not spread, "spread", "a detector of points", name)
-        return SymRoid(replace(settings, threshold=WEAK_REGION) if weak else settings)
+        return SymRoid(replace(settings, seed_threshold=WEAK_REGION) if weak else settings)
     if spread:
         settings = replace(settings, spread=True)
     if weak:

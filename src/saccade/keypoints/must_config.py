@@ -16,7 +16,7 @@ class MustConfig:
     """How many at most; 0 for as many as the image has room for."""
     intervals: int = 4
     """s, the scales to an octave."""
-    base_sigma: float = 2.2
+    base_sigma: float = 2.6
     """Blur of the first plane of an octave, in samples of a grid twice as dense as its own."""
     reach: float = 2.5
     """The largest distance of a pair from its middle, along x or y, in scales of the plane."""
@@ -31,7 +31,7 @@ class MustConfig:
     more."""
     contrast_threshold: float = 0.05
     """The least symmetry: the weighted mean over the pairs of strength and phase weight."""
-    edge_ratio: float = 12.0
+    edge_ratio: float = 50.0
     """The greatest ratio of the principal curvatures of the symmetry, as B.10 has it for D."""
     border: int = 5
     """Samples at the edge of every octave that are not searched."""

@@ -32,8 +32,8 @@ class SymRoidConfig:
     they run together. By its own "seed" every region is a peak."""
     upright: bool = False
     """Describe regions as they stand; otherwise along the strongest direction of gradients."""
-    max_keypoints: int = 0
-    """Keep this many of the strongest; 0 keeps all."""
+    max_keypoints: int = 50
+    """Keep this many of the strongest: few, as landmarks should be; 0 keeps all."""
 
     def __post_init__(self) -> None:
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
@@ -68,4 +68,5 @@ class SymRoidConfig:
             growth_threshold=0.5,
             relative_to="maximum",
             upright=True,
+            max_keypoints=0,
         )

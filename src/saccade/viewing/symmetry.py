@@ -5,14 +5,51 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
-from saccade.types import Float32Array, FloatArray, SymmetricPairs
-from saccade.viewing.style import BLUE, ORANGE
+from saccade.types import Float32Array, FloatArray, Regions, SymmetricPairs
+from saccade.viewing.style import BLUE, ORANGE, figure_for, picture_axes
 
 STROKE = 0.12
 """Half the length of the stroke along an edge, by the distance of its pair."""
 SHOWN = 0.1
 """Pairs are drawn that have this share of the strength of the strongest of their place."""
+
+
+def pair_figure(image: Float32Array, pairs: Sequence[SymmetricPairs]) -> Figure:
+    """The photo with the symmetric pairs of some places.
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+        pairs: those of each place.
+    """
+    figure = figure_for(image.shape[1], image.shape[0], columns=1, rows=1, panel=9)
+    axes = figure.subplots()
+    draw_pairs(axes, image, pairs)
+    picture_axes(axes, f"what is symmetric about {len(pairs)} places")
+    return figure
+
+
+def region_figure(image: Float32Array, regions: Regions) -> Figure:
+    """The photo with the box and the center of each region.
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+        regions: of that image.
+    """
+    figure = figure_for(image.shape[1], image.shape[0], columns=1, rows=1, panel=9)
+    axes = figure.subplots()
+    axes.imshow(image, interpolation="antialiased")
+    for left, top, right, bottom in regions.boxes.tolist():
+        axes.add_patch(
+            Rectangle(
+                (left, top), right - left, bottom - top, fill=False, color=ORANGE, linewidth=1.2
+            )
+        )
+    axes.plot(*regions.xy.T, "+", color=BLUE, markersize=7, markeredgewidth=1.5)
+    picture_axes(axes, f"{len(regions)} regions: box and center")
+    return figure
 
 
 def draw_pairs(axes: Axes, image: Float32Array, pairs: Sequence[SymmetricPairs]) -> None:
