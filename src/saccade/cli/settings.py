@@ -52,6 +52,18 @@ def as_toml(settings: Any) -> str:
     return tomli_w.dumps(asdict(settings, dict_factory=_without_none))
 
 
+def presets_as_toml(kind: str) -> str:
+    """Every preset of a kind, a table each."""
+    import tomli_w
+
+    return tomli_w.dumps(
+        {
+            name: asdict(_named(kind, name), dict_factory=_without_none)
+            for name in preset_names(kind)
+        }
+    )
+
+
 def _without_none(items: list[tuple[str, Any]]) -> dict[str, Any]:
     return {name: value for name, value in items if value is not None}
 
