@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from saccade.cli.detectors import NAMES, find_detector
+from saccade.cli.detectors import NAMES, OURS, find_detector
 from saccade.cli.options import Json, Preset, Settings
 
 SHOWN = {
@@ -74,7 +74,7 @@ def features(
     counts: Sequence[int | None] = points or [None]
     results: dict[str, Any] = {}
     for name in detector or ["sift"]:
-        label = f"{name} {preset}" if name == "sift" and preset else name
+        label = f"{name} {preset}" if name in OURS and preset else name
         detect = find_detector(name, preset, config, max(points) if points else None)
         for disturbance in disturbances:
             scored = _score(name, detect, found, ratio, counts, disturbance, radius)
