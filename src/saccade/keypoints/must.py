@@ -52,9 +52,12 @@ class Must:
     - *Gradients are measured by the standard deviation of the image*, and their logarithm taken.
       So half the contrast gives the same points in the same order, and a single strong edge does
       not outweigh many pairs.
-    - *Only maxima count.* A minimum is a place about which nothing is symmetric.
-    - *Edges are dropped* by the ratio of curvatures of the symmetry: along a bar every point is as
-      symmetric as the next.
+    - *Only maxima count*, among the 10 nearest of 3x3x3 samples, as in our SIFT: the quadratic fit
+      drops saddles. A minimum is a place about which nothing is symmetric.
+    - *Bars are dropped* by the ratio of curvatures of the symmetry: along a bar every point is as
+      symmetric as the next. The ratio may be larger than SIFT's, for the ends of pairs rather
+      than the point itself lie on edges.
+    - *The finest base is coarser than SIFT's*: finer symmetry is that of noise and of edges.
     """
 
     def __init__(self, config: MustConfig | None = None, threads: int = 0) -> None:
@@ -188,6 +191,7 @@ def maxima(symmetry: Float32Array, octave: int, config: MustConfig, threads: int
         contrast_threshold=config.contrast_threshold,
         edge_ratio=config.edge_ratio,
         lagrange=False,
+        neighbors=config.neighbors,
         threads=threads,
     )
     sigma = sift.density * sift.base_sigma * 2 ** (found.scale / sift.intervals)

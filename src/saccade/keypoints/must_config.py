@@ -1,6 +1,7 @@
 """The settings of MUST."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from saccade.errors import require
 from saccade.keypoints.sift_config import SiftConfig
@@ -31,6 +32,9 @@ class MustConfig:
     more."""
     contrast_threshold: float = 0.05
     """The least symmetry: the weighted mean over the pairs of strength and phase weight."""
+    neighbors: Literal[10, 26] = 10
+    """Samples that a maximum must not be exceeded by: all 26 around it, or 10 as `SiftConfig`
+    has it."""
     edge_ratio: float = 50.0
     """The greatest ratio of the principal curvatures of the symmetry, as B.10 has it for D."""
     border: int = 5
@@ -64,6 +68,7 @@ class MustConfig:
             octaves=self.octaves,
             intervals=self.intervals,
             base_sigma=self.base_sigma,
+            neighbors=self.neighbors,
             edge_ratio=self.edge_ratio,
             border=self.border,
             max_orientations=self.max_orientations,
