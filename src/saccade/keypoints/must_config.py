@@ -27,7 +27,7 @@ class MustConfig:
     gain: float = 100.0
     """How soon a gradient is strong: its strength is log(1 + gain g), with the change g over one
     scale by the standard deviation of the image."""
-    scale_power: float = 0.5
+    scale_power: float = 0.25
     """Power of the scale in pixels by which symmetry is multiplied: above 0, large things count
     more."""
     contrast_threshold: float = 0.05
