@@ -97,7 +97,7 @@ def test_points_do_not_depend_on_threads():
 def test_descriptors_are_those_of_sift():
     image = texture(6)
     points = Must()(image)
-    described = Sift(SiftConfig(base_sigma=MustConfig().base_sigma)).describe(image, points)
+    described = Sift(MustConfig().sift()).describe(image, points)
     np.testing.assert_array_equal(described.descriptors, points.descriptors)
     assert len(np.unique(points.angle)) > 10
 
