@@ -57,7 +57,7 @@ class SiftConfig:
     edge_ratio: float = 15.0
     """tau_r: the greatest ratio of the principal curvatures (B.10)."""
     fit: Literal["lagrange", "quadratic"] = "lagrange"
-    """"quadratic" is B.5. "lagrange" goes on from there with the polynomial through 13 samples
+    """"quadratic" is B.5. "lagrange" goes on from there with the polynomial through 9 samples
     each way, which finds a blob's centre within 0.003 samples rather than 0.07, and keeps the
     extrema that lie halfway between two samples, where the quadratic goes back and forth."""
     voting: Literal["linear", "nearest"] = "linear"
