@@ -67,6 +67,7 @@ class MustConfig:
             first_octave=self.first_octave,
             octaves=self.octaves,
             intervals=self.intervals,
+            extra_intervals=0,
             base_sigma=self.base_sigma,
             neighbors=self.neighbors,
             edge_ratio=self.edge_ratio,
