@@ -1,5 +1,6 @@
 """EKF-SLAM: predict, update, augment (C.1-C.18)."""
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from saccade.slam.belief import (
 from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
 from saccade.slam.retraction import STANDARD, Retraction, linearize
+from saccade.slam.wheels import BIASES, control_slopes
 from saccade.types import FloatArray, IntArray
 
 
@@ -77,12 +79,15 @@ class EkfSlam:
     is one buffer that doubles when it is full; see `steps` for how it is kept.
 
     Args:
-        pose: (3,) x, y in metres, heading in radians; more numbers, which the motion and
-            the sensor model use as they like, become part of the robot's state.
+        pose: (3,) x, y in metres, heading in radians; more numbers become part of the robot's
+            state: the `wheels.BIASES` of its odometry for the models of this package, or what
+            a motion and a sensor model of one's own make of them.
         covariance: (3, 3) of the pose; zero where the pose defines the frame.
         motion: the motion model; `drive` (C.5-C.9) unless told otherwise.
         sensor: the sensor model; range and bearing (C.14-C.18) unless told otherwise.
         retraction: how errors are measured; `STANDARD`, the source's, unless told otherwise.
+        huber: root of the normalized innovation squared beyond which an observation counts
+            less, after Huber (1964): its covariance is as many times larger.
 
     Raises:
         LogError: here and in every method, an argument of the wrong shape, one that
@@ -97,12 +102,14 @@ class EkfSlam:
         motion: Motion = drive,
         sensor: Sensor = RANGE_BEARING,
         retraction: Retraction = STANDARD,
+        huber: float = inf,
     ) -> None:
         self._motion = motion
         self._sensor = sensor
         self._retraction = int(Retraction(retraction))
         own = motion in (drive, compose) and type(sensor) is RangeBearing
-        self._fast = own and np.size(pose) == 3
+        self._fast = own and np.size(pose) in (3, 3 + BIASES)
+        self._huber = huber
         robot = check_vector("pose", pose, max(3, np.size(pose)))
         spread = check_covariance("covariance of the pose", covariance, len(robot))
         self._belief = new_belief(robot, spread, FIRST_CAPACITY)
@@ -119,7 +126,7 @@ class EkfSlam:
         U = check_covariance("covariance of the control", U, len(u))
         self._make_room()
         if self._fast:
-            steps.move(self._belief, self._retraction, u, U)
+            steps.move(self._belief, self._retraction, u, U, self._slopes(u[None])[0])
             return
         moved, Fx, Fu = self._motion(self._robot, u)  # C.5, C.8, C.9
         steps.predict(self._belief, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
@@ -141,7 +148,8 @@ class EkfSlam:
         """
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
         self._make_room()
-        nis, S = steps.correct(self._belief, self._retraction, at, v, H, noise)  # C.10-C.13
+        b, kind = self._belief, self._retraction
+        nis, S = steps.correct(b, kind, at, v, H, noise, self._huber)  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -213,10 +221,11 @@ class EkfSlam:
         if not self._fast:
             self._replay_slowly(control, U, edge, z, R, landmark, out)
             return out
-        at = np.array([0, -1])
+        at, D = np.array([0, -1]), self._slopes(control)
+        how = self._retraction, self._huber
         while at[0] < t:
             self._make_room()
-            steps.replay(self._belief, self._retraction, control, U, z, R, landmark, edge, at, *out)
+            steps.replay(self._belief, *how, control, U, D, z, R, landmark, edge, at, *out)
         return out
 
     def expect(self) -> Expectation:
@@ -251,6 +260,11 @@ class EkfSlam:
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
         return steps.pose_covariance(self._belief, self._retraction)
+
+    @property
+    def odometry_bias(self) -> FloatArray | None:
+        """(3,) as `wheels.BIASES` has them, None where they are no part of the state."""
+        return self._robot[3:].copy() if self._fast and len(self._robot) > 3 else None
 
     @property
     def landmarks(self) -> FloatArray:
@@ -312,6 +326,10 @@ class EkfSlam:
                     found = self.update(z[k], R[k], int(landmark[k]))
                     out.innovation[k], out.innovation_covariance[k], out.nis[k] = found
             out.pose[i], out.covariance[i] = self.pose, self.pose_covariance
+
+    def _slopes(self, control: FloatArray) -> FloatArray:
+        """(t, c, r - 3) of controls (t, c) by what the robot's state has behind the pose."""
+        return control_slopes(control)[:, :, : len(self._robot) - 3]
 
     def _linearized(
         self, z: FloatArray, R: FloatArray, landmark: int

@@ -59,6 +59,9 @@ class EkfConfig:
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
     """Factor on the standard deviations of the observations."""
+    huber: float = 2.45
+    """Root of the normalized innovation squared beyond which an observation counts less, its
+    covariance that many times larger; one in twenty is beyond it where all is well."""
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviation of the first pose: metres, metres, radians."""
 
@@ -73,6 +76,7 @@ class EkfConfig:
         for name in ("motion_noise_scale", "sensor_noise_scale"):
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0 and under 1e6", value)
+        require(self.huber > 0, "huber", "over 0, infinite for never", self.huber)
         require(
             len(self.start_sigma) == 3 and all(0 <= s < 1e6 for s in self.start_sigma),
             "start_sigma",
@@ -99,6 +103,8 @@ class SlamResult:
     """(k, 2, 2) before the update."""
     dead_reckoning: Trajectory
     """(t + 1) poses from the controls alone, with covariance."""
+    odometry_bias: FloatArray | None = None
+    """(3,) what the odometry turned out to be off by (see `LandmarkLog.odometry_bias`)."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -185,6 +191,7 @@ def run(
         innovation=innovation,
         innovation_covariance=spread,
         dead_reckoning=dead_reckon(log, config, motion),
+        odometry_bias=going.ekf.odometry_bias,
     )
 
 
@@ -290,12 +297,15 @@ def motion_of(log: LandmarkLog, own: Motion | None) -> Motion:
 
 
 def _filter(log: LandmarkLog, config: EkfConfig, motion: Motion | None, sensor: Sensor) -> EkfSlam:
+    own = motion is not None or log.motion not in MOTIONS or sensor is not RANGE_BEARING
+    bias = () if own or not any(log.odometry_bias) else log.odometry_bias
     return EkfSlam(
-        log.start,
-        np.diag(np.square(config.start_sigma)),
+        np.concatenate([log.start, np.zeros(len(bias))]),
+        np.diag(np.square([*config.start_sigma, *bias])),
         motion=motion_of(log, motion),
         sensor=sensor,
         retraction=RETRACTIONS[config.filter],
+        huber=config.huber,
     )
 
 
