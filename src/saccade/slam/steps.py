@@ -340,7 +340,7 @@ def _at(s: FloatArray, z: FloatArray) -> FloatArray:
 def is_full(b: Belief) -> bool:
     """Whether there is no room for another step and another landmark."""
     full = len(b.taken) - b.used[TAKEN] < 3 or b.used[GIVEN] == len(b.given)
-    return full or b.used[LANDMARKS] == len(b.own)
+    return bool(full or b.used[LANDMARKS] == len(b.own))
 
 
 @kernel()
