@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam import steps
+from saccade.slam import gating, steps
 from saccade.slam.belief import (
     FIRST_CAPACITY,
     LANDMARKS,
@@ -18,6 +18,7 @@ from saccade.slam.belief import (
     new_belief,
     robot_rows,
     size_of,
+    without,
 )
 from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
@@ -168,6 +169,20 @@ class EkfSlam:
         white = root @ v
         return Innovation(v, S, float(white @ white))
 
+    def look(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Replay:
+        """Take what is seen from one pose at once, as a `replay` that does not move.
+
+        Args:
+            z: (k, 2).
+            R: (k, 2, 2) their covariances.
+            landmark: (k,) number in the map; the next free number augments, a negative
+                one leaves the observation out.
+        """
+        still = np.zeros((1, 2))
+        return self._replayed(
+            still, np.zeros((1, 2, 2)), np.zeros(len(z), np.int64), z, R, landmark, np.zeros(2, int)
+        )
+
     def augment(self, z: FloatArray, R: FloatArray) -> int:
         """Take a new landmark into the map (C.15-C.18).
 
@@ -207,6 +222,18 @@ class EkfSlam:
             landmark: (k,) number in the map; the next free number augments, a negative
                 one leaves the observation out.
         """
+        return self._replayed(control, U, scan, z, R, landmark, np.array([0, -1]))
+
+    def _replayed(
+        self,
+        control: FloatArray,
+        U: FloatArray,
+        scan: IntArray,
+        z: FloatArray,
+        R: FloatArray,
+        landmark: IntArray,
+        at: IntArray,
+    ) -> Replay:
         t, k = len(control), len(z)
         check_all("control", control, U)
         check_all("observation", z, R)
@@ -219,18 +246,32 @@ class EkfSlam:
             )
         out = Replay.empty(t, k)
         if not self._fast:
-            self._replay_slowly(control, U, edge, z, R, landmark, out)
+            self._replay_slowly(control, U, edge, z, R, landmark, at, out)
             return out
-        at, D = np.array([0, -1]), self._slopes(control)
+        D = self._slopes(control)
         how = self._retraction, self._huber
         while at[0] < t:
             self._make_room()
             steps.replay(self._belief, *how, control, U, D, z, R, landmark, edge, at, *out)
         return out
 
+    def remove(self, landmarks: IntArray) -> None:
+        """Take landmarks out of the map; those behind them move up in number.
+
+        Args:
+            landmarks: (k,) their numbers.
+        """
+        for number in np.asarray(landmarks).tolist():
+            check_landmark(number, len(self))
+        without(self._belief, np.asarray(landmarks, np.int64))
+
     def expect(self) -> Expectation:
         """What should be seen of every landmark from here, for the association."""
         b, r, N = self._belief, len(self._robot), len(self)
+        if self._fast:
+            found = Expectation(np.empty((N, 2)), np.empty((N, 2, 2)))
+            gating.expect(b, self._retraction, *found, np.empty((N, 2, r + 2)))
+            return found
         z, H = self._sensor.observe(self._robot, self.landmarks)
         Hx, Hm = H[..., :r], H[..., r:]  # (N, 2, r), (N, 2, 2)
         rows = robot_rows(b, self._retraction)
@@ -315,10 +356,12 @@ class EkfSlam:
         z: FloatArray,
         R: FloatArray,
         landmark: IntArray,
+        at: IntArray,
         out: Replay,
     ) -> None:
         for i in range(len(control)):
-            self.predict(control[i], U[i])
+            if at[1] < 0:
+                self.predict(control[i], U[i])
             for k in range(edge[i], edge[i + 1]):
                 if landmark[k] == len(self):
                     self.augment(z[k], R[k])

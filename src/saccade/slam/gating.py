@@ -1,0 +1,77 @@
+"""How far every observation is from every landmark, at the speed of compiled code."""
+
+from math import atan2, hypot, inf
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.slam.steps import INVARIANT, LANDMARKS, NEAREST, Belief
+from saccade.types import FloatArray
+
+
+@kernel()
+def expect(b: Belief, kind: int, z: FloatArray, S: FloatArray, H: FloatArray) -> None:
+    """Fill range and bearing z (N, 2) of every landmark, and S = H P H^T (N, 2, 2).
+
+    H (N, 2, r + 2) is left by eta of the robot and the landmark.
+    """
+    r, s, a, P = len(b.work), b.state, b.swing, b.P
+    C = np.zeros((r + 2, r + 2))
+    C[:r, :r] = P[:r, :r]
+    for i in range(b.used[LANDMARKS]):
+        m, D = r + 2 * i, H[i]
+        dx, dy = s[m] - s[0], s[m + 1] - s[1]
+        q = hypot(dx, dy)
+        D[:] = 0.0
+        z[i, 0], z[i, 1] = q, 0.0
+        if q > NEAREST:
+            z[i, 1] = np.pi - (np.pi - (atan2(dy, dx) - s[2])) % (2 * np.pi)
+            D[0, r], D[0, r + 1], D[1, r], D[1, r + 1] = dx / q, dy / q, -dy / q**2, dx / q**2
+            D[:, :2] = -D[:, r:]
+            D[1, 2] = -1.0
+            if kind == INVARIANT:
+                for k in range(2):
+                    D[k, 2] += D[k, r] * (a[m] - a[0]) + D[k, r + 1] * (a[m + 1] - a[1])
+        for k in range(r):
+            C[k, r], C[k, r + 1] = P[k, m], P[k, m + 1]
+            C[r, k], C[r + 1, k] = P[k, m], P[k, m + 1]
+        C[r, r], C[r + 1, r + 1] = b.own[i, 0], b.own[i, 2]
+        C[r, r + 1] = C[r + 1, r] = b.own[i, 1]
+        for j in range(2):
+            for k in range(j + 1):
+                total = 0.0
+                for p in range(r + 2):
+                    if D[j, p] != 0:
+                        for o in range(r + 2):
+                            total += D[j, p] * C[p, o] * D[k, o]
+                S[i, j, k] = S[i, k, j] = total
+
+
+@kernel()
+def distances(
+    expected: FloatArray,
+    spread: FloatArray,
+    z: FloatArray,
+    R: FloatArray,
+    limit: float,
+    distance: FloatArray,
+) -> None:
+    """Fill the normalized innovations squared (m, N), infinite over the limit.
+
+    Of observations z (m, 2) and R (m, 2, 2), with landmarks as `expect` has them.
+    """
+    for i in range(len(z)):
+        for j in range(len(expected)):
+            distance[i, j] = inf
+            v = z[i, 0] - expected[j, 0]
+            a = spread[j, 0, 0] + R[i, 0, 0]
+            if v * v > limit * a:
+                continue
+            w = z[i, 1] - expected[j, 1]
+            w = np.pi - (np.pi - w) % (2 * np.pi)
+            c, d = spread[j, 0, 1] + R[i, 0, 1], spread[j, 1, 1] + R[i, 1, 1]
+            determinant = a * d - c * c
+            if w * w <= limit * d and determinant > 0:
+                total = (d * v * v - 2 * c * v * w + a * w * w) / determinant
+                if total <= limit:
+                    distance[i, j] = total
