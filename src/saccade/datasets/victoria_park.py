@@ -20,7 +20,7 @@ ENCODER_OFFSET = 0.76
 """H: metres from the middle of the rear axle to the left rear wheel, which is counted."""
 LASER = (3.78, 0.5)
 """a, b: the laser before and to the left of the middle of the rear axle, in metres."""
-VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.08, turn=0.08, drift=0.0175)
+VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.06, turn=0.06, drift=0.0125)
 """Slip, beside what is the same all the time."""
 VICTORIA_PARK_BIAS = (0.05, 0.02, 0.02)
 """See `LandmarkLog.odometry_bias`; a steering angle that is off by a degree turns the car by

@@ -4,6 +4,7 @@ After Bar-Shalom, Li & Kirubarajan (2001), section 5.4.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.special import chdtri
@@ -91,6 +92,7 @@ def _shift(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
     return np.stack([h * x + half * y, h * y - half * x], 1)
 
 
+@cache
 def chi_square_gate(dof: int, confidence: float) -> float:
     """The value under which a chi-square variable of `dof` degrees stays with `confidence`."""
     require(0 < confidence < 1, "confidence", "a probability between 0 and 1", confidence)

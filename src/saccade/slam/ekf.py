@@ -270,7 +270,7 @@ class EkfSlam:
         b, r, N = self._belief, len(self._robot), len(self)
         if self._fast:
             found = Expectation(np.empty((N, 2)), np.empty((N, 2, 2)))
-            gating.expect(b, self._retraction, *found, np.empty((N, 2, r + 2)))
+            gating.expect(b, self._retraction, *found)
             return found
         z, H = self._sensor.observe(self._robot, self.landmarks)
         Hx, Hm = H[..., :r], H[..., r:]  # (N, 2, r), (N, 2, 2)

@@ -10,41 +10,40 @@ from saccade.types import FloatArray
 
 
 @kernel()
-def expect(b: Belief, kind: int, z: FloatArray, S: FloatArray, H: FloatArray) -> None:
-    """Fill range and bearing z (N, 2) of every landmark, and S = H P H^T (N, 2, 2).
-
-    H (N, 2, r + 2) is left by eta of the robot and the landmark.
-    """
+def expect(b: Belief, kind: int, z: FloatArray, S: FloatArray) -> None:
+    """Fill range and bearing z (N, 2) of every landmark, and S = H P H^T (N, 2, 2)."""
     r, s, a, P = len(b.work), b.state, b.swing, b.P
-    C = np.zeros((r + 2, r + 2))
-    C[:r, :r] = P[:r, :r]
+    C, D, W = np.zeros((5, 5)), np.zeros((2, 5)), np.zeros((2, 5))  # x, y, heading, landmark
+    C[:3, :3] = P[:3, :3]
     for i in range(b.used[LANDMARKS]):
-        m, D = r + 2 * i, H[i]
+        m = r + 2 * i
         dx, dy = s[m] - s[0], s[m + 1] - s[1]
         q = hypot(dx, dy)
         D[:] = 0.0
         z[i, 0], z[i, 1] = q, 0.0
         if q > NEAREST:
             z[i, 1] = np.pi - (np.pi - (atan2(dy, dx) - s[2])) % (2 * np.pi)
-            D[0, r], D[0, r + 1], D[1, r], D[1, r + 1] = dx / q, dy / q, -dy / q**2, dx / q**2
-            D[:, :2] = -D[:, r:]
+            D[0, 3], D[0, 4], D[1, 3], D[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
+            D[:, :2] = -D[:, 3:]
             D[1, 2] = -1.0
-            if kind == INVARIANT:
+            if kind == INVARIANT:  # by eta
                 for k in range(2):
-                    D[k, 2] += D[k, r] * (a[m] - a[0]) + D[k, r + 1] * (a[m + 1] - a[1])
-        for k in range(r):
-            C[k, r], C[k, r + 1] = P[k, m], P[k, m + 1]
-            C[r, k], C[r + 1, k] = P[k, m], P[k, m + 1]
-        C[r, r], C[r + 1, r + 1] = b.own[i, 0], b.own[i, 2]
-        C[r, r + 1] = C[r + 1, r] = b.own[i, 1]
+                    D[k, 2] += D[k, 3] * (a[m] - a[0]) + D[k, 4] * (a[m + 1] - a[1])
+        for k in range(3):
+            C[k, 3], C[k, 4] = P[k, m], P[k, m + 1]
+            C[3, k], C[4, k] = P[k, m], P[k, m + 1]
+        C[3, 3], C[4, 4] = b.own[i, 0], b.own[i, 2]
+        C[3, 4] = C[4, 3] = b.own[i, 1]
         for j in range(2):
-            for k in range(j + 1):
-                total = 0.0
-                for p in range(r + 2):
-                    if D[j, p] != 0:
-                        for o in range(r + 2):
-                            total += D[j, p] * C[p, o] * D[k, o]
-                S[i, j, k] = S[i, k, j] = total
+            for p in range(5):
+                W[j, p] = 0.0
+                for o in range(5):
+                    W[j, p] += C[p, o] * D[j, o]
+        for j in range(2):
+            for k in range(2):
+                S[i, j, k] = 0.0
+                for p in range(5):
+                    S[i, j, k] += D[max(j, k), p] * W[min(j, k), p]
 
 
 @kernel()

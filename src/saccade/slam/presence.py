@@ -34,8 +34,10 @@ class Presence:
     field: Field
     least: float
     """Share of the times at which a landmark should have been seen that it must be."""
-    patience: int = 20
+    patience: int = 5
     """Times for which a landmark may hide before that counts."""
+    every: int = 4
+    """Poses from one look at the whole map to the next."""
     seen: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(N,)."""
     missed: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))

@@ -65,6 +65,8 @@ class EkfConfig:
     """Unknown landmarks: one enters the map at this sighting; 1 takes the first."""
     lifetime: float = 2.0
     """Unknown landmarks: units of the log's time for which a new place waits to be seen again."""
+    trusted: int = 10
+    """Unknown landmarks: one that was seen less often in all is no part of the resulting map."""
     presence: float = 0.4
     """Unknown landmarks: one that is seen less often than this share of the times that it should
     have been is removed; 0 keeps all."""
@@ -86,6 +88,7 @@ class EkfConfig:
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
         require(self.sightings >= 1, "sightings", "at least 1", self.sightings)
         require(self.lifetime > 0, "lifetime", "over 0", self.lifetime)
+        require(self.trusted >= 1, "trusted", "at least 1", self.trusted)
         require(0 <= self.presence < 1, "presence", "from 0 to under 1", self.presence)
         for name in ("motion_noise_scale", "sensor_noise_scale"):
             value = getattr(self, name)
@@ -202,6 +205,10 @@ def run(
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
+    if presence is not None:
+        seen = np.bincount(going.association[going.association >= 0], minlength=len(going.ekf))
+        presence.removed += int((seen < config.trusted).sum())
+        going.forget(np.flatnonzero(seen < config.trusted))
     pose, covariance, innovation, spread, nis = going.said
     return SlamResult(
         trajectory=Trajectory(log.time, pose, covariance),
@@ -248,7 +255,8 @@ class _Run:
         scan = np.arange(self.scans[step], self.scans[step + 1])
         if len(scan) > 0:
             z, R = log.observation, self.R
-            expected = None if self.presence is None else ekf.expect().z
+            looks = self.presence is not None and step % self.presence.every == 0
+            expected = ekf.expect().z if looks else None
             found = self.associate(ekf, z[scan], R[scan], log.landmark[scan])
             old, new = scan[found >= 0], scan[found == NEW]
             what = ekf.look(z[old], R[old], found[found >= 0])  # C.10-C.14
