@@ -4,6 +4,7 @@ from saccade.slam.association import DROPPED, NEW, Association, KnownIdentity, N
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency
 from saccade.slam.ekf import EkfSlam, Innovation
+from saccade.slam.joint_compatibility import JointCompatibility
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import (
     RANGE_BEARING,
@@ -35,6 +36,7 @@ __all__ = [
     "EkfConfig",
     "EkfSlam",
     "Innovation",
+    "JointCompatibility",
     "KnownIdentity",
     "Motion",
     "NearestNeighbor",
