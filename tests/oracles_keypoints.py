@@ -3,23 +3,41 @@
 import numpy as np
 
 
-def extrema(dog, threshold, border):
-    """(plane, row, column) of every first highest or first lowest sample of its 3x3x3 cube."""
+def cross():
+    """The 10 neighbors in a 3x3x3 cube, and its middle."""
+    chosen = np.zeros((3, 3, 3), bool)
+    chosen[1] = True
+    chosen[:, 1, 1] = True
+    return chosen
+
+
+def extrema(dog, threshold, border, neighbors=26):
+    """(plane, row, column) of every first highest or first lowest sample of its 3x3x3 cube.
+
+    Of 10 neighbors, those diagonal to the middle between planes do not count, and in the first
+    and last plane that is searched the one beyond may be a hundredth higher.
+    """
     planes, height, width = dog.shape
+    counts = cross() if neighbors == 10 else np.ones((3, 3, 3), bool)
+    beyond = np.zeros((planes, 3, 3, 3))
+    if neighbors == 10:
+        beyond[1, 0], beyond[planes - 2, 2] = 0.01, 0.01
     found = []
     for p in range(1, planes - 1):
         for r in range(border, height - border):
             for c in range(border, width - border):
                 cube = dog[p - 1 : p + 2, r - 1 : r + 2, c - 1 : c + 2]
-                highest = dog[p, r, c] > threshold and cube.argmax() == 13
-                lowest = dog[p, r, c] < -threshold and cube.argmin() == 13
+                cube = cube - beyond[p] * dog[p, r, c]
+                top, bottom = np.where(counts, cube, -np.inf), np.where(counts, cube, np.inf)
+                highest = dog[p, r, c] > threshold and top.argmax() == 13
+                lowest = dog[p, r, c] < -threshold and bottom.argmin() == 13
                 if highest or lowest:
                     found.append((p, r, c))
     return found
 
 
 def quadratic(cube):
-    """Offset (x, y, plane), value, trace and determinant at the middle of a 3x3x3 cube."""
+    """Offset (x, y, plane), value, trace and determinants at the middle of a 3x3x3 cube."""
     cube = cube.astype(np.float64)
     middle = np.array([1, 1, 1])
     axes = np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0]])  # x, y, plane
@@ -42,7 +60,7 @@ def quadratic(cube):
     offset = -np.linalg.solve(hessian, gradient)
     plane = hessian[:2, :2]
     value = cube[1, 1, 1] + gradient @ offset / 2
-    return (*offset, value, np.trace(plane), np.linalg.det(plane))
+    return offset, value, np.trace(plane), np.linalg.det(plane), np.linalg.det(hessian)
 
 
 def gradients(plane):

@@ -5,9 +5,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 from scipy.interpolate import lagrange
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
 
 import oracles_keypoints as oracles
-from saccade.keypoints import extrema
+from saccade.keypoints import extrema, refinement
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -42,13 +44,14 @@ def find(dog, **changes):
 
 
 @pytest.mark.kernel
-@given(seeds, st.sampled_from([0.0, 0.1, 0.5]), st.integers(2, 4))
+@given(seeds, st.sampled_from([0.0, 0.1, 0.5]), st.integers(2, 4), st.sampled_from([10, 26]))
 @settings(max_examples=20)
-def test_candidates_meet_their_twin(seed, threshold, border):
+def test_candidates_meet_their_twin(seed, threshold, border, neighbors):
     dog = smooth(seed, (4, 16, 18))
     out = np.zeros((500, 3), np.int64)
-    count = extrema.find_candidates(dog, threshold, border, border, 16 - border, out)
-    assert sorted(out[:count].tolist()) == as_lists(oracles.extrema(dog, threshold, border))
+    count = extrema.find_candidates(dog, threshold, border, neighbors, border, 16 - border, out)
+    expected = oracles.extrema(dog, threshold, border, neighbors)
+    assert sorted(out[:count].tolist()) == as_lists(expected)
 
 
 @pytest.mark.kernel
@@ -56,7 +59,7 @@ def test_candidates_meet_their_twin(seed, threshold, border):
 @settings(max_examples=60)
 def test_of_equal_samples_the_first_is_the_extremum(dog):
     out = np.zeros((60, 3), np.int64)
-    count = extrema.find_candidates(dog, 0.0, 1, 1, 5, out)
+    count = extrema.find_candidates(dog, 0.0, 1, 26, 1, 5, out)
     assert sorted(out[:count].tolist()) == as_lists(oracles.extrema(dog, 0, 1))
 
 
@@ -66,8 +69,8 @@ def test_candidates_are_counted_beyond_the_room_for_them():
     expected = oracles.extrema(dog, 0, 2)
     few, all_ = np.full((2, 3), -1, np.int64), np.zeros((len(expected), 3), np.int64)
     last = dog.shape[1] - 2
-    assert extrema.find_candidates(dog, 0.0, 2, 2, last, few) == len(expected) > 2
-    extrema.find_candidates(dog, 0.0, 2, 2, last, all_)
+    assert extrema.find_candidates(dog, 0.0, 2, 26, 2, last, few) == len(expected) > 2
+    extrema.find_candidates(dog, 0.0, 2, 26, 2, last, all_)
     np.testing.assert_array_equal(few, all_[:2])
     assert sorted(all_.tolist()) == as_lists(expected)
 
@@ -75,8 +78,8 @@ def test_candidates_are_counted_beyond_the_room_for_them():
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_seeds_are_found_in_all_rows(rng, threads):
     dog = ndimage.gaussian_filter(rng.standard_normal((5, 200, 40)), (0, 1, 1)).astype(np.float32)
-    found = extrema.find_seeds(dog, 0.0, 2, threads)
-    np.testing.assert_array_equal(found, extrema.find_seeds(dog, 0.0, 2, 1))
+    found = extrema.find_seeds(dog, 0.0, 2, 26, threads)
+    np.testing.assert_array_equal(found, extrema.find_seeds(dog, 0.0, 2, 26, 1))
     assert sorted(found.tolist()) == as_lists(oracles.extrema(dog, 0, 2))
 
 
@@ -84,9 +87,22 @@ def test_more_seeds_than_expected_are_found(rng):
     row, column = np.indices((40, 40))
     dog = np.zeros((3, 40, 40), np.float32)
     dog[1] = np.where((row % 2 == 0) & (column % 2 == 0), 1, 0) + rng.random((40, 40)) / 9
-    assert sorted(extrema.find_seeds(dog, 0.5, 2, 1).tolist()) == as_lists(
+    assert sorted(extrema.find_seeds(dog, 0.5, 2, 26, 1).tolist()) == as_lists(
         oracles.extrema(dog, 0.5, 2)
     )
+
+
+@pytest.mark.kernel
+@given(seeds, st.floats(0.05, 2))
+@settings(max_examples=20)
+def test_of_two_places_close_by_the_farther_is_marked(seed, radius):
+    rng = np.random.default_rng(seed)
+    places = rng.random((60, 3)) * [3, 12, 12]
+    places = places[np.argsort(places[:, 1])]
+    distance, marked = rng.random(60), np.zeros(60, bool)
+    extrema.mark_farther(places, distance, radius, marked)
+    pairs = cKDTree(places).query_pairs(radius, p=np.inf)
+    assert set(np.flatnonzero(marked)) == {max(p, key=lambda i: distance[i]) for p in pairs}
 
 
 @pytest.mark.kernel
@@ -95,8 +111,9 @@ def test_more_seeds_than_expected_are_found(rng):
 def test_quadratic_meets_its_twin(seed):
     cube = np.random.default_rng(seed).standard_normal((3, 3, 3)).astype(np.float32)
     expected = oracles.quadratic(cube)
-    assume(np.abs(expected[:3]).max() < 20)
-    np.testing.assert_allclose(extrema.fit_quadratic(cube, 1, 1, 1), expected, rtol=2e-3, atol=2e-4)
+    assume(np.abs(expected[0]).max() < 20)
+    found = refinement.fit_quadratic(cube, 1, 1, 1)
+    np.testing.assert_allclose(np.hstack(found), np.hstack(expected), rtol=2e-3, atol=2e-4)
 
 
 @pytest.mark.kernel
@@ -105,7 +122,7 @@ def test_quadratic_meets_its_twin(seed):
 def test_lagrange_weights_are_lagranges(t):
     nodes = np.arange(-6, 7)
     weights = np.zeros((3, 13))
-    extrema.lagrange_weights(t, weights)
+    refinement.lagrange_weights(t, weights)
     for i in range(13):
         polynomial = lagrange(nodes, nodes == nodes[i])
         expected = [polynomial(t), polynomial.deriv()(t), polynomial.deriv(2)(t)]
@@ -120,8 +137,8 @@ def test_the_top_of_a_quartic_is_found(x, y, s):
     dx, dy = c - x, r - y
     top = 1 - 0.1 * dx**2 + 0.004 * dx**4 - 0.12 * dy**2 + 0.005 * dy**4 + 0.003 * dx**2 * dy**2
     dog = (top - 0.08 * (p - s) ** 2 + 0.02 * dx * (p - s)).astype(np.float32)
-    start = extrema.fit_quadratic(dog, 1, 6, 6)[:3]
-    found = extrema.refine_place(dog, 1, 6, 6, *start)
+    start = refinement.fit_quadratic(dog, 1, 6, 6)[0]
+    found = refinement.refine_place(dog, 1, 6, 6, *start)
     np.testing.assert_allclose(found, (x, y, s), atol=5e-4)
 
 
@@ -131,8 +148,8 @@ def test_a_step_that_leads_away_is_not_followed():
     strayed = 0
     for _ in range(20):
         dog = rng.standard_normal((3, 13, 13)).astype(np.float32)
-        found = extrema.refine_place(dog, 1, 6, 6, 0.1, -0.2, 0.3)
-        assert np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max() < extrema.TRUSTED
+        found = refinement.refine_place(dog, 1, 6, 6, 0.1, -0.2, 0.3)
+        assert np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max() < refinement.TRUSTED
         strayed += found == (0.1, -0.2, 0.3)
     assert strayed > 0
 
@@ -158,7 +175,7 @@ def test_every_extremum_lies_where_the_quadratic_at_its_nearest_sample_is_flat()
         for plane, xy, scale, value in zip(*found, strict=True):
             column, row = np.rint(xy).astype(int)
             cube = dog[plane - 1 : plane + 2, row - 1 : row + 2, column - 1 : column + 2]
-            x, y, s, expected = oracles.quadratic(cube)[:4]
+            (x, y, s), expected = oracles.quadratic(cube)[:2]
             np.testing.assert_allclose(xy, [column + x, row + y], atol=1e-3)
             np.testing.assert_allclose([scale, value], [plane + s, expected], atol=1e-3)
             moved += (plane, row, column) not in candidates
@@ -186,9 +203,34 @@ def test_saddles_are_left_out():
     dog = np.zeros((3, 9, 9), np.float32)
     dog[1, 3:6, 3:6] = [[0.9, 0.95, -0.9], [0.95, 1, 0.95], [-0.9, 0.95, 0.9]]
     assert oracles.extrema(dog, 0.95, 2) == [(1, 4, 4)]
-    assert oracles.quadratic(dog[:, 3:6, 3:6])[-1] < 0
+    assert oracles.quadratic(dog[:, 3:6, 3:6])[-2] < 0
     for edge_ratio in (10.0, 1e6, np.inf):
         assert len(find(dog, candidate_threshold=0.95, edge_ratio=edge_ratio).plane) == 0
+
+
+def two_hills(p, r, c):
+    """A hill and, in the next plane, a higher one beside it."""
+    low = np.exp(-((c - 8) ** 2) - (r - 7) ** 2 - (p - 2) ** 2)
+    return low + 1.2 * np.exp(-((c - 9.3) ** 2) - (r - 8.3) ** 2 - (p - 3) ** 2)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_hill_diagonally_under_a_higher_one_is_found_with_fewer_neighbors(sign):
+    dog = (sign * two_hills(*np.indices((6, 15, 17)))).astype(np.float32)
+    tops = [minimize(lambda v: -two_hills(*v), near).x for near in ([2, 7, 8], [3, 8, 9])]
+    assert len(find(dog, lagrange=True).plane) == 1
+    found = find(dog, lagrange=True, neighbors=10)
+    np.testing.assert_allclose(found.xy, [top[:0:-1] for top in tops], atol=0.08)
+    np.testing.assert_allclose(found.scale, [top[0] for top in tops], atol=0.08)
+
+
+def test_a_saddle_across_the_planes_is_left_out():
+    p, r, c = np.indices((5, 15, 17))
+    dog = (1 - 0.2 * (c - 8.3 - p + 2.3) ** 2 - 0.1 * (r - 7) ** 2 + 0.02 * (p - 2.3) ** 2).astype(
+        np.float32
+    )
+    assert len(extrema.find_seeds(dog, 0.5, 2, 10, 1)) > 0
+    assert len(find(dog, neighbors=10, edge_ratio=np.inf).plane) == 0
 
 
 def test_a_point_between_two_samples_is_found_once():

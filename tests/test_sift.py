@@ -90,9 +90,7 @@ def test_a_blob_of_any_size_is_found(rng, sigma):
     for x, y in [(60, 60), (60.5, 60.5), (60.5, 61), *(60 + rng.random((6, 2)))]:
         found = sift(blob((121, 122), x, y, sigma), describe=False)
         assert 1 <= len(found) <= 2
-        np.testing.assert_allclose(
-            found.xy, np.tile([x, y], (len(found), 1)), atol=max(0.02, 0.006 * sigma)
-        )
+        np.testing.assert_allclose(found.xy, np.tile([x, y], (len(found), 1)), atol=0.012)
 
 
 @pytest.mark.parametrize("sigma", [3.5, 5.0, 8.0])
@@ -389,6 +387,7 @@ def test_the_default_is_recommended():
         ("border", 0),
         ("contrast_threshold", float("nan")),
         ("candidate_fraction", 2.0),
+        ("neighbors", 18),
         ("edge_ratio", 0.5),
         ("fit", "cubic"),
         ("voting", "secret"),

@@ -16,6 +16,7 @@ REAL = [field.name for field in dataclasses.fields(SiftConfig) if field.type is 
 SWITCHES = [field.name for field in dataclasses.fields(SiftConfig) if field.type is bool]
 CHOICES = {
     "grid": ("centered", "shifted"),
+    "neighbors": (10, 26),
     "fit": ("lagrange", "quadratic"),
     "voting": ("linear", "nearest"),
     "descriptor": ("sift", "root"),

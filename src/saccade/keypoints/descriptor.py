@@ -21,6 +21,7 @@ from saccade.keypoints.gradients import (
     fill_descriptors,
     fill_orientation_bins,
     quantize,
+    smooth_circles,
 )
 from saccade.types import Float32Array, IntArray
 
@@ -28,7 +29,7 @@ ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 PEAK_RATIO = 0.8
 """A direction makes a point if it has this share of the strongest direction."""
-BLOCK = 1024
+BLOCK = 256
 """Points that a thread takes at a time."""
 
 
@@ -82,10 +83,9 @@ def orientations(
         fill_orientation_bins(
             octave, *frames.block(block), spacing, linear, subpixel, room, bins[block]
         )
+        smooth_circles(bins[block], smoothing)
 
     spread(fill, len(bins), BLOCK, threads)
-    for _ in range(smoothing):
-        bins = (np.roll(bins, 1, axis=1) + 2 * bins + np.roll(bins, -1, axis=1)) / np.float32(4)
     before, after = np.roll(bins, 1, axis=1), np.roll(bins, -1, axis=1)
     highest = bins.max(axis=1, keepdims=True, initial=0)
     # Of two equal neighbors the second is the peak: symmetrical patterns have such.

@@ -81,6 +81,20 @@ def fill_orientation_bins(
         bins[i, 1] += circle[ORIENTATION_BINS + 1]
 
 
+@kernel()
+def smooth_circles(bins: Float32Array, passes: int) -> None:
+    """Pass [1 2 1] / 4 over each row of (n, m) `bins`, whose last entry is beside its first."""
+    count = bins.shape[1]
+    wide = np.empty(count + 2, np.float32)
+    quarter, half = np.float32(0.25), np.float32(0.5)
+    for row in bins:
+        for _ in range(passes):
+            wide[0], wide[count + 1] = row[count - 1], row[0]
+            wide[1 : count + 1] = row
+            for k in range(count):
+                row[k] = quarter * (wide[k] + wide[k + 2]) + half * wide[k + 1]
+
+
 @kernel(fastmath=("nnan", "nsz", "contract"))
 def share_directions(
     samples: Float32Array, count: int, linear: bool, lower: Int32Array, shares: Float32Array

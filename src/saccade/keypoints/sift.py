@@ -232,6 +232,7 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
         contrast_threshold=config.contrast_threshold,
         edge_ratio=config.edge_ratio,
         lagrange=config.fit == "lagrange",
+        neighbors=config.neighbors,
         threads=threads,
     )
     sigma = config.density * config.base_sigma * 2 ** (found.scale / config.intervals)

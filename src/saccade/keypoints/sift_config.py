@@ -19,9 +19,9 @@ class SiftConfig:
     points."""
     octaves: int = 0
     """How many at most; 0 for as many as the image has room for."""
-    intervals: int = 4
+    intervals: int = 3
     """s, the scales to an octave."""
-    base_sigma: float = 1.68
+    base_sigma: float = 1.8
     """Blur of the first plane of an octave, in samples of density 1."""
     density: float = 0.5
     """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
@@ -38,11 +38,16 @@ class SiftConfig:
     is doubled, as OpenCV does."""
     border: int = 5
     """Samples at the edge of every octave that are not searched."""
-    contrast_threshold: float = 0.04 / 3
+    contrast_threshold: float = 0.016
     """tau_c: the least |D| at an extremum (B.6)."""
-    candidate_fraction: float = 0.5
+    candidate_fraction: float = 0.7
     """Share of `contrast_threshold` that a sample must exceed before the fit."""
-    edge_ratio: float = 12.0
+    neighbors: Literal[10, 26] = 10
+    """Samples that an extremum must not be exceeded by: all 26 around it, as Lowe has it, or the
+    8 in its plane and the 2 above and below. Where samples are sparse one of the other 16 often
+    belongs to another hill, and the extremum is found one time and missed the next. Of 10, the
+    fit tells those that are extrema from saddles."""
+    edge_ratio: float = 15.0
     """tau_r: the greatest ratio of the principal curvatures (B.10)."""
     fit: Literal["lagrange", "quadratic"] = "lagrange"
     """"quadratic" is B.5. "lagrange" goes on from there with the polynomial through 13 samples
@@ -113,6 +118,7 @@ class SiftConfig:
             "0 to 1",
             self.candidate_fraction,
         )
+        require(self.neighbors in (10, 26), "neighbors", "10 or 26", self.neighbors)
         require(self.edge_ratio >= 1, "edge_ratio", "1 or more", self.edge_ratio)
         require(
             self.voting in ("linear", "nearest"), "voting", "'linear' or 'nearest'", self.voting
@@ -150,13 +156,14 @@ class SiftConfig:
         beyond its quadratic (see `fit`).
         """
         return cls(
-            intervals=3,
             base_sigma=1.6,
             density=1.0,
             camera_sigma=0.5,
             kernel_radius=4.0,
             border=2,
             contrast_threshold=0.03,
+            candidate_fraction=0.5,
+            neighbors=26,
             edge_ratio=10.0,
             smoothing=0,
             orientation_spacing=0.0,
