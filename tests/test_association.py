@@ -27,7 +27,7 @@ from saccade.slam.association import (
     pair_nearest_first,
 )
 from saccade.slam.joint_compatibility import search
-from saccade.slam.presence import Field, Presence
+from saccade.slam.presence import Presence, View
 
 R = np.diag([0.01, 1e-4])
 UNKNOWN = np.full(9, -1)
@@ -280,7 +280,7 @@ def test_removed_landmarks_leave_the_others_as_they_were(rng):
 
 
 def test_what_should_have_been_seen_and_was_not_is_gone():
-    presence = Presence(Field(reach=10.0, left=1.0, right=-1.0), least=0.4)
+    presence = Presence(View(reach=10.0, left=1.0, right=-1.0), least=0.4)
     ekf = _filter(WORLD)  # the last of which is behind the robot
     z, _ = observe(np.zeros(3), WORLD)
     gone = [presence.absent(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]

@@ -18,6 +18,7 @@ from saccade.cli.detect import detect
 from saccade.cli.evaluate import evaluate
 from saccade.cli.look import look
 from saccade.cli.match import match
+from saccade.cli.simulate import simulate
 from saccade.cli.slam import slam
 from saccade.errors import OutputError, SaccadeError
 
@@ -43,6 +44,7 @@ app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
 app.command(epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
 app.command(epilog="Example: saccade demo --out saccade-demo")(demo)
 app.add_typer(evaluate, name="evaluate")
+app.add_typer(simulate, name="simulate")
 app.command(epilog="Example: saccade config sift --preset opencv > sift.toml")(config)
 
 

@@ -1,7 +1,6 @@
 """EKF-SLAM: predict, update, augment (C.1-C.18)."""
 
 from math import inf
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,55 +21,10 @@ from saccade.slam.belief import (
 )
 from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
+from saccade.slam.outcomes import Expectation, Innovation, Replay
 from saccade.slam.retraction import STANDARD, Retraction, linearize
 from saccade.slam.wheels import BIASES, control_slopes
 from saccade.types import FloatArray, IntArray
-
-
-class Innovation(NamedTuple):
-    """What an observation said beyond what was expected."""
-
-    value: FloatArray
-    """(2,) observed less expected: range and bearing, or map coordinates (see `retraction`)."""
-    covariance: FloatArray
-    """(2, 2) S of C.11, before the update."""
-    nis: float
-    """Normalized innovation squared; chi-square with two degrees if the filter is right."""
-
-
-class Expectation(NamedTuple):
-    """What the filter expects to see of every landmark."""
-
-    z: FloatArray
-    """(n, 2) expected observations."""
-    covariance: FloatArray
-    """(n, 2, 2) H P H^T of each, without the noise of an observation."""
-
-
-class Replay(NamedTuple):
-    """What came of a stretch of a log."""
-
-    pose: FloatArray
-    """(t, 3) after each step."""
-    covariance: FloatArray
-    """(t, 3, 3) of the pose."""
-    innovation: FloatArray
-    """(k, 2) as in `Innovation`; here and below NaN where an observation corrected nothing."""
-    innovation_covariance: FloatArray
-    """(k, 2, 2)."""
-    nis: FloatArray
-    """(k,)."""
-
-    @classmethod
-    def empty(cls, t: int, k: int) -> "Replay":
-        """Room for so many steps and observations."""
-        return cls(
-            pose=np.empty((t, 3)),
-            covariance=np.empty((t, 3, 3)),
-            innovation=np.full((k, 2), np.nan),
-            innovation_covariance=np.full((k, 2, 2), np.nan),
-            nis=np.full(k, np.nan),
-        )
 
 
 class EkfSlam:
@@ -147,10 +101,17 @@ class EkfSlam:
         Returns:
             The innovation, its covariance, and its normalized square.
         """
-        at, v, H, noise = self._linearized(z, R, landmark)  # C.14
+        check_landmark(landmark, len(self))
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
-        b, kind = self._belief, self._retraction
-        nis, S = steps.correct(b, kind, at, v, H, noise, self._huber)  # C.10-C.13
+        b, how = self._belief, (self._retraction, self._huber)
+        if self._fast:
+            m, v = len(self._robot) + 2 * landmark, np.empty(2)
+            nis, S = steps.sight(b, how[0], m, z, R, how[1], v)
+        else:
+            m, v, H, noise = self._linearized(z, R, landmark)  # C.14
+            nis, S = steps.correct(b, how[0], m, v, H, noise, how[1])  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -164,6 +125,9 @@ class EkfSlam:
             R: (2, 2) its covariance.
             landmark: number of the landmark in the map.
         """
+        check_landmark(landmark, len(self))
+        z = check_vector("observation", z, 2)
+        R = check_covariance("covariance of the observation", R, 2)
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
         S, _, root = steps.weigh(self._belief, at, H, noise)  # C.11
         white = root @ v
@@ -252,7 +216,7 @@ class EkfSlam:
         how = self._retraction, self._huber
         while at[0] < t:
             self._make_room()
-            steps.replay(self._belief, *how, control, U, D, z, R, landmark, edge, at, *out)
+            steps.replay(self._belief, *how, control, U, D, z, R, landmark, edge, at, out)
         return out
 
     def remove(self, landmarks: IntArray) -> None:
@@ -378,9 +342,6 @@ class EkfSlam:
         self, z: FloatArray, R: FloatArray, landmark: int
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         """The landmark's row, and the `Linearization` of an observation of it."""
-        check_landmark(landmark, len(self))
-        z = check_vector("observation", z, 2)
-        R = check_covariance("covariance of the observation", R, 2)
         b, r = self._belief, len(self._robot)
         m = r + 2 * landmark
         here = np.append(np.arange(r), [m, m + 1])

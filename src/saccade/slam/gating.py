@@ -5,7 +5,8 @@ from math import atan2, hypot, inf
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.steps import INVARIANT, LANDMARKS, NEAREST, Belief
+from saccade.slam.belief import INVARIANT, LANDMARKS, Belief
+from saccade.slam.models import NEAREST
 from saccade.types import FloatArray
 
 

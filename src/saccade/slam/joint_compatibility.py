@@ -65,8 +65,8 @@ def _joint(
     J[..., :r] = H[..., :r]
     for k in range(c):
         J[k, :, r + 2 * k : r + 2 * k + 2] = H[k, :, r:]
-    J = J.reshape(2 * c, -1)
-    return ekf.sensor.difference(z[:, None], expected), J @ ekf.marginal(landmarks) @ J.T
+    flat = J.reshape(2 * c, -1)
+    return ekf.sensor.difference(z[:, None], expected), flat @ ekf.marginal(landmarks) @ flat.T
 
 
 @kernel()
@@ -100,11 +100,12 @@ def search(
     chosen, taken = np.full(m, -1), np.zeros(c, np.bool_)
     L, white = np.zeros((2 * m, 2 * m)), np.zeros(2 * m)
     total, pairs = np.zeros(m + 1), np.zeros(m + 1, np.int64)
-    most, least, tried, i = 0, np.inf, 0, 0
+    most, least = 0, np.inf
+    tried, i = 0, 0
     while i >= 0:
         if i == m:
             if pairs[m] > most or (pairs[m] == most and total[m] < least):
-                most, least = pairs[m], total[m]
+                most, least = int(pairs[m]), float(total[m])
                 best[:] = chosen
             i -= 1
             continue

@@ -9,7 +9,7 @@ from saccade.types import FloatArray, IntArray, LandmarkLog
 
 
 @dataclass(frozen=True)
-class Field:
+class View:
     """Where a sensor mostly sees what is there."""
 
     reach: float
@@ -19,7 +19,7 @@ class Field:
     """Bearings, left over right."""
 
     @classmethod
-    def of(cls, log: LandmarkLog) -> "Field":
+    def of(cls, log: LandmarkLog) -> "View":
         """The nearer half of what a log saw, and all but the last of its bearings."""
         if len(log.observation) == 0:
             return cls(0.0, 0.0, 0.0)
@@ -31,7 +31,7 @@ class Field:
 class Presence:
     """Counts how often each landmark was seen, and how often it was not but should have been."""
 
-    field: Field
+    view: View
     least: float
     """Share of the times at which a landmark should have been seen that it must be."""
     patience: int = 5
@@ -61,8 +61,8 @@ class Presence:
         found = found[found >= 0]
         self.seen[found] += 1
         distance, bearing = expected.T
-        there = (distance < self.field.reach) & (bearing < self.field.left)
-        there &= bearing > self.field.right
+        there = (distance < self.view.reach) & (bearing < self.view.left)
+        there &= bearing > self.view.right
         there[found[found < len(there)]] = False
         self.missed[: len(there)] += there
         gone = (self.missed > self.patience) & (self.seen < self.least * (self.seen + self.missed))

@@ -17,11 +17,12 @@ from saccade.slam.association import (
 )
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.ekf import EkfSlam, Replay
+from saccade.slam.ekf import EkfSlam
 from saccade.slam.joint_compatibility import JointCompatibility
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
-from saccade.slam.presence import Field, Presence
+from saccade.slam.outcomes import Replay
+from saccade.slam.presence import Presence, View
 from saccade.slam.recording import Recorder
 from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
@@ -163,7 +164,7 @@ def run(
     poses = len(log.time)
     associate, candidates = _association(log, config, associate)
     named = isinstance(associate, KnownIdentity) or config.presence == 0
-    presence = None if named else Presence(Field.of(log), config.presence)
+    presence = None if named else Presence(View.of(log), config.presence)
     going = _Run(
         log=log,
         ekf=_filter(log, config, motion, sensor),

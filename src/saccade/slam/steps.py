@@ -10,10 +10,6 @@ moved. In these errors a correction of the invariant filter carries no covarianc
 observation depends on f alone, and moving the robot leaves the landmarks but for the
 noise of its heading. The other filters have eta = e; the standard one's a is zero, that
 of first estimates says at which f the slopes are to be taken.
-
-Nothing here is quadratic in the map. What the steps take from the covariance between
-landmarks and what they give is kept as thin rows until somebody adds them up: it is
-base - taken^T taken + given^T given.
 """
 
 from math import atan2, cos, hypot, sin, sqrt
@@ -23,13 +19,13 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.slam.belief import GIVEN, INVARIANT, LANDMARKS, STANDARD, TAKEN, Belief
 from saccade.slam.models import NEAREST
+from saccade.slam.outcomes import Replay
 from saccade.types import FloatArray, IntArray
 
 SINGULAR = 1e-13
 """An innovation variance under this share of the terms that it is the sum of counts as zero."""
 ROUNDING = 1e-9
-"""No correction can take more than the whole variance; what would by more than this share is
-the rounding of a variance that is none."""
+"""Share of a variance by which a correction that takes more than all of it is rounding."""
 TINY = 1e-100
 """Square metres or radians; variances under it are zero."""
 
@@ -37,9 +33,7 @@ TINY = 1e-100
 @kernel()
 def wrapped(angle: float) -> float:
     """The same angle in (-pi, pi]."""
-    if -np.pi < angle <= np.pi:
-        return angle
-    return np.pi - (np.pi - angle) % (2 * np.pi)
+    return angle if -np.pi < angle <= np.pi else np.pi - (np.pi - angle) % (2 * np.pi)
 
 
 @kernel()
@@ -163,14 +157,13 @@ def correct(
         _, D, A = weigh(b, m, H, noise * (sqrt(nis) / huber))
     V, P, u = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2], b.P, _times(A, v)
     _observed_rows(b, m, D, V)
-    for j in range(n):
-        own = P[j, j] if j < r else b.own[(j - r) // 2, 2 * ((j - r) % 2)]
-        if V[0, j] ** 2 + V[1, j] ** 2 > own * (1 + ROUNDING):
-            V[0, j] = V[1, j] = 0.0
+    for i in range(r):
+        if V[0, i] ** 2 + V[1, i] ** 2 > P[i, i] * (1 + ROUNDING):
+            V[0, i] = V[1, i] = 0.0
+    _take_own(b, V)
     for k in range(2):
         for i in range(r):
             _mix(P[i, :n], 1.0, -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
-        _add_own(b, V[k, r:], -1.0)
     b.used[TAKEN] += 2
     _retract(b, kind, r, u, V)
     return nis, S
@@ -223,14 +216,28 @@ def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
         left, right = P[m, m + 1 : n], P[m + 1, m + 1 : n]
         for j in range(n - m - 1):
             v[m + 1 + j] = first * left[j] + second * right[j]
-    for i in range(r):
-        _mix(V[0, :n], 1.0, D[0, i], P[i, :n])
-        _mix(V[1, :n], 1.0, D[1, i], P[i, :n])
+        for i in range(r):
+            _mix(v, 1.0, D[k, i], P[i, :n])
     for sign, rows, used in ((-1.0, b.taken, b.used[TAKEN]), (1.0, b.given, b.used[GIVEN])):
         for i in range(used):
             first, second = sign * rows[i, m], sign * rows[i, m + 1]
-            _mix(V[0, r:n], 1.0, D[0, r] * first + D[0, r + 1] * second, rows[i, r:n])
-            _mix(V[1, r:n], 1.0, D[1, r] * first + D[1, r + 1] * second, rows[i, r:n])
+            for k in range(2):
+                _mix(V[k, r:n], 1.0, D[k, r] * first + D[k, r + 1] * second, rows[i, r:n])
+
+
+@kernel(fastmath=("contract",))
+def _take_own(b: Belief, V: FloatArray) -> None:
+    """Take V^T V, V (2, n), from the landmarks' own blocks, but no more than is there."""
+    r = len(b.work)
+    for i in range(b.used[LANDMARKS]):
+        j = r + 2 * i
+        if V[0, j] ** 2 + V[1, j] ** 2 > b.own[i, 0] * (1 + ROUNDING):
+            V[0, j] = V[1, j] = 0.0
+        if V[0, j + 1] ** 2 + V[1, j + 1] ** 2 > b.own[i, 2] * (1 + ROUNDING):
+            V[0, j + 1] = V[1, j + 1] = 0.0
+        b.own[i, 0] -= V[0, j] ** 2 + V[1, j] ** 2
+        b.own[i, 1] -= V[0, j] * V[0, j + 1] + V[1, j] * V[1, j + 1]
+        b.own[i, 2] -= V[0, j + 1] ** 2 + V[1, j + 1] ** 2
 
 
 @kernel(fastmath=("contract",))
@@ -306,7 +313,7 @@ def move(b: Belief, kind: int, u: FloatArray, U: FloatArray, D: FloatArray) -> N
 
 
 @kernel()
-def _sight(
+def sight(
     b: Belief, kind: int, m: int, z: FloatArray, R: FloatArray, huber: float, v: FloatArray
 ) -> tuple[float, FloatArray]:
     """`correct` by range and bearing, as `retraction.linearize` has them; v (2,) is filled."""
@@ -315,8 +322,7 @@ def _sight(
     if kind != STANDARD:
         B = _at(s, z)
         v[0], v[1] = z[0] * B[0, 0] - dx, z[0] * B[1, 0] - dy
-        H[0, 0] = H[1, 1] = -1.0
-        H[0, r] = H[1, r + 1] = 1.0
+        H[0, 0], H[1, 1], H[0, r], H[1, r + 1] = -1.0, -1.0, 1.0, 1.0
         H[0, 2], H[1, 2] = dy + a[m] - a[0], a[m + 1] - a[1] - dx  # J (f_p - f_m)
         return correct(b, kind, m, v, H, sandwich(B, R, np.zeros((2, 2))), huber)
     q = hypot(dx, dy)
@@ -324,8 +330,7 @@ def _sight(
         H[0, r], H[0, r + 1], H[1, r], H[1, r + 1] = dx / q, dy / q, -dy / q**2, dx / q**2
         H[:, :2] = -H[:, r:]
         H[1, 2] = -1.0
-    ahead = wrapped(atan2(dy, dx) - s[2]) if q > NEAREST else 0.0
-    v[0], v[1] = z[0] - q, wrapped(z[1] - ahead)
+    v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > NEAREST else 0.0))
     return correct(b, kind, m, v, H, R, huber)
 
 
@@ -356,22 +361,16 @@ def replay(
     landmark: IntArray,
     edge: IntArray,
     at: IntArray,
-    pose: FloatArray,
-    covariance: FloatArray,
-    v: FloatArray,
-    S: FloatArray,
-    nis: FloatArray,
+    out: Replay,
 ) -> None:
     """Go on from step at[0] and observation at[1] as far as there is room.
 
     Control i leads to step i, at which the observations edge[i] to edge[i + 1] are made,
     each of `landmark`: one of the map, the next new one, or none (negative).
     """
-    while at[0] < len(control):
+    while at[0] < len(control) and not is_full(b):
         i = at[0]
         if at[1] < 0:
-            if is_full(b):
-                return
             move(b, kind, control[i], U[i], D[i])
             at[1] = edge[i]
         while at[1] < edge[i + 1]:
@@ -385,9 +384,10 @@ def replay(
                 G[0, 2], G[1, 2] = -z[k, 0] * B[1, 0], z[k, 0] * B[0, 0]
                 augment(b, xy, G, sandwich(B, R[k], np.zeros((2, 2))))
             elif landmark[k] >= 0:
-                nis[k], S[k] = _sight(b, kind, m, z[k], R[k], huber, v[k])
+                nis, S = sight(b, kind, m, z[k], R[k], huber, out.innovation[k])
+                out.nis[k], out.innovation_covariance[k] = nis, S
             at[1] += 1
-        pose[i], covariance[i] = b.state[:3], pose_covariance(b, kind)
+        out.pose[i], out.covariance[i] = b.state[:3], pose_covariance(b, kind)
         at[0], at[1] = i + 1, -1
 
 

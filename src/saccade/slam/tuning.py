@@ -47,7 +47,7 @@ class Tuning:
         )
 
 
-def tune(log: LandmarkLog, config: EkfConfig = EkfConfig()) -> Tuning:
+def tune(log: LandmarkLog, config: EkfConfig) -> Tuning:
     """Find the noise scales under which a log is the likeliest.
 
     The association is that of the filter with the scales given.

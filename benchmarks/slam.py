@@ -1,0 +1,234 @@
+"""EKF-SLAM by the size of the map: `OMP_NUM_THREADS=1 uv run python benchmarks/slam.py`.
+
+For each size a steady state is timed, one prediction and one landmark's update after the
+other, given to `replay` and called for one by one, against the update of the textbook on
+whole matrices in NumPy, and against one pass over the covariance: reading and writing its
+upper triangle at the bandwidth that is measured in the same run. Then the compressed filter
+inside one neighborhood, and whole logs if they are given. Everything runs in turns with its
+peer; what is printed are medians.
+"""
+
+import argparse
+import copy
+import os
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from saccade import datasets, slam
+from saccade.slam import INVARIANT, STANDARD, CompressedSlam, EkfSlam, observe
+from saccade.types import LandmarkLog
+
+SIZES = (100, 500, 1000, 2000, 5000)
+STEPS = 96
+"""A multiple of the steps from one addition of the delayed rows to the next."""
+NEIGHBORHOOD = 40
+"""Landmarks within the radius of the compressed filter, whatever the map."""
+DENSITY = 0.02
+"""Landmarks to the square metre."""
+CONTROL, U = np.array([0.05, 0.01]), np.diag([1e-4, 1e-5])
+NOISE = np.diag([0.01, 0.0004])
+
+
+def filled(landmarks: int, retraction: slam.Retraction = INVARIANT) -> EkfSlam:
+    """A filter in the middle of a map, all of which is correlated."""
+    rng = np.random.default_rng(landmarks)
+    half = (landmarks / DENSITY) ** 0.5 / 2
+    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction)
+    for xy in rng.uniform(-half, half, (landmarks, 2)):
+        ekf.augment(observe(np.zeros(3), xy)[0], NOISE)
+    return ekf
+
+
+class Textbook:
+    """C.5-C.14 on whole matrices, as they are printed, but for a prediction by blocks."""
+
+    def __init__(self, state: np.ndarray, covariance: np.ndarray) -> None:
+        self.s, self.P = state, covariance
+
+    def predict(self, u: np.ndarray, U: np.ndarray) -> None:
+        """C.5-C.9."""
+        self.s[:3], F, G = slam.drive(self.s[:3], u)
+        self.P[:3] = F @ self.P[:3]
+        self.P[:, :3] = self.P[:, :3] @ F.T
+        self.P[:3, :3] += G @ U @ G.T
+
+    def update(self, z: np.ndarray, R: np.ndarray, landmark: int) -> None:
+        """C.10-C.14."""
+        m = 3 + 2 * landmark
+        expected, Hm = observe(self.s[:3], self.s[m : m + 2])
+        H = np.zeros((2, len(self.s)))
+        H[:, :3], H[:, m : m + 2] = Hm[:, :3], Hm[:, 3:]
+        S = H @ self.P @ H.T + R
+        W = self.P @ H.T @ np.linalg.inv(S)
+        self.s = self.s + W @ slam.difference(z, expected)
+        self.P = self.P - W @ S @ W.T
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(3,)."""
+        return self.s[:3]
+
+
+def stretch(pose: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Controls (t, 2), observations (t, 2) and their landmarks (t,) of a drive.
+
+    It goes round in a small circle, and sees in turn the landmarks (k, 3): number, place.
+    """
+    turned = pose[2] + CONTROL[1] * np.arange(1, STEPS + 1)
+    path = np.column_stack(
+        [
+            pose[0] + CONTROL[0] * np.cumsum(np.cos(turned)),
+            pose[1] + CONTROL[0] * np.cumsum(np.sin(turned)),
+            turned,
+        ]
+    )
+    which = seen[np.arange(STEPS) % len(seen)]
+    z = [observe(at, xy)[0] for at, xy in zip(path, which[:, 1:], strict=True)]
+    return np.tile(CONTROL, (STEPS, 1)), np.array(z), which[:, 0].astype(np.int64)
+
+
+def replayed(ekf: EkfSlam, seen: np.ndarray) -> float:
+    """Seconds that a step of such a drive takes if it is given whole."""
+    control, z, landmark = stretch(ekf.pose, seen)
+    noise = (np.tile(U, (STEPS, 1, 1)), np.tile(NOISE, (STEPS, 1, 1)))
+    start = time.perf_counter()
+    ekf.replay(control, noise[0], np.arange(STEPS), z, noise[1], landmark)
+    return (time.perf_counter() - start) / STEPS
+
+
+def called(ekf: EkfSlam | CompressedSlam | Textbook, seen: np.ndarray) -> float:
+    """Seconds that a step takes if each is called for by itself."""
+    steps = list(zip(*stretch(ekf.pose, seen), strict=True))
+    start = time.perf_counter()
+    for control, z, landmark in steps:
+        ekf.predict(control, U)
+        ekf.update(z, NOISE, int(landmark))
+    return (time.perf_counter() - start) / STEPS
+
+
+def nearest(ekf: EkfSlam, count: int) -> np.ndarray:
+    """Numbers and places (k, 3) of the landmarks that are nearest to the robot."""
+    xy = ekf.landmarks
+    order = np.argsort(np.hypot(*(xy - ekf.pose[:2]).T))[:count]
+    return np.column_stack([order, xy[order]])
+
+
+def bytes_a_second(array: np.ndarray) -> float:
+    """Read and written of an array that fits no cache."""
+    start = time.perf_counter()
+    np.multiply(array, 0.999, out=array)
+    return 2 * array.nbytes / (time.perf_counter() - start)
+
+
+def contest(landmarks: int, rounds: int, dense: bool) -> None:
+    ekf = filled(landmarks)
+    seen = nearest(ekf, 20)
+    large = np.ones(2**25)
+    n = 3 + 2 * landmarks
+    triangle = 16 * n * (n + 1) / 2  # bytes read and written
+    replayed(ekf, seen)
+    rows = []
+    for _ in range(rounds):
+        one_pass = triangle / bytes_a_second(large)
+        ours = replayed(ekf, seen)
+        rows.append((ours, called(ekf, seen), one_pass, ours / one_pass))
+    ours, by_calls, one_pass, share = np.median(rows, 0)
+    whole = np.nan
+    if dense:
+        textbook = Textbook(ekf.state, ekf.covariance)
+        times = []
+        for z in stretch(ekf.pose, seen)[1][: max(rounds // 3, 2)]:
+            start = time.perf_counter()
+            textbook.predict(CONTROL, U)
+            textbook.update(z, NOISE, int(seen[0, 0]))
+            times.append(time.perf_counter() - start)
+        whole = float(np.median(times))
+    print(
+        f"{landmarks:9d}  {ours * 1e3:8.3f}  {by_calls * 1e3:8.3f}  {one_pass * 1e3:8.3f}"
+        f"  {share:9.2f}  {whole * 1e3:11.3f}  {whole / ours:13.0f}",
+        flush=True,
+    )
+
+
+def agreement(landmarks: int) -> None:
+    """Delayed against added up at every step, and compressed against whole."""
+    for name, kind in (("standard", STANDARD), ("invariant", INVARIANT)):
+        one = filled(landmarks, kind)
+        two, three = copy.deepcopy(one), CompressedSlam(copy.deepcopy(one), 15.0)
+        seen = nearest(one, NEIGHBORHOOD)
+        for control, z, landmark in zip(*stretch(one.pose, seen), strict=True):
+            for each in (one, two, three):
+                each.predict(control, U)
+                each.update(z, NOISE, int(landmark))
+            two.covariance  # noqa: B018  adds up what is delayed
+        apart = [
+            max(
+                np.abs(one.state - each.state).max(), np.abs(one.covariance - each.covariance).max()
+            )
+            for each in (two, three)
+        ]
+        print(f"{name}: delayed {apart[0]:.0e}, compressed {apart[1]:.0e} from the plain filter")
+
+
+def compressed(sizes: tuple[int, int], rounds: int) -> None:
+    radius = (NEIGHBORHOOD / DENSITY / np.pi) ** 0.5
+    filters = []
+    for landmarks in sizes:
+        ekf = filled(landmarks)
+        filters.append((CompressedSlam(ekf, radius), nearest(ekf, NEIGHBORHOOD // 2)))
+        called(*filters[-1])
+    times = np.array([[called(*each) for each in filters] for _ in range(rounds)])
+    small, large = np.median(times, 0) * 1e6
+    ratio = np.median(times[:, 1] / times[:, 0])
+    print(
+        f"a step among {len(filters[0][0].neighborhood)} and {len(filters[1][0].neighborhood)} "
+        f"of {sizes[0]} and {sizes[1]} landmarks: {small:.0f} and {large:.0f} us, {ratio:.2f}x"
+    )
+
+
+def logs(folder: Path, rounds: int) -> None:
+    """Whole logs, known association, with the reckoning and every record of `slam.run`."""
+    whole = [
+        datasets.load("mrclam", folder / "mrclam" / "mrclam6.npz", robot=robot)
+        for robot in range(1, 6)
+    ]
+    whole.append(datasets.load("auto", folder / "citytrees" / "cityTrees10000.txt"))
+    for log in whole:
+        slam.run(log)
+    times = [[seconds(log) for log in whole] for _ in range(rounds)]
+    for log, median, least in zip(whole, np.median(times, 0), np.min(times, 0), strict=True):
+        print(f"{log.name:20s} {median:.3f} s, {least:.3f} at best", flush=True)
+
+
+def seconds(log: LandmarkLog) -> float:
+    start = time.perf_counter()
+    slam.run(log)
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--dense-up-to", type=int, default=2000, help="landmarks")
+    parser.add_argument("--compressed", type=int, nargs=2, default=(1000, 10000))
+    parser.add_argument("--logs", type=Path, help="folder with mrclam and citytrees")
+    options = parser.parse_args()
+    if os.environ.get("OMP_NUM_THREADS") != "1":
+        sys.exit("expected OMP_NUM_THREADS=1 in the environment: the peers run on one thread")
+    print("landmarks   ours ms  by calls   pass ms  ours/pass  textbook ms  textbook/ours")
+    for landmarks in options.sizes:
+        contest(landmarks, options.rounds, landmarks <= options.dense_up_to)
+    agreement(200)
+    compressed(options.compressed, options.rounds)
+    if options.logs is not None:
+        logs(options.logs, options.rounds)
+    print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""The compressed filter against the whole one, and stretches of a log against single steps."""
+
+import copy
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from saccade.errors import LogError
+from saccade.slam import (
+    FIRST_ESTIMATES,
+    INVARIANT,
+    STANDARD,
+    CompressedSlam,
+    EkfSlam,
+    compose,
+    difference,
+    drive,
+    observe,
+    place,
+)
+
+U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])
+every = pytest.mark.parametrize("retraction", [STANDARD, INVARIANT, FIRST_ESTIMATES])
+
+
+def _avenue(rng, steps=240):
+    """Controls (t, 2), and (step, z, name) of what is seen on a way through 90 landmarks."""
+    world = rng.uniform([-5, -6], [45, 6], (90, 2))
+    control = np.tile([0.25, 0.0], (steps, 1))
+    control[steps // 2 : steps // 2 + 10, 1] = np.pi / 10  # and back again
+    pose, seen = np.zeros(3), []
+    for step, each in enumerate(control):
+        pose = drive(pose, each)[0]
+        z = observe(pose, world)[0]
+        near = rng.permutation(np.flatnonzero(z[:, 0] < 6))[:3].tolist()
+        seen += [(step, z[name] + rng.normal(size=2) * [0.1, 0.02], name) for name in near]
+    return control + rng.normal(size=control.shape) * np.sqrt(U.diagonal()), seen
+
+
+@every
+def test_compressed_is_the_whole_filter(retraction, rng):
+    control, seen = _avenue(rng)
+    whole = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction)
+    small = CompressedSlam(copy.deepcopy(whole), radius=5.0)
+    known = {}
+    for step, u in enumerate(control):
+        for ekf in (whole, small):
+            ekf.predict(u, U)
+        for _, z, name in (each for each in seen if each[0] == step):
+            if name not in known:
+                known[name] = len(whole)
+                assert whole.augment(z, NOISE) == small.augment(z, NOISE) == known[name]
+                continue
+            asked = small.innovation(z, NOISE, known[name])
+            one, two = (ekf.update(z, NOISE, known[name]) for ekf in (whole, small))
+            np.testing.assert_allclose(two.value, one.value, atol=1e-6)
+            np.testing.assert_allclose(asked.value, two.value, atol=1e-12)
+            assert two.nis == pytest.approx(one.nis, abs=1e-6)
+        np.testing.assert_allclose(small.pose, whole.pose, atol=1e-6)
+        np.testing.assert_allclose(small.pose_covariance, whole.pose_covariance, atol=1e-6)
+    assert 0 < len(small.neighborhood) < len(small) - 20  # it did leave most of the map waiting
+    near = small.neighborhood[:3]
+    np.testing.assert_allclose(small.marginal(near), whole.marginal(near), atol=1e-6)
+    np.testing.assert_allclose(small.state, whole.state, atol=1e-6)
+    np.testing.assert_allclose(small.covariance, whole.covariance, atol=1e-6)
+    np.testing.assert_allclose(small.expect().z, whole.expect().z, atol=1e-6)
+    with pytest.raises(LogError, match="from 0 to"):
+        small.update(np.ones(2), NOISE, len(small))
+
+
+def _numbered(seen):
+    step, z, name = zip(*seen, strict=True)
+    number = {}
+    which = [number.setdefault(each, len(number)) for each in name]
+    return np.array(step), np.array(z), np.array(which)
+
+
+@every
+@pytest.mark.parametrize("model", [drive, lambda pose, control: drive(pose, control)])
+def test_a_stretch_is_its_steps(retraction, model, rng):
+    """In compiled code, and with a model that cannot be."""
+    control, seen = _avenue(rng)
+    step, z, which = _numbered(seen)
+    one = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), model, retraction=retraction)
+    two = copy.deepcopy(one)
+    many = np.tile(U, (len(control), 1, 1)), np.tile(NOISE, (len(z), 1, 1))
+    went = one.replay(control, many[0], step, z, many[1], which)
+    for i, u in enumerate(control):
+        two.predict(u, U)
+        for k in np.flatnonzero(step == i):
+            if which[k] == len(two):
+                two.augment(z[k], NOISE)
+                assert np.isnan(went.nis[k])
+            else:
+                found = two.update(z[k], NOISE, int(which[k]))
+                np.testing.assert_allclose(went.innovation[k], found.value, atol=1e-9)
+                np.testing.assert_allclose(went.innovation_covariance[k], found.covariance)
+                assert went.nis[k] == pytest.approx(found.nis, abs=1e-9)
+        np.testing.assert_allclose(went.pose[i], two.pose, atol=1e-9)
+        np.testing.assert_allclose(went.covariance[i], two.pose_covariance, atol=1e-9)
+    np.testing.assert_allclose(one.covariance, two.covariance, atol=1e-9)
+
+
+def test_where_a_stretch_is_cut_changes_no_bit(rng):
+    control, seen = _avenue(rng)
+    step, z, which = _numbered(seen)
+    ekfs = [EkfSlam(np.zeros(3), np.eye(3) * 0.01, retraction=INVARIANT) for _ in range(2)]
+    for ekf, cuts in zip(ekfs, ([0, 240], [0, 1, 50, 51, 173, 240]), strict=True):
+        for start, end in pairwise(cuts):
+            k = (step >= start) & (step < end)
+            many = np.tile(U, (end - start, 1, 1)), np.tile(NOISE, (k.sum(), 1, 1))
+            ekf.replay(control[start:end], many[0], step[k] - start, z[k], many[1], which[k])
+    assert ekfs[0].state.tobytes() == ekfs[1].state.tobytes()
+    assert ekfs[0].covariance.tobytes() == ekfs[1].covariance.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"control": [[0.1, 0.0], [np.nan, 0.0]]}, "control 1: expected numbers within"),
+        ({"U": [-np.eye(2), np.eye(2)]}, "covariance of control 0: expected a symmetric"),
+        ({"z": [[np.inf, 0.0]]}, "observation 0: expected numbers within"),
+        ({"landmark": [1]}, "landmark: expected numbers up to 0, found 1"),
+    ],
+)
+def test_a_stretch_that_is_none_is_refused_and_changes_nothing(change, message):
+    ekf = EkfSlam(np.zeros(3), np.eye(3))
+    stretch = {
+        "control": [[0.1, 0.0], [0.1, 0.0]],
+        "U": [np.eye(2), np.eye(2)],
+        "scan": [1],
+        "z": [[1.0, 0.0]],
+        "R": [np.eye(2)],
+        "landmark": [0],
+    }
+    stretch = {name: np.array(value) for name, value in {**stretch, **change}.items()}
+    before = ekf.state, ekf.covariance
+    with pytest.raises(LogError, match=message):
+        ekf.replay(**stretch)
+    np.testing.assert_array_equal(ekf.state, before[0])
+    np.testing.assert_array_equal(ekf.covariance, before[1])
+
+
+def test_a_robot_may_have_more_states_than_its_pose(rng):
+    """A scale of the odometry, found from landmarks that are seen over and over."""
+
+    def scaled(state, control):
+        moved, Fx, Fu = compose(state[:3], np.array([control[0] * state[3], 0.0, control[1]]))
+        F, G = np.eye(4), np.zeros((4, 2))
+        F[:3, :3], F[:3, 3] = Fx, Fu[:, 0] * control[0]
+        G[:3] = Fu[:, [0, 2]] * [state[3], 1.0]
+        return np.append(moved, state[3]), F, G
+
+    class Sensor:
+        difference = staticmethod(difference)
+
+        def observe(self, state, landmarks):
+            z, H = observe(state[:3], landmarks)
+            return z, np.insert(H, 3, 0.0, -1)
+
+        def place(self, state, z):
+            xy, Gx, Gz = place(state[:3], z)
+            return xy, np.insert(Gx, 3, 0.0, -1), Gz
+
+    for retraction in (STANDARD, INVARIANT):
+        start = np.array([0.0, 0.0, 0.0, 1.0])
+        ekf = EkfSlam(start, np.diag([0, 0, 0, 0.04]), scaled, Sensor(), retraction)
+        world, truth = rng.uniform([-6, -3], [6, 9], (6, 2)), np.zeros(3)
+        for landmark in world:
+            ekf.augment(observe(truth, landmark)[0], NOISE)
+        for _ in range(120):
+            ekf.predict(np.array([0.2, 0.1]), np.diag([1e-6, 1e-6]))
+            truth = compose(truth, np.array([0.2 * 1.15, 0.0, 0.1]))[0]
+            for number, landmark in enumerate(world):
+                ekf.update(observe(truth, landmark)[0], NOISE, number)
+        assert ekf.state[3] == pytest.approx(1.15, abs=0.02)
