@@ -1,5 +1,7 @@
 """The MRCLAM reader on a folder made by hand, and on a real set with its truth."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -159,6 +161,13 @@ def test_without_weights_the_wrong_bearings_do_harm(set_six, five):
     plain = slam.run(log, slam.EkfConfig(huber=np.inf))
     rmse = [position_rmse(r.trajectory, log.truth) for r in (weighted, plain)]
     assert rmse[0] < 0.3 * rmse[1]
+
+
+@pytest.mark.shared
+def test_hidden_names_are_not_made_up(five):
+    for log, _ in five:
+        hidden = dataclasses.replace(log, landmark=np.full_like(log.landmark, -1))
+        assert len(slam.run(hidden).map) <= 17
 
 
 @pytest.mark.shared
