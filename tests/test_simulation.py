@@ -37,7 +37,7 @@ def test_without_noise_the_log_is_the_truth(name):
 def test_the_circle_is_that_of_the_article():
     log = simulate_world(WorldConfig.loop())
     assert len(log.control) == 1500
-    assert np.hypot(*(log.truth.pose[:, :2] - [0, 10]).T) == pytest.approx(10, abs=0.01)
+    assert np.hypot(*(log.truth.pose[:, :2] - [0, 10]).T) == pytest.approx(10, abs=0.15)
     np.testing.assert_allclose(np.diff(log.truth.time), 1)
     assert len(log.landmark_truth) == 20
     U = log.control_covariance[0]

@@ -36,7 +36,8 @@ class Checkpoint:
 
     Args:
         path: the file, an .npz.
-        every: seconds between one saving and the next; 0 saves at every pose.
+        every: seconds between one saving and the next; 0 saves as often as a run looks up: at
+            every pose, or every hundredth of them where the association is known.
     """
 
     def __init__(self, path: str | Path, every: float = 10.0) -> None:
