@@ -162,3 +162,8 @@ def leap_cell(V, W, g, current, leak, forget, decay, gain, steps):
         W += forget * (gain * V - W)
         g *= 1 - decay
     return V, W
+
+
+def gaussian(values, sigma):
+    """Smoothed as far out as any weight counts, with the border mirrored."""
+    return ndimage.gaussian_filter(values, sigma, mode="reflect", truncate=8)

@@ -12,6 +12,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+import saccade
 from conftest import looks_like_a_picture
 from saccade.cli.output import names_for, print_json
 
@@ -19,6 +20,7 @@ DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
 COMMANDS = ("look", "detect", "match", "slam", "convert", "demo", "config")
+KINDS = ("attention", "contrast", "must", "scanpath", "sift", "slam", "symmetry", "symroid")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -53,6 +55,47 @@ def test_look(run, tmp_path):
         np.testing.assert_allclose(arrays["scanpath_xy"], np.stack([x, y], axis=1))
 
 
+@pytest.mark.parametrize(
+    ("model", "more"),
+    [
+        ("contrast", {"intensity", "color", "orientation"}),
+        ("symmetry", set()),
+        ("both", {"contrast", "symmetry", "intensity", "color", "orientation"}),
+    ],
+)
+def test_look_by_each_model(run, tmp_path, model, more):
+    saliency = {
+        "contrast": saccade.contrast_saliency,
+        "symmetry": saccade.symmetry_saliency,
+        "both": saccade.attention_saliency,
+    }[model]
+    code, _, _ = run("look", ROCKET, "--model", model)
+    assert code == 0
+    expected = saliency(saccade.read_image(ROCKET)).saliency
+    with np.load(tmp_path / "saccade-look" / "rocket.look.npz") as arrays:
+        np.testing.assert_array_equal(arrays["saliency"], expected)
+        assert {name for name in arrays if not name.startswith("scan")} == {"saliency", *more}
+
+
+def test_a_shape_needs_the_features_of_contrast(run):
+    code, _, err = run("look", ROCKET, "--model", "symmetry", "--inhibition", "shape")
+    assert code == 2
+    assert "a shape needs --model contrast or both" in err
+
+
+def test_settings_within_settings_can_be_handed_back(run, tmp_path):
+    text = run("config", "attention", "--preset", "kootstra2010")[1]
+    (tmp_path / "mine.toml").write_text(text)
+    named = run("look", ROCKET, "--preset", "kootstra2010", "--json")
+    assert named[0] == 0
+    assert run("look", ROCKET, "--config", "mine.toml", "--json") == named
+    for broken, words in (("kind = 1", "symmetry: kind"), ("gain = -1", "symmetry: gain")):
+        (tmp_path / "broken.toml").write_text(f"[symmetry]\n{broken}\n")
+        code, _, err = run("look", ROCKET, "--config", "broken.toml")
+        assert code == 2
+        assert f"broken.toml: {words}" in err
+
+
 def test_look_prints_a_table_for_people(run):
     code, out, _ = run("look", ROCKET, "--fixations", 3)
     assert code == 0
@@ -71,7 +114,7 @@ def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path):
     assert "try: saccade look" in err
 
 
-@pytest.mark.parametrize("kind", ["contrast", "scanpath", "sift", "slam"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_config_prints_every_preset_as_toml(run, kind):
     code, out, _ = run("config", kind)
     assert code == 0

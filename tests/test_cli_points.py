@@ -36,6 +36,30 @@ def test_detect(run, tmp_path):
         assert arrays["descriptors"].shape == (50, 128)
 
 
+@pytest.mark.parametrize("detector", ["must", "symroid"])
+def test_detect_by_symmetry_shows_what_made_the_points(run, tmp_path, detector):
+    code, out, _ = run("detect", HALLWAY[0], "--detector", detector, "--max", 12, "--json")
+    assert code == 0
+    (row,) = json.loads(out)["images"]
+    assert row["points"] == 12
+    assert looks_like_a_picture(row["picture"])
+    assert looks_like_a_picture(row["pairs"])
+    image = saccade.read_image(HALLWAY[0])
+    if detector == "must":
+        expected = saccade.Must(saccade.MustConfig(max_keypoints=12))(image)
+    else:
+        regions = saccade.SymRoid(saccade.SymRoidConfig(max_keypoints=12))(image)
+        np.testing.assert_allclose(row["boxes"], regions.boxes)
+        expected = regions.keypoints
+    assert_same(exchange.read_npz(row["arrays"]), expected)
+
+
+def test_regions_are_not_spread(run):
+    code, _, err = run("detect", HALLWAY[0], "--detector", "symroid", "--spread", "--max", 5)
+    assert code == 2
+    assert "spread: expected a detector of points" in err
+
+
 def test_detect_writes_every_format(run):
     words = [word for each in ("npz", "csv", "parquet", "hdf5") for word in ("--format", each)]
     code, out, _ = run("detect", *HALLWAY, *words, "--max", 40, "--json")

@@ -56,3 +56,16 @@ def test_the_code_of_a_section_runs(name, tmp_path, monkeypatch):
     for block in blocks:
         exec(block, names)
     assert EXPECTED[name](names)
+
+
+def test_the_code_of_the_page_on_symmetry_runs(tmp_path, monkeypatch):
+    (code,) = code_of((ROOT / "docs" / "symmetry.md").read_text(encoding="utf-8"))
+    photo = files("saccade") / "data" / "rocket.jpg"
+    (tmp_path / "photo.jpg").write_bytes(photo.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(code, names)
+    assert names["both"].saliency.max() == names["maps"].saliency.max() == 1
+    assert len(names["pairs"]) > 3
+    assert len(names["points"]) > 100
+    assert len(names["regions"]) == 50

@@ -180,7 +180,7 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
 
 
 def test_colmap_is_one_of_the_detectors():
-    from saccade.cli.evaluate_features import find_detector
+    from saccade.cli.detectors import find_detector
 
     pytest.importorskip("pycolmap")
     spot = np.exp(-((np.indices((80, 90)) - [[[41.3]], [[50.6]]]) ** 2).sum(axis=0) / 50)

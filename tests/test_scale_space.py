@@ -133,20 +133,28 @@ def test_a_kernel_cut_too_short_for_its_variance_is_still_a_gaussian():
     np.testing.assert_allclose(kernel[:-1] / kernel[1:], np.exp((5 - 2 * np.arange(1, 5)) / -8))
 
 
+@pytest.mark.parametrize("extra", [0, 2])
 @pytest.mark.parametrize("first_octave", [-1, 0])
-def test_half_as_many_samples_of_a_blob(first_octave):
+def test_half_as_many_samples_of_a_blob(first_octave, extra):
     x, y, sigma = 80.3, 71.8, 5.0
     image = blob((151, 172), x, y, sigma)
     space = gaussian_scale_space(
-        image, first_octave=first_octave, density=0.5, base_sigma=1.7, kernel_radius=3.0
+        image,
+        first_octave=first_octave,
+        extra_intervals=extra,
+        density=0.5,
+        base_sigma=1.7,
+        kernel_radius=3.0,
     )
-    for octave, origin, spacing in zip(
-        space.octaves[:2], space.origin, space.spacing, strict=False
+    for number, (octave, origin, spacing) in enumerate(
+        zip(space.octaves[:2], space.origin, space.spacing, strict=False)
     ):
+        assert len(octave) == 6 + extra * (number == 0)
         row, column = np.indices(octave.shape[1:])
         px, py = origin[0] + column * spacing, origin[1] + row * spacing
         for i, plane in enumerate(octave):
-            variance = sigma**2 + (1.7 * 2 ** (i / 3) * spacing / 2) ** 2 - 0.5**2
+            level = i + extra * (number > 0)
+            variance = sigma**2 + (1.7 * 2 ** (level / 3) * spacing / 2) ** 2 - 0.5**2
             expected = np.exp(-((px - x) ** 2 + (py - y) ** 2) / (2 * variance))
             np.testing.assert_allclose(plane, sigma**2 / variance * expected, atol=2e-3)
 

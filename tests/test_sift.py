@@ -380,6 +380,7 @@ def test_the_default_is_recommended():
         ("first_octave", -2),
         ("octaves", -1),
         ("intervals", 0),
+        ("extra_intervals", -1),
         ("base_sigma", 0.0),
         ("camera_sigma", -1.0),
         ("kernel_radius", 0.0),

@@ -35,6 +35,7 @@ valid = {
     "first_octave": st.sampled_from([-1, 0]),
     "octaves": st.integers(0, 4),
     "intervals": st.integers(1, 6) | st.integers(1, 16),
+    "extra_intervals": st.integers(0, 4) | st.integers(0, 16),
     "base_sigma": st.floats(0.5, 8),
     "density": st.sampled_from([0.5, 1.0]),
     "camera_sigma": st.floats(0, 4),

@@ -12,7 +12,15 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from saccade.errors import ConfigError, OutputError
-from saccade.types import Keypoints, LandmarkMap, MapSnapshot, Scanpath, Trajectory
+from saccade.types import (
+    Keypoints,
+    LandmarkMap,
+    MapSnapshot,
+    Regions,
+    Scanpath,
+    SymmetricPairs,
+    Trajectory,
+)
 from saccade.viewing import (
     Picture,
     Section,
@@ -23,6 +31,8 @@ from saccade.viewing import (
     map_figure,
     map_frames,
     match_figure,
+    pair_figure,
+    region_figure,
     save_figure,
 )
 from saccade.viewing.attention import lit_by
@@ -66,6 +76,43 @@ def test_the_light_falls_where_the_map_is_high():
     lit = lit_by(np.ones((60, 90, 3), np.float32), values)
     assert lit[:, :40].max() < 0.2
     assert lit[:, 75:].min() == 1
+
+
+PAIRS = SymmetricPairs(
+    first=np.array([[20.0, 30.0], [45.0, 20.0], [0.0, 0.0]]),
+    second=np.array([[60.0, 30.0], [45.0, 50.0], [9.0, 9.0]]),
+    first_angle=np.array([0, np.pi / 2, 0]),
+    second_angle=np.array([np.pi, -np.pi / 2, 0]),
+    strength=np.array([1.0, 0.5, 0.01]),
+    level=np.zeros(3, np.int64),
+)
+
+
+def test_strong_pairs_are_joined_between_strokes_along_their_edges():
+    (axes,) = pair_figure(IMAGE, [PAIRS, PAIRS[:0]]).axes
+    drawn = [each for each in axes.collections if len(each.get_segments())]
+    joined, first, second = (np.array(each.get_segments()) for each in drawn)
+    np.testing.assert_allclose(joined, [[[20, 30], [60, 30]], [[45, 20], [45, 50]]])
+    np.testing.assert_allclose(first.mean(axis=1), PAIRS.first[:2])
+    np.testing.assert_allclose(second.mean(axis=1), PAIRS.second[:2])
+    along = first[:, 1] - first[:, 0]
+    np.testing.assert_allclose(along[0] * (1, 0), 0, atol=1e-9)  # across a gradient along x
+    np.testing.assert_allclose(along[1] * (0, 1), 0, atol=1e-9)
+
+
+def test_regions_are_boxes_about_their_centers():
+    boxes = np.array([[10, 20, 30, 50], [40, 5, 80, 15]], np.float32)
+    (axes,) = region_figure(IMAGE, Regions(KEYPOINTS, boxes)).axes
+    found = [each.get_bbox().extents for each in axes.patches]
+    np.testing.assert_allclose(found, boxes)
+    np.testing.assert_allclose(axes.lines[0].get_xydata(), KEYPOINTS.xy)
+
+
+def test_with_pairs_comes_a_panel():
+    figure = attention_figure(IMAGE, {"saliency": IMAGE[::4, ::4, 0]}, SCANPATH, [PAIRS, PAIRS])
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[-1] == "what is symmetric about the fixations"
+    assert len(figure.axes[-1].collections) == 6
 
 
 def test_keypoints_are_circles_of_their_size():

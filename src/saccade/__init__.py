@@ -24,8 +24,12 @@ if TYPE_CHECKING:
     )
     from saccade.image import read_image
     from saccade.keypoints.matching import match
+    from saccade.keypoints.must import Must
+    from saccade.keypoints.must_config import MustConfig
     from saccade.keypoints.sift import Sift
     from saccade.keypoints.sift_config import SiftConfig
+    from saccade.keypoints.symroid import SymRoid
+    from saccade.keypoints.symroid_config import SymRoidConfig
     from saccade.keypoints.verification import Verification, verify
     from saccade.types import (
         Keypoints,
@@ -55,8 +59,12 @@ _HOMES = {
     "saccade.attention.symmetry": ("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
     "saccade.image": ("read_image",),
     "saccade.keypoints.matching": ("match",),
+    "saccade.keypoints.must": ("Must",),
+    "saccade.keypoints.must_config": ("MustConfig",),
     "saccade.keypoints.sift": ("Sift",),
     "saccade.keypoints.sift_config": ("SiftConfig",),
+    "saccade.keypoints.symroid": ("SymRoid",),
+    "saccade.keypoints.symroid_config": ("SymRoidConfig",),
     "saccade.keypoints.verification": ("Verification", "verify"),
     "saccade.types": (
         "Keypoints",
@@ -83,6 +91,8 @@ __all__ = [
     "LandmarkLog",
     "LandmarkMap",
     "LogError",
+    "Must",
+    "MustConfig",
     "Observation",
     "OutputError",
     "SaccadeError",
@@ -90,6 +100,8 @@ __all__ = [
     "ScanpathConfig",
     "Sift",
     "SiftConfig",
+    "SymRoid",
+    "SymRoidConfig",
     "SymmetricPairs",
     "SymmetryConfig",
     "SymmetryMaps",

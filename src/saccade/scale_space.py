@@ -50,7 +50,8 @@ class ScaleSpace:
     """An image under growing blur, sampled half as densely from octave to octave (B.1-B.2)."""
 
     octaves: tuple[Float32Array, ...]
-    """Each (s + 3, h, w): plane i is blurred by `base_sigma * 2**(i / s)` samples."""
+    """Each (s + 3, h, w): plane i is blurred 2**(i / s) times as much as the first. The first
+    octave may have more scales than the others."""
     origin: FloatArray
     """(octaves, 2) image pixel (x, y) on which the first sample of each octave is said to lie."""
     spacing: FloatArray
@@ -67,6 +68,7 @@ def gaussian_scale_space(
     first_octave: int = -1,
     octaves: int = 0,
     intervals: int = 3,
+    extra_intervals: int = 0,
     base_sigma: float = 1.6,
     density: float = 1.0,
     camera_sigma: float = 0.5,
@@ -83,7 +85,8 @@ def gaussian_scale_space(
         first_octave: -1 starts at the scales of a doubled image, 0 at those of the image.
         octaves: how many at most; 0 for as many as the image has room for.
         intervals: s, the scales to an octave.
-        base_sigma: blur of the first plane of every octave, in samples of density 1.
+        extra_intervals: scales more in the first octave; the others begin as much later.
+        base_sigma: blur of the first plane of the first octave, in samples of density 1.
         density: 1 or 0.5, samples to a side for each that Lowe takes. With 0.5 and
             `first_octave` -1 the first octave has the image's own pixels.
         camera_sigma: blur that the image is assumed to have, in pixels.
@@ -103,21 +106,21 @@ def gaussian_scale_space(
     """
     workspace = Workspace() if workspace is None else workspace
     spacing = 2.0**first_octave / density
-    sigmas = [density * base_sigma * 2 ** (i / intervals) for i in range(intervals + 3)]
+    count = intervals + extra_intervals  # of the first octave
+    sigmas = [density * base_sigma * 2 ** (i / intervals) for i in range(count + 3)]
     blur = sqrt(max(sigmas[0] ** 2 - (camera_sigma / spacing) ** 2, 0.01))
     plane, origin = first_plane(gray, spacing, blur, kernel_radius, grid, threads)
-    steps = [sqrt(after**2 - before**2) for before, after in pairwise(sigmas)]
 
     stacks: list[Float32Array] = []
     origins, spacings = [], []
     limit = octaves or int(log2(max(plane.shape))) + 1
     while len(stacks) < limit and min(plane.shape) >= smallest_side:
-        stack = workspace.array("octave", len(stacks), (intervals + 3, *plane.shape))
+        stack = workspace.array("octave", len(stacks), (count + 3, *plane.shape))
         stack[0] = plane
-        for i, sigma in enumerate(steps):
+        for i, (before, after) in enumerate(pairwise(sigmas)):
             blurred(
                 stack[i],
-                sigma,
+                sqrt(after**2 - before**2),
                 kernel_radius,
                 corrected=grid == "centered",
                 out=stack[i + 1],
@@ -127,15 +130,15 @@ def gaussian_scale_space(
         origins.append(origin)
         spacings.append(spacing)
         if grid == "centered":
-            step = sqrt(sigmas[intervals] ** 2 - sigmas[intervals - 1] ** 2)
-            plane, start = halve(
-                stack[intervals - 1], stack[intervals], step, kernel_radius, threads
-            )
+            step = sqrt(sigmas[count] ** 2 - sigmas[count - 1] ** 2)
+            plane, start = halve(stack[count - 1], stack[count], step, kernel_radius, threads)
             origin = origin + spacing * start
         else:
             height, width = plane.shape
-            plane = stack[intervals, : height // 2 * 2 : 2, : width // 2 * 2 : 2]
+            plane = stack[count, : height // 2 * 2 : 2, : width // 2 * 2 : 2]
         spacing *= 2
+        sigmas = [sigmas[count] / 2 * 2 ** (i / intervals) for i in range(intervals + 3)]
+        count = intervals
     return ScaleSpace(
         tuple(stacks), np.array(origins).reshape(-1, 2), np.array(spacings, np.float64)
     )

@@ -5,7 +5,7 @@ indexed [row, column]. On the ground x and y are metres, angles radians in
 (-pi, pi], counter-clockwise from the x axis.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -85,6 +85,39 @@ class Keypoints:
     def __repr__(self) -> str:
         described = "without descriptors" if self.descriptors is None else "with descriptors"
         return f"Keypoints({len(self)} points, {described})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Regions:
+    """Regions of interest of one image, the strongest first."""
+
+    keypoints: Keypoints
+    """Their centers as points; the size is the mean side of the box."""
+    boxes: Float32Array
+    """(n, 4) left, top, right and bottom in image pixels."""
+
+    @classmethod
+    def none(cls) -> "Regions":
+        """No regions at all."""
+        points = Keypoints.at([], 1.0)
+        described = replace(points, descriptors=np.zeros((0, 128), np.uint8))
+        return cls(described, np.zeros((0, 4), np.float32))
+
+    @property
+    def xy(self) -> Float32Array:
+        """(n, 2) centers in image pixels."""
+        return self.keypoints.xy
+
+    @property
+    def descriptors(self) -> npt.NDArray[np.uint8] | None:
+        """(n, 128), as those of points."""
+        return self.keypoints.descriptors
+
+    def __len__(self) -> int:
+        return len(self.keypoints)
+
+    def __repr__(self) -> str:
+        return f"Regions({len(self)} regions)"
 
 
 def check_pairs(pairs: IntArray, counts: tuple[int, int], name: str) -> None:

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from saccade.attention.pair_sums import Gradients, PairKernel, gradients_of, pair_kernel
 from saccade.attention.symmetry import existing_levels, steps_of, symmetry_at
 from saccade.attention.symmetry_config import SymmetryConfig
 from saccade.errors import ImageError, require
 from saccade.image import check_image
+from saccade.pair_sums import MARGIN, Gradients, PairKernel, gradients_of, pair_kernel
 from saccade.pyramid import FloatMap, cell_centers
 from saccade.types import FloatArray, Image, IntArray, SymmetricPairs
 
@@ -103,8 +103,8 @@ def pairs_about(
     """
     height, width = channels[0].strength.shape
     dx, dy = kernel.offsets.T
-    fits = (row - dy >= 0) & (row + dy < height)
-    fits &= (column - abs(dx) >= 0) & (column + abs(dx) < width)
+    fits = (row - dy >= MARGIN) & (row + dy < height - MARGIN)
+    fits &= (column - abs(dx) >= MARGIN) & (column + abs(dx) < width - MARGIN)
     dx, dy, weight = dx[fits], dy[fits], kernel.weights[fits]
     alpha = np.arctan2(dy, dx)
     first, second = (row + dy, column + dx), (row - dy, column - dx)

@@ -23,7 +23,12 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.normalize import rescale, sharpen, smooth
-from saccade.attention.pair_sums import (
+from saccade.attention.symmetry_2010 import Kootstra2010Steps
+from saccade.attention.symmetry_config import SymmetryConfig
+from saccade.errors import ImageError
+from saccade.image import check_image, in_unit_range
+from saccade.pair_sums import (
+    MARGIN,
     PairKernel,
     color_sums,
     gradients_of,
@@ -32,10 +37,6 @@ from saccade.attention.pair_sums import (
     radial_sums,
     share_inside,
 )
-from saccade.attention.symmetry_2010 import Kootstra2010Steps
-from saccade.attention.symmetry_config import SymmetryConfig
-from saccade.errors import ImageError
-from saccade.image import check_image, in_unit_range
 from saccade.pyramid import FloatMap, half_shape, halve, level_shape, resize
 from saccade.types import Float32Array, Image
 
@@ -113,10 +114,10 @@ def symmetry_at(
     gradients = [
         gradients_of(channels[:, :, i], config.gain, steps.border) for i in range(channels.shape[2])
     ]
-    sums = SUMS[config.kind](gradients, pairs, steps.margin)
+    sums = SUMS[config.kind](gradients, pairs)
     if config.border == "missing":
         return sums
-    share = share_inside(sums.shape, pairs, steps.margin)
+    share = share_inside(sums.shape, pairs)
     return complete(sums, share**RADIAL_SHARE if config.kind == "radial" else share)
 
 
@@ -135,19 +136,24 @@ def existing_levels(
     shape: tuple[int, int], config: SymmetryConfig, steps: Steps
 ) -> tuple[int, ...]:
     """The levels on which an image of this shape has a pixel with a pair about it."""
-    room = 2 * (config.inner + steps.margin) + 1
-    levels = tuple(n for n in config.levels if max(steps.level_shape(shape, n)) >= room)
+    longer, shorter = 2 * (config.inner + MARGIN) + 1, 2 * MARGIN + 1
+
+    def has_room(sides: tuple[int, int]) -> bool:
+        return max(sides) >= longer and min(sides) >= shorter
+
+    levels = tuple(n for n in config.levels if has_room(steps.level_shape(shape, n)))
     cells = max(steps.level_shape(shape, config.map_level))
     if not levels or cells == 1:
+        finest = config.levels[0]
         least = next(
             side
             for side in count(1)
-            if steps.level_shape((side, side), config.levels[0])[0] >= room
+            if has_room(steps.level_shape((side, side), finest))
             and steps.level_shape((side, side), config.map_level)[0] > 1
         )
         raise ImageError(
-            f"image: expected at least {least} px on the longer side for a pair {config.inner} px "
-            f"to both sides at level {config.levels[0]}, found {shape[1]} x {shape[0]} px; "
+            f"image: expected at least {least} x {least} px for a pair at level {finest} and a map "
+            f"at level {config.map_level}, found {shape[1]} x {shape[0]} px; "
             "enlarge it, or set finer levels"
         )
     return levels
@@ -166,7 +172,6 @@ class MirroredSteps:
 
     config: SymmetryConfig
     border: ClassVar[int] = cv2.BORDER_REFLECT
-    margin: ClassVar[int] = 0
 
     level_shape = staticmethod(level_shape)
 

@@ -8,7 +8,7 @@ same numbers:
 - A level is the last one under [1 2 1] / 4 along both axes, resized bilinearly. Its sides are
   half of the last, rounded down until the finest level that counts, and from there on to the
   nearest integer, of two to the even one.
-- Gradients reflect about the center of the outermost pixel, and pairs that touch it do not count.
+- Gradients reflect about the center of the outermost pixel.
 - The ring of pairs reaches from 3 to 7 pixels: the radius of 8 that it is given is not part of it.
 
 What is left out are its tables of logarithms and cosines: they cost at most 4e-4 of correlation,
@@ -35,7 +35,6 @@ class Kootstra2010Steps:
     """How levels are made; see the head of this file."""
 
     border = cv2.BORDER_REFLECT_101
-    margin = 1
 
     def __init__(self, config: SymmetryConfig) -> None:
         self.finest = config.levels[0]

@@ -8,7 +8,12 @@ from saccade.cli.options import Preset
 
 
 def config(
-    kind: Annotated[str, typer.Argument(help="contrast, scanpath, sift, slam or world.")],
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help="attention, contrast, symmetry, scanpath, must, sift, symroid, slam or world."
+        ),
+    ],
     preset: Preset = None,
 ) -> None:
     """Print a configuration with its presets as TOML.
@@ -16,10 +21,9 @@ def config(
     Save the preset you want to a file, change it, and hand it to a command
     with --config. Without --preset every preset is printed, a table each.
     """
-    from saccade.cli.settings import as_toml, load_settings, preset_names
+    from saccade.cli.settings import as_toml, load_settings, presets_as_toml
 
     if preset is not None:
         typer.echo(as_toml(load_settings(kind, preset)), nl=False)
         return
-    tables = [f"[{name}]\n{as_toml(load_settings(kind, name))}" for name in preset_names(kind)]
-    typer.echo("\n".join(tables), nl=False)
+    typer.echo(presets_as_toml(kind), nl=False)

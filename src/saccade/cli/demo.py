@@ -49,6 +49,7 @@ def _make(data: Path, out: Path) -> tuple[dict[str, Any], dict[str, Any], dict[s
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from saccade import datasets
+    from saccade.cli.attending import Attention, Model
     from saccade.cli.look import look_at
     from saccade.cli.match import match_images
     from saccade.cli.settings import load_settings
@@ -58,7 +59,8 @@ def _make(data: Path, out: Path) -> tuple[dict[str, Any], dict[str, Any], dict[s
     columns = (TextColumn("{task.description:<44}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         looking = progress.add_task("attention: where to look in a photograph", total=1)
-        looked = look_at(data / "rocket.jpg", out / "look", load_settings("contrast"), fixations=10)
+        attention = Attention.named(Model.both, preset=None, config=None)
+        looked = look_at(data / "rocket.jpg", out / "look", attention, fixations=10)
         progress.update(looking, completed=1)
 
         matching = progress.add_task("interest points: what two photographs share", total=1)
@@ -85,16 +87,16 @@ def _page(looked: dict[str, Any], matched: dict[str, Any], mapped: dict[str, Any
     sections = [
         Section(
             "Attention: where to look",
-            "The contrast-saliency model looks for places that differ from their surroundings in "
-            "intensity, color or orientation. A winner-take-all network then visits the most "
-            "salient places one by one.",
+            "The contrast model looks for places that differ from their surroundings in intensity, "
+            "color or orientation, the symmetry model for edges that face each other across a "
+            "place. A winner-take-all network then visits the most salient places one by one.",
             [
                 Picture(
                     Path(looked["picture"]).name,
-                    "The photograph with numbered fixations, its saliency map, and the "
-                    "conspicuity maps of intensity, color and orientation as heat",
-                    "Rocket on the pad at dusk: scanpath, saliency and the three conspicuity "
-                    "maps. Photograph: SpaceX, CC0.",
+                    "The photograph with numbered fixations, the maps of saliency, contrast and "
+                    "symmetry as heat, and the pairs of edges that drew the fixations",
+                    "Rocket on the pad at dusk: scanpath, saliency, the maps that it is made of, "
+                    "and what is symmetric about the fixations. Photograph: SpaceX, CC0.",
                 )
             ],
             links=[Path(looked["arrays"]).name],

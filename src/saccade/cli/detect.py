@@ -11,7 +11,6 @@ import typer
 from saccade.cli.options import Images, Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
-    from saccade.keypoints.sift import Sift
     from saccade.types import Keypoints
 
     Found: TypeAlias = tuple[Keypoints, tuple[int, ...]]
@@ -25,6 +24,14 @@ Spread = Annotated[
 ]
 
 
+class Detector(StrEnum):
+    """What finds the points."""
+
+    SIFT = "sift"
+    MUST = "must"
+    SYMROID = "symroid"
+
+
 class Format(StrEnum):
     """Files that points are written to."""
 
@@ -34,6 +41,9 @@ class Format(StrEnum):
     HDF5 = "hdf5"
     COLMAP = "colmap"
 
+
+EXPLAINED = 20
+"""Of the strongest points it is shown which pairs made them."""
 
 TOGETHER = {
     Format.PARQUET: "keypoints.parquet",
@@ -46,6 +56,10 @@ TOGETHER = {
 def detect(
     images: Images,
     out: Out = Path("saccade-detect"),
+    detector: Annotated[
+        Detector,
+        typer.Option(help="SIFT, symmetric points (must), or regions of symmetry (symroid)."),
+    ] = Detector.SIFT,
     preset: Preset = None,
     config: Settings = None,
     most: Most = None,
@@ -56,26 +70,28 @@ def detect(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Find interest points with SIFT and describe them.
+    """Find interest points and describe them.
 
-    For each image a picture (NAME.keypoints.png) appears in --out, and the
+    For each image a picture (NAME.keypoints.png) appears in --out, for symmetric
+    ones another that shows the pairs of edges which made them (NAME.pairs.png), and the
     points: in NAME.keypoints.npz or .csv (which has no descriptors), or those
     of all images in keypoints.parquet, keypoints.h5 (as hloc reads it) or
     database.db (for COLMAP).
     """
+    from saccade.cli.detectors import make_detector
     from saccade.cli.output import for_each_image, print_json, print_table
     from saccade.errors import OutputError, SaccadeError
     from saccade.image import find_images
 
     chosen = list(dict.fromkeys(formats or [Format.NPZ]))
     require_libraries(chosen)
-    sift = make_detector(preset, config, most, spread)
+    find = make_detector(detector.value, preset, config, most, spread=spread)
     paths = [path for source in images for path in find_images(source)]
     together = [each for each in chosen if each in TOGETHER]
     found: dict[Path, Found] = {}
 
     def work(path: Path, name: str) -> dict[str, Any]:
-        row, points = detect_in(path, out / f"{name}.keypoints", sift, chosen)
+        row, points = detect_in(path, out / f"{name}.keypoints", find, chosen)
         if together:
             found[path] = points
         return row
@@ -112,39 +128,36 @@ def require_libraries(formats: Sequence[Format]) -> None:
         import_optional("pyarrow", Format.PARQUET)
 
 
-def make_detector(
-    preset: str | None, config: Path | None, most: int | None, spread: bool = False
-) -> "Sift":
-    """A `Sift` from the options of the command line."""
-    from dataclasses import replace
-
-    from saccade.cli.settings import load_settings
-    from saccade.keypoints.sift import Sift
-
-    settings = load_settings("sift", preset, config)
-    if most is not None:
-        settings = replace(settings, max_keypoints=most)
-    return Sift(replace(settings, spread=True) if spread else settings)
-
-
 def detect_in(
-    path: Path, out: Path, sift: "Sift", formats: Sequence[Format]
+    path: Path, out: Path, find: Any, formats: Sequence[Format]
 ) -> tuple[dict[str, Any], "Found"]:
     """Detect in one image: write `out`.png and its files, give the row for --json."""
     import numpy as np
 
     from saccade import exchange
+    from saccade.cli.explaining import what_made
     from saccade.image import read_image
-    from saccade.viewing import keypoint_figure, save_figure
+    from saccade.keypoints import Must
+    from saccade.types import Regions
+    from saccade.viewing import keypoint_figure, pair_figure, region_figure, save_figure
 
     image = read_image(path)
-    keypoints = sift(image)
+    found = find(image)
+    regions = isinstance(found, Regions)
+    keypoints = found.keypoints if regions else found
+    figure = region_figure(image, found) if regions else keypoint_figure(image, keypoints)
     row: dict[str, Any] = {
         "image": str(path),
         "points": len(keypoints),
         "median_size": float(np.median(keypoints.size)) if len(keypoints) else 0.0,
-        "picture": str(save_figure(keypoint_figure(image, keypoints), f"{out}.png")),
+        "picture": str(save_figure(figure, f"{out}.png")),
     }
+    if regions:
+        row["boxes"] = found.boxes.tolist()
+    if regions or isinstance(find, Must):
+        pairs = what_made(find, image, keypoints[:EXPLAINED])
+        picture = out.with_name(f"{out.name.removesuffix('.keypoints')}.pairs.png")
+        row["pairs"] = str(save_figure(pair_figure(image, pairs), picture))
     if Format.NPZ in formats:
         row["arrays"] = f"{out}.npz"
         exchange.write_npz(row["arrays"], keypoints)

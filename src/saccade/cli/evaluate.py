@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from saccade.cli.attending import Attention, Model, ModelChoice
 from saccade.cli.evaluate_consistency import consistency
 from saccade.cli.evaluate_features import features
 from saccade.cli.options import Json, Preset, Settings
@@ -32,6 +33,7 @@ def fixations(
     maps: Annotated[
         Path | None, typer.Option(help="Folder with your own maps, named like the images.")
     ] = None,
+    model: ModelChoice = Model.both,
     preset: Preset = None,
     config: Settings = None,
     sigma: Annotated[
@@ -53,8 +55,8 @@ def fixations(
 
     from saccade.cli.output import print_json, print_table
 
-    model = _model(images, maps, preset, config)
-    result = _score(images, fixations, model, sigma, drop)
+    predict = _predictor(images, maps, model, preset, config)
+    result = _score(images, fixations, predict, sigma, drop)
     mean, (low, high) = result.mean(), result.interval()
     if as_json:
         scores = {
@@ -68,7 +70,8 @@ def fixations(
     rows = [_row("mean", mean), _row("95 % from", low), _row("to", high)]
     if per_image:
         rows += map(_row, result.image, result.scores)
-    print_table(f"{len(result.image)} images, {maps or preset or 'default'}", columns, rows)
+    label = maps or f"{model.value}, {preset or 'default'}"
+    print_table(f"{len(result.image)} images, {label}", columns, rows)
 
 
 def _row(name: str, scores: Any) -> list[str]:
@@ -112,21 +115,18 @@ def _score(
     return PredictionScores(names, scores)
 
 
-def _model(
-    images: Path, maps: Path | None, preset: str | None, config: Path | None
+def _predictor(
+    images: Path, maps: Path | None, model: Model, preset: str | None, config: Path | None
 ) -> Callable[[str], Any]:
-    from saccade.cli.settings import load_settings
     from saccade.image import as_gray, read_image
     from saccade.pyramid import resize
 
     if maps is None:
-        from saccade.attention.contrast import contrast_saliency
-
-        settings = load_settings("contrast", preset, config)
+        attention = Attention.named(model, preset, config)
 
         def predicted(name: str) -> Any:
             image = read_image(images / name)
-            return resize(contrast_saliency(image, settings).saliency, image.shape[:2])
+            return resize(attention.maps(image).saliency, image.shape[:2])
 
         return predicted
 

@@ -1,15 +1,16 @@
 """`saccade evaluate features`: repeatability and matching on pairs with known homography."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 
+from saccade.cli.detectors import NAMES, OURS, find_detector
 from saccade.cli.options import Json, Preset, Settings
 
 SHOWN = {
-    "rep@3": ("repeatability",),
+    "found again": ("repeatability",),
     "err px": ("localization",),
     "MMA@1/3/5": ("mma_1", "mma_3", "mma_5"),
     "ratio@1/3/5": ("ratio_1", "ratio_3", "ratio_5"),
@@ -18,8 +19,8 @@ SHOWN = {
 }
 """Columns of the table, and the scores in them."""
 
-UNCAPPED = 1_000_000
-"""Points: COLMAP's default of 8192 would leave out some of the images with most."""
+CLEAN = "clean"
+"""No disturbance."""
 
 
 def features(
@@ -28,85 +29,132 @@ def features(
     ],
     detector: Annotated[
         list[str] | None,
-        typer.Option(help="sift (ours), opencv, colmap, or module:callable; may be repeated."),
+        typer.Option(help=f"{', '.join(NAMES)}, or module:callable; may be repeated."),
     ] = None,
     preset: Preset = None,
     config: Settings = None,
+    points: Annotated[
+        list[int] | None,
+        typer.Option(
+            min=1, help="Only so many places of each image, the strongest; may be repeated."
+        ),
+    ] = None,
+    disturb: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What is done to the second image of each pair: noise:20 (grey levels), "
+            "contrast:0.5, blur:2 (px) or clean; may be repeated."
+        ),
+    ] = None,
+    radius: Annotated[
+        float, typer.Option(min=0.1, max=100, help="Pixels within which a point is found again.")
+    ] = 3.0,
     ratio: Annotated[float, typer.Option(min=0.01, max=1, help="Of the ratio test.")] = 0.8,
     per_sequence: Annotated[bool, typer.Option(help="Also show every sequence.")] = False,
     as_json: Json = False,
 ) -> None:
     """Score interest points on pairs of images of one plane.
 
-    Repeatability at 3 px, localization error, matching accuracy of mutual nearest neighbors at
-    1, 3 and 5 px without and with the ratio test, matching score, and the area under the curve
-    of the homography's corner error; means over the pairs with 95 % bootstrap intervals.
-    A module:callable takes an (H, W, 3) image in [0, 1] and gives an object with xy and
-    descriptors.
+    Repeatability ("found again"), localization error, matching accuracy of mutual nearest
+    neighbors at 1, 3 and 5 px without and with the ratio test, matching score, and the area under
+    the curve of the homography's corner error; means over the pairs with 95 % bootstrap intervals.
+    With --points our own detectors have no threshold, so that there are so many also where
+    contrast is low. A module:callable takes an (H, W, 3) image in [0, 1] and gives an object with
+    xy and descriptors, the strongest first.
     """
-    from dataclasses import asdict
-
     from saccade.cli.output import print_json, print_table
     from saccade.datasets.homography_pairs import homography_pairs
+    from saccade.evaluation.disturbance import Disturbance
 
     found = homography_pairs(pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
-    rows, results = [], {}
+    disturbances = [
+        None if text == CLEAN else Disturbance.parse(text) for text in disturb or [CLEAN]
+    ]
+    counts: Sequence[int | None] = points or [None]
+    results: dict[str, Any] = {}
     for name in detector or ["sift"]:
-        detect = find_detector(name, preset, config)
-        result = _score(name, detect, found, ratio)
+        label = f"{name} {preset}" if name in OURS and preset else name
+        detect = find_detector(name, preset, config, max(points) if points else None)
+        for disturbance in disturbances:
+            scored = _score(name, detect, found, ratio, counts, disturbance, radius)
+            for count, result in zip(counts, scored, strict=True):
+                words = [label, f"{count} points" if count else "", str(disturbance or "")]
+                results[", ".join(filter(None, words))] = result
+    if as_json:
+        print_json(
+            {
+                "pairs": len(found),
+                "detectors": {
+                    label: _as_json(result, sequences) for label, result in results.items()
+                },
+            }
+        )
+        return
+    rows = []
+    for label, result in results.items():
         mean, (low, high) = result.mean(), result.interval()
-        label = f"{name} {preset}" if name == "sift" and preset else name
         rows += [_row(label, mean), _row("  95 % from", low), _row("  to", high)]
         if per_sequence:
             rows += [_row(f"  {each}", result.of(each).mean()) for each in sequences]
-        results[label] = {
-            "mean": asdict(mean),
-            "low": asdict(low),
-            "high": asdict(high),
-            "sequences": {each: asdict(result.of(each).mean()) for each in sequences},
-        }
-    if as_json:
-        print_json({"pairs": len(found), "detectors": results})
-        return
-    print_table(f"{len(found)} pairs in {len(sequences)} sequences", ["", "points", *SHOWN], rows)
+    title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
+    print_table(title, ["", "points", *SHOWN], rows)
 
 
-def find_detector(name: str, preset: str | None, config: Path | None) -> Callable[[Any], Any]:
-    """A detector: from an (H, W, 3) image in [0, 1] to an object with xy and descriptors.
+def _as_json(result: Any, sequences: list[str]) -> dict[str, Any]:
+    from dataclasses import asdict
 
-    Raises:
-        ConfigError: there is none of this name, or what it needs is not installed.
-    """
-    from saccade.errors import ConfigError
-
-    if name == "sift":
-        from saccade.cli.detect import make_detector
-
-        return make_detector(preset, config, None)
-    if name == "opencv":
-        return _opencv()
-    if name == "colmap":
-        return _colmap()
-    if ":" in name:
-        return _imported(name)
-    raise ConfigError(f"detector: expected sift, opencv, colmap or module:callable, found {name!r}")
+    low, high = result.interval()
+    return {
+        "mean": asdict(result.mean()),
+        "low": asdict(low),
+        "high": asdict(high),
+        "sequences": {each: asdict(result.of(each).mean()) for each in sequences},
+    }
 
 
-def _score(name: str, detect: Callable[[Any], Any], found: Any, ratio: float) -> Any:
+def _score(
+    name: str,
+    detect: Callable[[Any], Any],
+    found: Any,
+    ratio: float,
+    counts: Sequence[int | None],
+    disturbance: Any,
+    radius: float,
+) -> list[Any]:
+    """The scores of a detector by number of points; every image is looked at once."""
     from saccade.cli.output import tracked
     from saccade.evaluation.features import FeatureScores, score_pairs
     from saccade.image import read_image
     from saccade.keypoints.matching import nearest_neighbors
 
-    def features_of(path: str) -> Any:
-        image = read_image(path)
-        return _as_features(name, detect(image), image.shape[:2])
+    seen: dict[tuple[str, int | None], Any] = {}
 
-    images = [(str(pair.first), str(pair.second), pair.homography) for pair in found]
-    scores = score_pairs(features_of, images, nearest_neighbors, ratio)
+    def features_of(key: tuple[str, int | None]) -> Any:
+        """The places of an image; a number says that it is disturbed, and seeds the noise."""
+        if key not in seen:
+            path, seed = key
+            image = read_image(path)
+            if disturbance is not None and seed is not None:
+                image = disturbance.of(image, seed)
+            seen[key] = _as_features(name, detect(image), image.shape[:2])
+        return seen[key]
+
+    images = [
+        ((str(pair.first), None), (str(pair.second), number), pair.homography)
+        for number, pair in enumerate(found)
+    ]
     names = [(pair.sequence, pair.second.stem) for pair in found]
-    return FeatureScores(names, list(tracked(scores, name, len(found))))
+    table: list[list[Any]] = [[] for _ in counts]
+    for image in tracked(images, f"{name} {disturbance or ''}", len(images)):
+        for scores, count in zip(table, counts, strict=True):
+
+            def strongest(key: Any, count: int | None = count) -> Any:
+                return features_of(key).strongest(count)
+
+            scores += score_pairs(strongest, [image], nearest_neighbors, ratio, radius)
+        del seen[image[1]]
+    return [FeatureScores(names, scores) for scores in table]
 
 
 def _as_features(name: str, points: Any, shape: tuple[int, int]) -> Any:
@@ -127,68 +175,6 @@ def _as_features(name: str, points: Any, shape: tuple[int, int]) -> Any:
             f"found {xy.shape} and {descriptors.shape}"
         )
     return Features(xy, descriptors, shape)
-
-
-def _opencv() -> Callable[[Any], Any]:
-    from types import SimpleNamespace
-
-    import cv2
-    import numpy as np
-
-    from saccade.image import as_gray
-
-    sift = cv2.SIFT.create()
-
-    def detect(image: Any) -> Any:
-        points, descriptors = sift.detectAndCompute(
-            np.rint(as_gray(image) * 255).astype("u1"), None
-        )
-        if not points:
-            return SimpleNamespace(xy=np.zeros((0, 2)), descriptors=np.zeros((0, 128)))
-        xy = np.array([point.pt for point in points])
-        return SimpleNamespace(xy=xy, descriptors=descriptors.astype(np.uint8))
-
-    return detect
-
-
-def _colmap() -> Callable[[Any], Any]:
-    from types import SimpleNamespace
-
-    import numpy as np
-
-    from saccade.exchange.colmap import import_pycolmap
-    from saccade.image import as_gray
-
-    pycolmap = import_pycolmap()
-    options = pycolmap.FeatureExtractionOptions()
-    options.sift.max_num_features = UNCAPPED
-    sift = pycolmap.FeatureExtractor.create(options)
-
-    def detect(image: Any) -> Any:
-        gray = np.ascontiguousarray(as_gray(image), np.float32)
-        points, descriptors = sift.extract_from_float32_array(gray)
-        # Its first pixel's centre is (0.5, 0.5).
-        xy = np.array([(point.x, point.y) for point in points]).reshape(-1, 2) - 0.5
-        return SimpleNamespace(xy=xy, descriptors=descriptors.data)
-
-    return detect
-
-
-def _imported(name: str) -> Callable[[Any], Any]:
-    from importlib import import_module
-
-    from saccade.errors import ConfigError
-
-    module, _, path = name.partition(":")
-    try:
-        found: Any = import_module(module)
-        for part in path.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError) as error:
-        raise ConfigError(f"detector: {name}: {error}") from error
-    if not callable(found):
-        raise ConfigError(f"detector: {name}: expected a callable, found {type(found).__name__}")
-    return cast("Callable[[Any], Any]", found)
 
 
 def _row(name: str, scores: Any) -> list[str]:

@@ -2,14 +2,12 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from saccade.cli.attending import Attention, Model, ModelChoice, contrast_of, layers_of
 from saccade.cli.options import Json, Out, Preset, Settings
-
-if TYPE_CHECKING:
-    from saccade.attention.contrast import ContrastConfig
 
 
 class Inhibition(StrEnum):
@@ -27,6 +25,7 @@ def look(
         ),
     ],
     out: Out = Path("saccade-look"),
+    model: ModelChoice = Model.both,
     preset: Preset = None,
     config: Settings = None,
     fixations: Annotated[int, typer.Option(min=1, max=1000, help="Length of the scanpath.")] = 10,
@@ -40,29 +39,27 @@ def look(
     every: Annotated[int, typer.Option(min=1, help="Of a video, take one frame of so many.")] = 1,
     as_json: Json = False,
 ) -> None:
-    """Show where contrast draws the eye: saliency, conspicuity and scanpath.
+    """Show where contrast and symmetry draw the eye: saliency, its parts and a scanpath.
 
     For each image a picture (NAME.look.png) and the arrays (NAME.look.npz) appear in --out; for
     each video a film (NAME.look.mp4) and the saliency of its frames (NAME.look.npz).
     """
     from saccade.cli.output import for_each_image, print_json, print_table
-    from saccade.cli.settings import load_settings
     from saccade.cli.watch import watch
+    from saccade.errors import ConfigError
     from saccade.image import find_images
     from saccade.video import is_video
 
-    settings = load_settings("contrast", preset, config)
+    by_shape = inhibition is Inhibition.shape
+    if by_shape and model is Model.symmetry:
+        raise ConfigError("inhibition: a shape needs --model contrast or both, found symmetry")
+    attention = Attention.named(model, preset, config, keep_features=by_shape)
 
     def look_or_watch(path: Path, name: str) -> dict[str, Any]:
         if is_video(path):
-            return watch(path, out / f"{name}.look", settings, every)
+            return watch(path, out / f"{name}.look", attention, every)
         return look_at(
-            path,
-            out / f"{name}.look",
-            settings,
-            fixations,
-            by_shape=inhibition is Inhibition.shape,
-            film=scanpath_film,
+            path, out / f"{name}.look", attention, fixations, by_shape=by_shape, film=scanpath_film
         )
 
     paths = [path for source in images for path in find_images(source)]
@@ -88,7 +85,7 @@ def look(
 def look_at(
     path: Path,
     out: Path,
-    settings: "ContrastConfig",
+    attention: Attention,
     fixations: int,
     *,
     by_shape: bool = False,
@@ -99,7 +96,7 @@ def look_at(
     Args:
         path: the image.
         out: what is written, without its suffix.
-        settings: a ContrastConfig.
+        attention: the model.
         fixations: length of the scanpath.
         by_shape: whether inhibition of return covers objects rather than discs.
         film: whether the scanpath is also played.
@@ -108,7 +105,6 @@ def look_at(
 
     import numpy as np
 
-    from saccade.attention.contrast import contrast_saliency
     from saccade.attention.proto_object import proto_object
     from saccade.attention.scanpath import scanpath
     from saccade.cli.output import write_arrays
@@ -118,18 +114,14 @@ def look_at(
 
     image = read_image(path)
     try:
-        maps = contrast_saliency(image, settings, keep_features=by_shape)
+        maps = attention.maps(image)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
-    region = partial(proto_object, maps) if by_shape else None
+    region = partial(proto_object, contrast_of(maps)) if by_shape else None
     fixated = scanpath(maps.saliency, image.shape, fixations=fixations, region=region)
-    layers = {
-        "saliency": maps.saliency,
-        "intensity": maps.intensity,
-        "color": maps.color,
-        "orientation": maps.orientation,
-    }
-    picture = save_figure(attention_figure(image, layers, fixated), f"{out}.png")
+    layers = layers_of(maps, attention.model)
+    pairs = attention.pairs(image, fixated.xy)
+    picture = save_figure(attention_figure(image, layers, fixated, pairs), f"{out}.png")
     arrays = Path(f"{out}.npz")
     scanpath_arrays = {
         "scanpath_xy": fixated.xy,

@@ -50,10 +50,10 @@ def match(
     same every time). The picture (matches.png) and the list (matches.csv:
     index, x and y in both images, and 1 for an inlier) appear in --out.
     """
-    from saccade.cli.detect import make_detector
+    from saccade.cli.detectors import make_detector
     from saccade.cli.output import print_json, print_table
 
-    sift = make_detector(preset, config, most, spread)
+    sift = make_detector("sift", preset, config, most, spread=spread)
     wanted = None if geometry is Choice.NONE else cast("Geometry", geometry.value)
     row = match_images(first, second, out, sift, ratio, mutual, wanted, tolerance)
     if as_json:

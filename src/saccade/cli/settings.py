@@ -1,7 +1,7 @@
 """Configurations from presets and TOML files."""
 
 import tomllib
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -9,9 +9,13 @@ from typing import Any
 from saccade.errors import ConfigError
 
 KINDS = {
+    "attention": ("saccade.attention.combined", "AttentionConfig"),
     "contrast": ("saccade.attention.contrast", "ContrastConfig"),
+    "symmetry": ("saccade.attention.symmetry_config", "SymmetryConfig"),
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
+    "must": ("saccade.keypoints.must_config", "MustConfig"),
     "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
+    "symroid": ("saccade.keypoints.symroid_config", "SymRoidConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
     "world": ("saccade.simulation", "WorldConfig"),
 }
@@ -34,11 +38,7 @@ def load_settings(kind: str, preset: str | None = None, path: Path | None = None
     settings = _named(kind, preset or DEFAULT)
     if path is None:
         return settings
-    values = {**asdict(settings), **_from_file(path, settings)}
-    try:
-        return type(settings)(**values)
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
+    return _changed(settings, _read_toml(path), str(path))
 
 
 def preset_names(kind: str) -> list[str]:
@@ -50,8 +50,23 @@ def as_toml(settings: Any) -> str:
     """A configuration as TOML; what is None is left out, since TOML has no word for it."""
     import tomli_w
 
-    values = {name: value for name, value in asdict(settings).items() if value is not None}
-    return tomli_w.dumps(values)
+    return tomli_w.dumps(asdict(settings, dict_factory=_without_none))
+
+
+def presets_as_toml(kind: str) -> str:
+    """Every preset of a kind, a table each."""
+    import tomli_w
+
+    return tomli_w.dumps(
+        {
+            name: asdict(_named(kind, name), dict_factory=_without_none)
+            for name in preset_names(kind)
+        }
+    )
+
+
+def _without_none(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {name: value for name, value in items if value is not None}
 
 
 def _configuration(kind: str) -> Any:
@@ -71,30 +86,40 @@ def _named(kind: str, preset: str) -> Any:
         return configuration()
     if preset not in _presets(configuration):
         raise ConfigError(
-            f"preset: expected one of {', '.join(preset_names(kind))}, found {preset!r}"
+            f"preset: expected one of {', '.join(preset_names(kind))} for {kind}, found {preset!r}"
         )
     return getattr(configuration, preset)()
 
 
-def _from_file(path: Path, settings: Any) -> dict[str, Any]:
+def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: expected TOML: {error}") from error
+
+
+def _changed(settings: Any, values: dict[str, Any], name: str) -> Any:
+    """A configuration with the values of a table on top; `name` is that of the table."""
     names = [field.name for field in fields(settings)]
     unknown = sorted(set(values) - set(names))
     if unknown:
-        raise ConfigError(f"{path}: no setting {unknown[0]!r}; expected any of {', '.join(names)}")
-    return {
-        name: _like(value, getattr(settings, name), f"{path}: {name}")
-        for name, value in values.items()
+        raise ConfigError(f"{name}: no setting {unknown[0]!r}; expected any of {', '.join(names)}")
+    changes = {
+        each: _like(value, getattr(settings, each), f"{name}: {each}")
+        for each, value in values.items()
     }
+    try:
+        return replace(settings, **changes)
+    except ConfigError as error:
+        raise ConfigError(f"{name}: {error}") from error
 
 
 def _like(value: Any, model: Any, name: str) -> Any:
     """`value` in the type of `model`: TOML has lists for tuples and may write 1 for 1.0."""
+    if is_dataclass(model) and isinstance(value, dict):
+        return _changed(model, value, name)
     if isinstance(model, tuple) and isinstance(value, list):
         return tuple(_like(each, model[0], name) if model else each for each in value)
     if type(model) is float and type(value) is int:

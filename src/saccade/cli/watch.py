@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from saccade.attention.contrast import ContrastConfig
+    from saccade.cli.attending import Attention
 
 
-def watch(path: Path, out: Path, settings: "ContrastConfig", every: int) -> dict[str, Any]:
+def watch(path: Path, out: Path, attention: "Attention", every: int) -> dict[str, Any]:
     """Look at a video: write `out`.mp4 and `out`.npz, give the row for --json.
 
     The film has the frame at the left and its saliency as heat at the right; the arrays are the
@@ -16,14 +16,13 @@ def watch(path: Path, out: Path, settings: "ContrastConfig", every: int) -> dict
     Args:
         path: the video.
         out: what is written, without its suffix.
-        settings: a ContrastConfig.
+        attention: the model.
         every: take one frame of so many.
     """
     import numpy as np
     from rich.markup import escape
     from rich.progress import Progress
 
-    from saccade.attention.contrast import contrast_saliency
     from saccade.cli.output import messages, write_arrays
     from saccade.video import read_video, video_rate, video_writer
     from saccade.viewing import heat_beside
@@ -37,7 +36,7 @@ def watch(path: Path, out: Path, settings: "ContrastConfig", every: int) -> dict
     ):
         task = progress.add_task(escape(path.name), total=None)
         for time, frame in read_video(path, every):
-            saliency = contrast_saliency(frame, settings).saliency
+            saliency = attention.maps(frame).saliency
             write(heat_beside(frame, saliency))
             times.append(time)
             maps.append(saliency)

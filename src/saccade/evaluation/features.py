@@ -2,12 +2,15 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from saccade.evaluation.intervals import mean_interval
-from saccade.evaluation.repeatability import Features, Neighbors, PairScores, score_pair
+from saccade.evaluation.repeatability import RADIUS, Features, Neighbors, PairScores, score_pair
 from saccade.types import FloatArray
+
+Name = TypeVar("Name")
 
 SEED = 20102  # of the bootstrap: the interval of the same scores is always the same
 
@@ -40,10 +43,11 @@ class FeatureScores:
 
 
 def score_pairs(
-    features: Callable[[str], Features],
-    pairs: Sequence[tuple[str, str, FloatArray]],
+    features: Callable[[Name], Features],
+    pairs: Sequence[tuple[Name, Name, FloatArray]],
     neighbors: Neighbors,
     ratio: float = 0.8,
+    radius: float = RADIUS,
 ) -> Iterator[PairScores]:
     """Score a detector pair by pair.
 
@@ -53,9 +57,11 @@ def score_pairs(
             them; where the first is the same as before, it is not asked for again.
         neighbors: finds nearest descriptors.
         ratio: of the ratio test.
+        radius: within which a point counts as found again.
     """
-    last, first = None, None
+    last: Name | None = None
+    first: Features | None = None
     for name, other, homography in pairs:
         if first is None or name != last:
             last, first = name, features(name)
-        yield score_pair(first, features(other), homography, neighbors, ratio)
+        yield score_pair(first, features(other), homography, neighbors, ratio, radius)

@@ -12,7 +12,7 @@ from saccade.evaluation.homography import BoolArray, corner_error, inside, proje
 from saccade.types import Float32Array, FloatArray, IntArray
 
 RADIUS = 3.0
-"""Pixels of the second image within which a point counts as found again, or a match as right."""
+"""Pixels of the second image within which a point counts as found again, if not said otherwise."""
 
 Neighbors: TypeAlias = Callable[
     [npt.NDArray[Any], npt.NDArray[Any]], tuple[IntArray, Float32Array, Float32Array, IntArray]
@@ -32,6 +32,14 @@ class Features:
     shape: tuple[int, int]
     """(H, W) of the image."""
 
+    def strongest(self, places: int | None) -> "Features":
+        """The points of the first so many different places; all of them where that is None."""
+        if places is None:
+            return self
+        _, first, place = np.unique(self.xy, axis=0, return_index=True, return_inverse=True)
+        kept = np.argsort(np.argsort(first))[place.ravel()] < places
+        return Features(self.xy[kept], self.descriptors[kept], self.shape)
+
 
 @dataclass(frozen=True)
 class PairScores:
@@ -40,9 +48,9 @@ class PairScores:
     keypoints: float
     """In the first image."""
     repeatability: float
-    """Places in the common area with one of the other image within 3 px, of all there."""
+    """Places in the common area with one of the other image within the radius, of all there."""
     localization: float
-    """Mean distance of those to the nearest, in pixels; 3 where there are none."""
+    """Mean distance of those to the nearest, in pixels; the radius where there are none."""
     mma_1: float
     """Share of right matches at 1 px (mean matching accuracy) among mutual nearest neighbors."""
     mma_3: float
@@ -52,7 +60,8 @@ class PairScores:
     ratio_3: float
     ratio_5: float
     score: float
-    """Right mutual matches at 3 px, of the places in the common area: of the image with fewer."""
+    """Right mutual matches at that radius, of the places in the common area: of the image with
+    fewer."""
     auc_1: float
     """Area under the curve of the share of pairs over their corner error, up to 1 px."""
     auc_3: float
@@ -66,11 +75,12 @@ def score_pair(
     homography: FloatArray,
     neighbors: Neighbors,
     ratio: float = 0.8,
+    radius: float = RADIUS,
 ) -> PairScores:
     """Score the points of two images whose true relation is known.
 
     Repeatability counts *places*: a point with several orientations counts once. It is
-    symmetric: places of both images that have one of the other within 3 px (in the second
+    symmetric: places of both images that have one of the other within the radius (in the second
     image), divided by all places of both that the other image shows. Matches are mutual
     nearest neighbors among all points, whether the other image shows their place or not;
     the ratio test comes on top. The score may pass 1 by a little, since a place may have
@@ -82,12 +92,13 @@ def score_pair(
         homography: (3, 3) from the first image to the second.
         neighbors: finds nearest descriptors.
         ratio: of the ratio test.
+        radius: pixels of the second image within which a point counts as found again.
 
     Source: Mikolajczyk & Schmid (2005) and DeTone et al. (2018), section 4 and appendix.
     """
     here, there = common_places(first, second, homography)
     distance = np.concatenate([nearest_distance(here, there), nearest_distance(there, here)])
-    repeated = distance[distance <= RADIUS]
+    repeated = distance[distance <= radius]
 
     error, kept, pairs = mutual_matches(first, second, homography, neighbors, ratio)
     matched = pairs[kept]
@@ -97,14 +108,14 @@ def score_pair(
     return PairScores(
         keypoints=float(len(first.xy)),
         repeatability=len(repeated) / max(len(distance), 1),
-        localization=float(repeated.mean()) if len(repeated) else RADIUS,
+        localization=float(repeated.mean()) if len(repeated) else radius,
         mma_1=share(error <= 1),
         mma_3=share(error <= 3),
         mma_5=share(error <= 5),
         ratio_1=share(error[kept] <= 1),
         ratio_3=share(error[kept] <= 3),
         ratio_5=share(error[kept] <= 5),
-        score=float((error <= RADIUS).sum()) / max(min(len(here), len(there)), 1),
+        score=float((error <= radius).sum()) / max(min(len(here), len(there)), 1),
         auc_1=max(0.0, 1 - corners / 1),
         auc_3=max(0.0, 1 - corners / 3),
         auc_5=max(0.0, 1 - corners / 5),

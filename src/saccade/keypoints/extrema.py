@@ -54,7 +54,7 @@ def find_extrema(
         candidate_threshold: what a sample must exceed to be looked at.
         contrast_threshold: tau_c, the least |D| at the extremum (B.6).
         edge_ratio: tau_r, the greatest ratio of principal curvatures (B.10).
-        lagrange: refine the place by the polynomial through 13 samples each way, and keep
+        lagrange: refine the place by the polynomial through 9 samples each way, and keep
             extrema halfway between two samples, of which the quadratics lead to each other.
         neighbors: samples that one must not be exceeded by, 26 or 10: the 8 in its plane, and
             of the planes beside it all 18 or 2. Of 10, what the quadratic has for a saddle

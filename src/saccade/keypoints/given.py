@@ -33,11 +33,14 @@ def locate(
     sigma = keypoints.size.astype(np.float64) / 2
     level = intervals * (np.log2(sigma / config.base_sigma) - config.first_octave)
     own = keypoints.octave.astype(np.int64) - config.first_octave
-    plane = np.rint(level - intervals * own)
-    fits = (own >= 0) & (own <= last) & (plane >= 0) & (plane <= intervals + 1)
-    nearest = np.floor((level - 0.5) / intervals).clip(0, last).astype(np.int64)
-    octave = np.where(fits, own, nearest)
-    plane = np.rint(level - intervals * octave).clip(0, intervals + 2).astype(np.int64)
+    extra = config.extra_intervals * (own == 0)
+    plane = np.rint(level - config.first_level(own))
+    fits = (own >= 0) & (own <= last) & (plane >= 0) & (plane <= intervals + extra + 1)
+    nearest = np.floor((level - config.extra_intervals - 0.5) / intervals)
+    octave = np.where(fits, own, nearest.clip(0, last).astype(np.int64))
+    extra = config.extra_intervals * (octave == 0)
+    plane = np.rint(level - config.first_level(octave)).clip(0, intervals + extra + 2)
+    plane = plane.astype(np.int64)
     spacing = space.spacing[octave]
     xy = (keypoints.xy - space.origin[octave]) / spacing[:, None]
     return octave, plane, xy.astype(np.float32), (sigma / spacing).astype(np.float32)

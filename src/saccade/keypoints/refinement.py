@@ -16,7 +16,7 @@ OVERLAP = 0.55
 """Planes by which an extremum may lie outside an octave: two octaves agree to about 0.02."""
 TRUSTED = 0.25
 """Samples by which it may move what the quadratic has found."""
-REACH = 6
+REACH = 4
 """Samples on either side of the nearest that refine a place."""
 NODES = np.arange(-REACH, REACH + 1)
 LAGRANGE = np.array(
@@ -25,7 +25,7 @@ LAGRANGE = np.array(
         for i, n in enumerate(NODES)
     ]
 ).T.copy()
-"""(13, 13) by power and sample: the polynomial that is 1 at this sample and 0 at the others."""
+"""(9, 9) by power and sample: the polynomial that is 1 at this sample and 0 at the others."""
 
 
 @kernel()
@@ -132,7 +132,7 @@ def fit_quadratic(
 def refine_place(
     dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
 ) -> tuple[float, float, float]:
-    """Where the polynomial through 3x13x13 samples is flat.
+    """Where the polynomial through 3x9x9 samples is flat.
 
     Newton's method (B.5) from the offset given; that comes back where it leads away, and
     where not all of the samples lie in the octave.
@@ -207,7 +207,7 @@ def interpolate(
 
 @kernel(fastmath=("nsz", "contract", "reassoc"))
 def lagrange_weights(t: float, out: FloatArray) -> None:
-    """Fill (3, 13) `out` with what samples at -6..6 weigh at `t` in the polynomial through them.
+    """Fill (3, 9) `out` with what samples at -4..4 weigh at `t` in the polynomial through them.
 
     The rows are for its value, slope and curvature.
     """

@@ -132,6 +132,7 @@ class Sift:
             first_octave=config.first_octave,
             octaves=config.octaves,
             intervals=config.intervals,
+            extra_intervals=config.extra_intervals,
             base_sigma=config.base_sigma,
             density=config.density,
             camera_sigma=config.camera_sigma,
@@ -235,7 +236,8 @@ def detect(dog: Float32Array, octave: int, config: SiftConfig, threads: int = 1)
         neighbors=config.neighbors,
         threads=threads,
     )
-    sigma = config.density * config.base_sigma * 2 ** (found.scale / config.intervals)
+    level = found.scale + config.first_level(octave) - octave * config.intervals
+    sigma = config.density * config.base_sigma * 2 ** (level / config.intervals)
     return Points(
         octave=np.full(len(found.plane), octave),
         plane=np.rint(found.scale).astype(np.int64),  # the refinement may have left the seed's

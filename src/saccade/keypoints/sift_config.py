@@ -4,7 +4,10 @@ from dataclasses import dataclass, fields, replace
 from numbers import Integral, Real
 from typing import Literal
 
+import numpy as np
+
 from saccade.errors import require
+from saccade.types import IntArray
 
 
 @dataclass(frozen=True)
@@ -21,6 +24,10 @@ class SiftConfig:
     """How many at most; 0 for as many as the image has room for."""
     intervals: int = 3
     """s, the scales to an octave."""
+    extra_intervals: int = 2
+    """Scales more in the first octave. The octaves after it begin at a wider blur and so have
+    denser samples: an octave that is halved as early as `density` 0.5 halves it holds what its
+    samples cannot, and its places are off by a fifth of a pixel under rotation or scaling."""
     base_sigma: float = 1.8
     """Blur of the first plane of an octave, in samples of density 1."""
     density: float = 0.5
@@ -50,7 +57,7 @@ class SiftConfig:
     edge_ratio: float = 15.0
     """tau_r: the greatest ratio of the principal curvatures (B.10)."""
     fit: Literal["lagrange", "quadratic"] = "lagrange"
-    """"quadratic" is B.5. "lagrange" goes on from there with the polynomial through 13 samples
+    """"quadratic" is B.5. "lagrange" goes on from there with the polynomial through 9 samples
     each way, which finds a blob's centre within 0.003 samples rather than 0.07, and keeps the
     extrema that lie halfway between two samples, where the quadratic goes back and forth."""
     voting: Literal["linear", "nearest"] = "linear"
@@ -88,6 +95,7 @@ class SiftConfig:
         require(self.first_octave in (-1, 0), "first_octave", "-1 or 0", self.first_octave)
         require(self.octaves >= 0, "octaves", "0 or more", self.octaves)
         require(1 <= self.intervals <= 16, "intervals", "1 to 16", self.intervals)
+        require(0 <= self.extra_intervals <= 16, "extra_intervals", "0 to 16", self.extra_intervals)
         require(0.5 <= self.base_sigma <= 8, "base_sigma", "0.5 to 8", self.base_sigma)
         require(self.density in (0.5, 1), "density", "0.5 or 1", self.density)
         require(0 <= self.camera_sigma <= 4, "camera_sigma", "0 to 4", self.camera_sigma)
@@ -156,6 +164,7 @@ class SiftConfig:
         beyond its quadratic (see `fit`).
         """
         return cls(
+            extra_intervals=0,
             base_sigma=1.6,
             density=1.0,
             camera_sigma=0.5,
@@ -190,7 +199,11 @@ class SiftConfig:
 
     @classmethod
     def opencv(cls) -> "SiftConfig":
-        """As `cv2.SIFT_create()`, its shift by a quarter pixel included."""
+        """As `cv2.SIFT_create()`, its shift by a quarter pixel included.
+
+        Of a wide point every second sample is described, where OpenCV takes all: descriptors
+        have a median cosine of 0.9998 with OpenCV's, and 99 % of them one of over 0.997.
+        """
         return replace(
             cls.lowe2004(),
             grid="shifted",
@@ -200,6 +213,7 @@ class SiftConfig:
             candidate_fraction=3 / (0.04 * 255),  # OpenCV rounds down to one grey level
             voting="nearest",
             smoothing=2,
+            descriptor_spacing=0.7,
             subpixel_patches=False,
         )
 
@@ -216,3 +230,13 @@ class SiftConfig:
             descriptor="root",
             max_keypoints=8192,
         )
+
+    def first_level(self, octave: int | IntArray) -> IntArray:
+        """By how many intervals the first plane of an octave is wider than `base_sigma`.
+
+        Args:
+            octave: number from 0, or some.
+        """
+        number = np.asarray(octave, np.int64)
+        level: IntArray = number * self.intervals + (number > 0) * self.extra_intervals
+        return level

@@ -8,6 +8,7 @@ from saccade.viewing.map_film import map_frames
 from saccade.viewing.maps import map_figure
 from saccade.viewing.page import Picture, Section, html_page
 from saccade.viewing.style import save_figure
+from saccade.viewing.symmetry import pair_figure, region_figure
 
 __all__ = [
     "Picture",
@@ -20,6 +21,8 @@ __all__ = [
     "map_figure",
     "map_frames",
     "match_figure",
+    "pair_figure",
+    "region_figure",
     "save_figure",
     "save_film",
     "scanpath_frames",

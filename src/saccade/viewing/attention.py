@@ -1,6 +1,6 @@
 """Pictures of attention: where the model looks, and why."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -9,14 +9,18 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from saccade.types import Float32Array, Image, Scanpath
+from saccade.types import Float32Array, Image, Scanpath, SymmetricPairs
 from saccade.viewing.style import HEAT, ORANGE, figure_for, picture_axes
+from saccade.viewing.symmetry import draw_pairs
 
 _OUTLINE = [patheffects.withStroke(linewidth=3, foreground="black")]
 
 
 def attention_figure(
-    image: Float32Array, maps: Mapping[str, Float32Array], path: Scanpath
+    image: Float32Array,
+    maps: Mapping[str, Float32Array],
+    path: Scanpath,
+    pairs: Sequence[SymmetricPairs] = (),
 ) -> Figure:
     """The photo with its scanpath, each map as heat, and the photo lit by the first map.
 
@@ -24,10 +28,12 @@ def attention_figure(
         image: (H, W, 3) in [0, 1].
         maps: by title; each (h, w), the first is the saliency map. Drawn from 0 to its maximum.
         path: fixations in image pixels, numbered in their order.
+        pairs: what makes each fixation symmetric; with them comes a panel that shows it.
     """
     height, width = image.shape[:2]
-    columns = 2 if len(maps) <= 2 else 3
-    rows = -(-(2 + len(maps)) // columns)
+    count = 2 + len(maps) + bool(pairs)
+    columns = 2 if count <= 4 else 3
+    rows = -(-count // columns)
     figure = figure_for(width, height, columns, rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     panels[0].imshow(image, interpolation="antialiased")
@@ -41,7 +47,10 @@ def attention_figure(
     lit = panels[1 + len(maps)]
     lit.imshow(lit_by(image, salient), interpolation="antialiased")
     picture_axes(lit, f"what {title} leaves in the light")
-    for axes in panels[2 + len(maps) :]:
+    if pairs:
+        draw_pairs(panels[count - 1], image, pairs)
+        picture_axes(panels[count - 1], "what is symmetric about the fixations")
+    for axes in panels[count:]:
         axes.set_axis_off()
     return figure
 
@@ -53,7 +62,7 @@ def lit_by(image: Float32Array, values: Float32Array) -> Float32Array:
         image: (H, W, 3) in [0, 1].
         values: (h, w), not negative.
     """
-    light = cv2.resize(values / max(float(values.max()), 1e-12), image.shape[1::-1])
+    light = np.sqrt(cv2.resize(values / max(float(values.max()), 1e-12), image.shape[1::-1]))
     return np.asarray(image * (0.15 + 0.85 * light[:, :, None]), np.float32)
 
 

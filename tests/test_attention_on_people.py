@@ -1,4 +1,4 @@
-"""The default must stay as good as it was chosen to be: OSIE, every fourth image."""
+"""The defaults must stay as good as they were chosen to be: OSIE, every fourth image."""
 
 from dataclasses import replace
 
@@ -6,7 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade.attention import ContrastConfig, contrast_saliency
+from saccade.attention import (
+    ContrastConfig,
+    SymmetryConfig,
+    attention_saliency,
+    contrast_saliency,
+    symmetry_saliency,
+)
 from saccade.datasets.fixations import read_fixations
 from saccade.evaluation.fixations import auc, correlation, fixation_density, nss, shuffled_auc
 
@@ -78,3 +84,28 @@ def test_what_was_decided_against_is_worse(osie, default_scores, worse):
     config = replace(ContrastConfig(), **worse)
     scores = mean_scores(osie, lambda pixels: contrast_saliency(pixels, config).saliency)
     assert (scores < default_scores).all(), scores
+
+
+@pytest.fixture(scope="module")
+def symmetry_scores(osie):
+    return mean_scores(osie, lambda pixels: symmetry_saliency(pixels).saliency)
+
+
+@pytest.mark.shared
+def test_people_look_at_symmetry_more_than_at_contrast(symmetry_scores, default_scores):
+    assert (symmetry_scores > default_scores).all(), symmetry_scores
+    assert (symmetry_scores > (0.82, 0.76, 1.6, 0.45)).all(), symmetry_scores
+
+
+@pytest.mark.shared
+def test_contrast_and_symmetry_together(osie, symmetry_scores):
+    scores = mean_scores(osie, lambda pixels: attention_saliency(pixels).saliency)
+    assert scores[0] > symmetry_scores[0]
+    assert (scores > (0.83, 0.77, 1.6, 0.46)).all(), scores
+
+
+@pytest.mark.shared
+def test_fine_levels_are_what_the_source_lacks(osie, symmetry_scores):
+    source = SymmetryConfig.kootstra2010()
+    scores = mean_scores(osie, lambda pixels: symmetry_saliency(pixels, source).saliency)
+    assert (scores < symmetry_scores - (0.03, 0.08, 0.3, 0.05)).all(), scores

@@ -24,6 +24,9 @@ from saccade._jit import kernel
 from saccade.pyramid import FloatMap
 from saccade.types import Float32Array
 
+MARGIN = 1
+"""Outermost pixels, which take part in no pair: half of their gradient lies beyond the border."""
+
 Offsets: TypeAlias = npt.NDArray[np.int64]
 
 
@@ -87,22 +90,21 @@ def gradients_of(channel: FloatMap, gain: float, border: int = cv2.BORDER_REFLEC
     return Gradients(np.log1p(np.float32(gain) * magnitude), gx * inverse, gy * inverse)
 
 
-def isotropic_sums(channels: list[Gradients], pairs: PairKernel, margin: int = 0) -> Float32Array:
+def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
     """(h, w) sum over the pairs inside the image, and over the channels.
 
     Args:
         channels: gradients of equal shape.
         pairs: which count.
-        margin: pixels along the border that take part in no pair.
     """
     sums = np.zeros_like(channels[0].strength)
     weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
     for gradients in channels:
-        add_isotropic(*gradients, pairs.offsets, weighted, margin, sums)
+        add_isotropic(*gradients, pairs.offsets, weighted, sums)
     return sums
 
 
-def radial_sums(channels: list[Gradients], pairs: PairKernel, margin: int = 0) -> Float32Array:
+def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
     """The same, with each pair weighted by how far its axis is from that of the strongest.
 
     The axis of a pair is phi = (theta_i + theta_j) / 2, its weight sin^2(phi - phi_max): a pixel
@@ -111,11 +113,11 @@ def radial_sums(channels: list[Gradients], pairs: PairKernel, margin: int = 0) -
     sums = np.zeros_like(channels[0].strength)
     weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
     for gradients in channels:
-        add_radial(*gradients, pairs.offsets, weighted, margin, sums)
+        add_radial(*gradients, pairs.offsets, weighted, sums)
     return sums
 
 
-def color_sums(channels: list[Gradients], pairs: PairKernel, margin: int = 0) -> Float32Array:
+def color_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
     """(h, w) sum over the pairs, with each of the two gradients from any of the channels.
 
     The phase weight has the period pi: a light side may face a dark one.
@@ -132,23 +134,23 @@ def color_sums(channels: list[Gradients], pairs: PairKernel, margin: int = 0) ->
     turned = (pairs.directions[:, 0] + 1j * pairs.directions[:, 1]) ** 2
     turns = np.stack([turned.real, turned.imag, (turned**2).real, (turned**2).imag], axis=1)
     sums = np.zeros(strength.shape, np.float32)
-    add_color(harmonics, pairs.offsets, turns.astype(np.float32), pairs.weights, margin, sums)
+    add_color(harmonics, pairs.offsets, turns.astype(np.float32), pairs.weights, sums)
     return sums
 
 
-def share_inside(shape: tuple[int, ...], pairs: PairKernel, margin: int = 0) -> Float32Array:
+def share_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
     """(h, w) weight of the pairs that lie inside the image, as part of that of all."""
     reach = int(np.abs(pairs.offsets).max())
-    room = np.arange(reach + 1)
+    room = np.arange(-MARGIN, reach + 1)  # between a pixel and the outermost that takes part
     fits = (room[:, None, None] >= pairs.offsets[:, 1]) & (
         room[None, :, None] >= np.abs(pairs.offsets[:, 0])
     )
-    share = (fits @ pairs.weights.astype(np.float64)) / float(pairs.weights.sum(dtype=np.float64))
+    weights = pairs.weights.astype(np.float64)
+    share = (fits @ weights / weights.sum()).astype(np.float32)
     y, x = (
-        np.minimum(np.arange(side), np.arange(side)[::-1]).clip(margin, reach + margin) - margin
-        for side in shape
+        np.minimum(np.arange(side), np.arange(side)[::-1]).clip(0, reach + MARGIN) for side in shape
     )
-    return np.asarray(share[np.ix_(y, x)], np.float32)
+    return np.asarray(share[np.ix_(y, x)])
 
 
 UNSIGNED = np.uintp
@@ -162,7 +164,6 @@ def add_isotropic(
     sine: Float32Array,
     offsets: Offsets,
     directions: Float32Array,
-    margin: int,
     out: Float32Array,
 ) -> None:
     """Add to each pixel the terms of its pairs; a pair's weight is the square of its direction."""
@@ -170,8 +171,8 @@ def add_isotropic(
     for y in range(height):
         for k in range(len(offsets)):
             dx, dy = offsets[k]
-            edge = abs(dx) + margin
-            if not (margin <= y - dy and y + dy < height - margin and 2 * edge < width):
+            edge = abs(dx) + MARGIN
+            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
                 continue
             e_x, e_y = directions[k]
             here, up, down = UNSIGNED(y), UNSIGNED(y + dy), UNSIGNED(y - dy)
@@ -189,7 +190,6 @@ def add_radial(
     sine: Float32Array,
     offsets: Offsets,
     directions: Float32Array,
-    margin: int,
     out: Float32Array,
 ) -> None:
     """Add to each pixel the terms of its pairs, weighted by the angle from the strongest.
@@ -205,8 +205,8 @@ def add_radial(
         rows[:] = 0
         for k in range(len(offsets)):
             dx, dy = offsets[k]
-            edge = abs(dx) + margin
-            if not (margin <= y - dy and y + dy < height - margin and 2 * edge < width):
+            edge = abs(dx) + MARGIN
+            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
                 continue
             e_x, e_y = directions[k]
             up, down, left = UNSIGNED(y + dy), UNSIGNED(y - dy), UNSIGNED(edge)
@@ -233,7 +233,6 @@ def add_color(
     offsets: Offsets,
     turns: Float32Array,
     weights: Float32Array,
-    margin: int,
     out: Float32Array,
 ) -> None:
     """Add A_i A_j - 2 B_i B_j + C_i C_j, the sums over channels of p^4, p^3 q and p^2 q^2."""
@@ -243,8 +242,8 @@ def add_color(
     for y in range(height):
         for k in range(len(offsets)):
             dx, dy = offsets[k]
-            edge = abs(dx) + margin
-            if not (margin <= y - dy and y + dy < height - margin and 2 * edge < width):
+            edge = abs(dx) + MARGIN
+            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
                 continue
             turn_harmonics(harmonics, y + dy, turns[k], a_i, b_i, c_i)
             turn_harmonics(harmonics, y - dy, turns[k], a_j, b_j, c_j)

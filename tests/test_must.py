@@ -1,0 +1,182 @@
+"""MUST: the symmetry of its planes, its points, and the source's claims on real pairs."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import oracles_symmetry as oracles
+from saccade import Must, MustConfig, Sift
+from saccade.datasets.homography_pairs import homography_pairs
+from saccade.errors import ConfigError, ImageError
+from saccade.evaluation.disturbance import Disturbance
+from saccade.evaluation.features import score_pairs
+from saccade.evaluation.repeatability import Features
+from saccade.image import read_image
+from saccade.keypoints import SiftConfig
+from saccade.keypoints.matching import nearest_neighbors
+from saccade.keypoints.must import symmetry_of
+
+
+def discs(*places, shape=(160, 200), ground=0.5):
+    """Grey with discs of (x, y, radius, brightness)."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    image = np.full(shape, ground)
+    for x, y, radius, brightness in places:
+        inside = np.clip(radius + 0.5 - np.hypot(columns - x, rows - y), 0, 1)
+        image += inside * (brightness - ground)
+    return image.astype(np.float32)
+
+
+def texture(seed, shape=(120, 150)):
+    """Blobs of every size."""
+    rng = np.random.default_rng(seed)
+    planes = [cv2.resize(rng.random([s >> k for s in shape]), shape[::-1]) for k in range(2, 6)]
+    return np.mean(planes, axis=0).astype(np.float32)
+
+
+@pytest.mark.parametrize("plane", [0, 3])
+@pytest.mark.parametrize("spacing", [1.0, 4.0])
+def test_the_symmetry_of_a_plane_is_that_of_the_papers(plane, spacing):
+    octave = np.random.default_rng(plane).random((7, 17, 19), np.float32)
+    config = MustConfig(falloff=1.1, gain=30.0)
+    symmetry = symmetry_of(octave, spacing, config, contrast=0.3)
+    assert symmetry.shape == (6, 17, 19)
+    sigma = 0.5 * config.base_sigma * 2 ** (plane / 4)
+    reach, width = int(np.ceil(config.reach * sigma)), 2 * 1.1 * sigma
+    expected = oracles.symmetry(
+        octave[plane][:, :, None], "isotropic", 1, reach, width, 30 * sigma / (8 * 0.3), "mirror"
+    )
+    distances = [2 * np.hypot(dx, dy) for dx, dy in oracles.half_ring(1, reach)]
+    total = sum(np.exp(-((d / width) ** 2) / 2) / (width * np.sqrt(2 * np.pi)) for d in distances)
+    expected *= (spacing * sigma) ** config.scale_power / total
+    np.testing.assert_allclose(symmetry[plane], expected, rtol=1e-4, atol=1e-4 * expected.max())
+
+
+@pytest.mark.parametrize("brightness", [0.1, 0.9])
+def test_a_disc_has_a_point_at_its_center(brightness):
+    points = Must()(discs((80.3, 60.6, 9, brightness)))
+    assert np.hypot(*(points.xy[0] - (80.3, 60.6))) < 0.2
+
+
+def test_a_disc_twice_as_large_has_a_point_twice_as_large():
+    small, large = (Must()(discs((90, 80, radius, 0.9))) for radius in (7, 14))
+    assert large.size[0] / small.size[0] == pytest.approx(2, rel=0.15)
+
+
+def test_points_of_an_image_and_of_its_mirror():
+    image = texture(3, (121, 151))
+    config = MustConfig(upright=True)
+    here, there = Must(config)(image), Must(config)(np.ascontiguousarray(image[:, ::-1]))
+    assert min(len(here), len(there)) > 20
+    mirrored = there.xy * (-1, 1) + (150, 0)
+    distance = np.hypot(*(here.xy[:, None] - mirrored[None]).transpose(2, 0, 1)).min(axis=1)
+    assert (distance < 0.02).mean() > 0.97  # rounding decides at a threshold or between equals
+
+
+@settings(max_examples=5)
+@given(st.integers(0, 1000), st.sampled_from([0.5, 0.25, 0.1]))
+def test_less_contrast_gives_the_same_points_in_the_same_order(seed, factor):
+    image = texture(seed)
+    high, low = (Must()(each, describe=False) for each in (image, 0.5 + factor * (image - 0.5)))
+    assert len(high) == len(low) > 20
+    np.testing.assert_allclose(low.response, high.response, rtol=1e-2)
+    np.testing.assert_allclose(low.xy[:10], high.xy[:10], atol=0.05)
+
+
+def test_points_do_not_depend_on_threads():
+    image = texture(5)
+    one, three = Must(threads=1)(image), Must(threads=3)(image)
+    for name in ("xy", "size", "angle", "response", "octave", "descriptors"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
+
+
+def test_descriptors_are_those_of_sift():
+    image = texture(6)
+    points = Must()(image)
+    described = Sift(MustConfig().sift()).describe(image, points)
+    np.testing.assert_array_equal(described.descriptors, points.descriptors)
+    assert len(np.unique(points.angle)) > 10
+
+
+def test_strongest_first_and_no_more_than_asked_for():
+    image = texture(7)
+    points = Must(MustConfig(max_keypoints=15))(image)
+    assert len(points) == 15
+    assert (np.diff(points.response) <= 0).all()
+    spread = Must(MustConfig(max_keypoints=15, spread=True))(image)
+    assert len(spread) == 15
+    assert spread.xy.std() != points.xy.std()
+
+
+def test_a_mask_keeps_the_points_inside():
+    image = discs((50, 60, 8, 0.9), (150, 60, 8, 0.9))
+    mask = np.zeros(image.shape)
+    mask[:, :100] = 1
+    points = Must()(image, mask)
+    assert len(points)
+    assert (points.xy[:, 0] < 100).all()
+    with pytest.raises(ImageError, match="mask: expected the image's shape"):
+        Must()(image, mask[:50])
+
+
+@pytest.mark.parametrize("shape", [(60, 60), (1, 1), (3, 200)])
+def test_a_flat_or_tiny_image_has_none(shape):
+    assert len(Must()(np.full(shape, 0.4))) == 0
+    assert Must()(np.zeros(shape)).descriptors.shape == (0, 128)
+
+
+def test_the_image_is_left_alone():
+    image = texture(8)
+    before = image.copy()
+    Must()(image)
+    np.testing.assert_array_equal(image, before)
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"reach": 0.0},
+        {"falloff": np.nan},
+        {"gain": 0.0},
+        {"scale_power": 9.0},
+        {"contrast_threshold": -1.0},
+        {"edge_ratio": 0.5},
+        {"intervals": 0},
+        {"spread": True, "max_keypoints": 0},
+    ],
+)
+def test_a_broken_setting_is_named(broken):
+    with pytest.raises(ConfigError, match=next(reversed(broken))):
+        MustConfig(**broken)
+    with pytest.raises(ConfigError, match="threads"):
+        Must(threads=-1)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("disturbance", ["noise:20", "contrast:0.25", "blur:2"])
+def test_the_claims_of_the_source(shared, disturbance):
+    """More of its places come back under noise, low contrast and blur than of SIFT's."""
+    pairs = homography_pairs(shared / "data" / "pairs" / "oxford")
+    chosen = [pair for pair in pairs if pair.second.stem == "3"]
+    done = Disturbance.parse(disturbance)
+    configs = (SiftConfig(), MustConfig())
+    weak = [replace(each, contrast_threshold=1e-4, upright=True) for each in configs]
+    found = []
+    for detect in (Sift(weak[0]), Must(weak[1])):
+
+        def features(key, detect=detect):
+            path, number = key
+            image = read_image(path)
+            points = detect(image if number is None else done.of(image, number), describe=False)
+            none = np.zeros((len(points), 1), np.uint8)
+            return Features(points.xy.astype(np.float64), none, image.shape[:2]).strongest(300)
+
+        images = [((p.first, None), (p.second, i), p.homography) for i, p in enumerate(chosen)]
+        scores = score_pairs(features, images, nearest_neighbors)
+        found.append(np.mean([each.repeatability for each in scores]))
+    print(f"\n{disturbance}: SIFT {found[0]:.3f}, MUST {found[1]:.3f}")
+    assert found[1] > 1.1 * found[0]
