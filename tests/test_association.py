@@ -1,12 +1,33 @@
 """Who is who: gates, exclusion, and what becomes a landmark."""
 
+from itertools import product
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.linalg import block_diag
 
-from saccade.slam import Candidates, EkfSlam, KnownIdentity, NearestNeighbor, observe
-from saccade.slam.association import DROPPED, NEW, mahalanobis_squared, pair_nearest_first
+from saccade.errors import LogError
+from saccade.slam import (
+    Candidates,
+    EkfSlam,
+    JointCompatibility,
+    KnownIdentity,
+    NearestNeighbor,
+    Retraction,
+    observe,
+)
+from saccade.slam.association import (
+    DROPPED,
+    NEW,
+    mahalanobis_squared,
+    pair_mutual,
+    pair_nearest_first,
+)
+from saccade.slam.joint_compatibility import search
+from saccade.slam.presence import Presence, View
 
 R = np.diag([0.01, 1e-4])
 UNKNOWN = np.full(9, -1)
@@ -136,3 +157,133 @@ def test_a_candidate_is_as_uncertain_along_the_ray_as_the_range():
         candidates = Candidates(sightings=2, lifetime=1.0)
         assert _confirmed(candidates, [[0.0, 5.0]], 0.0) == []
         assert _confirmed(candidates, np.add([[0.0, 5.0]], shift), 0.1) == confirmed
+
+
+@given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
+def test_mutual_pairs_are_the_nearest_of_each_other(distance, limit):
+    for row, column in enumerate(pair_mutual(distance, limit).tolist()):
+        if column != DROPPED:
+            assert distance[row, column] <= limit
+            assert distance[row, column] == distance[row].min() == distance[:, column].min()
+        elif len(np.unique(distance)) == distance.size:  # without ties
+            nearest = distance[row].argmin()
+            assert distance[row, nearest] > limit or distance[:, nearest].argmin() != row
+
+
+@pytest.mark.parametrize("retraction", list(Retraction))
+def test_expectation_is_that_of_the_dense_covariance(rng, retraction):
+    """Compiled gates against H P H^T of the whole covariance, with rows not yet added up."""
+    ekf = EkfSlam(np.array([0.3, -0.2, 0.4]), 1e-2 * np.eye(3), retraction=retraction)
+    for landmark in WORLD:
+        ekf.augment(observe(ekf.pose, landmark)[0], R)
+    for number, landmark in enumerate(WORLD):
+        ekf.predict(np.array([0.1, 0.2]), 1e-3 * np.eye(2))
+        ekf.update(observe(ekf.pose, landmark + 0.02)[0], R, number)
+    z, H = observe(ekf.pose, ekf.landmarks)
+    expected = ekf.expect()
+    np.testing.assert_allclose(expected.z, z, atol=1e-12)
+    for i in range(len(WORLD)):
+        at = [0, 1, 2, 3 + 2 * i, 4 + 2 * i]
+        S = H[i] @ ekf.covariance[np.ix_(at, at)] @ H[i].T
+        np.testing.assert_allclose(expected.covariance[i], S, rtol=1e-9, atol=1e-15)
+
+
+def _by_trying_all(near, limit, v, S, R, gates):
+    """The most pairs that fit together, and the smallest joint distance of so many."""
+    best = (0, 0.0)
+    for columns in product(range(-1, near.shape[1]), repeat=len(near)):
+        pairs = [(i, j) for i, j in enumerate(columns) if j >= 0]
+        used = [j for _, j in pairs]
+        if len(set(used)) < len(used) or any(near[i, j] > limit for i, j in pairs) or not pairs:
+            continue
+        at = np.concatenate([[2 * j, 2 * j + 1] for j in used])
+        joint = S[np.ix_(at, at)] + block_diag(*(R[i] for i, _ in pairs))
+        innovation = np.concatenate([v[i, j] for i, j in pairs])
+        total = innovation @ np.linalg.solve(joint, innovation)
+        if total <= gates[len(pairs) - 1] and (-len(pairs), total) < (-best[0], best[1]):
+            best = (len(pairs), total)
+    return best
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_joint_search_finds_what_trying_all_finds(seed):
+    rng = np.random.default_rng(seed)
+    m, c = 4, 3
+    root = rng.normal(size=(2 * c, 3))  # errors that hang together, as those of a pose do
+    S = root @ root.T + 0.05 * np.eye(2 * c)
+    noise = np.tile(0.1 * np.eye(2), (m, 1, 1))
+    v = rng.normal(size=(m, c, 2)) * 1.5
+    near = np.array(
+        [
+            [
+                v[i, j]
+                @ np.linalg.solve(S[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] + noise[i], v[i, j])
+                for j in range(c)
+            ]
+            for i in range(m)
+        ]
+    )
+    # of fewer pairs too: a set can be compatible of which a part is not
+    gates = np.array([4.6, 7.8, 10.6, 13.4])
+    found = np.full(m, -1)
+    search(near, 4.6, v, S, noise, gates, 100000, found)
+    pairs = [(i, j) for i, j in enumerate(found.tolist()) if j >= 0]
+    most, least = _by_trying_all(near, 4.6, v, S, noise, gates)
+    if pairs:
+        at = np.concatenate([[2 * j, 2 * j + 1] for _, j in pairs])
+        joint = S[np.ix_(at, at)] + block_diag(*(noise[i] for i, _ in pairs))
+        innovation = np.concatenate([v[i, j] for i, j in pairs])
+        total = innovation @ np.linalg.solve(joint, innovation)
+        assert total <= gates[len(pairs) - 1] + 1e-9
+        if len(pairs) == most:
+            assert total >= least - 1e-9
+    assert most - 1 <= len(pairs) <= most
+
+
+def test_joint_compatibility_sees_that_the_robot_is_shifted():
+    """Alone each observation is nearest to the wrong landmark; together they cannot be."""
+    row = np.array([[6.0, 0.0], [6.0, 1.0], [6.0, 2.0], [6.0, 3.0], [3.0, -3.0]])
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    for landmark in row:
+        ekf.augment(observe(np.zeros(3), landmark)[0], 1e-4 * R)
+    ekf.predict(np.zeros(2), np.diag([1e-9, 0.02]))  # it does not know how far it turned
+    turned = np.array([0.0, 0.0, 0.1])
+    z = observe(turned, row)[0]
+    noise = np.tile(1e-2 * R, (len(z), 1, 1))
+    assert JointCompatibility()(ekf, z, noise, UNKNOWN[:5]).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_bounded_search_ends():
+    row = np.stack([np.full(12, 6.0), np.linspace(-1, 1, 12)], 1)
+    ekf = _filter(row, spread=0.1)
+    z, noise = _scan(row)
+    found = JointCompatibility(nodes=50)(ekf, z, noise, np.full(12, -1))
+    used = found[found >= 0]
+    assert len(set(used.tolist())) == len(used)
+
+
+def test_removed_landmarks_leave_the_others_as_they_were(rng):
+    ekf = _filter(np.concatenate([WORLD, WORLD + 9]), spread=1e-2)
+    for number in (0, 5, 7):
+        ekf.update(observe(ekf.pose, ekf.landmarks[number] + 0.1)[0], R, number)
+    before, spread = ekf.landmarks, ekf.covariance
+    ekf.remove(np.array([1, 6]))
+    kept = [0, 2, 3, 4, 5, 7]
+    at = [0, 1, 2, *(3 + 2 * k + i for k in kept for i in range(2))]
+    np.testing.assert_array_equal(ekf.landmarks, before[kept])
+    np.testing.assert_allclose(ekf.covariance, spread[np.ix_(at, at)], atol=1e-15)
+    ekf.augment(np.array([2.0, 0.1]), R)
+    fresh = ekf.covariance
+    assert np.linalg.eigvalsh(fresh).min() > -1e-12
+    with pytest.raises(LogError, match="landmark"):
+        ekf.remove(np.array([7, 9]))
+
+
+def test_what_should_have_been_seen_and_was_not_is_gone():
+    presence = Presence(View(reach=10.0, left=1.0, right=-1.0), least=0.4)
+    ekf = _filter(WORLD)  # the last of which is behind the robot
+    z, _ = observe(np.zeros(3), WORLD)
+    gone = [presence.absent(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
+    assert gone == [[]] * 5 + [[1]]
+    assert presence.removed == 1
+    assert len(presence.seen) == 3

@@ -65,3 +65,13 @@ def test_what_corrected_nothing_does_not_count():
     assert summarize(nis).mean == 2
     assert np.isnan(summarize(np.array([np.nan])).mean)
     assert np.isnan(summarize(np.empty(0)).inside)
+
+
+def test_a_model_that_is_wrong_is_warned_of(rng):
+    right = chi2.ppf((np.arange(1000) + 0.5) / 1000, 2)
+    assert summarize(right).warning == ""
+    assert "within 0.50 of" in summarize(right / 4).warning
+    assert "within 3.00 of" in summarize(right * 9).warning
+    outliers = np.where(rng.random(1000) < 0.05, 100.0, right)
+    assert "% of them are impossible" in summarize(outliers).warning
+    assert summarize(right[:5] * 100).warning == ""

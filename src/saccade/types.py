@@ -289,6 +289,10 @@ class LandmarkLog:
     """(k, 2, 2)."""
     landmark: IntArray
     """(k,) identity of what was seen, -1 where the log does not say."""
+    odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """How far the odometry may be off in the same way all the time, standard deviations: the share
+    of the way that it leaves out, radians turned unnoticed in a metre of it, and metres not
+    driven of it for each radian turned."""
     truth: Trajectory | None = None
     """Where the robot really was, if known; its times need not be those of the log."""
     landmark_truth: LandmarkMap | None = None

@@ -30,8 +30,13 @@ def slam(
     ] = None,
     association: Annotated[
         str | None,
-        typer.Option(help="known: the log says what was seen; nearest: find out; auto."),
+        typer.Option(
+            help="known: the log says what was seen; nearest, mutual, joint: find out; auto."
+        ),
     ] = None,
+    tune: Annotated[
+        bool, typer.Option("--tune", help="Find the noise by the innovations, and use it.")
+    ] = False,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Smooth the whole drive at the end (needs GTSAM).")
     ] = False,
@@ -64,13 +69,18 @@ def slam(
     from rich.progress import Progress
 
     from saccade import datasets
-    from saccade.cli.output import messages, print_json, print_table
+    from saccade.cli.output import messages, print_json, print_table, say
     from saccade.cli.settings import load_settings
+    from saccade.slam.tuning import tune as tuned
 
     settings = load_settings("slam", preset, config)
     if association is not None:
         settings = replace(settings, association=association)
     recorded = datasets.load(cast("datasets.Kind", kind), log, robot=robot)
+    if tune:
+        found = tuned(recorded, settings)
+        settings = found.config
+        say(found.words)
     console = messages()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(escape(recorded.name), total=None)
@@ -87,6 +97,8 @@ def slam(
             rrd=rrd,
             checkpoint=checkpoint,
         )
+    if row["warning"]:
+        say(f"warning: {row['warning']}")
     if as_json:
         print_json(row)
         return
@@ -95,11 +107,15 @@ def slam(
 
 def facts(row: dict[str, Any]) -> dict[str, str]:
     """The figures of a run as a person reads them: plain numbers only."""
-    return {
+    shown = {name: value for name, value in row.items() if isinstance(value, (int, float))}
+    low, high = row["nis_band"]
+    words = {
         name.replace("_", " "): f"{value:.3f}" if isinstance(value, float) else str(value)
-        for name, value in row.items()
-        if isinstance(value, (int, float))
+        for name, value in shown.items()
     }
+    if "nis mean" in words:
+        words["nis mean"] += f" (95 % of right filters: {low:.2f} to {high:.2f})"
+    return words
 
 
 def map_log(

@@ -140,15 +140,21 @@ def figures(
     log: "LandmarkLog", result: "SlamResult", smoothed: "SmoothResult | None"
 ) -> dict[str, Any]:
     """What a run says of itself in numbers; distances from the truth where that is known."""
+    import numpy as np
+
     low, high = result.consistency.band
+    apart = (result.trajectory.pose - result.dead_reckoning.pose)[-1, :2]
     row: dict[str, Any] = {
         "log": log.name,
         "poses": len(result.trajectory),
         "observations": len(log.observation),
         "observations_used": int((result.association >= 0).sum()),
         "landmarks": len(result.map),
+        "landmarks_dropped": result.removed,
+        "odometry_end_m": float(np.hypot(*apart)),
         "nis_mean": finite(result.consistency.mean),
         "nis_band": [low, high],
+        "warning": result.consistency.warning,
     }
     drives = {"odometry": result.dead_reckoning, "position": result.trajectory}
     maps = {"landmark": result.map}

@@ -4,7 +4,8 @@ from saccade.slam.association import DROPPED, NEW, Association, KnownIdentity, N
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.compressed import CompressedSlam
 from saccade.slam.consistency import Consistency
-from saccade.slam.ekf import EkfSlam, Innovation
+from saccade.slam.ekf import EkfSlam
+from saccade.slam.joint_compatibility import JointCompatibility
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import (
     RANGE_BEARING,
@@ -17,6 +18,7 @@ from saccade.slam.models import (
     place,
     wrap,
 )
+from saccade.slam.outcomes import Innovation
 from saccade.slam.recording import Recorder
 from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
@@ -37,6 +39,7 @@ __all__ = [
     "EkfConfig",
     "EkfSlam",
     "Innovation",
+    "JointCompatibility",
     "KnownIdentity",
     "Motion",
     "NearestNeighbor",

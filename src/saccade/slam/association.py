@@ -5,8 +5,10 @@ from typing import Protocol
 
 import numpy as np
 
+from saccade.slam import gating
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.ekf import EkfSlam
+from saccade.slam.models import RangeBearing
 from saccade.types import FloatArray, IntArray
 
 NEW = -1
@@ -93,34 +95,43 @@ class NearestNeighbor:
     """Probability with which an observation of a landmark is inside its gate."""
     new_gate: float = 0.9999
     """Probability with which an observation that is not of a new landmark is inside this one."""
+    mutual: bool = False
+    """Whether a pair must be the nearest for both, so that no second choices are made."""
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Associate by distance alone; see `Association`."""
-        distance = mahalanobis_squared(ekf, z, R)  # (m, N)
-        nearest = distance.min(1, initial=np.inf)
-        outside = nearest > chi_square_gate(2, self.new_gate)
-        return np.where(
-            outside, NEW, pair_nearest_first(distance, chi_square_gate(2, self.gate))
-        ).astype(np.int64)
+        limit, outer = (chi_square_gate(2, p) for p in (self.gate, self.new_gate))
+        distance = mahalanobis_squared(ekf, z, R, outer)  # (m, N)
+        pair = pair_mutual if self.mutual else pair_nearest_first
+        outside = distance.min(1, initial=np.inf) > outer
+        return np.where(outside, NEW, pair(distance, limit)).astype(np.int64)
 
     def added(self, landmark: int, identity: int) -> None:
         """Nothing to remember: the map is in the filter."""
 
 
-def mahalanobis_squared(ekf: EkfSlam, z: FloatArray, R: FloatArray) -> FloatArray:
+def mahalanobis_squared(
+    ekf: EkfSlam, z: FloatArray, R: FloatArray, limit: float = np.inf
+) -> FloatArray:
     """Normalized innovation squared of every observation with every landmark.
 
     Args:
         ekf: the filter, with N landmarks.
         z: (m, 2) observations.
         R: (m, 2, 2) their covariances.
+        limit: beyond it a distance need not be known.
 
     Returns:
-        (m, N); infinite where the innovation covariance is singular.
+        (m, N); infinite over the limit and where the innovation covariance is singular.
     """
     expected = ekf.expect()
+    if type(ekf.sensor) is RangeBearing:
+        distance = np.empty((len(z), len(ekf)))
+        gating.distances(*expected, z, R, limit, distance)
+        return distance
     v = ekf.sensor.difference(z[:, None], expected.z)  # (m, N, 2)
-    return squared_distance(v, expected.covariance + R[:, None])
+    distance = squared_distance(v, expected.covariance + R[:, None])
+    return np.where(distance <= limit, distance, np.inf)
 
 
 def squared_distance(v: FloatArray, S: FloatArray) -> FloatArray:
@@ -151,3 +162,21 @@ def pair_nearest_first(distance: FloatArray, limit: float) -> IntArray:
             paired[row] = column
             taken.add(column)
     return paired
+
+
+def pair_mutual(distance: FloatArray, limit: float) -> IntArray:
+    """Pair rows with columns that are the nearest of each other.
+
+    Args:
+        distance: (m, N).
+        limit: pairs over this distance are not made.
+
+    Returns:
+        (m,) the column of each row, `DROPPED` for a row without one.
+    """
+    if distance.size == 0:
+        return np.full(len(distance), DROPPED, np.int64)
+    nearest = distance.argmin(1)  # (m,)
+    rows = np.arange(len(distance))
+    back = distance[:, nearest].argmin(0) == rows
+    return np.where(back & (distance[rows, nearest] <= limit), nearest, DROPPED)

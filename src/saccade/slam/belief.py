@@ -86,6 +86,19 @@ def grown(b: Belief) -> Belief:
     return new
 
 
+def without(b: Belief, landmarks: IntArray) -> None:
+    """Forget landmarks; those behind them move up."""
+    flush(b)
+    r, n, N = len(b.work), size_of(b), int(b.used[LANDMARKS])
+    kept = np.setdiff1d(np.arange(N), landmarks)
+    rows = np.concatenate([np.arange(r), (r + 2 * kept[:, None] + [0, 1]).ravel()])
+    m = len(rows)
+    b.P[:m, :m] = b.P[np.ix_(rows, rows)]
+    b.state[:m], b.swing[:m], b.own[: len(kept)] = b.state[rows], b.swing[rows], b.own[kept]
+    b.P[:n, m:n] = b.P[m:n, :n] = 0.0
+    b.used[LANDMARKS] = len(kept)
+
+
 def size_of(b: Belief) -> int:
     """n: numbers in the state."""
     return len(b.work) + 2 * int(b.used[LANDMARKS])

@@ -28,7 +28,8 @@ from saccade.slam.belief import (
     symmetric,
 )
 from saccade.slam.checks import check_landmark
-from saccade.slam.ekf import EkfSlam, Expectation, Innovation
+from saccade.slam.ekf import EkfSlam
+from saccade.slam.outcomes import Expectation, Innovation
 from saccade.types import FloatArray, IntArray
 
 SPARE = 16

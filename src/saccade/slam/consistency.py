@@ -4,6 +4,7 @@ After Bar-Shalom, Li & Kirubarajan (2001), section 5.4.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.special import chdtri
@@ -16,6 +17,13 @@ from saccade.types import FloatArray, Trajectory
 
 REGULAR = 1e-6
 """Smallest eigenvalue of the correlations of a covariance that counts as regular."""
+
+FEWEST = 20
+"""Innovations that say something about a model."""
+TOLERATED = 1.5
+"""Factor by which deviations may be wrong before it is worth a warning."""
+WRONG = 0.005
+"""Share of observations that may be wrong before it is."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,6 +40,25 @@ class Consistency:
     """Where the mean of a consistent filter lies, with 95 % probability."""
     inside: float
     """Share of the innovations within the 95 % band of a single one; NaN if there were none."""
+
+    @property
+    def warning(self) -> str:
+        """What the innovations say against the model, in a sentence; empty if nothing.
+
+        The median tells of the noise, whatever wrong observations there are; how many are far out
+        tells of those.
+        """
+        used = self.nis[np.isfinite(self.nis)]
+        if len(used) < FEWEST:
+            return ""
+        factor = float(np.sqrt(np.median(used) / chi_square_gate(self.dof, 0.5)))
+        wrong = float((used > chi_square_gate(self.dof, 0.9999)).mean())
+        found = []
+        if not 1 / TOLERATED < factor < TOLERATED:
+            found.append(f"half of the innovations are within {factor:.2f} of what they should be")
+        if wrong > WRONG:
+            found.append(f"{wrong:.1%} of them are impossible")
+        return f"the model is wrong: {', '.join(found)}; see --tune" if found else ""
 
     def __repr__(self) -> str:
         low, high = self.band
@@ -91,6 +118,7 @@ def _shift(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
     return np.stack([h * x + half * y, h * y - half * x], 1)
 
 
+@cache
 def chi_square_gate(dof: int, confidence: float) -> float:
     """The value under which a chi-square variable of `dof` degrees stays with `confidence`."""
     require(0 < confidence < 1, "confidence", "a probability between 0 and 1", confidence)

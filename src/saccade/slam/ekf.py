@@ -1,11 +1,11 @@
 """EKF-SLAM: predict, update, augment (C.1-C.18)."""
 
-from typing import NamedTuple
+from math import inf
 
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam import steps
+from saccade.slam import gating, steps
 from saccade.slam.belief import (
     FIRST_CAPACITY,
     LANDMARKS,
@@ -17,57 +17,14 @@ from saccade.slam.belief import (
     new_belief,
     robot_rows,
     size_of,
+    without,
 )
 from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
+from saccade.slam.outcomes import Expectation, Innovation, Replay
 from saccade.slam.retraction import STANDARD, Retraction, linearize
+from saccade.slam.wheels import BIASES, control_slopes
 from saccade.types import FloatArray, IntArray
-
-
-class Innovation(NamedTuple):
-    """What an observation said beyond what was expected."""
-
-    value: FloatArray
-    """(2,) observed less expected: range and bearing, or map coordinates (see `retraction`)."""
-    covariance: FloatArray
-    """(2, 2) S of C.11, before the update."""
-    nis: float
-    """Normalized innovation squared; chi-square with two degrees if the filter is right."""
-
-
-class Expectation(NamedTuple):
-    """What the filter expects to see of every landmark."""
-
-    z: FloatArray
-    """(n, 2) expected observations."""
-    covariance: FloatArray
-    """(n, 2, 2) H P H^T of each, without the noise of an observation."""
-
-
-class Replay(NamedTuple):
-    """What came of a stretch of a log."""
-
-    pose: FloatArray
-    """(t, 3) after each step."""
-    covariance: FloatArray
-    """(t, 3, 3) of the pose."""
-    innovation: FloatArray
-    """(k, 2) as in `Innovation`; here and below NaN where an observation corrected nothing."""
-    innovation_covariance: FloatArray
-    """(k, 2, 2)."""
-    nis: FloatArray
-    """(k,)."""
-
-    @classmethod
-    def empty(cls, t: int, k: int) -> "Replay":
-        """Room for so many steps and observations."""
-        return cls(
-            pose=np.empty((t, 3)),
-            covariance=np.empty((t, 3, 3)),
-            innovation=np.full((k, 2), np.nan),
-            innovation_covariance=np.full((k, 2, 2), np.nan),
-            nis=np.full(k, np.nan),
-        )
 
 
 class EkfSlam:
@@ -77,12 +34,15 @@ class EkfSlam:
     is one buffer that doubles when it is full; see `steps` for how it is kept.
 
     Args:
-        pose: (3,) x, y in metres, heading in radians; more numbers, which the motion and
-            the sensor model use as they like, become part of the robot's state.
+        pose: (3,) x, y in metres, heading in radians; more numbers become part of the robot's
+            state: the `wheels.BIASES` of its odometry for the models of this package, or what
+            a motion and a sensor model of one's own make of them.
         covariance: (3, 3) of the pose; zero where the pose defines the frame.
         motion: the motion model; `drive` (C.5-C.9) unless told otherwise.
         sensor: the sensor model; range and bearing (C.14-C.18) unless told otherwise.
         retraction: how errors are measured; `STANDARD`, the source's, unless told otherwise.
+        huber: root of the normalized innovation squared beyond which an observation counts
+            less, after Huber (1964): its covariance is as many times larger.
 
     Raises:
         LogError: here and in every method, an argument of the wrong shape, one that
@@ -97,12 +57,14 @@ class EkfSlam:
         motion: Motion = drive,
         sensor: Sensor = RANGE_BEARING,
         retraction: Retraction = STANDARD,
+        huber: float = inf,
     ) -> None:
         self._motion = motion
         self._sensor = sensor
         self._retraction = int(Retraction(retraction))
         own = motion in (drive, compose) and type(sensor) is RangeBearing
-        self._fast = own and np.size(pose) == 3
+        self._fast = own and np.size(pose) in (3, 3 + BIASES)
+        self._huber = huber
         robot = check_vector("pose", pose, max(3, np.size(pose)))
         spread = check_covariance("covariance of the pose", covariance, len(robot))
         self._belief = new_belief(robot, spread, FIRST_CAPACITY)
@@ -119,7 +81,7 @@ class EkfSlam:
         U = check_covariance("covariance of the control", U, len(u))
         self._make_room()
         if self._fast:
-            steps.move(self._belief, self._retraction, u, U)
+            steps.move(self._belief, self._retraction, u, U, self._slopes(u[None])[0])
             return
         moved, Fx, Fu = self._motion(self._robot, u)  # C.5, C.8, C.9
         steps.predict(self._belief, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
@@ -143,12 +105,13 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
+        b, how = self._belief, (self._retraction, self._huber)
         if self._fast:
-            v = np.empty(2)
-            nis, S = steps.sight(self._belief, self._retraction, 3 + 2 * landmark, z, R, v)
+            m, v = len(self._robot) + 2 * landmark, np.empty(2)
+            nis, S = steps.sight(b, how[0], m, z, R, how[1], v)
         else:
-            at, v, H, noise = self._linearized(z, R, landmark)  # C.14
-            nis, S = steps.correct(self._belief, self._retraction, at, v, H, noise)  # C.10-C.13
+            m, v, H, noise = self._linearized(z, R, landmark)  # C.14
+            nis, S = steps.correct(b, how[0], m, v, H, noise, how[1])  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -169,6 +132,20 @@ class EkfSlam:
         S, _, root = steps.weigh(self._belief, at, H, noise)  # C.11
         white = root @ v
         return Innovation(v, S, float(white @ white))
+
+    def look(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Replay:
+        """Take what is seen from one pose at once, as a `replay` that does not move.
+
+        Args:
+            z: (k, 2).
+            R: (k, 2, 2) their covariances.
+            landmark: (k,) number in the map; the next free number augments, a negative
+                one leaves the observation out.
+        """
+        still = np.zeros((1, 2))
+        return self._replayed(
+            still, np.zeros((1, 2, 2)), np.zeros(len(z), np.int64), z, R, landmark, np.zeros(2, int)
+        )
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
         """Take a new landmark into the map (C.15-C.18).
@@ -209,6 +186,18 @@ class EkfSlam:
             landmark: (k,) number in the map; the next free number augments, a negative
                 one leaves the observation out.
         """
+        return self._replayed(control, U, scan, z, R, landmark, np.array([0, -1]))
+
+    def _replayed(
+        self,
+        control: FloatArray,
+        U: FloatArray,
+        scan: IntArray,
+        z: FloatArray,
+        R: FloatArray,
+        landmark: IntArray,
+        at: IntArray,
+    ) -> Replay:
         t, k = len(control), len(z)
         check_all("control", control, U)
         check_all("observation", z, R)
@@ -221,17 +210,32 @@ class EkfSlam:
             )
         out = Replay.empty(t, k)
         if not self._fast:
-            self._replay_slowly(control, U, edge, z, R, landmark, out)
+            self._replay_slowly(control, U, edge, z, R, landmark, at, out)
             return out
-        at = np.array([0, -1])
+        D = self._slopes(control)
+        how = self._retraction, self._huber
         while at[0] < t:
             self._make_room()
-            steps.replay(self._belief, self._retraction, control, U, z, R, landmark, edge, at, *out)
+            steps.replay(self._belief, *how, control, U, D, z, R, landmark, edge, at, out)
         return out
+
+    def remove(self, landmarks: IntArray) -> None:
+        """Take landmarks out of the map; those behind them move up in number.
+
+        Args:
+            landmarks: (k,) their numbers.
+        """
+        for number in np.asarray(landmarks).tolist():
+            check_landmark(number, len(self))
+        without(self._belief, np.asarray(landmarks, np.int64))
 
     def expect(self) -> Expectation:
         """What should be seen of every landmark from here, for the association."""
         b, r, N = self._belief, len(self._robot), len(self)
+        if self._fast:
+            found = Expectation(np.empty((N, 2)), np.empty((N, 2, 2)))
+            gating.expect(b, self._retraction, *found)
+            return found
         z, H = self._sensor.observe(self._robot, self.landmarks)
         Hx, Hm = H[..., :r], H[..., r:]  # (N, 2, r), (N, 2, 2)
         rows = robot_rows(b, self._retraction)
@@ -261,6 +265,11 @@ class EkfSlam:
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
         return steps.pose_covariance(self._belief, self._retraction)
+
+    @property
+    def odometry_bias(self) -> FloatArray | None:
+        """(3,) as `wheels.BIASES` has them, None where they are no part of the state."""
+        return self._robot[3:].copy() if self._fast and len(self._robot) > 3 else None
 
     @property
     def landmarks(self) -> FloatArray:
@@ -311,10 +320,12 @@ class EkfSlam:
         z: FloatArray,
         R: FloatArray,
         landmark: IntArray,
+        at: IntArray,
         out: Replay,
     ) -> None:
         for i in range(len(control)):
-            self.predict(control[i], U[i])
+            if at[1] < 0:
+                self.predict(control[i], U[i])
             for k in range(edge[i], edge[i + 1]):
                 if landmark[k] == len(self):
                     self.augment(z[k], R[k])
@@ -322,6 +333,10 @@ class EkfSlam:
                     found = self.update(z[k], R[k], int(landmark[k]))
                     out.innovation[k], out.innovation_covariance[k], out.nis[k] = found
             out.pose[i], out.covariance[i] = self.pose, self.pose_covariance
+
+    def _slopes(self, control: FloatArray) -> FloatArray:
+        """(t, c, r - 3) of controls (t, c) by what the robot's state has behind the pose."""
+        return control_slopes(control)[:, :, : len(self._robot) - 3]
 
     def _linearized(
         self, z: FloatArray, R: FloatArray, landmark: int

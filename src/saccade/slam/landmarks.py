@@ -49,6 +49,8 @@ class Candidates:
         """
         if self.sightings <= 1:
             return list(range(len(z)))
+        if len(z) == 0:
+            return []
         self._waiting = [c for c in self._waiting if time - c.last <= self.lifetime]
         xy, _, Gz = ekf.sensor.place(ekf.pose, z)  # (m, 2), (m, 2, 2)
         covariance = Gz @ R @ Gz.transpose(0, 2, 1)  # (m, 2, 2)

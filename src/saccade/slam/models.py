@@ -115,14 +115,14 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
     z = np.empty(landmarks.shape)
     z[..., 0] = q
     z[..., 1] = np.where(seen, wrap(np.arctan2(-dy, -dx) - pose[2]), 0.0)
-    H = np.empty((*landmarks.shape, 5))
+    H = np.zeros((*landmarks.shape, len(pose) + 2))
     H[..., 0, 0] = cx
     H[..., 0, 1] = cy
     H[..., 0, 2] = 0.0
     H[..., 1, 0] = -cy / safe
     H[..., 1, 1] = cx / safe
     H[..., 1, 2] = -1.0 * seen
-    H[..., 3:] = -H[..., :2]
+    H[..., -2:] = -H[..., :2]
     return z, H  # (..., 2), (..., 2, 5)
 
 
@@ -140,7 +140,7 @@ def place(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     r, beta = z[..., 0], pose[2] + z[..., 1]
     c, s = np.cos(beta), np.sin(beta)
     xy = np.stack([pose[0] + r * c, pose[1] + r * s], -1)  # C.15
-    Gx = np.zeros((*z.shape, 3))
+    Gx = np.zeros((*z.shape, len(pose)))
     Gx[..., 0, 0] = Gx[..., 1, 1] = 1.0
     Gx[..., 0, 2], Gx[..., 1, 2] = -r * s, r * c
     Gz = np.empty((*z.shape, 2))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -16,9 +17,12 @@ from saccade.slam.association import (
 )
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.ekf import EkfSlam, Replay
+from saccade.slam.ekf import EkfSlam
+from saccade.slam.joint_compatibility import JointCompatibility
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.outcomes import Replay
+from saccade.slam.presence import Presence, View
 from saccade.slam.recording import Recorder
 from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
@@ -31,6 +35,12 @@ RETRACTIONS: dict[str, Retraction] = {
     "first-estimates": FIRST_ESTIMATES,
 }
 """How each kind of filter measures errors."""
+RULES: dict[str, Callable[[float, float], Association]] = {
+    "nearest": NearestNeighbor,
+    "mutual": partial(NearestNeighbor, mutual=True),
+    "joint": JointCompatibility,
+}
+"""How what a log does not name is told, given two gates."""
 FINEST = 1e-4
 """Metres and radians. What claims to be exact leaves a filter no room for its own linearization
 and drives it off; it is taken to be as good as this."""
@@ -44,35 +54,47 @@ class EkfConfig:
 
     filter: Literal["invariant", "standard", "first-estimates"] = "invariant"
     """How errors are measured: in SE(2), which stays consistent, or as the source does."""
-    association: Literal["auto", "known", "nearest"] = "auto"
-    """Whose word is taken for what was seen: the log's, or the nearest landmark's; "auto"
-    takes the log's where it names every landmark."""
+    association: Literal["auto", "known", "nearest", "mutual", "joint"] = "auto"
+    """Whose word is taken for what was seen: the log's, or that of the nearest landmark, of
+    landmark and observation that are the nearest of each other, or of the largest set of pairs
+    that fit together. "auto" takes the log's where it names every landmark, else "mutual"."""
     gate: float = 0.99
-    """Nearest neighbor: probability with which an observation of a landmark is accepted."""
+    """Unknown landmarks: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999
-    """Nearest neighbor: what is outside this probability for every landmark is new."""
+    """Unknown landmarks: what is outside this probability for every landmark is new."""
     sightings: int = 5
-    """Nearest neighbor: a landmark enters the map at this sighting; 1 takes the first."""
+    """Unknown landmarks: one enters the map at this sighting; 1 takes the first."""
     lifetime: float = 2.0
-    """Nearest neighbor: units of the log's time for which a new place waits to be seen again."""
+    """Unknown landmarks: units of the log's time for which a new place waits to be seen again."""
+    trusted: int = 10
+    """Unknown landmarks: one that was seen less often in all is no part of the resulting map."""
+    presence: float = 0.4
+    """Unknown landmarks: one that is seen less often than this share of the times that it should
+    have been is removed; 0 keeps all."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
     """Factor on the standard deviations of the observations."""
+    huber: float = 2.45
+    """Root of the normalized innovation squared beyond which an observation counts less, its
+    covariance that many times larger; one in twenty is beyond it where all is well."""
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviation of the first pose: metres, metres, radians."""
 
     def __post_init__(self) -> None:
         require(self.filter in RETRACTIONS, "filter", f"one of {(*RETRACTIONS,)}", self.filter)
-        kinds = ("auto", "known", "nearest")
+        kinds = ("auto", "known", *RULES)
         require(self.association in kinds, "association", f"one of {kinds}", self.association)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
         require(self.sightings >= 1, "sightings", "at least 1", self.sightings)
         require(self.lifetime > 0, "lifetime", "over 0", self.lifetime)
+        require(self.trusted >= 1, "trusted", "at least 1", self.trusted)
+        require(0 <= self.presence < 1, "presence", "from 0 to under 1", self.presence)
         for name in ("motion_noise_scale", "sensor_noise_scale"):
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0 and under 1e6", value)
+        require(self.huber > 0, "huber", "over 0, infinite for never", self.huber)
         require(
             len(self.start_sigma) == 3 and all(0 <= s < 1e6 for s in self.start_sigma),
             "start_sigma",
@@ -99,6 +121,10 @@ class SlamResult:
     """(k, 2, 2) before the update."""
     dead_reckoning: Trajectory
     """(t + 1) poses from the controls alone, with covariance."""
+    removed: int = 0
+    """Landmarks that were taken out of the map again."""
+    odometry_bias: FloatArray | None = None
+    """(3,) what the odometry turned out to be off by (see `LandmarkLog.odometry_bias`)."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -137,21 +163,25 @@ def run(
     """
     poses = len(log.time)
     associate, candidates = _association(log, config, associate)
+    named = isinstance(associate, KnownIdentity) or config.presence == 0
+    presence = None if named else Presence(View.of(log), config.presence)
     going = _Run(
         log=log,
         ekf=_filter(log, config, motion, sensor),
         associate=associate,
         candidates=candidates,
+        presence=presence,
         U=log.control_covariance * config.motion_noise_scale**2,
         R=_believed(log.observation_covariance * config.sensor_noise_scale**2),
         scans=np.searchsorted(log.observation_pose, np.arange(poses + 1)),
         said=Replay.empty(poses, len(log.observation)),
-        association=np.empty(len(log.observation), np.int64),
+        association=np.full(len(log.observation), -1),
     )
     state = {
         "ekf": going.ekf,
         "associate": associate,
         "candidates": candidates,
+        "presence": presence,
         "association": going.association,
         "recorder": recorder,
         **going.said._asdict(),
@@ -176,6 +206,10 @@ def run(
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
+    if presence is not None:
+        seen = np.bincount(going.association[going.association >= 0], minlength=len(going.ekf))
+        presence.removed += int((seen < config.trusted).sum())
+        going.forget(np.flatnonzero(seen < config.trusted))
     pose, covariance, innovation, spread, nis = going.said
     return SlamResult(
         trajectory=Trajectory(log.time, pose, covariance),
@@ -185,6 +219,8 @@ def run(
         innovation=innovation,
         innovation_covariance=spread,
         dead_reckoning=dead_reckon(log, config, motion),
+        removed=0 if presence is None else presence.removed,
+        odometry_bias=going.ekf.odometry_bias,
     )
 
 
@@ -196,6 +232,8 @@ class _Run:
     ekf: EkfSlam
     associate: Association
     candidates: Candidates
+    presence: Presence | None
+    """None where the log says what was seen."""
     U: FloatArray
     """(t, c, c)."""
     R: FloatArray
@@ -218,17 +256,30 @@ class _Run:
         scan = np.arange(self.scans[step], self.scans[step + 1])
         if len(scan) > 0:
             z, R = log.observation, self.R
+            looks = self.presence is not None and step % self.presence.every == 0
+            expected = ekf.expect().z if looks else None
             found = self.associate(ekf, z[scan], R[scan], log.landmark[scan])
-            for k, landmark in zip(scan[found >= 0], found[found >= 0].tolist(), strict=True):
-                what = ekf.update(z[k], R[k], landmark)  # C.10-C.14
-                said.innovation[k], said.innovation_covariance[k], said.nis[k] = what
-            new = scan[found == NEW]
+            old, new = scan[found >= 0], scan[found == NEW]
+            what = ekf.look(z[old], R[old], found[found >= 0])  # C.10-C.14
+            said.innovation[old], said.innovation_covariance[old] = what[2:4]
+            said.nis[old] = what.nis
             confirmed = self.candidates.confirm(ekf, z[new], R[new], log.time[step])
             self.association[scan] = np.maximum(found, -1)
             for k in new[confirmed]:
                 self.association[k] = ekf.augment(z[k], R[k])  # C.15-C.18
                 self.associate.added(int(self.association[k]), int(log.landmark[k]))
+            if self.presence is not None and expected is not None:
+                self.forget(self.presence.absent(ekf, expected, self.association[scan]))
         said.pose[step], said.covariance[step] = ekf.pose, ekf.pose_covariance
+
+    def forget(self, landmarks: IntArray) -> None:
+        """Take landmarks out of the map; what was seen of them was nothing."""
+        if len(landmarks) > 0:
+            number = np.cumsum(~np.isin(np.arange(len(self.ekf) + 1), landmarks)) - 1
+            number[landmarks] = -1
+            self.ekf.remove(landmarks)
+            used = self.association >= 0
+            self.association[used] = number[self.association[used]]
 
     def replay(self, start: int, end: int) -> None:
         """Go to many poses at once, where it is known beforehand what is seen."""
@@ -290,12 +341,15 @@ def motion_of(log: LandmarkLog, own: Motion | None) -> Motion:
 
 
 def _filter(log: LandmarkLog, config: EkfConfig, motion: Motion | None, sensor: Sensor) -> EkfSlam:
+    own = motion is not None or log.motion not in MOTIONS or sensor is not RANGE_BEARING
+    bias = () if own or not any(log.odometry_bias) else log.odometry_bias
     return EkfSlam(
-        log.start,
-        np.diag(np.square(config.start_sigma)),
+        np.concatenate([log.start, np.zeros(len(bias))]),
+        np.diag(np.square([*config.start_sigma, *bias])),
         motion=motion_of(log, motion),
         sensor=sensor,
         retraction=RETRACTIONS[config.filter],
+        huber=config.huber,
     )
 
 
@@ -319,8 +373,9 @@ def _association(
         )
     if config.association == "known" or (config.association == "auto" and named.all()):
         return KnownIdentity(), Candidates(sightings=1, lifetime=config.lifetime)
+    rule = RULES["mutual" if config.association == "auto" else config.association]
     return (
-        NearestNeighbor(config.gate, config.new_gate),
+        rule(config.gate, config.new_gate),
         Candidates(config.sightings, config.lifetime, config.gate),
     )
 

@@ -15,6 +15,7 @@ from saccade.errors import LogError, require
 from saccade.extras import import_optional
 from saccade.slam.models import Motion
 from saccade.slam.run import SlamResult, motion_of
+from saccade.slam.wheels import unbiased
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 STIFF = 1e-4
@@ -83,6 +84,8 @@ def smooth(
 ) -> SmoothResult:
     """Smooth a log over the association that the filter found.
 
+    What the filter found the odometry to be off by is taken from the controls.
+
     Args:
         log: controls and observations of range and bearing.
         filtered: of the same log; where the smoothing begins.
@@ -97,6 +100,8 @@ def smooth(
         LogError: the log leaves variables undetermined; names them.
         ConfigError: GTSAM is not installed.
     """
+    if filtered.odometry_bias is not None:
+        log = replace(log, control=unbiased(log.control, filtered.odometry_bias))
     return _Graph(log, filtered, config, motion_of(log, motion)).solve()
 
 

@@ -10,10 +10,6 @@ moved. In these errors a correction of the invariant filter carries no covarianc
 observation depends on f alone, and moving the robot leaves the landmarks but for the
 noise of its heading. The other filters have eta = e; the standard one's a is zero, that
 of first estimates says at which f the slopes are to be taken.
-
-Nothing here is quadratic in the map. What the steps take from the covariance between
-landmarks and what they give is kept as thin rows until somebody adds them up: it is
-base - taken^T taken + given^T given.
 """
 
 from math import atan2, cos, hypot, sin, sqrt
@@ -23,13 +19,13 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.slam.belief import GIVEN, INVARIANT, LANDMARKS, STANDARD, TAKEN, Belief
 from saccade.slam.models import NEAREST
+from saccade.slam.outcomes import Replay
 from saccade.types import FloatArray, IntArray
 
 SINGULAR = 1e-13
 """An innovation variance under this share of the terms that it is the sum of counts as zero."""
 ROUNDING = 1e-9
-"""No correction can take more than the whole variance; what would by more than this share is
-the rounding of a variance that is none."""
+"""Share of a variance by which a correction that takes more than all of it is rounding."""
 TINY = 1e-100
 """Square metres or radians; variances under it are zero."""
 
@@ -37,9 +33,7 @@ TINY = 1e-100
 @kernel()
 def wrapped(angle: float) -> float:
     """The same angle in (-pi, pi]."""
-    if -np.pi < angle <= np.pi:
-        return angle
-    return np.pi - (np.pi - angle) % (2 * np.pi)
+    return angle if -np.pi < angle <= np.pi else np.pi - (np.pi - angle) % (2 * np.pi)
 
 
 @kernel()
@@ -147,16 +141,20 @@ def _add_own(b: Belief, y: FloatArray, sign: float) -> None:
 
 @kernel(fastmath=("contract",))
 def correct(
-    b: Belief, kind: int, m: int, v: FloatArray, H: FloatArray, noise: FloatArray
+    b: Belief, kind: int, m: int, v: FloatArray, H: FloatArray, noise: FloatArray, huber: float
 ) -> tuple[float, FloatArray]:
     """Correct by an innovation v (2,) of the landmark at row m; gives v^T S^-1 v, and S.
 
+    An innovation whose root of that is over `huber` has its noise as many times larger.
     H (2, r + 2) is by eta of the robot and the landmark, `noise` (2, 2) the covariance of the
     observation. Only their columns take part in the gain (C.10-C.13).
     """
     r = H.shape[1] - 2
     n = r + 2 * b.used[LANDMARKS]
     S, D, A = weigh(b, m, H, noise)
+    nis = (_times(A, v) ** 2).sum()
+    if nis > huber * huber:
+        _, D, A = weigh(b, m, H, noise * (sqrt(nis) / huber))
     V, P, u = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2], b.P, _times(A, v)
     _observed_rows(b, m, D, V)
     for i in range(r):
@@ -168,7 +166,7 @@ def correct(
             _mix(P[i, :n], 1.0, -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
     b.used[TAKEN] += 2
     _retract(b, kind, r, u, V)
-    return u[0] ** 2 + u[1] ** 2, S
+    return nis, S
 
 
 @kernel()
@@ -191,8 +189,7 @@ def weigh(
         for i in range(r + 2):
             size[k] += abs(H[k, i]) * sqrt(abs(C[i, i]))
         size[k] = size[k] ** 2 + noise[k, k]
-    i = 0 if S[0, 0] * size[1] >= S[1, 1] * size[0] else 1
-    j = 1 - i
+    i, j = (0, 1) if S[0, 0] * size[1] >= S[1, 1] * size[0] else (1, 0)
     if S[i, i] > SINGULAR * size[i] + TINY:
         slope = S[i, j] / S[i, i]
         rest = S[j, j] - slope * S[i, j]
@@ -292,44 +289,49 @@ def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None
 
 
 @kernel()
-def move(b: Belief, kind: int, u: FloatArray, U: FloatArray) -> None:
-    """`predict` by `models.drive`, u (2,), or by `models.compose`, u (3,)."""
-    s, F, B = b.state, np.eye(3), np.zeros((3, len(u)))
+def move(b: Belief, kind: int, u: FloatArray, U: FloatArray, D: FloatArray) -> None:
+    """`predict` by `models.drive`, u (2,), or by `models.compose`, u (3,).
+
+    D (c, r - 3) is the slope of the control by what the robot's state has behind the pose.
+    """
+    s, r = b.state, len(b.work)
+    F, B = np.eye(r), np.zeros((r, len(u)))
+    u = u + _times(D, s[3:r])
     angle = s[2] + u[1] if len(u) == 2 else s[2]
     B[0, 0], B[1, 0], B[2, len(u) - 1] = cos(angle), sin(angle), 1.0
-    B[0, 1], B[1, 1] = -B[1, 0], B[0, 0]
+    if len(u) == 3:
+        B[0, 1], B[1, 1] = -B[1, 0], B[0, 0]
+    step = _times(B, u)
     if len(u) == 2:
-        step = np.array([u[0] * B[0, 0], u[0] * B[1, 0], u[1]])
         B[0, 1], B[1, 1] = -step[1], step[0]
-    else:
-        step = _times(B, u)
     F[0, 2], F[1, 2] = -step[1], step[0]
-    moved = s[:3] + step
+    for i in range(r - 3):
+        F[:, 3 + i] += _times(B, D[:, i])
+    moved = s[:r] + step
     moved[2] = wrapped(moved[2])
-    predict(b, kind, moved, F, sandwich(B, U, np.zeros((3, 3))))
+    predict(b, kind, moved, F, sandwich(B, U, np.zeros((r, r))))
 
 
 @kernel()
 def sight(
-    b: Belief, kind: int, m: int, z: FloatArray, R: FloatArray, v: FloatArray
+    b: Belief, kind: int, m: int, z: FloatArray, R: FloatArray, huber: float, v: FloatArray
 ) -> tuple[float, FloatArray]:
     """`correct` by range and bearing, as `retraction.linearize` has them; v (2,) is filled."""
-    s, a, H = b.state, b.swing, np.zeros((2, 5))
+    s, a, r, H = b.state, b.swing, len(b.work), np.zeros((2, len(b.work) + 2))
     dx, dy = s[m] - s[0], s[m + 1] - s[1]
     if kind != STANDARD:
         B = _at(s, z)
         v[0], v[1] = z[0] * B[0, 0] - dx, z[0] * B[1, 0] - dy
-        H[0, 0], H[1, 1], H[0, 3], H[1, 4] = -1.0, -1.0, 1.0, 1.0
+        H[0, 0], H[1, 1], H[0, r], H[1, r + 1] = -1.0, -1.0, 1.0, 1.0
         H[0, 2], H[1, 2] = dy + a[m] - a[0], a[m + 1] - a[1] - dx  # J (f_p - f_m)
-        return correct(b, kind, m, v, H, sandwich(B, R, np.zeros((2, 2))))
+        return correct(b, kind, m, v, H, sandwich(B, R, np.zeros((2, 2))), huber)
     q = hypot(dx, dy)
     if q > NEAREST:
-        H[0, 3], H[0, 4], H[1, 3], H[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
-        H[:, :2] = -H[:, 3:]
+        H[0, r], H[0, r + 1], H[1, r], H[1, r + 1] = dx / q, dy / q, -dy / q**2, dx / q**2
+        H[:, :2] = -H[:, r:]
         H[1, 2] = -1.0
-    ahead = wrapped(atan2(dy, dx) - s[2]) if q > NEAREST else 0.0
-    v[0], v[1] = z[0] - q, wrapped(z[1] - ahead)
-    return correct(b, kind, m, v, H, R)
+    v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > NEAREST else 0.0))
+    return correct(b, kind, m, v, H, R, huber)
 
 
 @kernel()
@@ -350,44 +352,42 @@ def is_full(b: Belief) -> bool:
 def replay(
     b: Belief,
     kind: int,
+    huber: float,
     control: FloatArray,
     U: FloatArray,
+    D: FloatArray,
     z: FloatArray,
     R: FloatArray,
     landmark: IntArray,
     edge: IntArray,
     at: IntArray,
-    pose: FloatArray,
-    covariance: FloatArray,
-    v: FloatArray,
-    S: FloatArray,
-    nis: FloatArray,
+    out: Replay,
 ) -> None:
     """Go on from step at[0] and observation at[1] as far as there is room.
 
     Control i leads to step i, at which the observations edge[i] to edge[i + 1] are made,
     each of `landmark`: one of the map, the next new one, or none (negative).
     """
-    while at[0] < len(control):
+    while at[0] < len(control) and not is_full(b):
         i = at[0]
         if at[1] < 0:
-            if is_full(b):
-                return
-            move(b, kind, control[i], U[i])
+            move(b, kind, control[i], U[i], D[i])
             at[1] = edge[i]
         while at[1] < edge[i + 1]:
-            k, m = at[1], 3 + 2 * landmark[at[1]]
+            k, m = at[1], len(b.work) + 2 * landmark[at[1]]
             if is_full(b):
                 return
             if landmark[k] == b.used[LANDMARKS]:
                 B = _at(b.state, z[k])
                 xy = np.array([b.state[0] + z[k, 0] * B[0, 0], b.state[1] + z[k, 0] * B[1, 0]])
-                G = np.array([[1.0, 0.0, -z[k, 0] * B[1, 0]], [0.0, 1.0, z[k, 0] * B[0, 0]]])
+                G = np.eye(2, len(b.work))
+                G[0, 2], G[1, 2] = -z[k, 0] * B[1, 0], z[k, 0] * B[0, 0]
                 augment(b, xy, G, sandwich(B, R[k], np.zeros((2, 2))))
             elif landmark[k] >= 0:
-                nis[k], S[k] = sight(b, kind, m, z[k], R[k], v[k])
+                nis, S = sight(b, kind, m, z[k], R[k], huber, out.innovation[k])
+                out.nis[k], out.innovation_covariance[k] = nis, S
             at[1] += 1
-        pose[i], covariance[i] = b.state[:3], pose_covariance(b, kind)
+        out.pose[i], out.covariance[i] = b.state[:3], pose_covariance(b, kind)
         at[0], at[1] = i + 1, -1
 
 
