@@ -76,7 +76,8 @@ def fill_orientation_bins(
             first = np.uint64(np.uint32(lower[k]))
             circle[first] += shares[0, k]
             circle[first + np.uint64(1)] += shares[1, k]
-        bins[i] = circle[:ORIENTATION_BINS]
+        for k in range(ORIENTATION_BINS):  # assigning a slice takes seconds to compile
+            bins[i, k] = circle[k]
         bins[i, 0] += circle[ORIENTATION_BINS]
         bins[i, 1] += circle[ORIENTATION_BINS + 1]
 
@@ -87,12 +88,13 @@ def smooth_circles(bins: Float32Array, passes: int) -> None:
     count = bins.shape[1]
     wide = np.empty(count + 2, np.float32)
     quarter, half = np.float32(0.25), np.float32(0.5)
-    for row in bins:
+    for i in range(len(bins)):
         for _ in range(passes):
-            wide[0], wide[count + 1] = row[count - 1], row[0]
-            wide[1 : count + 1] = row
+            wide[0], wide[count + 1] = bins[i, count - 1], bins[i, 0]
             for k in range(count):
-                row[k] = quarter * (wide[k] + wide[k + 2]) + half * wide[k + 1]
+                wide[k + 1] = bins[i, k]
+            for k in range(count):
+                bins[i, k] = quarter * (wide[k] + wide[k + 2]) + half * wide[k + 1]
 
 
 @kernel(fastmath=("nnan", "nsz", "contract"))

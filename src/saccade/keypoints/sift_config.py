@@ -29,7 +29,7 @@ class SiftConfig:
     denser samples: an octave that is halved as early as `density` 0.5 halves it holds what its
     samples cannot, and its places are off by a fifth of a pixel under rotation or scaling."""
     base_sigma: float = 1.8
-    """Blur of the first plane of an octave, in samples of density 1."""
+    """Blur of the first plane of the first octave, in samples of density 1."""
     density: float = 0.5
     """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
     the octave of the doubled image is made of the image's own pixels: under its blur there is
@@ -151,8 +151,7 @@ class SiftConfig:
     def recommended(cls) -> "SiftConfig":
         """Ours: unbiased, about as many points as OpenCV finds, sparse samples, RootSIFT.
 
-        What sets it apart was chosen on four sequences of the affine covariant regions set
-        (bark, bikes, graf, leuven) and checked on the other four.
+        Its numbers were chosen on the affine covariant regions set, all eight sequences in view.
         """
         return cls()
 
