@@ -1,14 +1,13 @@
 """MUST, the multi-scale symmetry transform: interest points from local symmetry over scales."""
 
 import os
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade._jit import spread
-from saccade.errors import ImageError, require
+from saccade.errors import require
 from saccade.image import as_gray
 from saccade.keypoints.extrema import find_extrema
 from saccade.keypoints.must_config import MustConfig
@@ -16,13 +15,14 @@ from saccade.keypoints.sift import (
     BoolArray,
     Points,
     concatenate,
-    describe_all,
-    keypoints,
+    handed_out,
     orient,
+    scale_space_of,
     strongest,
+    wanted_pixels,
 )
 from saccade.pair_sums import gradients_of, isotropic_sums, pair_kernel
-from saccade.scale_space import SMALLEST_SIDE, ScaleSpace, Workspace, gaussian_scale_space
+from saccade.scale_space import SMALLEST_SIDE, Workspace
 from saccade.types import Float32Array, Image, Keypoints
 
 SOBEL = 8
@@ -91,9 +91,7 @@ class Must:
         (ICVS 2009).
         """
         gray = as_gray(image)  # (H, W)
-        wanted = None if mask is None else np.asarray(mask) != 0
-        if wanted is not None and wanted.shape != gray.shape:
-            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {wanted.shape}")
+        wanted = wanted_pixels(mask, gray.shape)
         workspace = self._spare.pop() if self._spare else Workspace()
         try:
             return self._detect(gray, wanted, describe, workspace)
@@ -104,19 +102,8 @@ class Must:
         self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
     ) -> Keypoints:
         config, sift = self.config, self.config.sift()
-        space = gaussian_scale_space(
-            gray,
-            first_octave=sift.first_octave,
-            octaves=sift.octaves,
-            intervals=sift.intervals,
-            base_sigma=sift.base_sigma,
-            density=sift.density,
-            camera_sigma=sift.camera_sigma,
-            kernel_radius=sift.kernel_radius,
-            smallest_side=max(SMALLEST_SIDE, 2 * sift.border + 1),
-            workspace=workspace,
-            threads=self.threads,
-        )
+        searched = max(SMALLEST_SIDE, 2 * sift.border + 1)
+        space = scale_space_of(gray, sift, searched, workspace, self.threads)
         contrast = float(gray.std(dtype=np.float64))
         found = [Points.none()]
         for number, octave in enumerate(space.octaves if contrast > 0 else ()):
@@ -130,18 +117,7 @@ class Must:
             found.append(points)
         points = concatenate(found)
         order = strongest(points, space, config.max_keypoints, config.spread)
-        return self._hand_out(points, order, space, describe)
-
-    def _hand_out(
-        self, points: Points, order: npt.NDArray[np.int64], space: ScaleSpace, describe: bool
-    ) -> Keypoints:
-        sift = self.config.sift()
-        kept = keypoints(points, space, sift.first_octave)
-        if not describe:
-            return kept[order]
-        points = Points.at(kept, space, sift)
-        descriptors = describe_all(space, points, order, sift, self.threads)
-        return replace(kept[order], descriptors=descriptors)
+        return handed_out(points, order, space, sift, describe, self.threads)
 
 
 def symmetry_of(

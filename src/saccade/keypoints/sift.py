@@ -68,9 +68,7 @@ class Sift:
         Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
         """
         gray = as_gray(image)  # (H, W)
-        wanted = None if mask is None else np.asarray(mask) != 0
-        if wanted is not None and wanted.shape != gray.shape:
-            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {wanted.shape}")
+        wanted = wanted_pixels(mask, gray.shape)
         workspace = self._spare.pop() if self._spare else Workspace()
         try:
             return self._detect(gray, wanted, describe, workspace)
@@ -104,7 +102,7 @@ class Sift:
         given = check_given(keypoints, gray.shape)
         workspace = self._spare.pop() if self._spare else Workspace()
         try:
-            space = self._scale_space(gray, workspace, SMALLEST_SIDE)
+            space = scale_space_of(gray, config, SMALLEST_SIDE, workspace, self.threads)
             if len(given) and not space.octaves:
                 height, width = gray.shape
                 raise ImageError(
@@ -123,32 +121,12 @@ class Sift:
         finally:
             self._spare.append(workspace)
 
-    def _scale_space(
-        self, gray: Float32Array, workspace: Workspace, smallest_side: int
-    ) -> ScaleSpace:
-        config = self.config
-        return gaussian_scale_space(
-            gray,
-            first_octave=config.first_octave,
-            octaves=config.octaves,
-            intervals=config.intervals,
-            extra_intervals=config.extra_intervals,
-            base_sigma=config.base_sigma,
-            density=config.density,
-            camera_sigma=config.camera_sigma,
-            kernel_radius=config.kernel_radius,
-            grid=config.grid,
-            smallest_side=smallest_side,
-            workspace=workspace,
-            threads=self.threads,
-        )
-
     def _detect(
         self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
     ) -> Keypoints:
         config = self.config
         searched = max(SMALLEST_SIDE, 2 * config.border + 1)
-        space = self._scale_space(gray, workspace, searched)  # B.1-B.2
+        space = scale_space_of(gray, config, searched, workspace, self.threads)  # B.1-B.2
         found = [Points.none()]
         for number, octave in enumerate(space.octaves):
             differences = difference_of_gaussians(octave, workspace, self.threads)  # B.3
@@ -160,13 +138,7 @@ class Sift:
             found.append(points)
         points = concatenate(found)
         order = strongest(points, space, config.max_keypoints, config.spread)
-        kept = keypoints(points, space, config.first_octave)
-        if not describe:
-            return kept[order]
-        # From what is handed out, so that it can be described again to the same bytes.
-        points = Points.at(kept, space, config)
-        descriptors = describe_all(space, points, order, config, self.threads)
-        return replace(kept[order], descriptors=descriptors)
+        return handed_out(points, order, space, config, describe, self.threads)
 
 
 class Points(NamedTuple):
@@ -217,6 +189,57 @@ class Points(NamedTuple):
         column, row = np.rint(xy).astype(np.int64).T
         height, width = mask.shape
         return self.take(mask[row.clip(0, height - 1), column.clip(0, width - 1)])
+
+
+def wanted_pixels(mask: npt.ArrayLike | None, shape: tuple[int, ...]) -> BoolArray | None:
+    """Where a mask is not zero; None where there is none.
+
+    Raises:
+        ImageError: it has not the (H, W) `shape` of the image.
+    """
+    wanted = None if mask is None else np.asarray(mask) != 0
+    if wanted is not None and wanted.shape != shape:
+        raise ImageError(f"mask: expected the image's shape {shape}, found {wanted.shape}")
+    return wanted
+
+
+def scale_space_of(
+    gray: Float32Array, config: SiftConfig, smallest_side: int, workspace: Workspace, threads: int
+) -> ScaleSpace:
+    """The scale space that a configuration asks for."""
+    return gaussian_scale_space(
+        gray,
+        first_octave=config.first_octave,
+        octaves=config.octaves,
+        intervals=config.intervals,
+        extra_intervals=config.extra_intervals,
+        base_sigma=config.base_sigma,
+        density=config.density,
+        camera_sigma=config.camera_sigma,
+        kernel_radius=config.kernel_radius,
+        grid=config.grid,
+        smallest_side=smallest_side,
+        workspace=workspace,
+        threads=threads,
+    )
+
+
+def handed_out(
+    points: Points,
+    order: npt.NDArray[np.int64],
+    space: ScaleSpace,
+    config: SiftConfig,
+    describe: bool,
+    threads: int,
+) -> Keypoints:
+    """Points as the caller gets them, in `order`, described if that is wanted."""
+    kept = keypoints(points, space, config.first_octave)
+    if not describe:
+        return kept[order]
+    # From what is handed out, so that it can be described again to the same bytes.
+    points = Points.at(kept, space, config)
+    descriptors = describe_all(space, points, order, config, threads)
+    return replace(kept[order], descriptors=descriptors)
 
 
 def concatenate(parts: list[Points]) -> Points:
