@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
     from saccade.errors import (
         ConfigError,
+        DriveError,
         ImageError,
         KeypointsError,
         LogError,
@@ -49,6 +50,7 @@ _HOMES = {
     "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
     "saccade.errors": (
         "ConfigError",
+        "DriveError",
         "ImageError",
         "KeypointsError",
         "LogError",
@@ -85,6 +87,7 @@ __all__ = [
     "ConfigError",
     "ContrastConfig",
     "ContrastMaps",
+    "DriveError",
     "ImageError",
     "Keypoints",
     "KeypointsError",
