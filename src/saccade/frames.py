@@ -127,6 +127,11 @@ class Drive:
     """As that of `LandmarkLog`."""
     truth: Trajectory | None = None
     """Where the robot really was, if known; its times need not be those of the frames."""
+    truth_off_plane: FloatArray | None = None
+    """What the plane leaves out of the truth, if known: (t, 3) height in metres, pitch (nose up)
+    and roll in radians, at the poses of `truth`."""
+    remarks: tuple[str, ...] = ()
+    """What the reader of its files had to mend, one line each."""
 
     def __post_init__(self) -> None:
         n = len(self.time)
