@@ -28,9 +28,9 @@ def dot(image):
     return np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
 
 
-def seen(K, distortion, turned=np.eye(3), moved=np.zeros(3)):
+def seen(K, distortion, turn=(0.0, 0.0, 0.0), moved=(0.0, 0.0, 0.0)):
     """Where the point is in the image of a bent lens, by OpenCV."""
-    xy, _ = cv2.projectPoints(POINT, cv2.Rodrigues(turned)[0], moved, K, np.array(distortion))
+    xy, _ = cv2.projectPoints(POINT, np.array(turn), np.array(moved), K, np.array(distortion))
     return xy.ravel()
 
 
@@ -151,10 +151,11 @@ class TestEuroc:
     def write(self, folder, rows=5):
         # the body's x is up, its y to the right, its z ahead
         body = np.array([[0, -1.0, 0, 0.02], [1, 0, 0, -0.05], [0, 0, 1, 0.01], [0, 0, 0, 1]])
-        turned, _ = cv2.Rodrigues(np.array([0.01, -0.02, 0.005]))
+        turn = np.array([0.01, -0.02, 0.005])
+        turned, _ = cv2.Rodrigues(turn)
         right = np.eye(4)
         right[:3, :3], right[:3, 3] = turned, -turned @ [0.11, 0.001, -0.002]
-        dots = seen(self.K, self.BENT), seen(self.K, self.BENT, turned, right[:3, 3])
+        dots = seen(self.K, self.BENT), seen(self.K, self.BENT, turn, right[:3, 3])
         mounted = body, body @ np.linalg.inv(right)
         for name, xy, pose in zip(("cam0", "cam1"), dots, mounted, strict=True):
             stamps = [self.STAMP + 50_000_000 * i for i in range(rows)]

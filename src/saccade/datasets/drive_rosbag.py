@@ -212,8 +212,8 @@ def _calibration(bag: Bag, topics: tuple[str, str, str]) -> Calibration:
     infos = bag.topics(("sensor_msgs/msg/CameraInfo",))
     if not infos:
         raise DriveError(f"{bag.path}: expected CameraInfo, or {file}, found {_listed(bag)}")
-    left, right = (max(infos, key=lambda info: _shared(info, each)) for each in topics[:2])
-    second = bag.messages(right)[0][1] if topics[1] and right != left else None
+    left, *right = (_nearest(infos, each) for each in topics[:2] if each)
+    second = bag.messages(right[0])[0][1] if right and right[0] != left else None
     return calibration_of(bag.messages(left)[0][1], second, f"{bag.path}, {left}")
 
 
@@ -239,9 +239,9 @@ def _poses(bag: Bag, topic: str, zero: float) -> Poses:
     return Poses(table[:, 0], rotations(table[:, 4:], f"{bag.path}, {topic}"), table[:, 1:4])
 
 
-def _shared(one: str, other: str) -> int:
-    """How much of their namespaces two topics share."""
-    return len(commonpath([one, other]))
+def _nearest(topics: list[str], to: str) -> str:
+    """The topic that shares most of its namespace with another one."""
+    return max(topics, key=lambda topic: len(commonpath([topic, to])))
 
 
 def _listed(bag: Bag) -> str:
