@@ -54,12 +54,12 @@ class Camera:
             require(bool(np.isfinite(getattr(self, name))), name, "a number", getattr(self, name))
         require(0 <= self.baseline < 1e3, "baseline", "0 to under 1000 m", self.baseline)
         placed = self.place.shape == (3,) and bool(np.isfinite(self.place).all())
-        require(placed, "place", "three numbers in metres", self.place)
+        require(placed, "place", "three numbers in metres", self.place.tolist())
         turns = self.rotation.shape == (3, 3) and bool(
             np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() < 1e-3
             and np.linalg.det(self.rotation) > 0
         )
-        require(turns, "rotation", "a rotation matrix (3, 3)", self.rotation)
+        require(turns, "rotation", "a rotation matrix (3, 3)", self.rotation.tolist())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,6 +127,11 @@ class Drive:
     """As that of `LandmarkLog`."""
     truth: Trajectory | None = None
     """Where the robot really was, if known; its times need not be those of the frames."""
+    truth_off_plane: FloatArray | None = None
+    """What the plane leaves out of the truth, if known: (t, 3) height in metres, pitch (nose up)
+    and roll in radians, at the poses of `truth`."""
+    remarks: tuple[str, ...] = ()
+    """What the reader of its files had to mend, one line each."""
 
     def __post_init__(self) -> None:
         n = len(self.time)
