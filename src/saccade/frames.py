@@ -54,12 +54,12 @@ class Camera:
             require(bool(np.isfinite(getattr(self, name))), name, "a number", getattr(self, name))
         require(0 <= self.baseline < 1e3, "baseline", "0 to under 1000 m", self.baseline)
         placed = self.place.shape == (3,) and bool(np.isfinite(self.place).all())
-        require(placed, "place", "three numbers in metres", self.place)
+        require(placed, "place", "three numbers in metres", self.place.tolist())
         turns = self.rotation.shape == (3, 3) and bool(
             np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() < 1e-3
             and np.linalg.det(self.rotation) > 0
         )
-        require(turns, "rotation", "a rotation matrix (3, 3)", self.rotation)
+        require(turns, "rotation", "a rotation matrix (3, 3)", self.rotation.tolist())
 
 
 @dataclass(frozen=True, eq=False, repr=False)

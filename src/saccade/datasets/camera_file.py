@@ -9,7 +9,7 @@ rotation                        three rows: turns vectors of the camera into the
 rate                            frames per second of a folder without times; 30
 depth_unit                      metres of one step in a depth image; 0.001
 odometry_bias                   as that of `Drive`; zeros
-start                           [x, y, heading] of the first frame; zeros
+start                           [x, y, heading] of the first frame; that of the truth, or zeros
 """
 
 import tomllib
@@ -42,8 +42,8 @@ class Calibration:
     """Metres of one step in a depth image."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """As that of `Drive`."""
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Pose at the first frame."""
+    start: tuple[float, float, float] | None = None
+    """Pose at the first frame; None where nobody says."""
 
     def __post_init__(self) -> None:
         known = len(self.distortion) in (0, 4, 5)
@@ -52,7 +52,7 @@ class Calibration:
             require(0 < getattr(self, name) < 1e6, name, "over 0, under 1e6", getattr(self, name))
         for name in ("odometry_bias", "start"):
             value = getattr(self, name)
-            require(len(value) == 3, name, "three numbers", value)
+            require(value is None or len(value) == 3, name, "three numbers", value)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -103,8 +103,9 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
         "rate": calibration.rate,
         "depth_unit": calibration.depth_unit,
         "odometry_bias": list(calibration.odometry_bias),
-        "start": list(calibration.start),
     }
+    if calibration.start is not None:
+        values["start"] = list(calibration.start)
     with whole_file(path) as temporary:
         temporary.write_text(tomli_w.dumps(values), encoding="utf-8")
 
@@ -113,8 +114,10 @@ def _calibration(values: dict[str, FloatArray]) -> Calibration:
     def number(name: str, default: float = 0.0) -> float:
         return float(values[name].reshape(())) if name in values else default
 
-    def triple(name: str) -> tuple[float, float, float]:
-        x, y, z = values.get(name, np.zeros(3)).tolist()
+    def triple(name: str) -> tuple[float, float, float] | None:
+        if name not in values:
+            return None
+        x, y, z = values[name].tolist()
         return x, y, z
 
     camera = Camera(
@@ -133,7 +136,7 @@ def _calibration(values: dict[str, FloatArray]) -> Calibration:
         distortion=tuple(values.get("distortion", np.zeros(0)).tolist()),
         rate=number("rate", 30.0),
         depth_unit=number("depth_unit", 0.001),
-        odometry_bias=triple("odometry_bias"),
+        odometry_bias=triple("odometry_bias") or (0.0, 0.0, 0.0),
         start=triple("start"),
     )
 

@@ -85,16 +85,17 @@ def rotations(quaternion: FloatArray, name: str) -> FloatArray:
     )
 
 
-def of_robot(poses: Poses, camera: Camera) -> Poses:
+def of_robot(poses: Poses, camera: Camera, begin: float) -> Poses:
     """Poses of the robot, from those of its camera.
 
-    The world becomes the robot's frame at the first pose: x ahead, y to the left, z up as the
-    camera is mounted.
+    The world becomes the robot's frame at the pose nearest to `begin`, in seconds: x ahead, y to
+    the left, z up as the camera is mounted.
     """
     rotation = poses.rotation @ camera.rotation.T
     place = poses.place - rotation @ camera.place
-    first = rotation[0].T
-    return Poses(poses.time, first @ rotation, (place - place[0]) @ first.T)
+    first = int(np.argmin(np.abs(poses.time - begin)))
+    back = rotation[first].T
+    return Poses(poses.time, back @ rotation, (place - place[first]) @ back.T)
 
 
 def on_the_plane(poses: Poses) -> Trajectory:

@@ -2,17 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from saccade.datasets.lens import Lens
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Camera, Frame
 from saccade.image import find_images, read_stored
-from saccade.types import Float32Array, FloatArray, Image, IntArray
+from saccade.types import FloatArray, Image, IntArray
 
 NO_DEPTH = 0
 """What a depth image has where it knows nothing."""
@@ -34,8 +33,10 @@ class ImageFiles:
     """(n,) depth images, or nothing."""
     depth_unit: float = 0.001
     """Metres of one step in them."""
-    distortion: tuple[float, ...] = ()
-    """k1, k2, p1, p2, k3 of OpenCV; taken out of image and depth."""
+    lens: Lens | None = None
+    """Of the left camera and of the depth; None where the images are straight already."""
+    right_lens: Lens | None = None
+    """Of the right camera."""
 
     def __call__(self, i: int) -> Frame:
         """Frame i.
@@ -45,58 +46,53 @@ class ImageFiles:
         """
         return Frame(
             time=float(self.time[i]),
-            image=self._image(self.left, i),
-            right=self._image(self.right, i),
+            image=self._image(self.left, self.lens, i),
+            right=self._image(self.right, self.right_lens, i),
             depth=self._metres(i),
         )
 
-    def _image(self, paths: Sequence[Path | None], i: int) -> Image | None:
+    def _image(self, paths: Sequence[Path | None], lens: Lens | None, i: int) -> Image | None:
         path = paths[i] if paths else None
-        if path is None:
-            return None
-        pixels = read_stored(path)
-        check_size(pixels, self.camera, str(path))
-        return self.straighten(pixels)
+        return None if path is None else straight(read_stored(path), self.camera, lens, str(path))
 
     def _metres(self, i: int) -> FloatArray | None:
         path = self.depth[i] if self.depth else None
         if path is None:
             return None
         steps = read_stored(path)
-        check_size(steps, self.camera, str(path))
-        if steps.ndim != 2:
-            raise ImageError(f"{path}: expected depth, one number a pixel, found a colour image")
-        steps = self.straighten(steps, cv2.INTER_NEAREST)
-        return np.where(steps == NO_DEPTH, np.nan, steps * self.depth_unit)
-
-    def straighten(self, pixels: Image, how: int = cv2.INTER_LINEAR) -> Image:
-        """The image without the distortion."""
-        if not self.distortion:
-            return pixels
-        return cv2.remap(pixels, *self._maps, how)
-
-    @cached_property
-    def _maps(self) -> tuple[Float32Array, Float32Array]:
-        K = intrinsics(self.camera)
-        size = (self.camera.width, self.camera.height)
-        bent = np.array(self.distortion)
-        x, y = cv2.initUndistortRectifyMap(K, bent, np.eye(3), K, size, cv2.CV_32FC1)
-        return np.asarray(x, np.float32), np.asarray(y, np.float32)
+        return metres(steps, self.depth_unit, self.camera, self.lens, str(path))
 
 
-def intrinsics(camera: Camera) -> FloatArray:
-    """(3, 3) matrix of a camera."""
-    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+def straight(pixels: Image, camera: Camera, lens: Lens | None, name: str) -> Image:
+    """An image without the distortion of its lens.
+
+    Raises:
+        ImageError: it has another size than the calibration; `name` is in the message.
+    """
+    _check_size(pixels, camera, name)
+    return pixels if lens is None else lens.straighten(pixels)
 
 
-def check_size(pixels: npt.NDArray[np.generic], camera: Camera, name: str) -> None:
-    """Raise `ImageError` unless an image has the size of the calibration."""
+def _check_size(pixels: Image, camera: Camera, name: str) -> None:
     height, width = pixels.shape[:2]
     if (width, height) != (camera.width, camera.height):
         raise ImageError(
             f"{name}: expected {camera.width} x {camera.height} px as the calibration, "
             f"found {width} x {height}"
         )
+
+
+def metres(steps: Image, unit: float, camera: Camera, lens: Lens | None, name: str) -> FloatArray:
+    """A depth image in metres, NaN where it is not known.
+
+    Raises:
+        ImageError: it has colours, or another size than the calibration.
+    """
+    if steps.ndim != 2:
+        raise ImageError(f"{name}: expected depth, one number a pixel, found a colour image")
+    _check_size(steps, camera, name)
+    steps = steps if lens is None else lens.straighten(steps, cv2.INTER_NEAREST)
+    return np.where(np.nan_to_num(steps) == NO_DEPTH, np.nan, steps * np.float64(unit))
 
 
 def images_of(folder: Path) -> list[Path]:
@@ -148,8 +144,28 @@ def size_of(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def in_time(time: FloatArray) -> IntArray:
-    """Which frames to take, in the order of their times; of those at the same time the first."""
+def in_time(time: FloatArray, name: str) -> tuple[IntArray, tuple[str, ...]]:
+    """Which frames to take, in the order of their times; of those at the same time the first.
+
+    Args:
+        time: (n,) seconds of the frames as their files have them.
+        name: of the file, for the remarks.
+
+    Returns:
+        (k,) numbers of frames, and what had to be mended.
+    """
     order = np.argsort(time, kind="stable")
-    new = np.concatenate([[True], np.diff(time[order]) > 0]) if len(time) else np.zeros(0, bool)
-    return np.asarray(order[new], np.int64)
+    new = np.diff(time[order], prepend=-np.inf) > 0
+    back = np.flatnonzero(np.diff(time) < 0)
+    remarks = []
+    if len(back):
+        remarks.append(
+            f"{name}: time goes back at {len(back)} frames, first at number {back[0] + 1}; "
+            "the frames are sorted by it"
+        )
+    if not new.all():
+        remarks.append(
+            f"{name}: {int((~new).sum())} frames have the time of another, first number "
+            f"{order[~new].min()}; of each only the first is taken"
+        )
+    return np.asarray(order[new], np.int64), tuple(remarks)

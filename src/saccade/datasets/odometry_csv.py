@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.steps import SpeedNoise, Steps, joined, steps_from_speeds
+from saccade.datasets.steps import WHEELS, SpeedNoise, Steps, joined, steps_from_speeds
 from saccade.datasets.table import symmetric_columns, write_table
 from saccade.datasets.text import in_order, numbers, read_lines
 from saccade.errors import DriveError
@@ -31,8 +31,6 @@ STEP_COLUMNS = (
 SPEED_COLUMNS = ("time_s", "ahead_mps", "turn_radps")
 OXTS_COLUMNS = ("frame", "t", "vf", "vl", "vu", "wf", "wl", "wu")
 
-WHEELS = SpeedNoise(ahead=0.05, left=0.02, turn=0.02, turn_bias=0.002)
-"""Of wheel encoders and a gyroscope on a small robot, where the file does not say."""
 OXTS = SpeedNoise(ahead=0.17, left=0.05, turn=0.018, turn_bias=0.005)
 """Measured against the truth of KITTI 07: 0.52 m/s and 0.05 rad/s, white at 10 Hz."""
 

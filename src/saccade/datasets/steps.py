@@ -6,12 +6,14 @@ from itertools import pairwise
 import numpy as np
 
 from saccade.errors import DriveError
-from saccade.types import FloatArray, IntArray
+from saccade.types import FloatArray, IntArray, Trajectory
 
 UNKNOWN_SPEED = 2.0
 """Metres per second; standard deviation of what a robot drives of which nobody says how far."""
 UNKNOWN_TURN = 1.0
 """Radians per second; the same for its turns."""
+ALONE = 10.0
+"""Seconds for which odometry may have to do without anything seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,11 @@ class SpeedNoise:
     """Radians per root second."""
     turn_bias: float = 0.0
     """Radians per second that stay the same all the time. Covered by as much white noise as
-    reaches it at the end, since a drive has no place for it."""
+    reaches it after `ALONE`, since a drive has no place for it."""
+
+
+WHEELS = SpeedNoise(ahead=0.05, left=0.02, turn=0.02, turn_bias=0.002)
+"""Of wheel encoders and a gyroscope on a small robot, where nobody says."""
 
 
 def steps_from_speeds(
@@ -58,13 +64,37 @@ def steps_from_speeds(
     d, phi = (np.diff(_integral(time, each, at)) for each in (speed, turn_rate))
     chord = d * np.sinc(phi / (2 * np.pi))
     control = np.stack([chord * np.cos(phi / 2), chord * np.sin(phi / 2), phi], 1)
-    turn = noise.turn**2 + noise.turn_bias**2 * float(duration.sum())
-    covariance = np.zeros((len(duration), 3, 3))
-    for i, density in enumerate((noise.ahead**2, noise.left**2, turn)):
-        covariance[:, i, i] = density * duration
-    covariance[:, 1, 2] = covariance[:, 2, 1] = d / 2 * covariance[:, 2, 2]
-    covariance[:, 1, 1] += np.square(d) / 3 * covariance[:, 2, 2]
-    return Steps(control, covariance)
+    return Steps(control, _covariance(d, duration, noise))
+
+
+def steps_from_poses(
+    poses: Trajectory, at: FloatArray, name: str, noise: SpeedNoise = WHEELS
+) -> Steps:
+    """Steps between frames, from poses that odometry has added up already.
+
+    Args:
+        poses: by odometry, in any frame.
+        at: (m + 1,) times of the frames, ascending; the poses must reach over them.
+        name: of the file, for the message.
+        noise: of the odometry; the way to the side is in the poses.
+
+    Raises:
+        DriveError: the poses begin more than a step after the first frame, or end before the last.
+    """
+    slack = float(np.diff(at).max(initial=0.0))
+    begin, end = float(poses.time[0]), float(poses.time[-1])
+    if begin > at[0] + slack or end < at[-1] - slack:
+        raise DriveError(
+            f"{name}: expected odometry from {at[0]:.3f} to {at[-1]:.3f} s as the frames, "
+            f"found {begin:.3f} to {end:.3f} s"
+        )
+    pose = poses.at(at)
+    moved = np.diff(pose[:, :2], axis=0)
+    c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
+    ahead, left = c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]
+    turn = np.angle(np.exp(1j * np.diff(pose[:, 2])))
+    duration = np.diff(at)
+    return Steps(np.stack([ahead, left, turn], 1), _covariance(ahead, duration, noise))
 
 
 def unknown_steps(at: FloatArray) -> Steps:
@@ -109,6 +139,17 @@ def joined(steps: Steps, chosen: IntArray, name: str) -> Steps:
                 control[k], covariance[k], steps.control[i], steps.covariance[i]
             )
     return Steps(control, covariance)
+
+
+def _covariance(way: FloatArray, duration: FloatArray, noise: SpeedNoise) -> FloatArray:
+    """(m, 3, 3) of steps of some length (m,) and duration (m,), turned while they are driven."""
+    turn = noise.turn**2 + noise.turn_bias**2 * min(ALONE, float(duration.sum()))
+    covariance = np.zeros((len(duration), 3, 3))
+    for i, density in enumerate((noise.ahead**2, noise.left**2, turn)):
+        covariance[:, i, i] = density * duration
+    covariance[:, 1, 2] = covariance[:, 2, 1] = way / 2 * covariance[:, 2, 2]
+    covariance[:, 1, 1] += np.square(way) / 3 * covariance[:, 2, 2]
+    return covariance
 
 
 def _after(
