@@ -1,6 +1,6 @@
 """Points followed from frame to frame, and from the left image to the right one."""
 
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -10,8 +10,7 @@ from saccade.image import as_gray
 from saccade.types import Float32Array, FloatArray, Image
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
-Pyramid: TypeAlias = Any
-"""What OpenCV follows points in: a sequence of levels (h, w) and of their slopes."""
+ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 WINDOW = (15, 15)
 """Pixels around a point that are compared."""
@@ -24,26 +23,20 @@ UPRIGHT = 1.0
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 
 
-def gray_bytes(image: Image) -> npt.NDArray[np.uint8]:
+def gray_bytes(image: Image) -> ByteArray:
     """(H, W) grey values of any image."""
     if image.ndim == 2 and image.dtype == np.uint8:
         return np.ascontiguousarray(image)
     return np.rint(as_gray(image) * 255).astype(np.uint8)
 
 
-def flow_pyramid(gray: npt.NDArray[np.uint8]) -> Pyramid:
-    """What `follow` takes, of an image (H, W)."""
-    _, levels = cv2.buildOpticalFlowPyramid(gray, WINDOW, LEVELS)
-    return levels
-
-
 def follow(
-    before: Pyramid, now: Pyramid, xy: Float32Array, guess: Float32Array | None = None
+    before: ByteArray, now: ByteArray, xy: Float32Array, guess: Float32Array | None = None
 ) -> tuple[Float32Array, BoolArray]:
     """Where points of one image are in the next one.
 
     Args:
-        before: of the first image.
+        before: (H, W) grey values of the first image.
         now: of the second.
         xy: (k, 2) pixels in the first.
         guess: (k, 2) where to begin in the second; as in the first unless told otherwise.
@@ -52,18 +45,19 @@ def follow(
         (k, 2) pixels in the second, and (k,) whether each was found: followed back it
         comes home.
 
-    Source: Lucas & Kanade (1981), in Bouguet's pyramids.
+    Source: Lucas & Kanade (1981).
     """
     if len(xy) == 0:
         return xy.copy(), np.zeros(0, np.bool_)
     start = np.ascontiguousarray(xy if guess is None else guess, np.float32)
     here = np.ascontiguousarray(xy, np.float32)
+    nothing = np.zeros((0, 1), np.uint8)
     flag = cv2.OPTFLOW_USE_INITIAL_FLOW
     there, found, _ = cv2.calcOpticalFlowPyrLK(
-        before, now, here, start.copy(), None, None, WINDOW, LEVELS, CRITERIA, flag
+        before, now, here, start.copy(), nothing, nothing, WINDOW, LEVELS, CRITERIA, flag
     )
     home, back, _ = cv2.calcOpticalFlowPyrLK(
-        now, before, there, here.copy(), None, None, WINDOW, 1, CRITERIA, flag
+        now, before, there, here.copy(), nothing, nothing, WINDOW, 1, CRITERIA, flag
     )
     missed = np.hypot(*(home - here).T)
     ok = (found[:, 0] > 0) & (back[:, 0] > 0) & (missed < RETURN)
@@ -71,13 +65,13 @@ def follow(
 
 
 def disparities(
-    left: Pyramid, right: Pyramid, xy: Float32Array, expected: FloatArray
+    left: ByteArray, right: ByteArray, xy: Float32Array, expected: FloatArray
 ) -> FloatArray:
     """How many pixels further left points lie in the right image of a rectified rig.
 
     Args:
-        left: of the left image.
-        right: of the right one.
+        left: (H, W) grey values.
+        right: of the other image.
         xy: (k, 2) pixels in the left.
         expected: (k,) where to begin; NaN where nothing is known.
 

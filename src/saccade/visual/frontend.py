@@ -16,7 +16,7 @@ from saccade.keypoints.symroid import SymRoid
 from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
 from saccade.visual.camera import Sightings, depth_of, is_inside, range_bearing
 from saccade.visual.config import VisualConfig
-from saccade.visual.following import Pyramid, disparities, flow_pyramid, follow, gray_bytes
+from saccade.visual.following import ByteArray, disparities, follow, gray_bytes
 from saccade.visual.motion import Motion, motion_between
 from saccade.visual.ranging import depth_at, first_disparities, stereo_depth_sigma
 
@@ -33,9 +33,9 @@ class View:
     """A frame, as far as it can be used."""
 
     frame: Frame
-    left: Pyramid | None = None
-    """None where the camera shows nothing."""
-    right: Pyramid | None = None
+    left: ByteArray | None = None
+    """(H, W) grey values; None where the camera shows nothing."""
+    right: ByteArray | None = None
 
     @property
     def blind(self) -> bool:
@@ -88,8 +88,8 @@ def look(frame: Frame, camera: Camera) -> View:
         )
     if gray.std() < DARK:
         return View(frame)
-    right = None if frame.right is None else flow_pyramid(gray_bytes(frame.right))
-    return View(frame, flow_pyramid(gray), right)
+    right = None if frame.right is None else gray_bytes(frame.right)
+    return View(frame, gray, right)
 
 
 def track(
@@ -171,7 +171,7 @@ class Detector:
             given = view.frame.tracks
             xy = np.zeros((0, 2)) if given is None else given.xy
             return _undescribed(xy)
-        found = self._find(view.left[0])
+        found = self._find(view.left)
         points = found if isinstance(found, Keypoints) else found.keypoints
         return points[_first_of_each_place(points)]
 

@@ -1,17 +1,12 @@
 """How far points are: from the right image of a rig, or from a depth image."""
 
-from typing import TypeAlias
-
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from saccade.frames import Camera
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.camera import depth_of
-from saccade.visual.following import Pyramid, disparities
-
-ByteArray: TypeAlias = npt.NDArray[np.uint8]
+from saccade.visual.following import ByteArray, disparities
 
 BLOCK = 15
 """Pixels a side of what is compared along a row."""
@@ -22,20 +17,20 @@ WIDEST = 0.25
 
 
 def first_disparities(
-    camera: Camera, left: Pyramid, right: Pyramid, xy: Float32Array, nearest: float
+    camera: Camera, left: ByteArray, right: ByteArray, xy: Float32Array, nearest: float
 ) -> FloatArray:
     """(k,) disparities of points (k, 2) of which nothing is known yet; NaN where not found.
 
     Args:
         camera: the calibration.
-        left: of the left image.
-        right: of the right one.
+        left: (H, W) grey values.
+        right: of the other image.
         xy: pixels in the left.
         nearest: metres within which nothing is looked for.
     """
     wide = min(camera.fx * camera.baseline / max(nearest, 1e-3), WIDEST * camera.width)
     tried = max(STEP, int(np.ceil(wide / STEP)) * STEP)
-    coarse = cv2.StereoBM.create(numDisparities=tried, blockSize=BLOCK).compute(left[0], right[0])
+    coarse = cv2.StereoBM.create(numDisparities=tried, blockSize=BLOCK).compute(left, right)
     columns, rows = np.rint(xy).astype(np.int64).T
     rough = coarse[rows.clip(0, coarse.shape[0] - 1), columns.clip(0, coarse.shape[1] - 1)] / 16
     found = disparities(left, right, xy, np.where(rough > 0, rough, 0.0))
