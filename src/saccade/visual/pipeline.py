@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
+from saccade.slam.recording import Recorder
 from saccade.types import IntArray, Keypoints
 from saccade.visual.camera import Sightings, is_inside, to_pixels
 from saccade.visual.config import VisualConfig
@@ -23,6 +24,8 @@ def run(
     drive: Drive,
     config: VisualConfig | None = None,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    recorder: Recorder | None = None,
 ) -> VisualResult:
     """Map a drive.
 
@@ -30,6 +33,7 @@ def run(
         drive: frames and odometry.
         config: how to look and to map.
         progress: called with the number of frames done and of all frames.
+        recorder: takes snapshots of the map while it grows.
 
     Returns:
         The way, the map, and what was seen of it when.
@@ -40,6 +44,9 @@ def run(
     pipeline = Pipeline(drive, config or VisualConfig())
     for number in range(len(drive)):
         pipeline.step(number)
+        if recorder is not None:
+            seen = pipeline.world.landmarks.rows(pipeline.followed.landmark)
+            recorder.add(number, len(drive), pipeline.world.ekf, seen)
         if progress is not None:
             progress(number + 1, len(drive))
     return pipeline.result()
