@@ -18,6 +18,7 @@ KINDS = {
     "symroid": ("saccade.keypoints.symroid_config", "SymRoidConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
     "world": ("saccade.simulation", "WorldConfig"),
+    "drive": ("saccade.simulation", "DriveConfig"),
 }
 """Where the configuration of each kind lives."""
 
