@@ -32,6 +32,7 @@ ALLOWED = {
     "simulation": FOUNDATION | {"image", "slam"},
     "datasets": FOUNDATION | {"image", "video"},
     "evaluation": FOUNDATION,
+    "checking": FOUNDATION | {"image"},
     "exchange": FOUNDATION,
     "viewing": FOUNDATION,
 }
