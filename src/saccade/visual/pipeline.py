@@ -123,7 +123,8 @@ class Pipeline:
             shape = (camera.height, camera.width)
             order = preference(points, share, saliency, shape, config, number)
             order = order[~np.isin(order, pairs[:, 0])]
-            count = config.new_per_frame * config.every
+            free_places = max(0, config.in_view - len(self.followed))
+            count = min(config.new_per_frame * config.every, free_places)
             chosen = keep_apart(points.xy, order, self.followed.xy, config.apart, count)
         with note.timed("manage"):
             assert points.descriptors is not None
