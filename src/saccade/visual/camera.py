@@ -1,6 +1,6 @@
 """Calibrated geometry: pixels and depth on one side, range and bearing on the other."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -111,6 +111,11 @@ def range_bearing(
     )  # (k, 2, 3) a standard deviation of each pixel coordinate and of the depth, on the ground
     root = by_point @ spread
     return Sightings(z, root @ root.transpose(0, 2, 1), points[:, 2])
+
+
+def some(seen: Sightings, index: npt.NDArray[Any]) -> Sightings:
+    """Those of k sightings that an index or a mask names."""
+    return Sightings(seen.z[index], seen.covariance[index], seen.height[index])
 
 
 def _directions(camera: Camera, xy: FloatArray) -> FloatArray:

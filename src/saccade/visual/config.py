@@ -30,6 +30,8 @@ class VisualConfig:
     """Frames from one in which points are detected and described to the next."""
     points: int = 400
     """Detected in such a frame at most."""
+    followed: int = 200
+    """Points that are followed at a time: landmarks, and others that tell how the robot moves."""
     apart: float = 12.0
     """Pixels between points that are followed."""
     reach: tuple[float, float] = (0.3, 100.0)
@@ -45,6 +47,11 @@ class VisualConfig:
     common_sigma: tuple[float, float] = (0.01, 0.1)
     """What all sightings of a frame get wrong together, standard deviations: the share of
     the range, and degrees. Pitch, roll, calibration and the clock are in it."""
+    tilt_sigma: float = 0.5
+    """Standard deviation of the pitch and roll of the camera, in degrees: the map is flat, and
+    the bearing of what is far above or below the camera is wrong by a share of them."""
+    height_sigma: float = 0.02
+    """Standard deviation of the height of a single camera over the road, as a share of it."""
     gate: float = 0.99
     """Probability with which a landmark is met where the filter expects it; what is outside
     is another one, however much it looks like it."""
@@ -64,13 +71,21 @@ class VisualConfig:
         for name, least in (
             ("new_per_frame", 1),
             ("in_view", 4),
+            ("followed", 4),
             ("landmarks", 1),
             ("every", 1),
             ("points", 1),
         ):
             value = getattr(self, name)
             require(least <= value <= 10**5, name, f"{least} to 1e5", value)
-        for name in ("apart", "pixel_sigma", "disparity_sigma", "depth_share", "huber"):
+        for name in (
+            "apart",
+            "pixel_sigma",
+            "disparity_sigma",
+            "depth_share",
+            "huber",
+            "height_sigma",
+        ):
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0, under 1e6", value)
         near, far = self.reach
@@ -81,4 +96,5 @@ class VisualConfig:
         for name in ("common_sigma", "acceleration"):
             value = getattr(self, name)
             require(min(value) >= 0 and len(value) == 2, name, "two numbers from 0", value)
+        require(0 <= self.tilt_sigma < 45, "tilt_sigma", "0 to under 45", self.tilt_sigma)
         require(self.seed >= 0, "seed", "0 or more", self.seed)

@@ -1,7 +1,7 @@
 """What a frame shows: points that are followed, points that are found, and how far they are."""
 
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,14 +14,23 @@ from saccade.keypoints.sift import Sift
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.symroid import SymRoid
 from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
-from saccade.visual.camera import Sightings, depth_of, is_inside, range_bearing
+from saccade.visual.camera import (
+    NEAREST,
+    Sightings,
+    depth_of,
+    from_pixels,
+    is_inside,
+    range_bearing,
+)
 from saccade.visual.config import VisualConfig
 from saccade.visual.following import ByteArray, disparities, follow, gray_bytes
-from saccade.visual.motion import Motion, motion_between
+from saccade.visual.motion import Motion, Prior, motion_between, paired
 from saccade.visual.ranging import depth_at, first_disparities, stereo_depth_sigma
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
+UNKNOWN = 30.0
+"""Standard deviation of a range of which nothing is said, as a share of it."""
 BORDER = 8
 """Pixels at the edge of the image in which nothing is followed."""
 DARK = 4.0
@@ -45,31 +54,53 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Points in view that are landmarks."""
+    """Points in view: landmarks, and what may become one."""
 
     xy: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
     """(k, 2) pixels."""
     depth: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(k,) metres along the optical axis, NaN where not known."""
+    depth_sigma: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(k,) metres."""
     landmark: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(k,) numbers."""
+    """(k,) numbers, -1 for those that are none."""
     track: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) names that the sequence gives them; -1 where it gives none."""
+    born: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) frame from which each has been followed."""
+    first: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    """(k, 2) pixels in that frame."""
+    response: Float32Array = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(k,) how strong each was there."""
+    descriptor: ByteArray = field(default_factory=lambda: np.zeros((0, 128), np.uint8))
+    """(k, 128) how each looked there."""
+    again: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """(k,) whether it was recognized there, after it had been out of sight."""
 
     def __len__(self) -> int:
         return len(self.xy)
 
     def __getitem__(self, index: BoolArray | IntArray) -> "Followed":
-        return Followed(self.xy[index], self.depth[index], self.landmark[index], self.track[index])
+        return Followed(*(column[index] for column in self._columns()))
 
     def joined(self, other: "Followed") -> "Followed":
         """These and those."""
-        return Followed(
-            np.concatenate([self.xy, other.xy]),
-            np.append(self.depth, other.depth),
-            np.append(self.landmark, other.landmark),
-            np.append(self.track, other.track),
-        )
+        pairs = zip(self._columns(), other._columns(), strict=True)
+        return Followed(*(np.concatenate(pair) for pair in pairs))
+
+    @property
+    def known(self) -> BoolArray:
+        """(k,) which are landmarks."""
+        return self.landmark >= 0
+
+    @property
+    def keypoints(self) -> Keypoints:
+        """Where they are, with the looks that they had at first."""
+        points = Keypoints.at(self.xy, 1.0)
+        return replace(points, response=self.response, descriptors=self.descriptor)
+
+    def _columns(self) -> list[npt.NDArray[Any]]:
+        return [getattr(self, each.name) for each in fields(self)]
 
 
 def look(frame: Frame, camera: Camera) -> View:
@@ -93,7 +124,7 @@ def look(frame: Frame, camera: Camera) -> View:
 
 
 def track(
-    camera: Camera, before: View, now: View, followed: Followed
+    camera: Camera, before: View, now: View, followed: Followed, prior: Prior, config: VisualConfig
 ) -> tuple[Followed, Motion | None]:
     """Find the followed points again, those that move as the robot does.
 
@@ -102,9 +133,12 @@ def track(
         before: the last frame in which there was something to be seen.
         now: this one.
         followed: points of `before`.
+        prior: the control that is expected.
+        config: how far pixels and depths can be trusted.
 
     Returns:
-        The points of `now`, with their depth there, and the motion that they agree on.
+        The points of `now`, with their depth where it is measured there, and the motion that
+        they agree on.
     """
     if now.frame.tracks is not None:
         given = now.frame.tracks
@@ -118,13 +152,33 @@ def track(
         depth = _depth_again(camera, now, xy, here.depth)
     else:
         return Followed(), None
-    motion = motion_between(camera, here.xy, here.depth, xy)
-    moved = Followed(xy, depth, here.landmark, here.track)
+    sigma = depth_deviation(camera, depth, config)
+    ranged = measures_depth(camera, now.frame)
+    was = here.depth if ranged else np.full(len(here), np.nan)
+    pairs = paired(here.xy, xy, was, here.depth_sigma, depth, sigma)
+    motion = motion_between(camera, pairs, config.pixel_sigma, prior, ranged)
+    moved = replace(here, xy=xy, depth=depth, depth_sigma=sigma)
     return (moved if motion is None else moved[motion.agrees]), motion
 
 
+def measures_depth(camera: Camera, frame: Frame) -> bool:
+    """Whether a frame tells by itself how far points are."""
+    return camera.baseline > 0 or frame.depth is not None
+
+
+def depth_deviation(camera: Camera, depth: FloatArray, config: VisualConfig) -> FloatArray:
+    """(k,) standard deviations of depths (k,) that were measured, in metres."""
+    if camera.baseline > 0:
+        return stereo_depth_sigma(camera, depth, config.disparity_sigma)
+    return config.depth_share * depth
+
+
 def observe(
-    camera: Camera, xy: Float32Array, depth: FloatArray, config: VisualConfig
+    camera: Camera,
+    xy: Float32Array,
+    depth: FloatArray,
+    depth_sigma: FloatArray,
+    config: VisualConfig,
 ) -> tuple[Sightings, BoolArray]:
     """Range and bearing of points, and which of them are known well enough.
 
@@ -132,20 +186,33 @@ def observe(
         camera: the calibration.
         xy: (k, 2) pixels.
         depth: (k,) metres along the optical axis; NaN where not known.
+        depth_sigma: (k,) metres.
         config: what is well enough.
 
     Returns:
         k sightings, and (k,) whether each is of use.
     """
     far = np.nan_to_num(depth, nan=1.0)
-    if camera.baseline > 0:
-        sigma = stereo_depth_sigma(camera, far, config.disparity_sigma)
-    else:
-        sigma = config.depth_share * far
+    sigma = np.nan_to_num(depth_sigma, nan=1.0)
     seen = range_bearing(camera, xy.astype(np.float64), far, config.pixel_sigma, sigma)
+    slant = (seen.height - camera.place[2]) / seen.z[:, 0]
+    seen.covariance[:, 1, 1] += np.square(np.radians(config.tilt_sigma) * slant)
     reach, spread = seen.z[:, 0], np.sqrt(seen.covariance[:, 0, 0])
     useful = np.isfinite(depth) & (reach > config.reach[0]) & (reach < config.reach[1])
     return seen, useful & (spread < config.range_share * reach)
+
+
+def bearing_alone(
+    camera: Camera, xy: Float32Array, reach: FloatArray, config: VisualConfig
+) -> Sightings:
+    """Sightings of points (k, 2) that are at ranges (k,) already: they tell the bearing alone."""
+    near, far = (from_pixels(camera, xy.astype(np.float64), np.full(len(xy), s)) for s in (0, 1))
+    origin, ahead = near[:, :2], (far - near)[:, :2]
+    square, half = np.square(ahead).sum(1), (origin * ahead).sum(1)
+    over = np.maximum(half**2 - square * (np.square(origin).sum(1) - reach**2), 0.0)
+    depth = np.maximum(np.sqrt(over) - half, NEAREST) / np.maximum(square, 1e-12)
+    seen, _ = observe(camera, xy, depth, UNKNOWN * depth, config)
+    return seen
 
 
 class Detector:
@@ -165,23 +232,38 @@ class Detector:
             self._find = SymRoid()
         self._config = config
 
-    def __call__(self, view: View) -> Keypoints:
-        """The points of a view that shows something."""
-        if view.left is None:
-            given = view.frame.tracks
-            xy = np.zeros((0, 2)) if given is None else given.xy
-            return _undescribed(xy)
-        found = self._find(view.left)
-        points = found if isinstance(found, Keypoints) else found.keypoints
-        return points[_first_of_each_place(points)]
+    def __call__(self, view: View, camera: Camera, number: int) -> Followed:
+        """The points of a frame that shows something; none of them is a landmark yet."""
+        given = view.frame.tracks
+        if given is not None:
+            points, track = _undescribed(given.xy), given.id
+            depth = depth_of(camera, given.disparity)
+        elif view.left is not None:
+            found = self._find(view.left)
+            points = found if isinstance(found, Keypoints) else found.keypoints
+            points = points[_first_of_each_place(points)]
+            track = np.full(len(points), -1)
+            depth = self._depths(camera, view, points)
+        else:
+            return Followed()
+        assert points.descriptors is not None
+        return Followed(
+            points.xy,
+            depth,
+            depth_deviation(camera, depth, self._config),
+            np.full(len(points), -1),
+            track,
+            np.full(len(points), number),
+            points.xy,
+            points.response,
+            points.descriptors,
+            np.zeros(len(points), np.bool_),
+        )
 
-    def depths(self, camera: Camera, view: View, points: Keypoints) -> FloatArray:
+    def _depths(self, camera: Camera, view: View, points: Keypoints) -> FloatArray:
         """(n,) metres along the optical axis of new points; NaN where not known."""
-        frame = view.frame
-        if frame.tracks is not None:
-            return depth_of(camera, frame.tracks.disparity)
-        if frame.depth is not None:
-            return depth_at(frame.depth, points.xy)
+        if view.frame.depth is not None:
+            return depth_at(view.frame.depth, points.xy)
         if view.left is not None and view.right is not None:
             near = self._config.reach[0]
             return depth_of(

@@ -11,8 +11,10 @@ from saccade.slam.retraction import INVARIANT
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import Sightings
 from saccade.visual.config import VisualConfig
+from saccade.visual.foresight import Foresight, joined, step_between
 from saccade.visual.landmarks import Landmarks
-from saccade.visual.motion import Foresight, Motion, joined, step_between
+from saccade.visual.motion import Motion, Prior
+from saccade.visual.road import Scale
 
 
 class VisualMap:
@@ -21,10 +23,14 @@ class VisualMap:
     Args:
         drive: where it begins, and its odometry.
         config: how to map.
+        ranged: whether frames tell by themselves how far points are.
     """
 
-    def __init__(self, drive: Drive, config: VisualConfig) -> None:
-        bias = drive.odometry_bias if any(drive.odometry_bias) else ()
+    def __init__(self, drive: Drive, config: VisualConfig, ranged: bool) -> None:
+        share, *others = drive.odometry_bias
+        self.scale = Scale(0.0 if ranged else share, config.height_sigma)
+        bias = (share if ranged else 0.0, *others) if ranged or any(others) else ()
+        bias = bias if any(bias) else ()
         self.ekf = EkfSlam(
             np.concatenate([drive.start, np.zeros(len(bias))]),
             np.diag(np.square([0.0, 0.0, 0.0, *bias])),
@@ -37,25 +43,39 @@ class VisualMap:
         ahead, turn = config.acceleration
         self._foresight = Foresight(np.array([ahead, ahead / 4, turn]))
 
-    def predict(self, number: int, motion: Motion | None) -> FloatArray:
-        """Go to a frame after the first.
+    def foretell(self, number: int) -> Prior:
+        """The control that is expected to lead to a frame after the first."""
+        drive, factor = self._drive, np.array([self.scale.factor, self.scale.factor, 1.0])
+        seconds = float(drive.time[number] - drive.time[number - 1])
+        control = drive.control[number - 1] * factor
+        return self._foresight.foresee(control, drive.control_covariance[number - 1], seconds)
+
+    def predict(self, expected: Prior, motion: Motion | None) -> None:
+        """Go to the next frame.
 
         Args:
-            number: of the frame.
+            expected: what `foretell` says.
             motion: what the camera says of the way, if anything.
-
-        Returns:
-            The control (3,) that was taken for true, without the camera.
         """
-        drive = self._drive
-        seconds = float(drive.time[number] - drive.time[number - 1])
-        odometry = drive.control[number - 1], drive.control_covariance[number - 1]
-        control, covariance = self._foresight.foresee(*odometry, seconds)
-        taken = control, covariance
+        taken = expected
         if motion is not None:
-            taken = joined((motion.control, motion.covariance), taken)
+            taken = motion.control, motion.covariance
+            if not motion.with_prior:
+                taken = joined(taken, expected)
         self.ekf.predict(*taken)
-        return control
+
+    @property
+    def pose_covariance(self) -> FloatArray:
+        """(3, 3), with what is not known of the scale: all that was driven may be longer."""
+        way = np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
+        return self.ekf.pose_covariance + self.scale.sigma**2 * np.outer(way, way)
+
+    @property
+    def landmark_covariances(self) -> FloatArray:
+        """(n, 2, 2), with what is not known of the scale."""
+        way = self.ekf.landmarks - self._drive.start[:2]
+        scale = self.scale.sigma**2 * way[:, :, None] * way[:, None]
+        return self.ekf.landmark_covariances + scale
 
     def moved(self, number: int, before: FloatArray, told: int) -> None:
         """Remember how the robot moved, once all that the frame showed is in.
@@ -73,22 +93,38 @@ class VisualMap:
         blind = drive.control_covariance[number - 1]
         self._foresight.saw(step, blind / (1 + told) ** 2, seconds)
 
-    def meet(self, landmark: IntArray, seen: Sightings, number: int) -> None:
+    def meet(
+        self,
+        landmark: IntArray,
+        seen: Sightings,
+        again: npt.NDArray[np.bool_],
+        number: int,
+    ) -> None:
         """Take in sightings of landmarks of the map.
 
-        What they get wrong together would be taken for knowledge if each counted as another
-        one: each of k has k times the variance of the common error, so that together they
-        say of it what one does.
+        A landmark that has been followed since it was taken in tells how the robot moved since,
+        which its motion from frame to frame has told already, by the same pixels. Only one that
+        had been out of sight tells something new.
+
+        What sightings get wrong together would be taken for knowledge if each counted as
+        another one: each of k has k times the variance of the common error, so that together
+        they say of it what one does.
 
         Args:
             landmark: (k,) numbers.
             seen: k sightings.
+            again: (k,) whether the landmark had been out of sight.
             number: of the frame.
         """
         rows = self.landmarks.rows(landmark)
-        if len(rows) > 0:
-            self.ekf.look(seen.z, self._covariance(seen, len(rows)), rows)
-            self.landmarks.met(rows, number)
+        if len(rows) == 0:
+            return
+        R = self._covariance(seen, int(again.sum()))
+        self.ekf.look(seen.z[again], R[again], rows[again])
+        self.landmarks.met(rows, number)
+        self.landmarks.height[rows] += (seen.height - self.landmarks.height[rows]) / (
+            self.landmarks.seen[rows]
+        )
 
     def take_in(self, seen: Sightings, descriptors: npt.NDArray[np.uint8], number: int) -> IntArray:
         """Make landmarks of k sightings; returns their numbers (k,)."""

@@ -1,23 +1,36 @@
 """The whole chain: attend, detect, track, observe, associate, update, and manage the map."""
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
+from saccade.pyramid import FloatMap
 from saccade.slam.recording import Recorder
-from saccade.types import IntArray, Keypoints
-from saccade.visual.camera import Sightings, is_inside, to_pixels
+from saccade.types import FloatArray, IntArray
+from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.frontend import Detector, Followed, View, look, observe, track
+from saccade.visual.frontend import (
+    Detector,
+    Followed,
+    View,
+    bearing_alone,
+    look,
+    measures_depth,
+    observe,
+    track,
+)
 from saccade.visual.mapping import VisualMap
+from saccade.visual.motion import camera_motion
 from saccade.visual.recognition import agreeing, keep_apart, look_alikes, within_gate
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
+from saccade.visual.road import road_motion
 from saccade.visual.selection import attend, preference
+from saccade.visual.triangulation import CameraWay
 
 
 def run(
@@ -45,7 +58,8 @@ def run(
     for number in range(len(drive)):
         pipeline.step(number)
         if recorder is not None:
-            seen = pipeline.world.landmarks.rows(pipeline.followed.landmark)
+            followed = pipeline.followed
+            seen = pipeline.world.landmarks.rows(followed.landmark[followed.known])
             recorder.add(number, len(drive), pipeline.world.ekf, seen)
         if progress is not None:
             progress(number + 1, len(drive))
@@ -62,31 +76,30 @@ class Pipeline:
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         self.drive, self.config = drive, config
-        self.world = VisualMap(drive, config)
         self.followed = Followed()
         self.recording = Recording(drive)
+        self.ranged = measures_depth(drive.camera, self._load(0))
+        self.world = VisualMap(drive, config, self.ranged)
         self._detect = Detector(config)
         self._last = View(Frame(float(drive.time[0])))
+        self._way = CameraWay()
 
     def step(self, number: int) -> None:
         """Go on by one frame."""
-        note, world, camera = self.recording, self.world, self.drive.camera
+        note, world = self.recording, self.world
         with note.timed("read"):
-            view = look(self._load(number), camera)
-        with note.timed("track"):
-            self.followed, motion = track(camera, self._last, view, self.followed)
-        with note.timed("predict"):
-            before = world.ekf.pose
-            expected = world.predict(number, motion) if number > 0 else np.zeros(3)
-        with note.timed("observe"):
-            seen, useful = observe(camera, self.followed.xy, self.followed.depth, self.config)
+            view = look(self._load(number), self.drive.camera)
+        before = world.ekf.pose
+        if number > 0:
+            self._move(number, view)
+        else:
+            note.moved(np.zeros(3), None)
         with note.timed("update"):
-            self._meet(number, FOLLOWED, self.followed[useful], _some(seen, useful))
+            self._meet(number, FOLLOWED, self.followed[self.followed.known])
         if number % self.config.every == 0 and not view.blind:
             self._renew(number, view)
         world.moved(number, before, len(self.followed))
-        note.moved(expected, motion)
-        note.believed(world.ekf.pose, world.ekf.pose_covariance)
+        note.believed(world.ekf.pose, world.pose_covariance)
         if not view.blind:
             self._last = view
 
@@ -94,65 +107,112 @@ class Pipeline:
         """What has come of it so far."""
         return self.recording.result(self.world)
 
+    def _move(self, number: int, view: View) -> None:
+        """Follow the points to a frame, and the robot with them."""
+        note, world, camera, config = self.recording, self.world, self.drive.camera, self.config
+        expected = world.foretell(number)
+        with note.timed("track"):
+            self.followed, motion = track(camera, self._last, view, self.followed, expected, config)
+            note.moved(expected[0], motion)
+        with note.timed("predict"):
+            world.predict(expected, motion)
+        if motion is None:
+            self._way.moved(*camera_motion(camera, expected[0]))
+            return
+        self._way.moved(motion.rotation, motion.shift)
+        if self.ranged:
+            return
+        with note.timed("range"):
+            points = self.followed
+            depth, sigma = self._way.triangulate(
+                camera, points.born, points.first, points.xy, config.pixel_sigma
+            )
+            self.followed = replace(points, depth=depth, depth_sigma=sigma)
+        with note.timed("road"):
+            if self._last.left is not None and view.left is not None:
+                road = road_motion(camera, self._last.left, view.left, motion)
+                if road is not None:
+                    world.scale.heard(road.distance / float(np.linalg.norm(motion.shift)))
+
     def _renew(self, number: int, view: View) -> None:
         """Find what is in view: landmarks that were lost from sight, and new ones."""
-        note, world, camera, config = self.recording, self.world, self.drive.camera, self.config
+        note, world, config = self.recording, self.world, self.config
         with note.timed("detect"):
-            points = self._detect(view)
-            depth = self._detect.depths(camera, view, points)
-            seen, useful = observe(camera, points.xy, depth, config)
-            free = useful & ~self._near(points)
-            points, depth, seen = points[free], depth[free], _some(seen, free)
-            named = view.frame.tracks
-            tracks = np.full(len(points), -1) if named is None else named.id[free]
+            found = self._detect(view, self.drive.camera, number)
+            found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
         with note.timed("associate"):
-            pairs = self._recognize(points, seen)
-        with note.timed("update"):
-            known = Followed(
-                points.xy[pairs[:, 0]],
-                depth[pairs[:, 0]],
-                world.landmarks.id[pairs[:, 1]],
-                tracks[pairs[:, 0]],
+            pairs = self._recognize(found)
+            known = replace(
+                found[pairs[:, 0]],
+                landmark=world.landmarks.id[pairs[:, 1]],
+                again=np.ones(len(pairs), np.bool_),
             )
-            self._meet(number, RECOGNIZED, known, _some(seen, pairs[:, 0]))
-            self.followed = self.followed.joined(known)
+        with note.timed("update"):
+            self._meet(number, RECOGNIZED, known)
+            others = self.followed[~_near(self.followed, known, config.apart / 2)]
+            self.followed = others.joined(known)
         with note.timed("attend"):
+            new = found[~_near(found, self.followed, config.apart / 2)]
+            new = new[np.argsort(-new.response, kind="stable")]
+            self.followed = self.followed.joined(new[: config.followed - len(self.followed)])
             image = view.frame.image
-            saliency = None if image is None else attend(image, config)
-            share = np.sqrt(seen.covariance[:, 0, 0]) / seen.z[:, 0]
-            shape = (camera.height, camera.width)
-            order = preference(points, share, saliency, shape, config, number)
-            order = order[~np.isin(order, pairs[:, 0])]
-            free_places = max(0, config.in_view - len(self.followed))
-            count = min(config.new_per_frame * config.every, free_places)
-            chosen = keep_apart(points.xy, order, self.followed.xy, config.apart, count)
+            chosen = self._choose(number, None if image is None else attend(image, config))
         with note.timed("manage"):
-            assert points.descriptors is not None
-            new = _some(seen, chosen)
-            landmark = world.take_in(new, points.descriptors[chosen], number)
-            added = Followed(points.xy[chosen], depth[chosen], landmark, tracks[chosen])
-            note.meetings(number, TAKEN_IN, landmark, added.xy, new)
-            self.followed = self.followed.joined(added)
-            world.shrink(self.followed.landmark, number)
-            self.followed = self.followed[world.landmarks.rows(self.followed.landmark) >= 0]
+            self._take_in(number, chosen)
 
-    def _recognize(self, points: Keypoints, seen: Sightings) -> IntArray:
+    def _choose(self, number: int, saliency: FloatMap | None) -> IntArray:
+        """(m,) which of the followed points become landmarks."""
+        config, camera, points = self.config, self.drive.camera, self.followed
+        seen, useful = observe(camera, points.xy, points.depth, points.depth_sigma, config)
+        free = np.flatnonzero(useful & ~points.known)
+        share = np.sqrt(seen.covariance[free, 0, 0]) / seen.z[free, 0]
+        shape = (camera.height, camera.width)
+        order = free[preference(points.keypoints[free], share, saliency, shape, config, number)]
+        places = max(0, config.in_view - int(points.known.sum()))
+        count = min(config.new_per_frame * config.every, places)
+        return keep_apart(points.xy, order, points.xy[points.known], config.apart, count)
+
+    def _take_in(self, number: int, chosen: IntArray) -> None:
+        """Make landmarks of some of the followed points, and keep to the budget."""
+        world, points = self.world, self.followed
+        new = points[chosen]
+        camera = self.drive.camera
+        seen, _ = observe(camera, new.xy, new.depth, new.depth_sigma, self.config)
+        landmark = points.landmark.copy()
+        landmark[chosen] = world.take_in(seen, new.descriptor, number)
+        self.recording.meetings(number, TAKEN_IN, landmark[chosen], new.xy, seen)
+        self.followed = replace(points, landmark=landmark)
+        world.shrink(landmark[landmark >= 0], number)
+        gone = (landmark >= 0) & (world.landmarks.rows(landmark) < 0)
+        self.followed = self.followed[~gone]
+
+    def _recognize(self, points: Followed) -> IntArray:
         """(m, 2) points and rows of the landmarks that they are."""
         world, config = self.world, self.config
         rows = self._in_view()
         if len(rows) == 0 or len(points) == 0:
             return np.zeros((0, 2), np.int64)
-        pairs = look_alikes(points, world.landmarks.descriptor[rows], config.ratio)
+        known = world.landmarks.descriptor[rows]
+        pairs = look_alikes(points.keypoints, known, config.ratio)
         pairs[:, 1] = rows[pairs[:, 1]]
         expected = world.expect(pairs[:, 1])
+        seen, useful = self._sighted(points[pairs[:, 0]], expected.z[:, 0])
         height = world.landmarks.height[pairs[:, 1]]
-        fits = within_gate(_some(seen, pairs[:, 0]), expected, height, config.gate)
-        pairs = pairs[fits]
-        agree = agreeing(seen.z[pairs[:, 0]], world.ekf.landmarks[pairs[:, 1]])
-        pairs = pairs[agree]
+        fits = useful & within_gate(seen, expected, height, config.gate)
+        pairs, seen = pairs[fits], some(seen, fits)
+        pairs = pairs[agreeing(seen.z, world.ekf.landmarks[pairs[:, 1]])]
         missed = rows[~np.isin(rows, pairs[:, 1])]
         world.landmarks.missed[missed] += 1
         return pairs
+
+    def _sighted(
+        self, points: Followed, reach: FloatArray
+    ) -> tuple[Sightings, npt.NDArray[np.bool_]]:
+        """What is seen of landmarks that are expected at ranges (k,), and whether it is of use."""
+        camera, config = self.drive.camera, self.config
+        if self.ranged:
+            return observe(camera, points.xy, points.depth, points.depth_sigma, config)
+        return bearing_alone(camera, points.xy, reach, config), np.ones(len(points), np.bool_)
 
     def _in_view(self) -> IntArray:
         """(m,) rows of landmarks that are not followed and should be in view."""
@@ -171,15 +231,11 @@ class Pipeline:
         inside[world.landmarks.rows(self.followed.landmark)] = False
         return np.flatnonzero(inside)
 
-    def _near(self, points: Keypoints) -> npt.NDArray[np.bool_]:
-        """(n,) whether points are on one that is followed."""
-        if len(self.followed) == 0 or len(points) == 0:
-            return np.zeros(len(points), np.bool_)
-        apart = points.xy[:, None] - self.followed.xy
-        return np.asarray((np.square(apart).sum(2) < (self.config.apart / 2) ** 2).any(1))
-
-    def _meet(self, number: int, kind: int, points: Followed, seen: Sightings) -> None:
-        self.world.meet(points.landmark, seen, number)
+    def _meet(self, number: int, kind: int, points: Followed) -> None:
+        rows = self.world.landmarks.rows(points.landmark)
+        seen, useful = self._sighted(points, self.world.expect(rows).z[:, 0])
+        points, seen = points[useful], some(seen, useful)
+        self.world.meet(points.landmark, seen, points.again, number)
         self.recording.meetings(number, kind, points.landmark, points.xy, seen)
 
     def _load(self, number: int) -> Frame:
@@ -191,5 +247,9 @@ class Pipeline:
             return Frame(float(self.drive.time[number]))
 
 
-def _some(seen: Sightings, index: npt.NDArray[Any]) -> Sightings:
-    return Sightings(seen.z[index], seen.covariance[index], seen.height[index])
+def _near(points: Followed, others: Followed, apart: float) -> npt.NDArray[np.bool_]:
+    """(n,) whether points are within some pixels of one of others."""
+    if len(points) == 0 or len(others) == 0:
+        return np.zeros(len(points), np.bool_)
+    square = np.square(points.xy[:, None] - others.xy).sum(2)
+    return np.asarray((square < apart**2).any(1))

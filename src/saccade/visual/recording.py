@@ -76,9 +76,7 @@ class Recording:
             trajectory=Trajectory(time, np.array(self._pose), np.array(self._covariance)),
             odometry=Trajectory(time, np.array(reckoned)),
             visual_odometry=Trajectory(time, np.array(self._visual)),
-            map=LandmarkMap(
-                known.id, world.ekf.landmarks, world.ekf.landmark_covariances, known.seen
-            ),
+            map=LandmarkMap(known.id, world.ekf.landmarks, world.landmark_covariances, known.seen),
             descriptors=known.descriptor,
             height=known.height,
             meetings=Meetings(frame, landmark, kind, xy, z, sigma),

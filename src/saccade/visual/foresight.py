@@ -1,0 +1,67 @@
+"""How the robot will move next: odometry joined with what came before."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saccade.slam.consistency import chi_square_gate
+from saccade.types import FloatArray
+
+
+def joined(
+    first: tuple[FloatArray, FloatArray], second: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Two independent estimates (3,) with covariances (3, 3) as one.
+
+    Where they contradict each other the first counts alone.
+    """
+    apart, total = first[0] - second[0], first[1] + second[1]
+    weighed = np.linalg.solve(total, apart)
+    if apart @ weighed > chi_square_gate(3, 0.9999):
+        return first
+    spread = second[1]
+    return second[0] + spread @ weighed, spread - spread @ np.linalg.solve(total, spread)
+
+
+@dataclass
+class Foresight:
+    """The next motion, from odometry and from how the robot moved before."""
+
+    acceleration: FloatArray
+    """(3,) standard deviations of the change of speed ahead, to the left (m/s) and of the turn
+    rate (rad/s) in a second."""
+    _speed: FloatArray | None = field(default=None, init=False)
+    _spread: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), init=False)
+
+    def foresee(
+        self, control: FloatArray, covariance: FloatArray, seconds: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Odometry joined with what the last motion lets expect.
+
+        Args:
+            control: (3,) by odometry.
+            covariance: (3, 3).
+            seconds: since the last frame.
+
+        Returns:
+            (3,) and its covariance (3, 3). Where the two contradict each other odometry counts
+            alone: the robot may have been stopped, lifted, or turned round.
+        """
+        if self._speed is None or seconds <= 0:
+            return control, covariance
+        expected = self._speed * seconds
+        spread = self._spread * seconds**2 + np.diag(np.square(self.acceleration * seconds**2))
+        return joined((control, covariance), (expected, spread))
+
+    def saw(self, control: FloatArray, covariance: FloatArray, seconds: float) -> None:
+        """Hear how the robot did move, (3,), and how sure that is (3, 3)."""
+        if seconds > 0:
+            self._speed, self._spread = control / seconds, covariance / seconds**2
+
+
+def step_between(before: FloatArray, after: FloatArray) -> FloatArray:
+    """(3,) one pose (3,) in the frame of another: metres ahead and to the left, radians."""
+    c, s = np.cos(before[2]), np.sin(before[2])
+    dx, dy = after[:2] - before[:2]
+    turn = (after[2] - before[2] + np.pi) % (2 * np.pi) - np.pi
+    return np.array([c * dx + s * dy, c * dy - s * dx, turn])
