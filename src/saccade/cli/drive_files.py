@@ -109,12 +109,12 @@ def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
     """What a drive says of itself in numbers; distances from the truth where that is known."""
     import numpy as np
 
-    from saccade.evaluation.drives import pose_at, same_places
+    from saccade.evaluation.drives import same_places
 
     n, seen = len(result.trajectory), result.meetings
     precision = None
     if drive.truth is not None and (seen.kind == 2).any():
-        poses = pose_at(drive.truth, drive.time)
+        poses = drive.truth.at(drive.time)
         right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, poses)
         precision = float(right[seen.kind == 2].mean())
     return {
@@ -128,6 +128,7 @@ def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
         "landmarks_seen": len(np.unique(seen.landmark)),
         "sightings": len(seen),
         "recognized": int((seen.kind == 2).sum()),
+        "missed": result.missed,
         "ms_per_frame": 1000 * sum(result.seconds.values()) / n,
         "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},
     }
