@@ -60,8 +60,10 @@ def report_on(drive: Drive, look: Look) -> CheckReport:
         *check_clock(drive),
         *check_stereo(look),
     ]
-    motion = _of_motion(drive, series, lag) if has_odometry(drive) else [_without_odometry()]
+    motion = _of_motion(drive, series, lag) if has_odometry(drive) else []
     findings += motion
+    if not drive.control[:, :2].any():
+        findings.append(_without_ways())
     if not any(finding.check.startswith("camera") for finding in motion):
         findings += check_ground(drive, look)  # a camera that is askew makes turns look like tilt
     findings.sort(key=lambda finding: ORDER.index(finding.severity))
@@ -82,7 +84,7 @@ def _of_motion(drive: Drive, series: Series, lag: Lag | None) -> list[Finding]:
     return [*findings, *ways, *check_mounting(series, drive.camera)]
 
 
-def _without_odometry() -> Finding:
+def _without_ways() -> Finding:
     return Finding(
         "note",
         "no odometry",

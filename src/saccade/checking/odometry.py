@@ -68,8 +68,8 @@ def _check_lag(series: Series, lag: Lag) -> list[Finding]:
         Finding(
             "warning",
             "clock lag",
-            f"odometry's clock is {abs(seconds):.2f} s ({frames}) {early} than the images': their turns agree by {lag.agreement:.3f} then, by "
-            f"{lag.agreement_now:.3f} as they are",
+            f"odometry's clock is {abs(seconds):.2f} s ({frames}) {early} than the images': their "
+            f"turns agree by {lag.agreement:.3f} then, by {lag.agreement_now:.3f} as they are",
             f"{mend} the times of odometry",
             seconds,
             "s",

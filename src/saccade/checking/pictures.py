@@ -69,8 +69,8 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
             Finding(
                 "warning",
                 "empty frames",
-                f"{counted(int(empty.sum()), 'frame has', 'frames have')} fewer than {LEAST} points "
-                "to follow",
+                f"{counted(int(empty.sum()), 'frame has', 'frames have')} fewer than {LEAST} "
+                "points to follow",
                 "Nothing is observed there; odometry alone bridges them",
                 float(empty.sum()),
                 "frames",
