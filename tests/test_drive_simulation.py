@@ -9,8 +9,8 @@ from saccade.simulation import DriveConfig, LightConfig
 from saccade.simulation.rendering import render
 from saccade.simulation.scene import Ground, Walls, build_scene
 
-TEXELS = 240.0
-CELL = 48
+TEXELS = 180.0
+CELL = 36
 """Texels of a square of the checkerboard."""
 STILL = LightConfig(noise=0.0, gain=0.0, gamma=0.0, vignetting=0.0)
 SMALL = DriveConfig(frames=4, image_size=(64, 48))

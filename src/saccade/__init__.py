@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from saccade import datasets, exchange, slam, viewing
+    from saccade import datasets, exchange, slam, viewing, visual
     from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
     from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
     from saccade.attention.scanpath import ScanpathConfig, scanpath
@@ -79,7 +79,7 @@ _HOMES = {
     ),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "exchange", "slam", "viewing")
+_ROOMS = ("datasets", "exchange", "slam", "viewing", "visual")
 
 __all__ = [
     "AttentionConfig",
@@ -122,6 +122,7 @@ __all__ = [
     "symmetry_saliency",
     "verify",
     "viewing",
+    "visual",
 ]
 
 

@@ -5,7 +5,7 @@ odometry is measured. The camera's has x to the right, y down and z along the op
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -154,6 +154,15 @@ class Drive:
         if (np.diff(self.time) < 0).any():
             row = int(np.argmax(np.diff(self.time) < 0)) + 1
             raise DriveError(f"{self.name}: time: goes back at frame {row}; sort the frames")
+
+    def until(self, frames: int) -> "Drive":
+        """The first so many frames of it."""
+        return replace(
+            self,
+            time=self.time[:frames],
+            control=self.control[: frames - 1],
+            control_covariance=self.control_covariance[: frames - 1],
+        )
 
     def __len__(self) -> int:
         return len(self.time)

@@ -17,6 +17,7 @@ KINDS = {
     "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
     "symroid": ("saccade.keypoints.symroid_config", "SymRoidConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
+    "visual": ("saccade.visual", "VisualConfig"),
     "world": ("saccade.simulation", "WorldConfig"),
     "drive": ("saccade.simulation", "DriveConfig"),
 }

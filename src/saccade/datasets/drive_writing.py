@@ -123,8 +123,7 @@ def _write_png(path: Path, image: Image) -> None:
         pixels = np.rint(pixels.clip(0, 1) * 255).astype(np.uint8)
     if pixels.ndim == 3:
         pixels = cv2.cvtColor(np.ascontiguousarray(pixels[:, :, :3]), cv2.COLOR_RGB2BGR)
-    fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-    done, data = cv2.imencode(".png", pixels, fast)
+    done, data = cv2.imencode(".png", pixels)
     if not done:
         raise OutputError(f"{path}: cannot be written: the image cannot be encoded")
     path.write_bytes(data.tobytes())

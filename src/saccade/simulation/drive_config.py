@@ -42,7 +42,7 @@ class OdometryConfig:
 
     scale: float = 3.0
     """Per cent by which every distance is off."""
-    drift: float = 1.7
+    drift: float = 1.5
     """Degrees per metre that are turned unnoticed."""
     white: float = 5.0
     """Standard deviation of each distance, in per cent of it."""
@@ -58,13 +58,13 @@ class OdometryConfig:
 class DriveConfig:
     """A walled ring with posters, and a robot that drives round it with a camera."""
 
-    size: tuple[float, float] = (10.0, 8.0)
+    size: tuple[float, float] = (11.0, 8.5)
     """Metres between the outer walls, along the first side of the ring and across it."""
     corridor: float = 2.2
     """Metres between the outer walls and the block in the middle."""
     wall_height: float = 2.4
     """Metres."""
-    spacing: float = 1.9
+    spacing: float = 1.6
     """Metres from poster to poster along a wall, at least."""
     pictures: int = 0
     """How many different pictures there are on the posters; 0 for as many as there are."""

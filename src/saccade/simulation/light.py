@@ -69,13 +69,10 @@ class Light:
         factor = np.asarray(cv2.pow(np.float32(self.gain[frame]) * (1 - missing), gamma))
         seen: Float32Array = np.asarray(cv2.LUT(picture, curve), np.float32)
         seen *= factor if picture.ndim == 2 else factor[:, :, None]
-        if self.noise > 0:
-            bits = np.random.SFC64([self.seed, frame, camera])
-            noise = np.random.Generator(bits).standard_normal(seen.shape, np.float32)
-            noise *= np.float32(self.noise)
-            seen += noise
-        np.clip(seen, 0, 255, out=seen)
-        return np.rint(seen, out=seen).astype(np.uint8)
+        bits = np.random.SFC64([self.seed, frame, camera])
+        noise = np.random.Generator(bits).standard_normal(seen.shape, np.float32)
+        noise *= np.float32(self.noise)
+        return np.asarray(cv2.add(seen, noise, dtype=cv2.CV_8U), np.uint8)  # rounds, saturates
 
 
 def _drift(time: FloatArray, seed: np.random.SeedSequence) -> FloatArray:

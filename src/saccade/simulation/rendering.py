@@ -14,7 +14,7 @@ from saccade.frames import Camera
 from saccade.simulation.scene import ACROSS, DOWN, GROUND, Scene
 from saccade.types import Float32Array, FloatArray, IntArray
 
-SAMPLES = 2
+SAMPLES = (3, 2)
 """Per pixel, across and down; their mean is the pixel."""
 NEAREST = 0.02
 """Metres along the optical axis; what is closer is behind the lens."""
@@ -55,8 +55,11 @@ def render(
     Returns:
         (H, W) or (H, W, 3), as the scene.
     """
-    width, height = camera.width * SAMPLES, camera.height * SAMPLES
-    x, y = ((np.arange(side) + 0.5) / SAMPLES - 0.5 for side in (width, height))
+    size = (camera.width, camera.height)
+    x, y = (
+        (np.arange(side * samples) + 0.5) / samples - 0.5
+        for side, samples in zip(size, SAMPLES, strict=True)
+    )
     columns = meet_walls(scene, camera, pose, x, right)
     across, down = _wall_texels(scene, camera, columns, y)
     horizon = int(np.searchsorted(y, camera.cy, side="right"))
@@ -65,7 +68,6 @@ def render(
     for walls, floor in zip((across, down), ground, strict=True):
         np.copyto(walls[horizon:], floor, where=depth < columns.depth)
     samples = cv2.remap(scene.atlas, across, down, cv2.INTER_LINEAR)
-    size = (camera.width, camera.height)
     return np.asarray(cv2.resize(samples, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
@@ -113,19 +115,19 @@ def _wall_texels(
 ) -> tuple[Float32Array, Float32Array]:
     """Column and row (rows, n) in the atlas of what each sample sees, were there no ground."""
     texels = scene.wall_texels
-    i = _scale(texels * columns.stretch / SAMPLES, ACROSS)
-    j = _scale(texels * columns.depth / camera.fy / SAMPLES, DOWN)
-    left, width, top, height = np.empty((4, len(i)))
+    i = _scale(texels * columns.stretch / SAMPLES[0], ACROSS)
+    j = _scale(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
+    left, width, top = np.empty((3, len(i)))
     for band, scales in enumerate(scene.wall_scales):
         mine = scene.band[columns.wall] == band
         left[mine], width[mine] = scales.left[i[mine]], scales.width[i[mine]]
-        top[mine], height[mine] = scales.top[j[mine]], scales.height[j[mine]]
+        top[mine] = scales.top[j[mine]]
     across = left + np.clip(columns.place * texels / 2**i - 0.5, 0, width - 1)
     first = (scene.wall_height - camera.place[2]) * texels / 2**j - 0.5
     slope = columns.depth / camera.fy * texels / 2**j
     down = np.multiply.outer((y - camera.cy).astype(np.float32), slope.astype(np.float32))
     down += first.astype(np.float32)
-    np.clip(down, np.float32(-1), (height - 1).astype(np.float32), out=down)
+    np.maximum(down, np.float32(-1), out=down)
     down += top.astype(np.float32)
     return np.broadcast_to(across.astype(np.float32), down.shape).copy(), down
 
@@ -136,20 +138,18 @@ def _ground_texels(
     """Column and row (rows, n) in the atlas of what each sample below the horizon sees."""
     depth = camera.fy * camera.place[2] / (y - camera.cy)
     texels, scales = scene.ground.texels, scene.ground_scales
-    long, wide = depth**2 / (camera.fy * camera.place[2]), depth / camera.fx  # metres per pixel
-    i = _scale(texels * np.sqrt(long * wide) / SAMPLES, GROUND)
+    long = depth**2 / (camera.fy * camera.place[2]) / SAMPLES[1]  # metres from sample to sample
+    wide = depth / camera.fx / SAMPLES[0]
+    i = _scale(texels * np.sqrt(long * wide), GROUND)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     east, south = (eye_of(camera, pose, right) - scene.ground.corner) * (1, -1)
     aside = ((x - camera.cx) / camera.fx).astype(np.float32)
     found = []
-    ways = ((east, c, s, scales.left, scales.width), (south, -s, c, scales.top, scales.height))
-    for start, ahead, across, first, count in ways:
+    for start, ahead, across, first in ((east, c, s, scales.left), (south, -s, c, scales.top)):
         scale = texels / 2**i
         middle = ((start + depth * ahead) * scale - 0.5)[:, None].astype(np.float32)
         where = np.multiply.outer((depth * across * scale).astype(np.float32), aside)
         where += middle
-        last = (count[i] - 1)[:, None].astype(np.float32)
-        np.clip(where, np.float32(0), last, out=where)
         where += first[i][:, None].astype(np.float32)
         found.append(where)
     return found[0], found[1]

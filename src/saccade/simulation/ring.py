@@ -15,8 +15,8 @@ from saccade.simulation.textures import (
 )
 from saccade.types import FloatArray
 
-TEXELS = 240.0
-"""Per metre of wall: at the course's distance from the walls a pixel sees at least one."""
+TEXELS = 180.0
+"""Per metre of wall: as near as the default course comes to a wall, a pixel sees at least one."""
 GROUND_TEXELS = 160.0
 """Per metre of ground."""
 CORNER = 0.35

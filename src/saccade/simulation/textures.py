@@ -14,7 +14,7 @@ Texture = npt.NDArray[np.uint8]
 
 PICTURES = {
     "astronaut": (2, 2),
-    "hubble": (3, 2),
+    "hubble": (3, 3),
     "coffee": (2, 1),
     "rocket": (3, 1),
     "chelsea": (2, 1),
@@ -54,56 +54,59 @@ def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) 
         rng: draws the tones and the grain.
     """
     height, width = shape
-    y, x = np.arange(height) / texels, np.arange(width) / texels
-    row = np.floor(y / BRICK[1]).astype(int)  # (h,)
-    shifted = x + (row % 2)[:, None] * BRICK[0] / 2  # (h, w)
-    column = np.floor(shifted / BRICK[0]).astype(int)
-    tones = rng.normal(1, 0.16, (row.max() + 1, column.max() + 1)).astype(np.float32)
-    blush = rng.normal(0, 0.06, tones.shape).astype(np.float32)
-    tone, red = tones[row[:, None], column], blush[row[:, None], column]
-    edge = np.minimum(
-        _to_edge(shifted, BRICK[0]), _to_edge(y, BRICK[1])[:, None]
-    ) + 0.004 * _clouds(shape, (8, 16), rng)
-    inside = np.clip((edge - MORTAR / 2) / 0.006 + 0.5, 0, 1).astype(np.float32)
-    grain = 1 + 0.12 * _clouds(shape, (1, 2, 4, 12), rng)
-    stains = 1 + 0.10 * _clouds(shape, (int(texels / 4), int(texels)), rng)
-    bricks = np.stack([(0.56 + red) * tone, 0.36 * tone, 0.29 * tone], -1)
-    mortar = np.array([0.66, 0.63, 0.58], np.float32)
-    wall = mortar + inside[..., None] * (bricks - mortar)
-    return _as_bytes(wall * (grain * stains)[..., None])
+    y = np.arange(height, dtype=np.float32) / np.float32(texels)
+    x = np.arange(width, dtype=np.float32) / np.float32(texels)
+    row = (y // BRICK[1]).astype(np.intp)  # (h,)
+    columns = [((x + shift) // BRICK[0]).astype(np.intp) for shift in (0, BRICK[0] / 2)]
+    drawn = (int(row[-1]) + 1, int(columns[1][-1]) + 1)
+    tone = rng.normal(1, 0.14, drawn).astype(np.float32)
+    colors = np.stack([rng.normal(0.53, 0.05, drawn) * tone, 0.37 * tone, 0.30 * tone], -1)
+    edges = [_to_edge(x + shift, BRICK[0]) for shift in (0, BRICK[0] / 2)]
+    upright, level = np.stack(edges)[row % 2], _to_edge(y, BRICK[1])[:, None]
+    edge = np.minimum(upright, level) + 0.004 * _clouds(shape, (6, 12), rng)  # rough
+    inside = np.clip((edge - MORTAR / 2) / 0.006 + 0.5, 0, 1)
+    grain = 1 + 0.11 * _clouds(shape, (1, 2, 4, 10), rng)
+    grain *= 1 + 0.10 * _clouds(shape, (int(texels / 4), int(texels)), rng)
+    wall = np.empty((*shape, 3), np.uint8)
+    for channel, mortar in enumerate((0.62, 0.60, 0.56)):
+        bricks = colors[:, :, channel].astype(np.float32)
+        laid = np.stack([bricks[:, which] for which in columns])[row % 2, row]  # (h, w)
+        wall[:, :, channel] = _as_bytes((mortar + inside * (laid - np.float32(mortar))) * grain)
+    return wall
 
 
 def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
     """Rough plaster with stains, and a painted band at its foot; arguments as of `brick_wall`."""
-    height = shape[0]
-    rough = 1 + 0.05 * _clouds(shape, (2, 5, 11), rng)
-    stains = 1 + 0.09 * _clouds(shape, tuple(int(texels * m) for m in (0.15, 0.4, 1.2)), rng)
-    specks = _clouds(shape, (3, 6), rng) > 2.6
-    color = np.tile(np.array([0.78, 0.74, 0.64], np.float32), (height, 1, 1))
-    color[height - int(0.28 * texels) :] = (0.42, 0.45, 0.47)
-    wall = color * (rough * stains * np.where(specks, 0.75, 1))[..., None]
-    return _as_bytes(wall)
+    shade = 1 + 0.05 * _clouds(shape, (2, 5, 11), rng)
+    shade *= 1 + 0.09 * _clouds(shape, tuple(int(texels * m) for m in (0.15, 0.4, 1.2)), rng)
+    shade[_clouds(shape, (3, 6), rng) > 2.6] *= 0.75  # holes
+    painted = shape[0] - int(0.28 * texels)
+    wall = np.empty((*shape, 3), np.uint8)
+    for channel, (bare, paint) in enumerate(((0.78, 0.42), (0.74, 0.45), (0.64, 0.47))):
+        color = np.where(np.arange(shape[0]) < painted, bare, paint).astype(np.float32)
+        wall[:, :, channel] = _as_bytes(color[:, None] * shade)
+    return wall
 
 
 def gravel_floor(shape: tuple[int, int], rng: np.random.Generator) -> Texture:
     """Gravel without end: pieces of one photograph, turned, mirrored and laid over each other."""
-    stone = _photograph("gravel").astype(np.float32)
-    side = min(stone.shape[:2]) // 2
+    stone = _photograph("gravel")[:, :, 0].astype(np.float32)
+    side = min(stone.shape) // 2
     ramp = np.clip(np.sin(np.linspace(0, np.pi, side)) * 3, 0, 1).astype(np.float32)
-    mask = (ramp * ramp[:, None])[..., None]
+    mask = ramp * ramp[:, None]
     step = side // 2
     height, width = shape
-    floor = np.full((height + 2 * side, width + 2 * side, 3), stone.mean(), np.float32)
+    floor = np.full((height + 2 * side, width + 2 * side), stone.mean(), np.float32)
     for top in range(0, height + side, step):
         for left in range(0, width + side, step):
-            y, x = (int(rng.integers(0, stone.shape[axis] - side + 1)) for axis in (0, 1))
+            y, x = (int(rng.integers(0, whole - side + 1)) for whole in stone.shape)
             piece = np.rot90(stone[y : y + side, x : x + side], int(rng.integers(4)))
             piece = piece[:, :: int(rng.choice([-1, 1]))]
             here = floor[top : top + side, left : left + side]
             here += mask * (piece - here)
     floor = floor[side : side + height, side : side + width] / 255
-    stains = 1 + 0.12 * _clouds(shape, (60, 160), rng)
-    return _as_bytes(floor * np.array([1.0, 0.97, 0.92], np.float32) * stains[..., None])
+    floor *= 1 + 0.12 * _clouds(shape, (60, 160), rng)
+    return np.stack([_as_bytes(floor * np.float32(tint)) for tint in (1.0, 0.97, 0.92)], -1)
 
 
 def _photograph(name: str) -> Texture:
@@ -118,9 +121,9 @@ def _cut(picture: Texture, columns: int, rows: int) -> Iterator[Texture]:
             yield picture[top * height : (top + 1) * height, left * width : (left + 1) * width]
 
 
-def _to_edge(x: npt.NDArray[np.float64], period: float) -> npt.NDArray[np.float64]:
+def _to_edge(x: Float32Array, period: float) -> Float32Array:
     """Distance to the nearest multiple of a period."""
-    return np.abs((x + period / 2) % period - period / 2)
+    return np.asarray(np.abs((x + period / 2) % period - period / 2), np.float32)
 
 
 def _clouds(
@@ -137,5 +140,6 @@ def _clouds(
     return total
 
 
-def _as_bytes(picture: npt.NDArray[np.float32]) -> Texture:
-    return np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
+def _as_bytes(picture: npt.NDArray[np.floating]) -> Texture:
+    """Rounded; what is over 1 is white."""
+    return np.asarray(cv2.convertScaleAbs(np.maximum(picture, 0), alpha=255), np.uint8)

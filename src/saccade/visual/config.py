@@ -22,6 +22,8 @@ class VisualConfig:
     most salient by contrast or by symmetry."""
     new_per_frame: int = 8
     """Landmarks that a frame may add, on average."""
+    in_view: int = 40
+    """Landmarks that are followed at a time; where as many are, none is added."""
     landmarks: int = 500
     """That the map holds at most."""
     every: int = 4
@@ -59,7 +61,13 @@ class VisualConfig:
     def __post_init__(self) -> None:
         require(self.detector in DETECTORS, "detector", f"one of {DETECTORS}", self.detector)
         require(self.selection in SELECTIONS, "selection", f"one of {SELECTIONS}", self.selection)
-        for name, least in (("new_per_frame", 1), ("landmarks", 1), ("every", 1), ("points", 1)):
+        for name, least in (
+            ("new_per_frame", 1),
+            ("in_view", 4),
+            ("landmarks", 1),
+            ("every", 1),
+            ("points", 1),
+        ):
             value = getattr(self, name)
             require(least <= value <= 10**5, name, f"{least} to 1e5", value)
         for name in ("apart", "pixel_sigma", "disparity_sigma", "depth_share", "huber"):

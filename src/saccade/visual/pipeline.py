@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
+from saccade.slam.recording import Recorder
 from saccade.types import IntArray, Keypoints
 from saccade.visual.camera import Sightings, is_inside, to_pixels
 from saccade.visual.config import VisualConfig
@@ -23,6 +24,8 @@ def run(
     drive: Drive,
     config: VisualConfig | None = None,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    recorder: Recorder | None = None,
 ) -> VisualResult:
     """Map a drive.
 
@@ -30,6 +33,7 @@ def run(
         drive: frames and odometry.
         config: how to look and to map.
         progress: called with the number of frames done and of all frames.
+        recorder: takes snapshots of the map while it grows.
 
     Returns:
         The way, the map, and what was seen of it when.
@@ -40,6 +44,9 @@ def run(
     pipeline = Pipeline(drive, config or VisualConfig())
     for number in range(len(drive)):
         pipeline.step(number)
+        if recorder is not None:
+            seen = pipeline.world.landmarks.rows(pipeline.followed.landmark)
+            recorder.add(number, len(drive), pipeline.world.ekf, seen)
         if progress is not None:
             progress(number + 1, len(drive))
     return pipeline.result()
@@ -116,7 +123,8 @@ class Pipeline:
             shape = (camera.height, camera.width)
             order = preference(points, share, saliency, shape, config, number)
             order = order[~np.isin(order, pairs[:, 0])]
-            count = config.new_per_frame * config.every
+            free_places = max(0, config.in_view - len(self.followed))
+            count = min(config.new_per_frame * config.every, free_places)
             chosen = keep_apart(points.xy, order, self.followed.xy, config.apart, count)
         with note.timed("manage"):
             assert points.descriptors is not None
@@ -144,6 +152,7 @@ class Pipeline:
         pairs = pairs[agree]
         missed = rows[~np.isin(rows, pairs[:, 1])]
         world.landmarks.missed[missed] += 1
+        self.recording.missed += len(missed)
         return pairs
 
     def _in_view(self) -> IntArray:
