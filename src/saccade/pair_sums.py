@@ -14,6 +14,7 @@ whose terms are products of one number of i and one of j: the sum over all pairs
 the product of two sums over channels.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import cv2
@@ -97,11 +98,7 @@ def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array
         channels: gradients of equal shape.
         pairs: which count.
     """
-    sums = np.zeros_like(channels[0].strength)
-    weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
-    for gradients in channels:
-        add_isotropic(*gradients, pairs.offsets, weighted, sums)
-    return sums
+    return sums_of(add_isotropic, channels, pairs)
 
 
 def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
@@ -110,10 +107,15 @@ def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
     The axis of a pair is phi = (theta_i + theta_j) / 2, its weight sin^2(phi - phi_max): a pixel
     with a single axis of symmetry gets nothing.
     """
+    return sums_of(add_radial, channels, pairs)
+
+
+def sums_of(add: Callable[..., None], channels: list[Gradients], pairs: PairKernel) -> Float32Array:
+    """(h, w) what a kernel adds up; to it the weight of a pair is the square of its direction."""
     sums = np.zeros_like(channels[0].strength)
     weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
     for gradients in channels:
-        add_radial(*gradients, pairs.offsets, weighted, sums)
+        add(*gradients, pairs.offsets, weighted, sums)
     return sums
 
 

@@ -1,34 +1,19 @@
 """MUST, the multi-scale symmetry transform: interest points from local symmetry over scales."""
 
-import os
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade._jit import spread
-from saccade.errors import require
 from saccade.image import as_gray
-from saccade.keypoints.extrema import find_extrema
 from saccade.keypoints.must_config import MustConfig
-from saccade.keypoints.sift import (
-    BoolArray,
-    Points,
-    concatenate,
-    handed_out,
-    orient,
-    scale_space_of,
-    strongest,
-    wanted_pixels,
-)
+from saccade.keypoints.points import Points, Workbench, detect, interest_points
 from saccade.pair_sums import gradients_of, isotropic_sums, pair_kernel
-from saccade.scale_space import SMALLEST_SIDE, Workspace
+from saccade.scale_space import Workspace
 from saccade.types import Float32Array, Image, Keypoints
 
 SOBEL = 8
 """What Sobel's filters make of a slope of 1 per sample."""
-CANDIDATE = 0.8
-"""Share of the threshold that a sample must exceed before the fit."""
 
 
 class Must:
@@ -61,10 +46,9 @@ class Must:
     """
 
     def __init__(self, config: MustConfig | None = None, threads: int = 0) -> None:
-        require(threads >= 0, "threads", "0 or more", threads)
+        self._bench = Workbench(threads)
         self.config = config or MustConfig()
-        self.threads = threads or os.cpu_count() or 1
-        self._spare = [Workspace()]  # as many as calls ran at a time
+        self.threads = self._bench.threads
 
     def __repr__(self) -> str:
         return f"Must({self.config})"
@@ -90,34 +74,18 @@ class Must:
         Source: Kootstra, de Jong & Schomaker, *Using local symmetry for landmark selection*
         (ICVS 2009).
         """
+        config, sift, threads = self.config, self.config.sift(), self.threads
         gray = as_gray(image)  # (H, W)
-        wanted = wanted_pixels(mask, gray.shape)
-        workspace = self._spare.pop() if self._spare else Workspace()
-        try:
-            return self._detect(gray, wanted, describe, workspace)
-        finally:
-            self._spare.append(workspace)
-
-    def _detect(
-        self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
-    ) -> Keypoints:
-        config, sift = self.config, self.config.sift()
-        searched = max(SMALLEST_SIDE, 2 * sift.border + 1)
-        space = scale_space_of(gray, sift, searched, workspace, self.threads)
         contrast = float(gray.std(dtype=np.float64))
-        found = [Points.none()]
-        for number, octave in enumerate(space.octaves if contrast > 0 else ()):
-            spacing = float(space.spacing[number])
-            symmetry = symmetry_of(octave, spacing, config, contrast, workspace, self.threads)
-            points = maxima(symmetry, number, config, self.threads)
-            if mask is not None:
-                points = points.inside(mask, space)
-            if not config.upright:
-                points = orient(octave, points, sift, self.threads)
-            found.append(points)
-        points = concatenate(found)
-        order = strongest(points, space, config.max_keypoints, config.spread)
-        return handed_out(points, order, space, sift, describe, self.threads)
+        with self._bench.workspace() as workspace:
+
+            def search(octave: Float32Array, number: int, spacing: float) -> Points:
+                if contrast == 0:
+                    return Points.none()
+                symmetry = symmetry_of(octave, spacing, config, contrast, workspace, threads)
+                return detect(symmetry, number, sift, config.contrast_threshold, threads)
+
+            return interest_points(gray, mask, sift, search, describe, workspace, threads)
 
 
 def symmetry_of(
@@ -155,28 +123,3 @@ def symmetry_of(
 
     spread(fill, len(symmetry), 1, threads)
     return symmetry
-
-
-def maxima(symmetry: Float32Array, octave: int, config: MustConfig, threads: int = 1) -> Points:
-    """Where an octave's (s + 2, h, w) symmetry is highest of 3x3x3, to a fraction of a sample."""
-    sift = config.sift()
-    found = find_extrema(
-        symmetry,
-        border=config.border,
-        candidate_threshold=CANDIDATE * config.contrast_threshold,
-        contrast_threshold=config.contrast_threshold,
-        edge_ratio=config.edge_ratio,
-        lagrange=False,
-        neighbors=config.neighbors,
-        threads=threads,
-    )
-    sigma = sift.density * sift.base_sigma * 2 ** (found.scale / sift.intervals)
-    count = len(found.plane)
-    return Points(
-        octave=np.full(count, octave),
-        plane=np.rint(found.scale).astype(np.int64),
-        xy=found.xy,
-        sigma=sigma.astype(np.float32),
-        angle=np.zeros(count, np.float32),
-        response=found.value,
-    )

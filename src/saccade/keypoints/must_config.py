@@ -6,6 +6,9 @@ from typing import Literal
 from saccade.errors import require
 from saccade.keypoints.sift_config import SiftConfig
 
+CANDIDATE = 0.8
+"""Share of the threshold that a sample must exceed before the fit."""
+
 
 @dataclass(frozen=True)
 class MustConfig:
@@ -69,7 +72,9 @@ class MustConfig:
             intervals=self.intervals,
             extra_intervals=0,
             base_sigma=self.base_sigma,
+            candidate_fraction=CANDIDATE,
             neighbors=self.neighbors,
+            fit="quadratic",
             edge_ratio=self.edge_ratio,
             border=self.border,
             max_orientations=self.max_orientations,
