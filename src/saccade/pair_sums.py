@@ -84,11 +84,11 @@ def gradients_of(channel: FloatMap, gain: float, border: int = cv2.BORDER_REFLEC
         border: how the channel goes on beyond its border, as OpenCV calls it.
     """
     plane = np.ascontiguousarray(channel, np.float32)
-    gx: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=border)
-    gy: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=border)
-    magnitude = np.sqrt(gx * gx + gy * gy)  # cv2.magnitude rounds as the memory happens to lie
-    inverse = 1 / np.maximum(magnitude, np.float32(1e-30))
-    return Gradients(np.log1p(np.float32(gain) * magnitude), gx * inverse, gy * inverse)
+    cosine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=border)
+    sine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=border)
+    strength = np.empty_like(plane)
+    split_gradients(np.float32(gain), cosine, sine, strength)
+    return Gradients(np.log1p(strength, out=strength), cosine, sine)
 
 
 def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
@@ -157,6 +157,21 @@ def share_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
 
 UNSIGNED = np.uintp
 """The kernels' indices: of these Numba need not ask whether they count from the end."""
+
+
+@kernel()
+def split_gradients(
+    gain: np.float32, cosine: Float32Array, sine: Float32Array, strength: Float32Array
+) -> None:
+    """Divide gradients by their magnitude, and fill it times the gain."""
+    one, least = np.float32(1), np.float32(1e-30)
+    for y in range(len(strength)):
+        for x in range(strength.shape[1]):
+            g_x, g_y = cosine[y, x], sine[y, x]
+            magnitude = np.sqrt(g_x * g_x + g_y * g_y)
+            inverse = one / max(magnitude, least)
+            cosine[y, x], sine[y, x] = g_x * inverse, g_y * inverse
+            strength[y, x] = gain * magnitude
 
 
 @kernel(fastmath=("contract",))

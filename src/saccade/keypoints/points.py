@@ -287,18 +287,24 @@ def describe_all(
     descriptors = np.empty((len(order), 128), np.uint8)
     for number, octave in enumerate(space.octaves):
         here = np.flatnonzero(wanted & (points.octave == number))
-        part = points.take(here)
-        descriptors[place[here]] = describe_frames(
-            octave,
-            part.frames,
-            part.angle,
-            window_sigma=config.window_sigma,
-            subpixel=config.subpixel_patches,
-            root=config.descriptor == "root",
-            spacing=config.descriptor_spacing,
-            threads=threads,
-        )
+        descriptors[place[here]] = descriptors_of(octave, points.take(here), config, threads)
     return descriptors
+
+
+def descriptors_of(
+    octave: Float32Array, points: Points, config: SiftConfig, threads: int = 1
+) -> ByteArray:
+    """(n, 128) descriptors of the points of one octave."""
+    return describe_frames(
+        octave,
+        points.frames,
+        points.angle,
+        window_sigma=config.window_sigma,
+        subpixel=config.subpixel_patches,
+        root=config.descriptor == "root",
+        spacing=config.descriptor_spacing,
+        threads=threads,
+    )
 
 
 def keypoints(points: Points, space: ScaleSpace, first_octave: int) -> Keypoints:
