@@ -1,5 +1,7 @@
 """MUST, the multi-scale symmetry transform: interest points from local symmetry over scales."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -8,10 +10,12 @@ from saccade._jit import spread
 from saccade.image import as_gray
 from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.points import Points, Workbench, detect, interest_points
-from saccade.pair_sums import gradients_of, isotropic_sums, pair_kernel
+from saccade.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
 from saccade.scale_space import Workspace
 from saccade.types import Float32Array, Image, Keypoints
 
+DENSE = 2.5
+"""Scale in samples from which on every second pair does: its neighbors are nearly alike."""
 SOBEL = 8
 """What Sobel's filters make of a slope of 1 per sample."""
 
@@ -113,13 +117,32 @@ def symmetry_of(
     def fill(planes: slice) -> None:
         for i in range(planes.start, planes.stop):
             sigma = sift.density * sift.base_sigma * 2 ** (i / sift.intervals)  # samples
-            reach = max(1, int(np.ceil(config.reach * sigma)))
-            pairs = pair_kernel(1, reach, 2 * config.falloff * sigma)
-            total = pairs.weights.sum() / (spacing * sigma) ** config.scale_power
-            pairs = pairs._replace(weights=pairs.weights / np.float32(total))
             gain = config.gain * sigma / (SOBEL * contrast)
             gradients = gradients_of(octave[i], gain, cv2.BORDER_REFLECT_101)
-            symmetry[i] = isotropic_sums([gradients], pairs)
+            sums = isotropic_sums(
+                [gradients],
+                pairs_in_disc(config.reach * sigma, config.falloff * sigma, sigma > DENSE),
+            )
+            np.multiply(sums, np.float32((spacing * sigma) ** config.scale_power), out=symmetry[i])
 
     spread(fill, len(symmetry), 1, threads)
     return symmetry
+
+
+@cache
+def pairs_in_disc(radius: float, sigma: float, every_second: bool) -> PairKernel:
+    """The pairs that are no farther than a radius from their middle; their weights add up to 1.
+
+    Args:
+        radius: in samples.
+        sigma: of the normal density that weighs them by that distance.
+        every_second: take one of two, as the black squares of a chessboard lie.
+    """
+    reach = max(1, int(radius))
+    pairs = pair_kernel(1, reach, 2 * sigma)
+    distance = np.hypot(*pairs.offsets.T)
+    kept = distance <= max(radius, 1)
+    if every_second:
+        kept &= pairs.offsets.sum(axis=1) % 2 == 0
+    weights = pairs.weights[kept]
+    return PairKernel(pairs.offsets[kept], pairs.directions[kept], weights / weights.sum())
