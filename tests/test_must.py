@@ -60,6 +60,14 @@ def test_the_symmetry_of_a_plane_is_that_of_the_papers(plane, spacing):
     np.testing.assert_allclose(symmetry[plane], expected, rtol=1e-4, atol=1e-4 * expected.max())
 
 
+def test_the_smallest_disc_of_pairs_holds_the_nearest():
+    octave = np.random.default_rng(1).random((6, 17, 19), np.float32)
+    config = MustConfig(reach=0.1, falloff=0.1, base_sigma=0.5)
+    symmetry = symmetry_of(octave, 1.0, config, contrast=0.3)
+    assert np.isfinite(symmetry).all()
+    assert (symmetry.max(axis=(1, 2)) > 0).all()
+
+
 @pytest.mark.parametrize("brightness", [0.1, 0.9])
 def test_a_disc_has_a_point_at_its_center(brightness):
     points = Must()(discs((80.3, 60.6, 9, brightness)))

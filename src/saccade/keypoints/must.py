@@ -31,18 +31,21 @@ class Must:
     and 1000 points under noise, low contrast and blur, on four sequences of the affine covariant
     regions set (docs/symmetry.md has the figures, and those of the other four):
 
-    - *The ring grows with the scale.* Within an octave every plane has the same samples, so a
-      ring of fixed size would see smaller things on coarser planes. Here a pair may be `reach`
-      scales from its middle, and counts by a normal density of `falloff` scales: smooth in
-      scale, so that extrema over scales mean something. There is no hole in the middle.
+    - *The disc grows with the scale.* Within an octave every plane has the same samples, so one
+      of fixed size would see smaller things on coarser planes. Here a pair may be `reach` scales
+      from its middle, and counts by a normal density of `falloff` scales: smooth in scale, so
+      that extrema over scales mean something. There is no hole in the middle. Where samples are
+      dense every second pair does.
     - *Gradients are changes over one scale and the weights of a plane add up to 1*, as Lowe's
       differences are normalized by scale, *times a power of the scale* (`scale_power`): what is
       large comes first, for noise and blur take the small.
     - *Gradients are measured by the standard deviation of the image*, and their logarithm taken.
       So half the contrast gives the same points in the same order, and a single strong edge does
       not outweigh many pairs.
-    - *Only maxima count*, among the 10 nearest of 3x3x3 samples, as in our SIFT: the quadratic fit
-      drops saddles. A minimum is a place about which nothing is symmetric.
+    - *Only maxima count*, among the 10 nearest of 3x3x3 samples, as in our SIFT: the fit drops
+      saddles. A minimum is a place about which nothing is symmetric.
+    - *Places are those of the polynomial through 9 samples each way*, as our SIFT's are. With a
+      quadratic alone maxima halfway between samples are lost: a tenth of what is found again.
     - *Bars are dropped* by the ratio of curvatures of the symmetry: along a bar every point is as
       symmetric as the next. The ratio may be larger than SIFT's, for the ends of pairs rather
       than the point itself lie on edges.
@@ -119,10 +122,8 @@ def symmetry_of(
             sigma = sift.density * sift.base_sigma * 2 ** (i / sift.intervals)  # samples
             gain = config.gain * sigma / (SOBEL * contrast)
             gradients = gradients_of(octave[i], gain, cv2.BORDER_REFLECT_101)
-            sums = isotropic_sums(
-                [gradients],
-                pairs_in_disc(config.reach * sigma, config.falloff * sigma, sigma > DENSE),
-            )
+            pairs = pairs_in_disc(config.reach * sigma, config.falloff * sigma, sigma > DENSE)
+            sums = isotropic_sums([gradients], pairs)
             np.multiply(sums, np.float32((spacing * sigma) ** config.scale_power), out=symmetry[i])
 
     spread(fill, len(symmetry), 1, threads)
@@ -138,11 +139,11 @@ def pairs_in_disc(radius: float, sigma: float, every_second: bool) -> PairKernel
         sigma: of the normal density that weighs them by that distance.
         every_second: take one of two, as the black squares of a chessboard lie.
     """
-    reach = max(1, int(radius))
-    pairs = pair_kernel(1, reach, 2 * sigma)
+    pairs = pair_kernel(1, max(1, int(radius)), 2 * sigma)
     distance = np.hypot(*pairs.offsets.T)
     kept = distance <= max(radius, 1)
-    if every_second:
+    if every_second and radius >= 2:
         kept &= pairs.offsets.sum(axis=1) % 2 == 0
-    weights = pairs.weights[kept]
-    return PairKernel(pairs.offsets[kept], pairs.directions[kept], weights / weights.sum())
+    weights = np.exp((distance[kept].min() ** 2 - distance[kept] ** 2) / (2 * sigma**2))
+    weights /= weights.sum()
+    return PairKernel(pairs.offsets[kept], pairs.directions[kept], weights.astype(np.float32))
