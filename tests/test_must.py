@@ -170,7 +170,7 @@ def test_a_broken_setting_is_named(broken):
 
 @pytest.mark.shared
 @pytest.mark.parametrize(
-    ("disturbance", "better"), [("noise:20", 1.1), ("contrast:0.25", 1.05), ("blur:2", 1.1)]
+    ("disturbance", "better"), [("noise:20", 1.1), ("contrast:0.25", 1.1), ("blur:2", 1.1)]
 )
 def test_the_claims_of_the_source(shared, disturbance, better):
     """More of its places come back under noise, low contrast and blur than of SIFT's."""

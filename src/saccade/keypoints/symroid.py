@@ -112,9 +112,9 @@ def described(gray: Float32Array, regions: Regions, upright: bool) -> Regions:
     middle of each.
     """
     count, config = len(regions), SiftConfig(max_orientations=1)
-    squares = np.stack(
-        [cv2.GaussianBlur(normalized(gray, b), (0, 0), SCALE) for b in regions.boxes]
-    )
+    squares = np.empty((count, PATCH, PATCH), np.float32)
+    for square, box in zip(squares, regions.boxes, strict=True):
+        cv2.GaussianBlur(normalized(gray, box), (0, 0), SCALE, dst=square)
     points = Points(
         octave=np.zeros(count, np.int64),
         plane=np.arange(count),

@@ -29,7 +29,8 @@ def pair_figure(image: Float32Array, pairs: Sequence[SymmetricPairs]) -> Figure:
     figure = figure_for(image.shape[1], image.shape[0], columns=1, rows=1, panel=9)
     axes = figure.subplots()
     draw_pairs(axes, image, pairs)
-    picture_axes(axes, f"what is symmetric about {len(pairs)} places")
+    places = "a place" if len(pairs) == 1 else f"{len(pairs)} places"
+    picture_axes(axes, f"what is symmetric about {places}")
     return figure
 
 
