@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from saccade._jit import kernel
 from saccade.pyramid import FloatMap
-from saccade.types import Float32Array
+from saccade.types import Float32Array, FloatArray, IntArray
 
 MARGIN = 1
 """Outermost pixels, which take part in no pair: half of their gradient lies beyond the border."""
@@ -295,3 +295,35 @@ def turn_harmonics(
         a[x] = (half - eighth) * once[x] + half * c2 + eighth * c4
         b[x] = quarter * s2 + eighth * s4
         c[x] = eighth * (once[x] - c4)
+
+
+@kernel()
+def follow_strongest(
+    strength: Float32Array,
+    cosine: Float32Array,
+    sine: Float32Array,
+    offsets: Offsets,
+    directions: Float32Array,
+    spacing: float,
+    cells: IntArray,
+    strongest: FloatArray,
+    radius: FloatArray,
+) -> None:
+    """Update the strongest term of the pairs about (n, 2) cells, and its radius in pixels.
+
+    A pair's weight is the square of its direction.
+    """
+    height, width = strength.shape
+    for n in range(len(cells)):
+        x, y = min(max(cells[n, 0], 0), width - 1), min(max(cells[n, 1], 0), height - 1)
+        room_x, room_y = min(x, width - 1 - x) - MARGIN, min(y, height - 1 - y) - MARGIN
+        for k in range(len(offsets)):
+            dx, dy = offsets[k]
+            if abs(dx) <= room_x and dy <= room_y:
+                i, j = (y + dy, x + dx), (y - dy, x - dx)
+                p = directions[k, 0] * (cosine[i] - cosine[j])
+                p += directions[k, 1] * (sine[i] - sine[j])
+                term = strength[i] * strength[j] * p * p
+                if term > strongest[n]:
+                    strongest[n] = term
+                    radius[n] = spacing * np.sqrt(float(dx * dx + dy * dy))

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from saccade._jit import kernel
 from saccade.image import as_gray
 from saccade.keypoints.points import Points, descriptors_of, directions
 from saccade.keypoints.sift_config import SiftConfig
@@ -17,6 +16,7 @@ from saccade.pair_sums import (
     MARGIN,
     Gradients,
     PairKernel,
+    follow_strongest,
     gradients_of,
     isotropic_sums,
     pair_kernel,
@@ -253,38 +253,6 @@ def radius_of_strongest(levels: list[Level], pairs: PairKernel, xy: FloatArray) 
             *level.gradients, pairs.offsets, weighted, level.spacing, cells, strongest, radius
         )
     return radius
-
-
-@kernel()
-def follow_strongest(
-    strength: Float32Array,
-    cosine: Float32Array,
-    sine: Float32Array,
-    offsets: IntArray,
-    directions: Float32Array,
-    spacing: float,
-    cells: IntArray,
-    strongest: FloatArray,
-    radius: FloatArray,
-) -> None:
-    """Update the strongest term of the pairs about (n, 2) cells, and its radius in pixels.
-
-    A pair's weight is the square of its direction.
-    """
-    height, width = strength.shape
-    for n in range(len(cells)):
-        x, y = min(max(cells[n, 0], 0), width - 1), min(max(cells[n, 1], 0), height - 1)
-        room_x, room_y = min(x, width - 1 - x) - MARGIN, min(y, height - 1 - y) - MARGIN
-        for k in range(len(offsets)):
-            dx, dy = offsets[k]
-            if abs(dx) <= room_x and dy <= room_y:
-                i, j = (y + dy, x + dx), (y - dy, x - dx)
-                p = directions[k, 0] * (cosine[i] - cosine[j])
-                p += directions[k, 1] * (sine[i] - sine[j])
-                term = strength[i] * strength[j] * p * p
-                if term > strongest[n]:
-                    strongest[n] = term
-                    radius[n] = spacing * np.sqrt(float(dx * dx + dy * dy))
 
 
 def normalized(gray: Float32Array, box: Float32Array) -> Float32Array:
