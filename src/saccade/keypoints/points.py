@@ -40,7 +40,10 @@ class Workbench:
     @contextmanager
     def workspace(self) -> Iterator[Workspace]:
         """Memory that no other call uses meanwhile; the next has it again."""
-        workspace = self._spare.pop() if self._spare else Workspace()
+        try:
+            workspace = self._spare.pop()
+        except IndexError:  # not asked before: another thread may take the last meanwhile
+            workspace = Workspace()
         try:
             yield workspace
         finally:
