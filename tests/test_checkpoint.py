@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from circle import simulate
 from saccade import slam
 from saccade.errors import ConfigError
 from saccade.slam import Checkpoint, EkfConfig, Recorder
-from test_run import simulate
 
 
 def _interrupt_at(pose):
