@@ -14,7 +14,7 @@ from saccade.errors import LogError
 from saccade.slam import EkfConfig, smooth
 from saccade.types import LandmarkLog
 
-FILTERS = ["standard", "invariant"]
+FILTERS = ["standard", "invariant", "first-estimates"]
 each_filter = pytest.mark.parametrize("kind", FILTERS)
 each_association = pytest.mark.parametrize("association", ["known", "nearest"])
 
