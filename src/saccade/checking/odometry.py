@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.checking.findings import Finding, numbers_of
+from saccade.checking.findings import Finding, counted, numbers_of
 from saccade.checking.fitting import Fit, fit
 from saccade.checking.series import Lag, Series
 from saccade.frames import Drive
@@ -61,15 +61,15 @@ def _check_lag(series: Series, lag: Lag) -> list[Finding]:
     if lag.frames == 0 or not better:
         return []
     seconds = lag.frames * float(np.median(series.duration))
+    frames = counted(abs(lag.frames), "frame", "frames")
     early = "later" if seconds > 0 else "earlier"
     mend = "Subtract so much from" if seconds > 0 else "Add so much to"
     return [
         Finding(
             "warning",
             "clock lag",
-            f"odometry's clock is {abs(seconds):.2f} s ({abs(lag.frames)} frames) {early} than "
-            f"the images': their turns agree by {lag.agreement:.3f} then, by "
-            f"{lag.agreement_now:.3f} as they are",
+            f"odometry's clock is {abs(seconds):.2f} s ({frames}) {early} than the images': their "
+            f"turns agree by {lag.agreement:.3f} then, by {lag.agreement_now:.3f} as they are",
             f"{mend} the times of odometry",
             seconds,
             "s",
@@ -205,7 +205,8 @@ def check_jumps(drive: Drive) -> list[Finding]:
         Finding(
             "error",
             "odometry jump",
-            f"odometry jumps in {len(frames)} steps, the longest of {longest:.2f} m",
+            f"odometry jumps in {counted(len(frames), 'step', 'steps')}, the longest of "
+            f"{longest:.2f} m",
             "Leave these steps out, or give them large covariances",
             float(len(frames)),
             "steps",
