@@ -10,6 +10,8 @@ from saccade.frames import Drive
 TURNING = 0.01
 """Radians per second; a robot whose turns have less than this as their standard deviation goes
 straight."""
+ALIKE = 0.3
+"""Correlation of turns from which two drives may be the same."""
 SCALE = 0.1
 """Share by which odometry may be too long."""
 DRIFT = np.deg2rad(2.0)
@@ -24,7 +26,7 @@ def check_turns(series: Series, lag: Lag | None) -> list[Finding]:
         return []
     if np.std(series.turn[:, 2] / series.duration) < TURNING:
         return []
-    if lag.agreement < -0.5:
+    if lag.agreement < -ALIKE:
         return [
             Finding(
                 "error",
@@ -37,7 +39,7 @@ def check_turns(series: Series, lag: Lag | None) -> list[Finding]:
                 "correlation",
             )
         ]
-    if abs(lag.agreement) < 0.3:
+    if lag.agreement < ALIKE:
         return [
             Finding(
                 "error",
