@@ -45,7 +45,7 @@ class OdometryConfig:
     drift: float = 1.5
     """Degrees per metre that are turned unnoticed."""
     white: float = 5.0
-    """Standard deviation of each distance, in per cent of it."""
+    """Standard deviation of each distance, in per cent of it; to the side a fifth of that."""
     turn: float = 0.8
     """Standard deviation of the heading after a metre, in degrees, new in every step."""
 
@@ -163,8 +163,8 @@ class DriveConfig:
 
     @classmethod
     def dark(cls) -> "DriveConfig":
-        """The ring at dusk: a fifth of the light, and more noise."""
-        return replace(cls(), light=LightConfig(noise=5.0, brightness=0.2, vignetting=0.4))
+        """The ring at dusk: a third of the light, and more noise."""
+        return replace(cls(), light=LightConfig(noise=5.0, brightness=0.35, vignetting=0.4))
 
     @classmethod
     def flicker(cls) -> "DriveConfig":
