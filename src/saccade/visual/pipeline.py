@@ -203,6 +203,7 @@ class Pipeline:
         pairs = pairs[agreeing(seen.z, world.ekf.landmarks[pairs[:, 1]])]
         missed = rows[~np.isin(rows, pairs[:, 1])]
         world.landmarks.missed[missed] += 1
+        self.recording.missed += len(missed)
         return pairs
 
     def _sighted(
