@@ -36,7 +36,7 @@ class VisualConfig:
     """Pixels between points that are followed."""
     reach: tuple[float, float] = (0.3, 100.0)
     """Metres within which a landmark is taken in."""
-    range_share: float = 0.3
+    range_share: float = 0.15
     """A range is used if its standard deviation is under this share of it."""
     pixel_sigma: float = 0.5
     """Standard deviation of a followed point, in pixels."""
@@ -47,6 +47,11 @@ class VisualConfig:
     common_sigma: tuple[float, float] = (0.01, 0.1)
     """What all sightings of a frame get wrong together, standard deviations: the share of
     the range, and degrees. Pitch, roll, calibration and the clock are in it."""
+    persistence: float = 0.4
+    """Seconds after which errors of the motion from frame to frame are forgotten (1 / e)."""
+    motion_share: tuple[float, float] = (0.01, 0.01)
+    """Standard deviations of what the calibration gets wrong in the length of the way and in the
+    turn, as shares of them: the same throughout a stretch of 10 m and a corner."""
     tilt_sigma: float = 0.5
     """Standard deviation of the pitch and roll of the camera, in degrees: the map is flat, and
     the bearing of what is far above or below the camera is wrong by a share of them."""
@@ -93,7 +98,7 @@ class VisualConfig:
         require(0 < self.range_share <= 1, "range_share", "over 0, at most 1", self.range_share)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
-        for name in ("common_sigma", "acceleration"):
+        for name in ("common_sigma", "acceleration", "motion_share"):
             value = getattr(self, name)
             require(min(value) >= 0 and len(value) == 2, name, "two numbers from 0", value)
         require(0 <= self.tilt_sigma < 45, "tilt_sigma", "0 to under 45", self.tilt_sigma)

@@ -6,6 +6,13 @@ import numpy as np
 
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray
+from saccade.visual.config import VisualConfig
+from saccade.visual.motion import Motion
+
+CORNER = np.pi / 2
+"""Radians through which an error of the turn stays the same."""
+STRETCH = 10.0
+"""Metres along which an error of the way does."""
 
 
 def joined(
@@ -65,3 +72,46 @@ def step_between(before: FloatArray, after: FloatArray) -> FloatArray:
     dx, dy = after[:2] - before[:2]
     turn = (after[2] - before[2] + np.pi) % (2 * np.pi) - np.pi
     return np.array([c * dx + s * dy, c * dy - s * dx, turn])
+
+
+def lasting(motion: Motion, seconds: float, config: VisualConfig) -> FloatArray:
+    """(3, 3) of a motion, as if its errors were new with every frame.
+
+    They are not: the same points are looked at in successive frames. Errors that are forgotten
+    at a rate 1 / T, seen every dt, add up as independent ones do whose variance is
+    (1 + r) / (1 - r) times as large, r = exp(-dt / T). What a calibration gets wrong stays the
+    same throughout a corner or a stretch of the way: steps that add up to it have together a
+    variance of its share squared.
+    """
+    forgotten = np.exp(-seconds / config.persistence)
+    factor = np.sqrt((1 + forgotten) / (1 - min(forgotten, 1 - 1e-6)))
+    wide = np.diag([1.0, 1.0, factor]) if motion.with_prior else factor * np.eye(3)
+    way, turn = config.motion_share
+    ahead = motion.control[:2]
+    found = wide @ motion.covariance @ wide
+    if not motion.with_prior:
+        length = max(float(np.hypot(*ahead)), 1e-9)
+        found[:2, :2] += way**2 * STRETCH / length * np.outer(ahead, ahead)
+    found[2, 2] += turn**2 * CORNER * abs(motion.control[2])
+    return found
+
+
+@dataclass
+class TurnDrift:
+    """By how much odometry turns too far to the left in each second, by what the camera sees."""
+
+    rate: float = 0.0
+    """Radians per second."""
+    variance: float = 0.02**2
+
+    def heard(self, turned: float, seconds: float, variance: float) -> None:
+        """Take in radians by which odometry has turned further than the camera, and their variance.
+
+        What cannot be drift is left out: the robot may have been lifted, or its wheels slip.
+        """
+        total = variance + self.variance * seconds**2
+        missed = turned - self.rate * seconds
+        if 0 < missed**2 < 9 * total:
+            gain = self.variance * seconds / total
+            self.rate += gain * missed
+            self.variance -= gain * seconds * self.variance

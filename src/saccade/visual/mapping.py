@@ -11,10 +11,13 @@ from saccade.slam.retraction import INVARIANT
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import Sightings
 from saccade.visual.config import VisualConfig
-from saccade.visual.foresight import Foresight, joined, step_between
+from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting, step_between
 from saccade.visual.landmarks import Landmarks
 from saccade.visual.motion import Motion, Prior
 from saccade.visual.road import Scale
+
+SHORTEST = 0.05
+"""Metres of a step by which odometry and camera are compared."""
 
 
 class VisualMap:
@@ -28,9 +31,9 @@ class VisualMap:
 
     def __init__(self, drive: Drive, config: VisualConfig, ranged: bool) -> None:
         share, *others = drive.odometry_bias
-        self.scale = Scale(0.0 if ranged else share, config.height_sigma)
-        bias = (share if ranged else 0.0, *others) if ranged or any(others) else ()
-        bias = bias if any(bias) else ()
+        self.scale = Scale(share, config.motion_share[0] if ranged else config.height_sigma)
+        self._ranged = ranged
+        bias = (0.0, *others) if any(others) and not ranged else ()
         self.ekf = EkfSlam(
             np.concatenate([drive.start, np.zeros(len(bias))]),
             np.diag(np.square([0.0, 0.0, 0.0, *bias])),
@@ -41,38 +44,59 @@ class VisualMap:
         self.landmarks = Landmarks()
         self._drive, self._config = drive, config
         ahead, turn = config.acceleration
+        self._drift = TurnDrift()
         self._foresight = Foresight(np.array([ahead, ahead / 4, turn]))
 
     def foretell(self, number: int) -> Prior:
         """The control that is expected to lead to a frame after the first."""
-        drive, factor = self._drive, np.array([self.scale.factor, self.scale.factor, 1.0])
-        seconds = float(drive.time[number] - drive.time[number - 1])
-        control = drive.control[number - 1] * factor
+        drive, factor = self._drive, self.scale.factor
+        seconds = self._seconds(number)
+        control = drive.control[number - 1] * (factor, factor, 1.0)
+        control[2] -= self._drift.rate * seconds
         return self._foresight.foresee(control, drive.control_covariance[number - 1], seconds)
 
-    def predict(self, expected: Prior, motion: Motion | None) -> None:
-        """Go to the next frame.
+    def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
+        """Go to a frame after the first.
 
         Args:
+            number: of the frame.
             expected: what `foretell` says.
             motion: what the camera says of the way, if anything.
         """
         taken = expected
         if motion is not None:
-            taken = motion.control, motion.covariance
+            seconds = self._seconds(number)
+            taken = motion.control, lasting(motion, seconds, self._config)
+            turned = float(self._drive.control[number - 1, 2] - motion.control[2])
+            noise = self._drive.control_covariance[number - 1, 2, 2] + taken[1][2, 2]
+            self._drift.heard(turned, seconds, float(noise))
             if not motion.with_prior:
+                self._compare(expected[0], motion)
                 taken = joined(taken, expected)
         self.ekf.predict(*taken)
+
+    def _compare(self, expected: FloatArray, motion: Motion) -> None:
+        """Learn how long odometry's metre is from a camera that measures depth."""
+        way, seen = (float(np.hypot(*each[:2])) for each in (expected, motion.control))
+        if way > SHORTEST:
+            self.scale.heard(seen / way)
+
+    def _seconds(self, number: int) -> float:
+        return float(self._drive.time[number] - self._drive.time[number - 1])
 
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3), with what is not known of the scale: all that was driven may be longer."""
+        if self._ranged:
+            return self.ekf.pose_covariance
         way = np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
         return self.ekf.pose_covariance + self.scale.sigma**2 * np.outer(way, way)
 
     @property
     def landmark_covariances(self) -> FloatArray:
         """(n, 2, 2), with what is not known of the scale."""
+        if self._ranged:
+            return self.ekf.landmark_covariances
         way = self.ekf.landmarks - self._drive.start[:2]
         scale = self.scale.sigma**2 * way[:, :, None] * way[:, None]
         return self.ekf.landmark_covariances + scale
@@ -87,11 +111,9 @@ class VisualMap:
         """
         if number == 0:
             return
-        drive = self._drive
-        seconds = float(drive.time[number] - drive.time[number - 1])
         step = step_between(before, self.ekf.pose)
-        blind = drive.control_covariance[number - 1]
-        self._foresight.saw(step, blind / (1 + told) ** 2, seconds)
+        blind = self._drive.control_covariance[number - 1]
+        self._foresight.saw(step, blind / (1 + told) ** 2, self._seconds(number))
 
     def meet(
         self,

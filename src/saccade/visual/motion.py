@@ -27,6 +27,8 @@ where points without depth have to tell the motion."""
 SOFTNESS = (16.0, 8.0, 4.0, 2.0)
 """Standard deviations from which a point counts for less, round by round: from a guess to what
 is known. The last stays."""
+CLOSEST = 1.0
+"""Inverse depth, 1 / metres, that a point has at most."""
 ROUNDS = 12
 SETTLED = 1e-6
 
@@ -111,16 +113,16 @@ def motion_between(
     guess = _first_guess(camera, pairs) if alone else camera_motion(camera, prior[0])
     if guess is None:
         return None
-    R, t = start = guess
+    (R, t), at = guess, pairs.inverse_depth
     weight = np.zeros((6, 6)) if alone else _prior_weight(camera, prior[1], R)
     rounds = SOFTNESS[-2:] if alone else SOFTNESS
     for i in range(ROUNDS):
-        slopes, missed, share = _missed(camera, pairs, R, t, pixel_sigma)
+        slopes, missed, share, at = _missed(camera, pairs, at, R, t, pixel_sigma)
         square = np.einsum("ni,ni->n", missed, missed)
         soft = rounds[min(i, len(rounds) - 1)]
         count = 1 / np.square(1 + square / soft**2) * share  # Geman & McClure (1987)
         information = np.einsum("n,nia,nib->ab", count, slopes, slopes) + weight
-        away = np.append(_angles(R @ start[0].T), t - start[1])
+        away = np.append(_angles(R @ guess[0].T), t - guess[1])
         step = np.linalg.solve(
             information + 1e-9 * np.eye(6),
             np.einsum("n,nia,ni->a", count, slopes, missed) - weight @ away,
@@ -159,7 +161,10 @@ def camera_motion(camera: Camera, control: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _by_camera(camera: Camera, R: FloatArray, t: FloatArray) -> FloatArray:
-    """(6, 6) slope of the robot's control and tilt by a turn (3,) of R and a shift (3,) of t."""
+    """(6, 6) slope of the robot's control and tilt by a turn (3,) of R and a shift (3,) of t.
+
+    Roll and pitch are taken for small.
+    """
     turned = camera.rotation @ R @ camera.rotation.T
     slope = np.zeros((6, 6))
     arm = camera.rotation @ R @ camera.rotation.T @ camera.place  # of the camera, turned
@@ -184,45 +189,57 @@ def _prior_weight(camera: Camera, covariance: FloatArray, R: FloatArray) -> Floa
 
 
 def _missed(
-    camera: Camera, pairs: Pairs, R: FloatArray, t: FloatArray, pixel_sigma: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    camera: Camera, pairs: Pairs, at: FloatArray, R: FloatArray, t: FloatArray, pixel_sigma: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """By how much points miss a motion, in standard deviations.
+
+    Args:
+        camera: the calibration.
+        pairs: k points.
+        at: (k,) inverse depths before about which all is linear.
+        R: (3, 3) turn of the camera.
+        t: (3,) its shift.
+        pixel_sigma: standard deviation of a pixel, each way.
 
     Returns:
         Slopes (k, 3, 6) by turn and shift, what is missed (k, 3), across, down and in inverse
-        depth; and (k,) 1 where a point is before the camera, 0 elsewhere.
+        depth; (k,) 1 where a point is before the camera, 0 elsewhere; and (k,) the inverse
+        depths before that the motion makes likely.
     """
     focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     ray = np.concatenate([(pairs.before - centre) / focal, np.ones((len(pairs.before), 1))], 1)
     turned = ray @ R.T
-    seen = turned + pairs.inverse_depth[:, None] * t  # the point, times its inverse depth before
+    seen = turned + at[:, None] * t  # the point, times its inverse depth before
     front = seen[:, 2] > 0.05
     z = np.where(front, seen[:, 2], 1.0)
     flat = seen[:, :2] / z[:, None]
     again = np.isfinite(pairs.inverse_depth_now)
     missed = np.zeros((len(ray), 3))
     missed[:, :2] = pairs.now - (flat * focal + centre)
-    missed[:, 2] = np.where(again, pairs.inverse_depth_now - pairs.inverse_depth / z, 0.0)
+    missed[:, 2] = np.where(again, pairs.inverse_depth_now - at / z, 0.0)
 
     def projected(by: FloatArray) -> FloatArray:
         """Slopes (k, 3, c) of pixels and inverse depth from those of `seen`."""
         across = (by[:, :2] - flat[:, :, None] * by[:, 2:]) / z[:, None, None] * focal[:, None]
-        deep = -(pairs.inverse_depth / z**2 * again)[:, None, None] * by[:, 2:]
+        deep = -(at / z**2 * again)[:, None, None] * by[:, 2:]
         return np.concatenate([across, deep], 1)
 
     by_seen = np.zeros((len(ray), 3, 6))
     by_seen[:, 0, 1], by_seen[:, 0, 2] = turned[:, 2], -turned[:, 1]
     by_seen[:, 1, 0], by_seen[:, 1, 2] = -turned[:, 2], turned[:, 0]
     by_seen[:, 2, 0], by_seen[:, 2, 1] = turned[:, 1], -turned[:, 0]
-    by_seen[:, :, 3:] = pairs.inverse_depth[:, None, None] * np.eye(3)
+    by_seen[:, :, 3:] = at[:, None, None] * np.eye(3)
     by_depth = projected(np.broadcast_to(t[:, None], (len(ray), 3, 1)))[:, :, 0]
     by_depth[:, 2] += again / z
     noise = (by_depth * pairs.sigma[:, None] ** 2)[:, :, None] * by_depth[:, None]
     noise[:, [0, 1], [0, 1]] += 2 * pixel_sigma**2  # both frames err
     noise[:, 2, 2] += np.where(again, pairs.sigma_now**2, 1.0)
+    missed += by_depth * (at - pairs.inverse_depth)[:, None]
     root = np.linalg.inv(np.linalg.cholesky(noise))
-    slopes = root @ projected(by_seen)
-    return slopes, (root @ missed[:, :, None])[:, :, 0], front.astype(np.float64)
+    white = (root @ missed[:, :, None])[:, :, 0]
+    likely = (white * (root @ by_depth[:, :, None])[:, :, 0]).sum(1) * pairs.sigma**2
+    likely = (pairs.inverse_depth + likely).clip(0.0, CLOSEST)
+    return root @ projected(by_seen), white, front.astype(np.float64), likely
 
 
 def _first_guess(camera: Camera, pairs: Pairs) -> tuple[FloatArray, FloatArray] | None:

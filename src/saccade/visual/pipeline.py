@@ -115,7 +115,7 @@ class Pipeline:
             self.followed, motion = track(camera, self._last, view, self.followed, expected, config)
             note.moved(expected[0], motion)
         with note.timed("predict"):
-            world.predict(expected, motion)
+            world.predict(number, expected, motion)
         if motion is None:
             self._way.moved(*camera_motion(camera, expected[0]))
             return

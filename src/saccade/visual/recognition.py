@@ -53,8 +53,8 @@ def within_gate(
 def agreeing(z: FloatArray, places: FloatArray) -> BoolArray:
     """Which of several landmarks lie to each other as they are seen.
 
-    Each two of them tell a pose; that with which most of all agree wins. Up to two landmarks
-    there is nothing to compare, and all are taken.
+    Each two of them tell a pose; that with which most of all agree wins. Of up to two landmarks
+    none is taken: there is nothing to compare them with.
 
     Args:
         z: (m, 2) range and bearing.
@@ -65,7 +65,7 @@ def agreeing(z: FloatArray, places: FloatArray) -> BoolArray:
     """
     m = len(z)
     if m < 3:
-        return np.ones(m, np.bool_)
+        return np.zeros(m, np.bool_)
     seen = z[:, 0] * np.exp(1j * z[:, 1])  # in the robot's frame
     there = places[:, 0] + 1j * places[:, 1]
     i, j = np.triu_indices(m, 1)

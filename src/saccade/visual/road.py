@@ -71,10 +71,9 @@ def road_motion(
     focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     ray = np.concatenate([(pixels - centre) / focal, np.ones((len(pixels), 1))], 1)
     turned, ahead = ray @ motion.rotation.T, motion.shift / way
-    normal = -camera.rotation[2]  # down, in the camera's frame
-    pitch = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
-    pitch /= np.linalg.norm(pitch)
-    axes = np.stack([normal, pitch, np.cross(normal, pitch)])  # (3, 3)
+    normal = np.cross(ahead, camera.rotation[1])  # the way is along the road, whatever its slope
+    normal *= -np.sign(normal @ camera.rotation[2]) / np.linalg.norm(normal)
+    axes = np.stack([normal, ahead, np.cross(normal, ahead)])  # (3, 3)
     found, weight = np.array([way / height, 0.0, 0.0]), np.diag(np.append(0.0, TILT**-2.0))
     missed = None
     for _ in range(ROUNDS):
