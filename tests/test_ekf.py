@@ -276,3 +276,24 @@ def test_innovation_is_what_an_update_finds(retraction, rng):
         np.testing.assert_allclose(asked.value, found.value, atol=1e-12)
         np.testing.assert_allclose(asked.covariance, found.covariance, atol=1e-12)
         assert asked.nis == pytest.approx(found.nis)
+
+
+def test_a_larger_metre_is_a_larger_map():
+    """A drive of half the size that is rescaled ends as one of the whole size."""
+    rng = np.random.default_rng(0)
+    steps, z = rng.uniform(0.1, 1, (6, 2)), rng.uniform((2, -1), (9, 1), (6, 2))
+    ends = []
+    for size in (1.0, 0.5):
+        ekf = EkfSlam(np.array([3.0, -2.0, 0.4]), np.zeros((3, 3)), retraction=INVARIANT)
+        for i in range(6):
+            if i == 4 and size < 1:
+                ekf.rescale(2.0, np.array([3.0, -2.0]))
+                size = 1.0
+            length = np.array([size, 1.0])
+            ekf.predict(steps[i] * length, np.diag([0.01, 0.001]) * length**2)
+            R = np.diag([0.1, 0.01]) * length**2
+            ekf.augment(z[i] * length, R)
+            ekf.update((z[i] + 0.05) * length, R, i)
+        ends.append(ekf)
+    np.testing.assert_allclose(ends[1].state, ends[0].state, atol=1e-9)
+    np.testing.assert_allclose(ends[1].covariance, ends[0].covariance, atol=1e-9)

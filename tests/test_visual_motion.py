@@ -100,7 +100,7 @@ def test_slopes_of_the_robots_motion_are_those_of_finite_differences():
 @pytest.mark.parametrize("wrong", [0, 15])
 def test_a_rig_tells_the_motion(wrong):
     rng = np.random.default_rng(2)
-    xy, depth, now, deep, R, t = scene(rng)
+    xy, depth, now, deep, R, _ = scene(rng)
     now[:wrong] += rng.uniform(15, 40, (wrong, 2))
     inside = np.isfinite(now).all(1)
     pairs = paired(*(a[inside] for a in (xy, now, depth, 0.01 * depth, deep, 0.01 * deep)))
@@ -117,7 +117,7 @@ def test_one_camera_tells_the_turn_and_odometry_the_way():
     xy, _, now, _, _, _ = scene(rng)
     unknown = np.full(len(xy), np.nan)
     pairs = paired(xy, now, unknown, unknown, unknown, unknown)
-    prior = CONTROL + (0.03, 0.0, 0.02), np.diag(np.square([0.06, 0.02, 0.02]))
+    prior = CONTROL + np.array([0.03, 0.0, 0.02]), np.diag(np.square([0.06, 0.02, 0.02]))
     motion = motion_between(CAMERA, pairs, 0.3, prior, alone=False)
     assert motion is not None
     assert abs(motion.control[2] - CONTROL[2]) < 1e-3
@@ -174,7 +174,7 @@ def test_a_drift_of_the_turn_is_learnt_and_a_lift_is_not():
 
 def test_lines_of_sight_meet_at_the_point():
     rng = np.random.default_rng(6)
-    xy, depth, now, deep, R, t = scene(rng)
+    xy, _, now, deep, R, t = scene(rng)
     way = CameraWay()
     way.moved(R, t)
     ends = xy.astype(np.float32), now.astype(np.float32)

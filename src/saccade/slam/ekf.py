@@ -229,6 +229,20 @@ class EkfSlam:
             check_landmark(number, len(self))
         without(self._belief, np.asarray(landmarks, np.int64))
 
+    def rescale(self, factor: float, about: FloatArray) -> None:
+        """Make the map larger about a place (2,), as when its metre was a wrong one."""
+        b, r, n = self._belief, len(self._robot), size_of(self._belief)
+        grow = np.full(n, factor)
+        grow[2:r] = 1.0
+        for i in (0, 1):
+            at = np.append(i, np.arange(r + i, n, 2))
+            b.state[at] = about[i] + factor * (b.state[at] - about[i])
+        b.swing[:n] *= grow
+        b.P[:n, :n] *= grow[:, None] * grow
+        b.own[: len(self)] *= factor**2
+        b.taken[:, :n] *= grow
+        b.given[:, :n] *= grow
+
     def expect(self) -> Expectation:
         """What should be seen of every landmark from here, for the association."""
         b, r, N = self._belief, len(self._robot), len(self)

@@ -55,7 +55,7 @@ class VisualConfig:
     tilt_sigma: float = 0.5
     """Standard deviation of the pitch and roll of the camera, in degrees: the map is flat, and
     the bearing of what is far above or below the camera is wrong by a share of them."""
-    height_sigma: float = 0.02
+    height_sigma: float = 0.015
     """Standard deviation of the height of a single camera over the road, as a share of it."""
     gate: float = 0.99
     """Probability with which a landmark is met where the filter expects it; what is outside

@@ -14,7 +14,7 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting, step_between
 from saccade.visual.landmarks import Landmarks
 from saccade.visual.motion import Motion, Prior
-from saccade.visual.road import Scale
+from saccade.visual.road import WHITE, RoadMotion, Scale
 
 SHORTEST = 0.05
 """Metres of a step by which odometry and camera are compared."""
@@ -74,6 +74,37 @@ class VisualMap:
                 self._compare(expected[0], motion)
                 taken = joined(taken, expected)
         self.ekf.predict(*taken)
+
+    def along_road(self, motion: Motion, road: RoadMotion) -> Motion:
+        """Learn from the road how long odometry's metre is, and this step.
+
+        What was mapped with another metre is made larger or smaller as a whole.
+
+        Args:
+            motion: the step by odometry and by what one camera saw.
+            road: the same by the road.
+
+        Returns:
+            The step by both.
+        """
+        before = self.scale.factor
+        ratio = road.distance / float(np.linalg.norm(motion.shift))
+        self.scale.heard(ratio)
+        grown = self.scale.factor / before
+        self.ekf.rescale(grown, self._drive.start[:2])
+        length = float(np.hypot(*motion.control[:2]))
+        along = np.append(motion.control[:2] / length, 0.0)
+        spread = motion.covariance @ along
+        total = float(along @ spread) + (WHITE * length) ** 2
+        missed = (ratio / self.scale.road - grown) * length
+        control = motion.control + spread * missed / total
+        covariance = motion.covariance - np.outer(spread, spread) / total
+        longer = float(np.hypot(*control[:2])) / length
+        return motion._replace(
+            control=control,
+            shift=motion.shift * longer,
+            covariance=(covariance + covariance.T) / 2,
+        )
 
     def _compare(self, expected: FloatArray, motion: Motion) -> None:
         """Learn how long odometry's metre is from a camera that measures depth."""

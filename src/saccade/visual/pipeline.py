@@ -24,7 +24,7 @@ from saccade.visual.frontend import (
     track,
 )
 from saccade.visual.mapping import VisualMap
-from saccade.visual.motion import camera_motion
+from saccade.visual.motion import Motion, camera_motion
 from saccade.visual.recognition import agreeing, keep_apart, look_alikes, within_gate
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
@@ -114,25 +114,30 @@ class Pipeline:
         with note.timed("track"):
             self.followed, motion = track(camera, self._last, view, self.followed, expected, config)
             note.moved(expected[0], motion)
+        with note.timed("road"):
+            if motion is not None and not self.ranged:
+                motion = self._along_road(view, motion)
         with note.timed("predict"):
             world.predict(number, expected, motion)
         if motion is None:
             self._way.moved(*camera_motion(camera, expected[0]))
             return
         self._way.moved(motion.rotation, motion.shift)
-        if self.ranged:
-            return
-        with note.timed("range"):
-            points = self.followed
-            depth, sigma = self._way.triangulate(
-                camera, points.born, points.first, points.xy, config.pixel_sigma
-            )
-            self.followed = replace(points, depth=depth, depth_sigma=sigma)
-        with note.timed("road"):
-            if self._last.left is not None and view.left is not None:
-                road = road_motion(camera, self._last.left, view.left, motion)
-                if road is not None:
-                    world.scale.heard(road.distance / float(np.linalg.norm(motion.shift)))
+        if not self.ranged:
+            with note.timed("range"):
+                points = self.followed
+                depth, sigma = self._way.triangulate(
+                    camera, points.born, points.first, points.xy, config.pixel_sigma
+                )
+                self.followed = replace(points, depth=depth, depth_sigma=sigma)
+
+    def _along_road(self, view: View, motion: Motion) -> Motion:
+        """The motion with what the road says of its length."""
+        before = self._last.left
+        if before is None or view.left is None:
+            return motion
+        road = road_motion(self.drive.camera, before, view.left, motion)
+        return motion if road is None else self.world.along_road(motion, road)
 
     def _renew(self, number: int, view: View) -> None:
         """Find what is in view: landmarks that were lost from sight, and new ones."""

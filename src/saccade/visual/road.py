@@ -29,7 +29,7 @@ SHORTEST = 0.3
 """Heights that the robot must go."""
 ROUNDS = 15
 SETTLED = 1e-3
-WHITE = 0.06
+WHITE = 0.04
 """Standard deviation of a single measurement, as a share of the way."""
 
 
@@ -136,6 +136,11 @@ class Scale:
     def sigma(self) -> float:
         """Standard deviation of the factor."""
         return float(np.sqrt(self._spread[0, 0]))
+
+    @property
+    def road(self) -> float:
+        """By which distances by the road are to be divided."""
+        return 1.0 + float(self._wrong[1])
 
     def heard(self, ratio: float) -> None:
         """Take in the distance by the road, divided by that of odometry times `factor`."""
