@@ -158,8 +158,9 @@ class Pipeline:
             self.followed = others.joined(known)
         with note.timed("attend"):
             new = found[~_near(found, self.followed, config.apart / 2)]
-            new = new[np.argsort(-new.response, kind="stable")]
-            self.followed = self.followed.joined(new[: config.followed - len(self.followed)])
+            places = max(0, config.followed - len(self.followed))
+            strongest = np.argsort(-new.response, kind="stable")[:places]
+            self.followed = self.followed.joined(new[strongest])
             image = view.frame.image
             chosen = self._choose(number, None if image is None else attend(image, config))
         with note.timed("manage"):

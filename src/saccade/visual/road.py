@@ -66,7 +66,9 @@ def road_motion(
         return None
     top = max(0, int(pixels[:, 1].min()) - 40)
     first, second = (_smooth(image[top:]) for image in (before, now))
-    slope = [cv2.Sobel(second, cv2.CV_32F, i, 1 - i, ksize=3) / 8 for i in (1, 0)]
+    slope = [
+        np.asarray(cv2.Sobel(second, cv2.CV_32F, i, 1 - i, ksize=3) / 8, np.float32) for i in (1, 0)
+    ]
     at = first[pixels[:, 1] - top, pixels[:, 0]].astype(np.float64)
     focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     ray = np.concatenate([(pixels - centre) / focal, np.ones((len(pixels), 1))], 1)
@@ -82,7 +84,7 @@ def road_motion(
         flat = seen[:, :2] / seen[:, 2:]
         place = (flat * focal + centre - (0, top)).astype(np.float32)
         inside = (place > 1).all(1) & (place < (camera.width - 2, len(second) - 2)).all(1)
-        light, across, down = (_sampled(image, place) for image in (second, *slope))
+        light, across, down = (_sampled(image, place) for image in (second, slope[0], slope[1]))
         by_shift = (ahead[:2] - flat * ahead[2]) / seen[:, 2:] * focal
         steep = across * by_shift[:, 0] + down * by_shift[:, 1]
         by_plane = (ray @ axes.T) * (1.0, found[0], found[0])
