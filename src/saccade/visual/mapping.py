@@ -45,6 +45,7 @@ class VisualMap:
         self._drive, self._config = drive, config
         ahead, turn = config.acceleration
         self._drift = TurnDrift()
+        self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
         self._foresight = Foresight(np.array([ahead, ahead / 4, turn]))
 
     def foretell(self, number: int) -> Prior:
@@ -53,10 +54,14 @@ class VisualMap:
         seconds = self._seconds(number)
         control = drive.control[number - 1] * (factor, factor, 1.0)
         control[2] -= self._drift.rate * seconds
-        return self._foresight.foresee(control, drive.control_covariance[number - 1], seconds)
+        self._odometry = control, drive.control_covariance[number - 1]
+        return self._foresight.foresee(*self._odometry, seconds)
 
     def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
         """Go to a frame after the first.
+
+        A motion that the camera has measured is joined with odometry alone: how the robot moved
+        before says little beside it, and lags behind where it speeds up for seconds.
 
         Args:
             number: of the frame.
@@ -71,8 +76,8 @@ class VisualMap:
             noise = self._drive.control_covariance[number - 1, 2, 2] + taken[1][2, 2]
             self._drift.heard(turned, seconds, float(noise))
             if not motion.with_prior:
-                self._compare(expected[0], motion)
-                taken = joined(taken, expected)
+                self._compare(self._odometry[0], motion)
+                taken = joined(taken, self._odometry)
         self.ekf.predict(*taken)
 
     def along_road(self, motion: Motion, road: RoadMotion) -> Motion:
