@@ -155,6 +155,7 @@ def figures(
         "nis_mean": finite(result.consistency.mean),
         "nis_band": [low, high],
         "warning": result.consistency.warning,
+        "remark": result.consistency.remark,
     }
     drives = {"odometry": result.dead_reckoning, "position": result.trajectory}
     maps = {"landmark": result.map}
