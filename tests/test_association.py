@@ -81,6 +81,18 @@ def test_near_is_taken_far_is_new_and_between_is_dropped():
     assert found == [0, DROPPED, NEW]
 
 
+@pytest.mark.parametrize("rule", [NearestNeighbor(mutual=True), JointCompatibility()])
+def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too(rule):
+    """Two landmarks a little over a sigma to either side of where something is seen."""
+    pair = np.array([[5.0, -0.1], [5.0, 0.12]])
+    z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
+    assert rule(_filter(pair), z[:1], noise[:1], UNKNOWN[:1]).tolist() == [DROPPED]
+    assert rule(_filter(pair), z, noise, UNKNOWN[:2]).tolist() == [0, 1]
+    far = pair * [1.0, 9.0]
+    z, noise = _scan(far[0])
+    assert rule(_filter(far), z, noise, UNKNOWN[:1]).tolist() == [0]
+
+
 def test_in_an_empty_map_everything_is_new():
     z, noise = _scan(WORLD)
     ekf = EkfSlam(np.zeros(3), np.eye(3))

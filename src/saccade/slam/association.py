@@ -88,7 +88,8 @@ class NearestNeighbor:
 
     Of a scan, each landmark takes at most one observation and each observation
     at most one landmark, the closest pair first. An observation outside the
-    larger gate of every landmark is new; what is left over is ambiguous.
+    larger gate of every landmark is new; what is left over is ambiguous, and so is
+    what another landmark, of which the scan shows nothing, is almost as near to.
     """
 
     gate: float = 0.99
@@ -104,7 +105,9 @@ class NearestNeighbor:
         distance = mahalanobis_squared(ekf, z, R, outer)  # (m, N)
         pair = pair_mutual if self.mutual else pair_nearest_first
         outside = distance.min(1, initial=np.inf) > outer
-        return np.where(outside, NEW, pair(distance, limit)).astype(np.int64)
+        paired = pair(distance, limit)
+        gating.drop_ambiguous(distance, paired)
+        return np.where(outside, NEW, paired).astype(np.int64)
 
     def added(self, landmark: int, identity: int) -> None:
         """Nothing to remember: the map is in the filter."""

@@ -7,7 +7,11 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.slam.belief import INVARIANT, LANDMARKS, Belief
 from saccade.slam.models import NEAREST
-from saccade.types import FloatArray
+from saccade.types import FloatArray, IntArray
+
+AMBIGUOUS = 3.0
+"""An observation is of its landmark if no free one is so near by the normalized distance squared:
+it is four times as likely of this one as of any other."""
 
 
 @kernel()
@@ -75,3 +79,17 @@ def distances(
                 total = (d * v * v - 2 * c * v * w + a * w * w) / determinant
                 if total <= limit:
                     distance[i, j] = total
+
+
+@kernel()
+def drop_ambiguous(distance: FloatArray, found: IntArray) -> None:
+    """Drop pairs of (m, c) that another column, which nothing is paired with, is as good for."""
+    taken = np.zeros(distance.shape[1], np.bool_)
+    for i in range(len(distance)):
+        if found[i] >= 0:
+            taken[found[i]] = True
+    for i in range(len(distance)):
+        own = distance[i, found[i]] if found[i] >= 0 else inf
+        for j in range(distance.shape[1]):
+            if not taken[j] and distance[i, j] <= own + AMBIGUOUS and found[i] >= 0:
+                found[i] = -2

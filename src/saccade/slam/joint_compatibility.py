@@ -14,6 +14,7 @@ from saccade._jit import kernel
 from saccade.slam.association import DROPPED, NEW, mahalanobis_squared, pair_mutual
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.ekf import EkfSlam
+from saccade.slam.gating import drop_ambiguous
 from saccade.types import FloatArray, IntArray
 
 
@@ -22,7 +23,8 @@ class JointCompatibility:
     """The largest set of pairs that fit together.
 
     An observation outside the larger gate of every landmark is new; one that no compatible set
-    has a place for is ambiguous.
+    has a place for is ambiguous, and so is what another landmark, of which the scan shows nothing,
+    is almost as near to.
     """
 
     gate: float = 0.99
@@ -48,6 +50,7 @@ class JointCompatibility:
             near = distance[np.ix_(rows, columns)]
             search(near, limit, v, S, R[rows], gates, self.nodes, best)
             paired[rows] = np.where(best >= 0, columns[best], DROPPED)
+        drop_ambiguous(distance, paired)
         return np.where(outside, NEW, paired).astype(np.int64)
 
     def added(self, landmark: int, identity: int) -> None:
