@@ -19,8 +19,7 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.slam.belief import GIVEN, INVARIANT, LANDMARKS, STANDARD, TAKEN, Belief
 from saccade.slam.models import NEAREST
-from saccade.slam.outcomes import Replay
-from saccade.types import FloatArray, IntArray
+from saccade.types import FloatArray
 
 SINGULAR = 1e-13
 """An innovation variance under this share of the terms that it is the sum of counts as zero."""
@@ -335,6 +334,32 @@ def sight(
 
 
 @kernel()
+def toward(b: Belief, landmark: int) -> tuple[float, float]:
+    """Range and bearing of a landmark (C.14), zero if it is where the robot is."""
+    m = len(b.work) + 2 * landmark
+    dx, dy = b.state[m] - b.state[0], b.state[m + 1] - b.state[1]
+    q = hypot(dx, dy)
+    return q, wrapped(atan2(dy, dx) - b.state[2]) if q > NEAREST else 0.0
+
+
+@kernel()
+def place(b: Belief, z: FloatArray, R: FloatArray, xy: FloatArray, C: FloatArray) -> None:
+    """Fill the place (2,) of an observation by range and bearing, and Gz R Gz^T (2, 2)."""
+    B = _at(b.state, z)
+    xy[0], xy[1] = b.state[0] + z[0] * B[0, 0], b.state[1] + z[0] * B[1, 0]
+    C[:] = sandwich(B, R, np.zeros((2, 2)))
+
+
+@kernel()
+def take_in(b: Belief, z: FloatArray, R: FloatArray) -> None:
+    """`augment` by range and bearing (C.15-C.18)."""
+    xy, C, G = np.empty(2), np.empty((2, 2)), np.eye(2, len(b.work))
+    place(b, z, R, xy, C)
+    G[0, 2], G[1, 2] = b.state[1] - xy[1], xy[0] - b.state[0]
+    augment(b, xy, G, C)
+
+
+@kernel()
 def _at(s: FloatArray, z: FloatArray) -> FloatArray:
     """Slope (2, 2) of the place of an observation by z (C.16)."""
     c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
@@ -346,49 +371,6 @@ def is_full(b: Belief) -> bool:
     """Whether there is no room for another step and another landmark."""
     full = len(b.taken) - b.used[TAKEN] < 3 or b.used[GIVEN] == len(b.given)
     return bool(full or b.used[LANDMARKS] == len(b.own))
-
-
-@kernel()
-def replay(
-    b: Belief,
-    kind: int,
-    huber: float,
-    control: FloatArray,
-    U: FloatArray,
-    D: FloatArray,
-    z: FloatArray,
-    R: FloatArray,
-    landmark: IntArray,
-    edge: IntArray,
-    at: IntArray,
-    out: Replay,
-) -> None:
-    """Go on from step at[0] and observation at[1] as far as there is room.
-
-    Control i leads to step i, at which the observations edge[i] to edge[i + 1] are made,
-    each of `landmark`: one of the map, the next new one, or none (negative).
-    """
-    while at[0] < len(control) and not is_full(b):
-        i = at[0]
-        if at[1] < 0:
-            move(b, kind, control[i], U[i], D[i])
-            at[1] = edge[i]
-        while at[1] < edge[i + 1]:
-            k, m = at[1], len(b.work) + 2 * landmark[at[1]]
-            if is_full(b):
-                return
-            if landmark[k] == b.used[LANDMARKS]:
-                B = _at(b.state, z[k])
-                xy = np.array([b.state[0] + z[k, 0] * B[0, 0], b.state[1] + z[k, 0] * B[1, 0]])
-                G = np.eye(2, len(b.work))
-                G[0, 2], G[1, 2] = -z[k, 0] * B[1, 0], z[k, 0] * B[0, 0]
-                augment(b, xy, G, sandwich(B, R[k], np.zeros((2, 2))))
-            elif landmark[k] >= 0:
-                nis, S = sight(b, kind, m, z[k], R[k], huber, out.innovation[k])
-                out.nis[k], out.innovation_covariance[k] = nis, S
-            at[1] += 1
-        out.pose[i], out.covariance[i] = b.state[:3], pose_covariance(b, kind)
-        at[0], at[1] = i + 1, -1
 
 
 @kernel()
