@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam import gating, steps
+from saccade.slam import gating, stepping, steps
 from saccade.slam.belief import (
     FIRST_CAPACITY,
     LANDMARKS,
@@ -83,7 +83,7 @@ class EkfSlam:
         U = check_covariance("covariance of the control", U, len(u))
         self._make_room()
         if self.is_compiled:
-            steps.move(self._belief, self._retraction, u, U, self._slopes(u[None])[0])
+            stepping.move(self._belief, self._retraction, u, U, self._slopes(u[None])[0])
             return
         moved, Fx, Fu = self._motion(self._robot, u)  # C.5, C.8, C.9
         steps.predict(self._belief, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
@@ -107,13 +107,13 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
-        b, how = self._belief, (self._retraction, self._huber)
+        b, how, S = self._belief, self._how, np.empty((2, 2))
         if self.is_compiled:
             m, v = len(self._robot) + 2 * landmark, np.empty(2)
-            nis, S = steps.sight(b, how[0], m, z, R, how[1], v)
+            nis = stepping.sight(b, how[0], m, z, R, how[1], v, S)
         else:
             m, v, H, noise = self._linearized(z, R, landmark)  # C.14
-            nis, S = steps.correct(b, how[0], m, v, H, noise, how[1])  # C.10-C.13
+            nis = steps.correct(b, how[0], m, v, H, noise, how[1], S)  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -131,7 +131,8 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
-        S, _, root = steps.weigh(self._belief, at, H, noise)  # C.11
+        S, root = np.empty((2, 2)), np.empty((2, 2))
+        steps.weigh(self._belief, at, H, noise, 1.0, S, np.empty(H.shape), root)  # C.11
         white = root @ v
         return Innovation(v, S, float(white @ white))
 
@@ -256,7 +257,9 @@ class EkfSlam:
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
-        return steps.pose_covariance(self._belief, self._retraction)
+        covariance = np.empty((3, 3))
+        stepping.tell_pose(self._belief, self._retraction, np.empty(3), covariance)
+        return covariance
 
     @property
     def odometry_bias(self) -> FloatArray | None:

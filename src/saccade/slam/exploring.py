@@ -16,7 +16,8 @@ from saccade.slam.gating import NEW, associate
 from saccade.slam.landmarks import Candidates, Patience, Waiting, confirm
 from saccade.slam.outcomes import Replay
 from saccade.slam.presence import NEVER, Presence, Rule, Watch, look
-from saccade.slam.steps import is_full, place, take_in, toward
+from saccade.slam.stepping import place, take_in, toward
+from saccade.slam.steps import is_full
 from saccade.slam.stretch import Stretch, arrive, see, step
 from saccade.types import FloatArray, IntArray
 

@@ -191,9 +191,10 @@ def pair_mutual(distance: FloatArray, limit: float, paired: IntArray) -> None:
         for j in range(distance.shape[1]):
             if distance[i, j] < least or (distance[i, j] == least and column < 0):
                 least, column = distance[i, j], j
-        nearest = column >= 0
-        for k in range(len(distance)):
-            other = distance[k, max(column, 0)]
-            nearest = nearest and not (other < least or (other == least and k < i))
-        if nearest:
+        for k in range(len(distance) if column >= 0 else 0):
+            other = distance[k, column]
+            if other < least or (other == least and k < i):
+                column = -1
+                break
+        if column >= 0:
             paired[i] = column

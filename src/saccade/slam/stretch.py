@@ -8,7 +8,8 @@ from saccade._jit import kernel
 from saccade.slam.belief import LANDMARKS, Belief
 from saccade.slam.checks import check_all
 from saccade.slam.outcomes import Replay
-from saccade.slam.steps import is_full, move, pose_covariance, sight, take_in
+from saccade.slam.stepping import move, sight, take_in, tell_pose
+from saccade.slam.steps import is_full
 from saccade.types import FloatArray, IntArray
 
 
@@ -97,9 +98,8 @@ def see(b: Belief, kind: int, huber: float, s: Stretch, out: Replay) -> bool:
             take_in(b, s.z[k], s.R[k])
         elif s.landmark[k] >= 0:
             m = len(b.work) + 2 * s.landmark[k]
-            nis, S = sight(b, kind, m, s.z[k], s.R[k], huber, out.innovation[k])
-            out.nis[k] = nis
-            out.innovation_covariance[k] = S
+            v, S = out.innovation[k], out.innovation_covariance[k]
+            out.nis[k] = sight(b, kind, m, s.z[k], s.R[k], huber, v, S)
         s.at[1] += 1
     return True
 
@@ -108,5 +108,5 @@ def see(b: Belief, kind: int, huber: float, s: Stretch, out: Replay) -> bool:
 def arrive(b: Belief, kind: int, s: Stretch, out: Replay) -> None:
     """Say where the robot is after a step."""
     i = s.at[0]
-    out.pose[i], out.covariance[i] = b.state[:3], pose_covariance(b, kind)
+    tell_pose(b, kind, out.pose[i], out.covariance[i])
     s.at[0], s.at[1] = i + 1, -1
