@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade._jit import blas
+from saccade._jit import blas, kernel
 from saccade.types import FloatArray, IntArray
 
 STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
@@ -96,14 +96,25 @@ def grown(b: Belief) -> Belief:
 def without(b: Belief, landmarks: IntArray) -> None:
     """Forget landmarks; those behind them move up."""
     flush(b)
-    r, n, N = len(b.work), size_of(b), int(b.used[LANDMARKS])
+    r, N = len(b.work), int(b.used[LANDMARKS])
     kept = np.setdiff1d(np.arange(N), landmarks)
     rows = np.concatenate([np.arange(r), (r + 2 * kept[:, None] + [0, 1]).ravel()])
     m = len(rows)
-    b.P[:m, :m] = b.P[np.ix_(rows, rows)]
+    _gather(b.P, rows)
     b.state[:m], b.swing[:m], b.own[: len(kept)] = b.state[rows], b.swing[rows], b.own[kept]
-    b.P[:n, m:n] = b.P[m:n, :n] = 0.0
     b.used[LANDMARKS] = len(kept)
+
+
+@kernel()
+def _gather(P: FloatArray, rows: IntArray) -> None:
+    """Move these rows (m,), ascending, and their columns to the beginning of the upper triangle."""
+    first = 0
+    while first < len(rows) and rows[first] == first:
+        first += 1
+    for i in range(len(rows)):
+        to, whence = P[i], P[rows[i]]
+        for j in range(max(first, i), len(rows)):
+            to[j] = whence[rows[j]]
 
 
 def size_of(b: Belief) -> int:

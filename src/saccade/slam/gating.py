@@ -99,14 +99,14 @@ def within_reach(b: Belief, z: FloatArray, R: FloatArray, limit: float, landmark
     for k in range(len(z)):
         first, last = min(first, z[k, 0]), max(last, z[k, 0])
         coarse, skew = max(coarse, R[k, 0, 0]), max(skew, R[k, 1, 1])
-    gate = sqrt(limit) * _SLACK
+    gate, noise = sqrt(limit) * _SLACK, sqrt(coarse)
     for i in range(b.used[LANDMARKS]):
         m = r + 2 * i
         dx, dy = s[m] - s[0], s[m + 1] - s[1]
-        q = hypot(dx, dy)
-        swing = hypot(a[m] - a[0], a[m + 1] - a[1])
+        q = sqrt(dx * dx + dy * dy)
+        swing = abs(a[m] - a[0]) + abs(a[m + 1] - a[1])
         spread = here + sqrt(abs(b.own[i, 0]) + abs(b.own[i, 2])) + swing * turn
-        along = gate * sqrt(spread * spread + coarse)
+        along = gate * (spread + noise)
         if q - last > along or first - q > along:
             continue
         bearing, across = 0.0, inf

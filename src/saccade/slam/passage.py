@@ -107,11 +107,12 @@ class Passage:
     def forget(self, landmarks: IntArray) -> None:
         """Take landmarks out of the map; what was seen of them was nothing."""
         if len(landmarks) > 0:
-            number = np.cumsum(~np.isin(np.arange(len(self.ekf) + 1), landmarks)) - 1
-            number[landmarks] = -1
+            kept = np.ones(len(self.ekf) + 1, np.bool_)
+            kept[landmarks] = False
+            number = np.cumsum(kept) - 1
+            number[~kept] = number[-1] = -1  # the last is for what is of none
             self.ekf.remove(landmarks)
-            used = self.association >= 0
-            self.association[used] = number[self.association[used]]
+            self.association[:] = number[self.association]
 
     def _stretch(self, start: int, end: int) -> tuple[Stretch, Replay]:
         """The stretch of the log that leads to poses, and where what is said of them is kept."""

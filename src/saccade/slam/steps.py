@@ -18,6 +18,7 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.slam.belief import GIVEN, INVARIANT, KEPT, LANDMARKS, STANDARD, TAKEN, Belief
+from saccade.slam.rows import add_product, mix, mix_two
 from saccade.types import FloatArray
 
 SINGULAR = 1e-13
@@ -57,29 +58,6 @@ def sandwich(
 
 
 @kernel(fastmath=("contract",))
-def _mix(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None:
-    """Make row keep row + factor other."""
-    for j in range(len(row)):
-        row[j] = keep * row[j] + factor * other[j]
-
-
-@kernel(fastmath=("contract",))
-def _mix_two(row: FloatArray, a: float, x: FloatArray, b: float, y: FloatArray) -> None:
-    """Add a x + b y to row."""
-    for j in range(len(row)):
-        row[j] += a * x[j] + b * y[j]
-
-
-@kernel(fastmath=("contract",))
-def _mix_four(row: FloatArray, w: FloatArray, rows: FloatArray, i: int, r: int, n: int) -> None:
-    """Add w (4,) rows[i : i + 4] from r to n to row."""
-    a, b, c, d = w[0], w[1], w[2], w[3]
-    x, y, p, q = rows[i, r:n], rows[i + 1, r:n], rows[i + 2, r:n], rows[i + 3, r:n]
-    for j in range(len(row)):
-        row[j] += (a * x[j] + b * y[j]) + (c * p[j] + d * q[j])
-
-
-@kernel(fastmath=("contract",))
 def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.7)."""
     r = len(b.work)
@@ -107,16 +85,16 @@ def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArra
         _swing_landmarks(b, turn, leak[2] - before)
     sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.7, Pxx
     for i in range(r):
-        _mix(old[i, r:n], 0.0, 1.0, P[i, r:n])
+        mix(old[i, r:n], 0.0, 1.0, P[i, r:n])
     for i in range(r):
         row = P[i, r:n]
         if kind == INVARIANT:
-            _mix(row, G[i, i], -leak[i], a[r:n])
+            mix(row, G[i, i], -leak[i], a[r:n])
         elif G[i, i] != 1:
-            _mix(row, G[i, i], 0.0, row)
+            mix(row, G[i, i], 0.0, row)
         for k in range(r):
             if k != i and G[i, k] != 0:
-                _mix(row, 1.0, G[i, k], old[k, r:n])  # C.7, Pxm
+                mix(row, 1.0, G[i, k], old[k, r:n])  # C.7, Pxm
         b.state[i] = moved[i]  # C.5
     a[0] = a[1] = 0.0
 
@@ -133,19 +111,19 @@ def _swing_landmarks(b: Belief, turn: FloatArray, variance: float) -> None:
     if variance <= 0:
         return
     root, coupled = sqrt(variance), False
-    _mix(y, 0.0, root, a)
+    mix(y, 0.0, root, a)
     for k in range(r):
         if turn[k] != 0:
-            _mix(x, 1.0 if coupled else 0.0, turn[k] / root, b.P[k, r:n])
+            mix(x, 1.0 if coupled else 0.0, turn[k] / root, b.P[k, r:n])
             coupled = True
     if coupled:
-        _mix(y, 1.0, -1.0, x)
+        mix(y, 1.0, -1.0, x)
         _add_own(b, x, -1.0)
         b.used[TAKEN] += 1
         b.fresh[0] = 0.0
     _add_own(b, y, 1.0)
     if b.fresh[0] > 0:
-        _mix(b.given[b.used[GIVEN] - 1, r:n], sqrt(1 + variance / b.fresh[0]), 0.0, a)
+        mix(b.given[b.used[GIVEN] - 1, r:n], sqrt(1 + variance / b.fresh[0]), 0.0, a)
     else:
         b.used[GIVEN] += 1
     b.fresh[0] += 0.0 if coupled else variance
@@ -196,7 +174,7 @@ def correct(
     _take_own(b, V)
     x, y = V[0, :n], V[1, :n]
     for i in range(r):
-        _mix_two(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.13: W S W^T = V^T V
+        mix_two(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.13: W S W^T = V^T V
     b.used[TAKEN] += 2
     _retract(b, kind, first, second, V)
     return float(nis)
@@ -255,32 +233,17 @@ def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
     n = r + 2 * b.used[LANDMARKS]
     base = 2 * _base_rows(b, m)
     for k in range(2):
+        v, first, second = V[k, :n], D[k, r], D[k, r + 1]
+        mix(v, 0.0, D[k, 0], P[0, :n])
+        mix_two(v, D[k, 1], P[1, :n], D[k, 2], P[2, :n])
+        for i in range(3, r):
+            if D[k, i] != 0:
+                mix(v, 1.0, D[k, i], P[i, :n])
         for i in range(r):
-            V[k, i] = D[k, r] * P[i, m] + D[k, r + 1] * P[i, m + 1]
-        _mix(V[k, r:n], 0.0, D[k, r], b.base[base, r:n])
-        _mix(V[k, r:n], 1.0, D[k, r + 1], b.base[base + 1, r:n])
-        for i in range(r):
-            _mix(V[k, :n], 1.0, D[k, i], P[i, :n])
-    _add_rows(V, D, r, m, -1.0, b.taken, b.used[TAKEN], n)
-    _add_rows(V, D, r, m, 1.0, b.given, b.used[GIVEN], n)
-
-
-@kernel()
-def _add_rows(
-    V: FloatArray, D: FloatArray, r: int, m: int, sign: float, Y: FloatArray, used: int, n: int
-) -> None:
-    """Add D's product with sign Y^T Y, of so many rows that are used, to V (2, n)."""
-    w = np.empty((2, used))
-    for k in range(2):
-        for i in range(used):
-            w[k, i] = sign * (D[k, r] * Y[i, m] + D[k, r + 1] * Y[i, m + 1])
-    fours = used // 4 * 4
-    for i in range(0, fours, 4):
-        _mix_four(V[0, r:n], w[0, i : i + 4], Y, i, r, n)
-        _mix_four(V[1, r:n], w[1, i : i + 4], Y, i, r, n)
-    for i in range(fours, used):
-        _mix(V[0, r:n], 1.0, w[0, i], Y[i, r:n])
-        _mix(V[1, r:n], 1.0, w[1, i], Y[i, r:n])
+            v[i] += first * P[i, m] + second * P[i, m + 1]
+        mix_two(v[r:], first, b.base[base, r:n], second, b.base[base + 1, r:n])
+    add_product(V, D, r, m, -1.0, b.taken, b.used[TAKEN], n)
+    add_product(V, D, r, m, 1.0, b.given, b.used[GIVEN], n)
 
 
 @kernel()
@@ -298,8 +261,8 @@ def _base_rows(b: Belief, m: int) -> int:
             first[j], second[j] = P[j, m], P[j, m + 1]
         first[m], first[m + 1] = P[m, m], P[m, m + 1]
         second[m], second[m + 1] = P[m, m + 1], P[m + 1, m + 1]
-        _mix(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
-        _mix(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
+        mix(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
+        mix(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
         b.which[i] = b.used[KEPT]
         b.used[KEPT] += 1
     return int(b.which[i])
@@ -343,33 +306,29 @@ def _retract(b: Belief, kind: int, first: float, second: float, V: FloatArray) -
     for i in range(2, r):
         s[i] += first * V[0, i] + second * V[1, i]
     s[2] = wrapped(s[2])
-    _shift(s[:2], a[:2], V[:, :2], (first, second), (p, q, sine, lost), kind)
-    n = r + 2 * b.used[LANDMARKS]
-    _shift(s[r:n], a[r:n], V[:, r:n], (first, second), (p, q, sine, lost), kind)
+    n, by = r + 2 * b.used[LANDMARKS], (first, second, p, q, sine, lost)
+    _shift(s[:2], a[:2], V[0, :2], V[1, :2], by, kind)
+    _shift(s[r:n], a[r:n], V[0, r:n], V[1, r:n], by, kind)
     b.fresh[0] = 0.0
 
 
 @kernel(fastmath=("contract",))
 def _shift(
-    s: FloatArray,
-    a: FloatArray,
-    V: FloatArray,
-    by: tuple[float, float],
-    turned: tuple[float, float, float, float],
-    kind: int,
+    s: FloatArray, a: FloatArray, v: FloatArray, w: FloatArray, by: tuple[float, ...], kind: int
 ) -> None:
-    """Correct points s (2 k,) and their swing by V (2, 2 k), see `_retract`."""
-    (first, second), (p, q, sine, lost) = by, turned
-    for i in range(len(s) // 2):
-        j, k = 2 * i, 2 * i + 1
-        e, f = first * V[0, j] + second * V[1, j], first * V[0, k] + second * V[1, k]
-        x = p * e - q * f + sine * a[j] - lost * a[k]
-        y = q * e + p * f + lost * a[j] + sine * a[k]
-        s[j] += x
-        s[k] += y
+    """Correct points s (2 k,) and their swing by rows v and w of V, see `_retract`."""
+    first, second, p, q, sine, lost = by
+    shape = (len(s) // 2, 2)
+    points, swings, x0, x1 = s.reshape(shape), a.reshape(shape), v.reshape(shape), w.reshape(shape)
+    for i in range(len(points)):
+        e, f = first * x0[i, 0] + second * x1[i, 0], first * x0[i, 1] + second * x1[i, 1]
+        x = p * e - q * f + sine * swings[i, 0] - lost * swings[i, 1]
+        y = q * e + p * f + lost * swings[i, 0] + sine * swings[i, 1]
+        points[i, 0] += x
+        points[i, 1] += y
         if kind != STANDARD:
-            a[j] -= y
-            a[k] += x
+            swings[i, 0] -= y
+            swings[i, 1] += x
 
 
 @kernel(fastmath=("contract",))
