@@ -214,6 +214,17 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.time)
 
+    def at(self, time: FloatArray) -> FloatArray:
+        """(n, 3) poses at given times (n,), between two in a straight line; those at the ends last.
+
+        Raises:
+            ValueError: the trajectory has no poses.
+        """
+        x, y, heading = self.pose.T
+        columns = [np.interp(time, self.time, each) for each in (x, y, np.unwrap(heading))]
+        columns[2] = np.angle(np.exp(1j * columns[2]))
+        return np.stack(columns, 1)
+
     def __repr__(self) -> str:
         length = float(np.hypot(*np.diff(self.pose[:, :2], axis=0).T).sum()) if len(self) else 0.0
         return f"Trajectory({len(self)} poses, {length:.1f} m)"
