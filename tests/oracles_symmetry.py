@@ -14,10 +14,10 @@ def gradients(channel, mode):
     return np.hypot(gx, gy), np.arctan2(gy, gx)
 
 
-def symmetry(channels, kind, inner, outer, sigma, gain, mode="reflect"):
+def symmetry(channels, kind, inner, outer, sigma, gain, mode="reflect", offsets=None):
     """(h, w) from (h, w, c): at each pixel the pairs that lie inside, as their papers have them.
 
-    The outermost pixels take no part.
+    The outermost pixels take no part; the offsets are a square ring where they are not given.
     """
     height, width, count = channels.shape
     m, theta = np.moveaxis([gradients(channels[:, :, c], mode) for c in range(count)], 1, 0)
@@ -26,7 +26,7 @@ def symmetry(channels, kind, inner, outer, sigma, gain, mode="reflect"):
         for a in range(count):
             for b in range(count) if kind == "color" else [a]:
                 terms = []
-                for dx, dy in half_ring(inner, outer):
+                for dx, dy in offsets or half_ring(inner, outer):
                     i, j = (y + dy, x + dx), (y - dy, x - dx)
                     rows, columns = zip(i, j, strict=True)
                     if min(*rows, *columns) < 1:

@@ -1,5 +1,9 @@
 """What becomes of bad input."""
 
+import re
+
+import pytest
+
 from saccade.errors import SaccadeError
 
 
@@ -12,3 +16,9 @@ def result_or_refusal(work):
     assert message
     assert "\n" not in message
     return None, message
+
+
+def refuses(kind, *parts):
+    """A context in which an error of a kind is raised whose one line has some parts."""
+    words = ".*".join(map(re.escape, parts))
+    return pytest.raises(kind, match=f"^[^\\n]*{words}[^\\n]*$")

@@ -12,10 +12,11 @@ import pytest
 import saccade
 
 SOURCE = Path(saccade.__file__).parent
-FOUNDATION = {"types", "errors", "files", "extras"}
+FOUNDATION = {"types", "frames", "errors", "files", "extras"}
 ALLOWED = {
     "errors": set(),
     "types": {"errors"},
+    "frames": {"types", "errors"},
     "files": {"errors"},
     "extras": {"errors"},
     "_jit": {"errors"},
@@ -27,9 +28,11 @@ ALLOWED = {
     "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums"},
     "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums"},
     "slam": FOUNDATION | {"_jit"},
-    "simulation": {"types", "errors", "slam"},
-    "datasets": FOUNDATION | {"image"},
+    "visual": FOUNDATION | {"image", "pyramid", "attention", "keypoints", "slam"},
+    "simulation": FOUNDATION | {"image", "slam"},
+    "datasets": FOUNDATION | {"image", "video"},
     "evaluation": FOUNDATION,
+    "checking": FOUNDATION | {"visual"},
     "exchange": FOUNDATION,
     "viewing": FOUNDATION,
 }

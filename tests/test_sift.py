@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from saccade.errors import ConfigError, ImageError
 from saccade.keypoints import Sift, SiftConfig, match
-from saccade.keypoints.sift import Points, orient, strongest
+from saccade.keypoints.points import Points, orient, strongest
 from saccade.scale_space import gaussian_scale_space
 
 PRESETS = {

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from saccade import datasets, exchange, slam, viewing
+    from saccade import datasets, exchange, slam, viewing, visual
     from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
     from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
     from saccade.attention.scanpath import ScanpathConfig, scanpath
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
     from saccade.errors import (
         ConfigError,
+        DriveError,
         ImageError,
         KeypointsError,
         LogError,
@@ -49,6 +50,7 @@ _HOMES = {
     "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
     "saccade.errors": (
         "ConfigError",
+        "DriveError",
         "ImageError",
         "KeypointsError",
         "LogError",
@@ -77,7 +79,7 @@ _HOMES = {
     ),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "exchange", "slam", "viewing")
+_ROOMS = ("datasets", "exchange", "slam", "viewing", "visual")
 
 __all__ = [
     "AttentionConfig",
@@ -85,6 +87,7 @@ __all__ = [
     "ConfigError",
     "ContrastConfig",
     "ContrastMaps",
+    "DriveError",
     "ImageError",
     "Keypoints",
     "KeypointsError",
@@ -119,6 +122,7 @@ __all__ = [
     "symmetry_saliency",
     "verify",
     "viewing",
+    "visual",
 ]
 
 

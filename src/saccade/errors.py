@@ -21,6 +21,10 @@ class LogError(SaccadeError, ValueError):
     """A landmark log that is broken, or is not of the format it was said to be."""
 
 
+class DriveError(SaccadeError, ValueError):
+    """A camera drive that is broken, or is not of the layout it was said to be."""
+
+
 class ConfigError(SaccadeError, ValueError):
     """A setting outside its range, or one that does not exist."""
 

@@ -38,7 +38,30 @@ def read_image(path: str | Path) -> Float32Array:
         ImageError: the file is missing, is not an image, is cut short, or is larger than
             `LARGEST_IMAGE`.
     """
-    path = Path(path)
+    bgr = _decode(Path(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
+
+
+def read_stored(path: str | Path) -> Image:
+    """The picture in a file as the camera stored it: what a calibration speaks of.
+
+    Args:
+        path: any format that OpenCV reads; grey, colour, 8 or 16 bit.
+
+    Returns:
+        (H, W), or (H, W, 3) RGB; uint8 or uint16. It is not turned.
+
+    Raises:
+        ImageError: as those of `read_image`.
+    """
+    pixels = _decode(Path(path), cv2.IMREAD_UNCHANGED)
+    if pixels.ndim == 2:
+        return pixels
+    return cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2RGB)
+
+
+def _decode(path: Path, flags: int) -> npt.NDArray[Any]:
+    """What OpenCV makes of a file; colours are in its order."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -49,20 +72,18 @@ def read_image(path: str | Path) -> Float32Array:
         raise ImageError(f"{path}: the image is cut short")
     with quiet_opencv():
         try:
-            bgr = cv2.imdecode(
-                np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
-            )
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         except cv2.error as error:
             raise ImageError(f"{path}: cannot be decoded: {error.err}") from error
-    if bgr is None:
+    if pixels is None:
         raise ImageError(f"{path}: expected an image (PNG, JPEG, TIFF, ...), found something else")
-    height, width = bgr.shape[:2]
+    height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
         raise ImageError(
             f"{path}: expected at most {LARGEST_IMAGE:,} pixels, found {width} x {height}; "
             "make it smaller, or cut it up"
         )
-    return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
+    return pixels
 
 
 def find_images(source: str | Path) -> list[Path]:

@@ -14,6 +14,7 @@ whose terms are products of one number of i and one of j: the sum over all pairs
 the product of two sums over channels.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import cv2
@@ -22,7 +23,7 @@ import numpy.typing as npt
 
 from saccade._jit import kernel
 from saccade.pyramid import FloatMap
-from saccade.types import Float32Array
+from saccade.types import Float32Array, FloatArray, IntArray
 
 MARGIN = 1
 """Outermost pixels, which take part in no pair: half of their gradient lies beyond the border."""
@@ -83,11 +84,11 @@ def gradients_of(channel: FloatMap, gain: float, border: int = cv2.BORDER_REFLEC
         border: how the channel goes on beyond its border, as OpenCV calls it.
     """
     plane = np.ascontiguousarray(channel, np.float32)
-    gx: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=border)
-    gy: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=border)
-    magnitude = np.sqrt(gx * gx + gy * gy)  # cv2.magnitude rounds as the memory happens to lie
-    inverse = 1 / np.maximum(magnitude, np.float32(1e-30))
-    return Gradients(np.log1p(np.float32(gain) * magnitude), gx * inverse, gy * inverse)
+    cosine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=border)
+    sine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=border)
+    strength = np.empty_like(plane)
+    split_gradients(np.float32(gain), cosine, sine, strength)
+    return Gradients(np.log1p(strength, out=strength), cosine, sine)
 
 
 def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
@@ -97,11 +98,7 @@ def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array
         channels: gradients of equal shape.
         pairs: which count.
     """
-    sums = np.zeros_like(channels[0].strength)
-    weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
-    for gradients in channels:
-        add_isotropic(*gradients, pairs.offsets, weighted, sums)
-    return sums
+    return sums_of(add_isotropic, channels, pairs)
 
 
 def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
@@ -110,10 +107,15 @@ def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
     The axis of a pair is phi = (theta_i + theta_j) / 2, its weight sin^2(phi - phi_max): a pixel
     with a single axis of symmetry gets nothing.
     """
+    return sums_of(add_radial, channels, pairs)
+
+
+def sums_of(add: Callable[..., None], channels: list[Gradients], pairs: PairKernel) -> Float32Array:
+    """(h, w) what a kernel adds up; to it the weight of a pair is the square of its direction."""
     sums = np.zeros_like(channels[0].strength)
     weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
     for gradients in channels:
-        add_radial(*gradients, pairs.offsets, weighted, sums)
+        add(*gradients, pairs.offsets, weighted, sums)
     return sums
 
 
@@ -155,6 +157,21 @@ def share_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
 
 UNSIGNED = np.uintp
 """The kernels' indices: of these Numba need not ask whether they count from the end."""
+
+
+@kernel()
+def split_gradients(
+    gain: np.float32, cosine: Float32Array, sine: Float32Array, strength: Float32Array
+) -> None:
+    """Divide gradients by their magnitude, and fill it times the gain."""
+    one, least = np.float32(1), np.float32(1e-30)
+    for y in range(len(strength)):
+        for x in range(strength.shape[1]):
+            g_x, g_y = cosine[y, x], sine[y, x]
+            magnitude = np.sqrt(g_x * g_x + g_y * g_y)
+            inverse = one / max(magnitude, least)
+            cosine[y, x], sine[y, x] = g_x * inverse, g_y * inverse
+            strength[y, x] = gain * magnitude
 
 
 @kernel(fastmath=("contract",))
@@ -278,3 +295,35 @@ def turn_harmonics(
         a[x] = (half - eighth) * once[x] + half * c2 + eighth * c4
         b[x] = quarter * s2 + eighth * s4
         c[x] = eighth * (once[x] - c4)
+
+
+@kernel()
+def follow_strongest(
+    strength: Float32Array,
+    cosine: Float32Array,
+    sine: Float32Array,
+    offsets: Offsets,
+    directions: Float32Array,
+    spacing: float,
+    cells: IntArray,
+    strongest: FloatArray,
+    radius: FloatArray,
+) -> None:
+    """Update the strongest term of the pairs about (n, 2) cells, and its radius in pixels.
+
+    A pair's weight is the square of its direction.
+    """
+    height, width = strength.shape
+    for n in range(len(cells)):
+        x, y = min(max(cells[n, 0], 0), width - 1), min(max(cells[n, 1], 0), height - 1)
+        room_x, room_y = min(x, width - 1 - x) - MARGIN, min(y, height - 1 - y) - MARGIN
+        for k in range(len(offsets)):
+            dx, dy = offsets[k]
+            if abs(dx) <= room_x and dy <= room_y:
+                i, j = (y + dy, x + dx), (y - dy, x - dx)
+                p = directions[k, 0] * (cosine[i] - cosine[j])
+                p += directions[k, 1] * (sine[i] - sine[j])
+                term = strength[i] * strength[j] * p * p
+                if term > strongest[n]:
+                    strongest[n] = term
+                    radius[n] = spacing * np.sqrt(float(dx * dx + dy * dy))

@@ -19,6 +19,7 @@ Image: TypeAlias = npt.NDArray[Any]
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 Float32Array: TypeAlias = npt.NDArray[np.float32]
 IntArray: TypeAlias = npt.NDArray[np.int64]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -212,6 +213,17 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """(n, 3) poses at given times (n,), between two in a straight line; those at the ends last.
+
+        Raises:
+            ValueError: the trajectory has no poses.
+        """
+        x, y, heading = self.pose.T
+        columns = [np.interp(time, self.time, each) for each in (x, y, np.unwrap(heading))]
+        columns[2] = np.angle(np.exp(1j * columns[2]))
+        return np.stack(columns, 1)
 
     def __repr__(self) -> str:
         length = float(np.hypot(*np.diff(self.pose[:, :2], axis=0).T).sum()) if len(self) else 0.0

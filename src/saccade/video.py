@@ -91,3 +91,53 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
         finally:
             for writer in writers:
                 writer.release()
+
+
+class VideoFrames:
+    """The frames of a video by their numbers; quick where they are asked for in their order.
+
+    Raises:
+        ImageError: the file is missing, or is no video.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise ImageError(f"{path}: cannot be read: no such file")
+        self.rate = video_rate(path)
+        """Frames per second."""
+        self.announced = 0
+        """How many frames the file says it has; more than there are where it is cut."""
+        self._capture, self._next = self._opened(), 0
+        self.announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        while self._capture.grab():
+            self._next += 1
+        self._count = self._next
+        self._next += 1  # the end has been passed
+        if self._count == 0:
+            raise ImageError(f"{path}: expected a video, found no frame that can be decoded")
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, number: int) -> npt.NDArray[np.uint8]:
+        """(H, W, 3) RGB.
+
+        Raises:
+            ImageError: there is no such frame, or it cannot be decoded.
+        """
+        if not 0 <= number < self._count:
+            raise ImageError(f"{self.path}: expected a frame below {self._count}, found {number}")
+        if number < self._next - 1:  # the only way back that is exact in every format
+            self._capture.release()
+            self._capture, self._next = self._opened(), 0
+        while self._next <= number and self._capture.grab():
+            self._next += 1
+        whole, frame = self._capture.retrieve()
+        if not whole or self._next != number + 1:
+            raise ImageError(f"{self.path}, frame {number}: cannot be decoded")
+        return np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
+
+    def _opened(self) -> cv2.VideoCapture:
+        with quiet_opencv():
+            return cv2.VideoCapture(str(self.path))

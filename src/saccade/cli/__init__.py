@@ -11,10 +11,12 @@ from typing import Annotated, Any, NoReturn, cast
 import typer
 
 from saccade import __version__
+from saccade.cli.check import check
 from saccade.cli.config import config
 from saccade.cli.convert import convert
 from saccade.cli.demo import demo
 from saccade.cli.detect import detect
+from saccade.cli.drive import drive
 from saccade.cli.evaluate import evaluate
 from saccade.cli.look import look
 from saccade.cli.match import match
@@ -41,7 +43,9 @@ app.command(epilog="Example: saccade look photo.jpg --fixations 5 --out looked")
 app.command(epilog="Example: saccade detect photos --max 500 --spread --format hdf5")(detect)
 app.command(epilog="Example: saccade match left.jpg right.jpg --geometry homography")(match)
 app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
+app.command(epilog="Example: saccade check kitti/07")(check)
 app.command(epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
+app.command(epilog="Example: saccade drive KITTI/07 --out mapped")(drive)
 app.command(epilog="Example: saccade demo --out saccade-demo")(demo)
 app.add_typer(evaluate, name="evaluate")
 app.add_typer(simulate, name="simulate")

@@ -11,7 +11,8 @@ def config(
     kind: Annotated[
         str,
         typer.Argument(
-            help="attention, contrast, symmetry, scanpath, must, sift, symroid, slam or world."
+            help="attention, contrast, symmetry, scanpath, must, sift, symroid, slam, world "
+            "or drive."
         ),
     ],
     preset: Preset = None,

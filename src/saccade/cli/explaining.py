@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from saccade.types import Float32Array, Keypoints, SymmetricPairs
 
 MOST = 4
-"""Pairs of each level, of those that made a point."""
+"""Pairs of those that made a point, the strongest."""
 BINOMIAL = 1.5
 """Blur of a pyramid level in its own pixels, about."""
 
@@ -31,7 +31,7 @@ def what_made(find: Any, image: "Float32Array", points: "Keypoints") -> "list[Sy
         point = points[number : number + 1]
         place = float(point.xy[0, 0]), float(point.xy[0, 1])
         config = settings(find, float(point.size[0]))
-        pairs.append(symmetric_pairs(image, place, config, within=2.0, most=MOST))
+        pairs.append(symmetric_pairs(image, place, config, within=2.0, most=MOST)[:MOST])
     return pairs
 
 

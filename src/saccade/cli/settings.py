@@ -17,7 +17,9 @@ KINDS = {
     "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
     "symroid": ("saccade.keypoints.symroid_config", "SymRoidConfig"),
     "slam": ("saccade.slam", "EkfConfig"),
+    "visual": ("saccade.visual", "VisualConfig"),
     "world": ("saccade.simulation", "WorldConfig"),
+    "drive": ("saccade.simulation", "DriveConfig"),
 }
 """Where the configuration of each kind lives."""
 

@@ -1,6 +1,8 @@
-"""Recorded data, each source read into the nouns of `saccade.types`."""
+"""Recorded data, each source read into the nouns of `saccade.types` and `saccade.frames`."""
 
 from saccade.datasets.dlr import read_dlr
+from saccade.datasets.drive_loading import DriveKind, load_drive
+from saccade.datasets.drive_writing import save_drive
 from saccade.datasets.isam import Entries, read_isam
 from saccade.datasets.isam_writer import Dialect, write_isam
 from saccade.datasets.landmark_csv import write_landmarks
@@ -15,12 +17,14 @@ from saccade.datasets.victoria_park import read_victoria_park
 
 __all__ = [
     "Dialect",
+    "DriveKind",
     "Entries",
     "Format",
     "Kind",
     "OdometryNoise",
     "integrate",
     "load",
+    "load_drive",
     "read_dlr",
     "read_isam",
     "read_log_csv",
@@ -28,6 +32,7 @@ __all__ = [
     "read_victoria_park",
     "recognize",
     "save",
+    "save_drive",
     "symmetric_columns",
     "write_isam",
     "write_landmarks",

@@ -1,34 +1,23 @@
 """MUST, the multi-scale symmetry transform: interest points from local symmetry over scales."""
 
-import os
+from functools import cache
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade._jit import spread
-from saccade.errors import require
 from saccade.image import as_gray
-from saccade.keypoints.extrema import find_extrema
 from saccade.keypoints.must_config import MustConfig
-from saccade.keypoints.sift import (
-    BoolArray,
-    Points,
-    concatenate,
-    handed_out,
-    orient,
-    scale_space_of,
-    strongest,
-    wanted_pixels,
-)
-from saccade.pair_sums import gradients_of, isotropic_sums, pair_kernel
-from saccade.scale_space import SMALLEST_SIDE, Workspace
+from saccade.keypoints.points import Points, Workbench, detect, interest_points
+from saccade.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
+from saccade.scale_space import Workspace
 from saccade.types import Float32Array, Image, Keypoints
 
+DENSE = 2.5
+"""Scale in samples from which on every second pair does: its neighbors are nearly alike."""
 SOBEL = 8
 """What Sobel's filters make of a slope of 1 per sample."""
-CANDIDATE = 0.8
-"""Share of the threshold that a sample must exceed before the fit."""
 
 
 class Must:
@@ -42,18 +31,21 @@ class Must:
     and 1000 points under noise, low contrast and blur, on four sequences of the affine covariant
     regions set (docs/symmetry.md has the figures, and those of the other four):
 
-    - *The ring grows with the scale.* Within an octave every plane has the same samples, so a
-      ring of fixed size would see smaller things on coarser planes. Here a pair may be `reach`
-      scales from its middle, and counts by a normal density of `falloff` scales: smooth in
-      scale, so that extrema over scales mean something. There is no hole in the middle.
+    - *The disc grows with the scale.* Within an octave every plane has the same samples, so one
+      of fixed size would see smaller things on coarser planes. Here a pair may be `reach` scales
+      from its middle, and counts by a normal density of `falloff` scales: smooth in scale, so
+      that extrema over scales mean something. There is no hole in the middle. Where samples are
+      dense every second pair does.
     - *Gradients are changes over one scale and the weights of a plane add up to 1*, as Lowe's
       differences are normalized by scale, *times a power of the scale* (`scale_power`): what is
       large comes first, for noise and blur take the small.
     - *Gradients are measured by the standard deviation of the image*, and their logarithm taken.
       So half the contrast gives the same points in the same order, and a single strong edge does
       not outweigh many pairs.
-    - *Only maxima count*, among the 10 nearest of 3x3x3 samples, as in our SIFT: the quadratic fit
-      drops saddles. A minimum is a place about which nothing is symmetric.
+    - *Only maxima count*, among the 10 nearest of 3x3x3 samples, as in our SIFT: the fit drops
+      saddles. A minimum is a place about which nothing is symmetric.
+    - *Places are those of the polynomial through 9 samples each way*, as our SIFT's are. With a
+      quadratic alone maxima halfway between samples are lost: a tenth of what is found again.
     - *Bars are dropped* by the ratio of curvatures of the symmetry: along a bar every point is as
       symmetric as the next. The ratio may be larger than SIFT's, for the ends of pairs rather
       than the point itself lie on edges.
@@ -61,10 +53,9 @@ class Must:
     """
 
     def __init__(self, config: MustConfig | None = None, threads: int = 0) -> None:
-        require(threads >= 0, "threads", "0 or more", threads)
+        self._bench = Workbench(threads)
         self.config = config or MustConfig()
-        self.threads = threads or os.cpu_count() or 1
-        self._spare = [Workspace()]  # as many as calls ran at a time
+        self.threads = self._bench.threads
 
     def __repr__(self) -> str:
         return f"Must({self.config})"
@@ -90,34 +81,18 @@ class Must:
         Source: Kootstra, de Jong & Schomaker, *Using local symmetry for landmark selection*
         (ICVS 2009).
         """
+        config, sift, threads = self.config, self.config.sift(), self.threads
         gray = as_gray(image)  # (H, W)
-        wanted = wanted_pixels(mask, gray.shape)
-        workspace = self._spare.pop() if self._spare else Workspace()
-        try:
-            return self._detect(gray, wanted, describe, workspace)
-        finally:
-            self._spare.append(workspace)
-
-    def _detect(
-        self, gray: Float32Array, mask: BoolArray | None, describe: bool, workspace: Workspace
-    ) -> Keypoints:
-        config, sift = self.config, self.config.sift()
-        searched = max(SMALLEST_SIDE, 2 * sift.border + 1)
-        space = scale_space_of(gray, sift, searched, workspace, self.threads)
         contrast = float(gray.std(dtype=np.float64))
-        found = [Points.none()]
-        for number, octave in enumerate(space.octaves if contrast > 0 else ()):
-            spacing = float(space.spacing[number])
-            symmetry = symmetry_of(octave, spacing, config, contrast, workspace, self.threads)
-            points = maxima(symmetry, number, config, self.threads)
-            if mask is not None:
-                points = points.inside(mask, space)
-            if not config.upright:
-                points = orient(octave, points, sift, self.threads)
-            found.append(points)
-        points = concatenate(found)
-        order = strongest(points, space, config.max_keypoints, config.spread)
-        return handed_out(points, order, space, sift, describe, self.threads)
+        with self._bench.workspace() as workspace:
+
+            def search(octave: Float32Array, number: int, spacing: float) -> Points:
+                if contrast == 0:
+                    return Points.none()
+                symmetry = symmetry_of(octave, spacing, config, contrast, workspace, threads)
+                return detect(symmetry, number, sift, config.contrast_threshold, threads)
+
+            return interest_points(gray, mask, sift, search, describe, workspace, threads)
 
 
 def symmetry_of(
@@ -145,38 +120,30 @@ def symmetry_of(
     def fill(planes: slice) -> None:
         for i in range(planes.start, planes.stop):
             sigma = sift.density * sift.base_sigma * 2 ** (i / sift.intervals)  # samples
-            reach = max(1, int(np.ceil(config.reach * sigma)))
-            pairs = pair_kernel(1, reach, 2 * config.falloff * sigma)
-            total = pairs.weights.sum() / (spacing * sigma) ** config.scale_power
-            pairs = pairs._replace(weights=pairs.weights / np.float32(total))
             gain = config.gain * sigma / (SOBEL * contrast)
             gradients = gradients_of(octave[i], gain, cv2.BORDER_REFLECT_101)
-            symmetry[i] = isotropic_sums([gradients], pairs)
+            pairs = pairs_in_disc(config.reach * sigma, config.falloff * sigma, sigma > DENSE)
+            sums = isotropic_sums([gradients], pairs)
+            np.multiply(sums, np.float32((spacing * sigma) ** config.scale_power), out=symmetry[i])
 
     spread(fill, len(symmetry), 1, threads)
     return symmetry
 
 
-def maxima(symmetry: Float32Array, octave: int, config: MustConfig, threads: int = 1) -> Points:
-    """Where an octave's (s + 2, h, w) symmetry is highest of 3x3x3, to a fraction of a sample."""
-    sift = config.sift()
-    found = find_extrema(
-        symmetry,
-        border=config.border,
-        candidate_threshold=CANDIDATE * config.contrast_threshold,
-        contrast_threshold=config.contrast_threshold,
-        edge_ratio=config.edge_ratio,
-        lagrange=False,
-        neighbors=config.neighbors,
-        threads=threads,
-    )
-    sigma = sift.density * sift.base_sigma * 2 ** (found.scale / sift.intervals)
-    count = len(found.plane)
-    return Points(
-        octave=np.full(count, octave),
-        plane=np.rint(found.scale).astype(np.int64),
-        xy=found.xy,
-        sigma=sigma.astype(np.float32),
-        angle=np.zeros(count, np.float32),
-        response=found.value,
-    )
+@cache
+def pairs_in_disc(radius: float, sigma: float, every_second: bool) -> PairKernel:
+    """The pairs that are no farther than a radius from their middle; their weights add up to 1.
+
+    Args:
+        radius: in samples.
+        sigma: of the normal density that weighs them by that distance.
+        every_second: take one of two, as the black squares of a chessboard lie.
+    """
+    pairs = pair_kernel(1, max(1, int(radius)), 2 * sigma)
+    distance = np.hypot(*pairs.offsets.T)
+    kept = distance <= max(radius, 1)
+    if every_second and radius >= 2:
+        kept &= pairs.offsets.sum(axis=1) % 2 == 0
+    weights = np.exp((distance[kept].min() ** 2 - distance[kept] ** 2) / (2 * sigma**2))
+    weights /= weights.sum()
+    return PairKernel(pairs.offsets[kept], pairs.directions[kept], weights.astype(np.float32))

@@ -6,6 +6,9 @@ from typing import Literal
 from saccade.errors import require
 from saccade.keypoints.sift_config import SiftConfig
 
+CANDIDATE = 0.8
+"""Share of the threshold that a sample must exceed before the fit."""
+
 
 @dataclass(frozen=True)
 class MustConfig:
@@ -15,12 +18,12 @@ class MustConfig:
     """-1 begins at the scales of a doubled image; 0 at those of the image."""
     octaves: int = 0
     """How many at most; 0 for as many as the image has room for."""
-    intervals: int = 4
+    intervals: int = 3
     """s, the scales to an octave."""
     base_sigma: float = 2.6
     """Blur of the first plane of an octave, in samples of a grid twice as dense as its own."""
     reach: float = 2.5
-    """The largest distance of a pair from its middle, along x or y, in scales of the plane."""
+    """The largest distance of a pair from its middle, in scales of the plane."""
     falloff: float = 1.3
     """Standard deviation, in scales, of the normal density by which a pair counts less the
     farther the two are from their middle."""
@@ -69,7 +72,9 @@ class MustConfig:
             intervals=self.intervals,
             extra_intervals=0,
             base_sigma=self.base_sigma,
+            candidate_fraction=CANDIDATE,
             neighbors=self.neighbors,
+            fit="lagrange",
             edge_ratio=self.edge_ratio,
             border=self.border,
             max_orientations=self.max_orientations,

@@ -1,5 +1,6 @@
 """SymRoID, the symmetrical region-of-interest detector: few regions, as landmarks."""
 
+from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
 import cv2
@@ -8,13 +9,14 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from saccade.image import as_gray
-from saccade.keypoints.sift import Sift
+from saccade.keypoints.points import Points, descriptors_of, directions
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.pair_sums import (
     MARGIN,
     Gradients,
     PairKernel,
+    follow_strongest,
     gradients_of,
     isotropic_sums,
     pair_kernel,
@@ -31,8 +33,8 @@ PATCH = 60
 """Pixels to a side of the square that a region is brought to before it is described."""
 AROUND = 1.25
 """Sides of the region's box that it shows: gradients on the outline count too."""
-WIDTH = 6
-"""Sizes of a point to the width of its descriptor."""
+SCALE = PATCH / AROUND / 12
+"""Of the point in its middle, whose descriptor is 12 scales wide, in the square's pixels."""
 
 
 class Level(NamedTuple):
@@ -54,8 +56,6 @@ class SymRoid:
 
     def __init__(self, config: SymRoidConfig | None = None) -> None:
         self.config = config or SymRoidConfig()
-        upright = self.config.upright
-        self._sift = Sift(SiftConfig(first_octave=0, upright=upright, max_orientations=1), 1)
 
     def __repr__(self) -> str:
         return f"SymRoid({self.config})"
@@ -102,26 +102,33 @@ class SymRoid:
             response=response[strongest].astype(np.float32),
             octave=np.zeros(len(xy), np.int32),
         )
-        return self._described(gray, Regions(keypoints, boxes.astype(np.float32)))
+        return described(gray, Regions(keypoints, boxes.astype(np.float32)), config.upright)
 
-    def _described(self, gray: Float32Array, regions: Regions) -> Regions:
-        """The regions with descriptors and directions."""
-        side = PATCH / AROUND
-        middle = Keypoints.at([[(PATCH - 1) / 2] * 2], side / WIDTH)
-        described = [
-            self._sift.describe(normalized(gray, box), middle, orient=not self.config.upright)
-            for box in regions.boxes
-        ]
-        found = regions.keypoints
-        angle, descriptors = found.angle.copy(), np.zeros((len(found), 128), np.uint8)
-        for number, each in enumerate(described):
-            if len(each):  # a flat square has no direction
-                assert each.descriptors is not None
-                angle[number], descriptors[number] = each.angle[0], each.descriptors[0]
-        keypoints = Keypoints(
-            found.xy, found.size, angle, found.response, found.octave, descriptors
-        )
-        return Regions(keypoints, regions.boxes)
+
+def described(gray: Float32Array, regions: Regions, upright: bool) -> Regions:
+    """Regions with descriptors, and directions unless upright.
+
+    The squares that they are brought to are to SIFT the planes of an octave, with a point in the
+    middle of each.
+    """
+    count, config = len(regions), SiftConfig(max_orientations=1)
+    squares = np.empty((count, PATCH, PATCH), np.float32)
+    for square, box in zip(squares, regions.boxes, strict=True):
+        cv2.GaussianBlur(normalized(gray, box), (0, 0), SCALE, dst=square)
+    points = Points(
+        octave=np.zeros(count, np.int64),
+        plane=np.arange(count),
+        xy=np.full((count, 2), (PATCH - 1) / 2, np.float32),
+        sigma=np.full(count, SCALE, np.float32),
+        angle=np.zeros(count, np.float32),
+        response=regions.keypoints.response,
+    )
+    if not upright:
+        index, angle = directions(squares, points, config)
+        points.angle[index] = angle  # a flat square has none
+    descriptors = descriptors_of(squares, points, config)
+    keypoints = replace(regions.keypoints, angle=points.angle, descriptors=descriptors)
+    return Regions(keypoints, regions.boxes)
 
 
 def symmetry_levels(gray: Float32Array, config: SymRoidConfig, pairs: PairKernel) -> list[Level]:
@@ -193,10 +200,10 @@ def hill(symmetry: Float32Array, row: int, column: int, least: float) -> tuple[s
     while True:
         top, left = max(row - reach, 0), max(column - reach, 0)
         window = slice(top, row + reach + 1), slice(left, column + reach + 1)
-        high = symmetry[window] >= least
-        filled = np.pad((~high).astype(np.uint8), 1, constant_values=1)
+        low = (symmetry[window] < least).view(np.uint8)
+        filled = cv2.copyMakeBorder(low, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(1,))
         flags = 4 | (2 << 8) | cv2.FLOODFILL_MASK_ONLY
-        cv2.floodFill(high.astype(np.uint8), filled, (column - left, row - top), 0, flags=flags)
+        cv2.floodFill(low, filled, (column - left, row - top), 0, flags=flags)
         mine = filled[1:-1, 1:-1] == 2
         outline = mine[0].any() or mine[-1].any() or mine[:, 0].any() or mine[:, -1].any()
         if not outline or reach >= max(height, width):
@@ -239,21 +246,12 @@ def radius_of_strongest(levels: list[Level], pairs: PairKernel, xy: FloatArray) 
     It is the strongest of all levels; (n,) in pixels, 0 where there is none.
     """
     strongest, radius = np.zeros(len(xy)), np.zeros(len(xy))
+    weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
     for level in levels:
-        height, width = level.symmetry.shape
         cells = np.floor((xy + 0.5) / level.spacing).astype(np.int64)
-        x, y = cells.T.clip(0, np.array([[width - 1], [height - 1]]))
-        for (dx, dy), (e_x, e_y), weight in zip(*pairs, strict=True):
-            fits = (x - abs(dx) >= MARGIN) & (x + abs(dx) < width - MARGIN)
-            fits &= (y - dy >= MARGIN) & (y + dy < height - MARGIN)
-            at = np.flatnonzero(fits)
-            i, j = (y[at] + dy, x[at] + dx), (y[at] - dy, x[at] - dx)
-            strength, cosine, sine = level.gradients
-            p = e_x * (cosine[i] - cosine[j]) + e_y * (sine[i] - sine[j])
-            term = weight * strength[i] * strength[j] * p * p
-            better = at[term > strongest[at]]
-            strongest[better] = term[term > strongest[at]]
-            radius[better] = level.spacing * np.hypot(dx, dy)
+        follow_strongest(
+            *level.gradients, pairs.offsets, weighted, level.spacing, cells, strongest, radius
+        )
     return radius
 
 

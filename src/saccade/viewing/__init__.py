@@ -1,6 +1,7 @@
 """Pictures and pages, made from the nouns of `saccade.types`."""
 
 from saccade.viewing.attention import attention_figure, heat_beside
+from saccade.viewing.drive_film import drive_frames
 from saccade.viewing.film import save_film, scanpath_frames
 from saccade.viewing.innovations import innovation_figure
 from saccade.viewing.keypoints import keypoint_figure, match_figure
@@ -14,6 +15,7 @@ __all__ = [
     "Picture",
     "Section",
     "attention_figure",
+    "drive_frames",
     "heat_beside",
     "html_page",
     "innovation_figure",

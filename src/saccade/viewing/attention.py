@@ -97,5 +97,5 @@ def draw_scanpath(axes: Axes, path: Scanpath) -> None:
                 "facecolor": "white" if first else ORANGE,
                 "edgecolor": "black",
             },
-            clip_on=True,
+            in_layout=False,  # a number at the border is seen whole, and moves no panel
         )

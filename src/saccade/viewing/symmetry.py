@@ -13,8 +13,10 @@ from saccade.viewing.style import BLUE, ORANGE, figure_for, picture_axes
 
 STROKE = 0.12
 """Half the length of the stroke along an edge, by the distance of its pair."""
-SHOWN = 0.1
+SHOWN = 0.25
 """Pairs are drawn that have this share of the strength of the strongest of their place."""
+THIN, THICK = 0.5, 1.6
+"""Points: widths of the line of a pair without strength and of the strongest of its place."""
 
 
 def pair_figure(image: Float32Array, pairs: Sequence[SymmetricPairs]) -> Figure:
@@ -27,7 +29,8 @@ def pair_figure(image: Float32Array, pairs: Sequence[SymmetricPairs]) -> Figure:
     figure = figure_for(image.shape[1], image.shape[0], columns=1, rows=1, panel=9)
     axes = figure.subplots()
     draw_pairs(axes, image, pairs)
-    picture_axes(axes, f"what is symmetric about {len(pairs)} places")
+    places = "a place" if len(pairs) == 1 else f"{len(pairs)} places"
+    picture_axes(axes, f"what is symmetric about {places}")
     return figure
 
 
@@ -62,16 +65,18 @@ def draw_pairs(axes: Axes, image: Float32Array, pairs: Sequence[SymmetricPairs])
     """
     axes.imshow(faded(image), interpolation="antialiased", vmin=0, vmax=1, cmap="gray")
     for each in pairs:
-        strong = each[each.strength >= SHOWN * each.strength.max(initial=0)]
+        share = each.strength / each.strength.max(initial=1e-30)
+        strong, share = each[share >= SHOWN], share[share >= SHOWN]
+        width = THIN + (THICK - THIN) * share
         joined = np.stack([strong.first, strong.second], axis=1)
         length = STROKE * np.hypot(*(strong.first - strong.second).T)
-        axes.add_collection(LineCollection(list(joined), colors=ORANGE, linewidths=1.0))
+        axes.add_collection(LineCollection(list(joined), colors=ORANGE, linewidths=width))
         for place, angle in (
             (strong.first, strong.first_angle),
             (strong.second, strong.second_angle),
         ):
             strokes = along_edges(place, angle, length)
-            axes.add_collection(LineCollection(list(strokes), colors=BLUE, linewidths=1.6))
+            axes.add_collection(LineCollection(list(strokes), colors=BLUE, linewidths=1.4 * width))
 
 
 def along_edges(place: FloatArray, gradient: FloatArray, length: FloatArray) -> FloatArray:

@@ -1,0 +1,113 @@
+"""Poses of a camera in space, and what of them the robot's plane keeps."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from saccade.datasets.text import fields, numbers, read_columns, read_lines
+from saccade.errors import LogError
+from saccade.frames import Camera
+from saccade.types import FloatArray, Trajectory
+
+TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Poses:
+    """Where something is in space, n times."""
+
+    time: FloatArray
+    """(n,) seconds."""
+    rotation: FloatArray
+    """(n, 3, 3) turns its vectors into the world's."""
+    place: FloatArray
+    """(n, 3) metres, in the world's frame."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        return f"Poses({len(self)} in space)"
+
+
+def read_tum_poses(path: Path) -> Poses:
+    """Lines of `time x y z qx qy qz qw`; `#` begins a comment.
+
+    Raises:
+        LogError: the file is missing or broken, names the line; or holds no pose.
+    """
+    table = read_columns(path, TUM_COLUMNS)
+    if len(table) == 0:
+        raise LogError(f"{path}: expected poses, found none")
+    return Poses(table[:, 0], rotations(table[:, 4:], str(path)), table[:, 1:4])
+
+
+def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
+    """Lines of the twelve numbers of a (3, 4) pose, row by row.
+
+    Args:
+        path: the file.
+        time: (n,) seconds of the frames, one for each line.
+
+    Raises:
+        LogError: the file is missing or broken, or does not have as many poses as there are times.
+    """
+    rows = [numbers(path, line, words) for line, words in fields(read_lines(path))]
+    wrong = [i for i, row in enumerate(rows) if len(row) != 12]
+    if wrong:
+        found = len(rows[wrong[0]])
+        raise LogError(f"{path}, pose {wrong[0]}: expected 12 numbers, found {found}")
+    if len(rows) != len(time):
+        raise LogError(f"{path}: expected {len(time)} poses as in times.txt, found {len(rows)}")
+    matrix = np.array(rows).reshape(-1, 3, 4)
+    return Poses(time, matrix[:, :, :3], matrix[:, :, 3])
+
+
+def rotations(quaternion: FloatArray, name: str) -> FloatArray:
+    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w of any length over 0.5.
+
+    Raises:
+        LogError: one of them is far from a rotation; `name` is in the message.
+    """
+    length = np.linalg.norm(quaternion, axis=1)
+    if (length < 0.5).any():
+        row = int(np.argmin(length))
+        raise LogError(f"{name}: expected unit quaternions, found length {length[row]:.3g}, {row=}")
+    x, y, z, w = (quaternion / length[:, None]).T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1),
+            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1),
+            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1),
+        ],
+        1,
+    )
+
+
+def of_robot(poses: Poses, camera: Camera, begin: float) -> Poses:
+    """Poses of the robot, from those of its camera.
+
+    The world becomes the robot's frame at the pose nearest to `begin`, in seconds: x ahead, y to
+    the left, z up as the camera is mounted.
+    """
+    rotation = poses.rotation @ camera.rotation.T
+    place = poses.place - rotation @ camera.place
+    first = int(np.argmin(np.abs(poses.time - begin)))
+    back = rotation[first].T
+    return Poses(poses.time, back @ rotation, (place - place[first]) @ back.T)
+
+
+def on_the_plane(poses: Poses) -> Trajectory:
+    """What the plane z = 0 keeps of the robot's poses: x, y, and where its x axis points."""
+    ahead = poses.rotation[:, :, 0]
+    heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return Trajectory(poses.time, np.column_stack([poses.place[:, :2], heading]))
+
+
+def off_the_plane(poses: Poses) -> FloatArray:
+    """What it leaves out, (n, 3): height in metres, pitch (nose up) and roll in radians."""
+    R = poses.rotation
+    pitch = np.arcsin(R[:, 2, 0].clip(-1, 1))
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
+    return np.column_stack([poses.place[:, 2], pitch, roll])

@@ -1,0 +1,252 @@
+"""Drives from ROS 1 bags (.bag) and ROS 2 bags (a folder with metadata.yaml), by rosbags.
+
+Topics are found by their types, and where there are several by their names:
+
+    sensor_msgs Image or CompressedImage    "left" before others, and not "depth" or "right";
+                                            one with "right"; one with "depth" (16UC1 in mm,
+                                            32FC1 in m)
+    sensor_msgs CameraInfo                  that which shares most of its name with the image's
+    nav_msgs Odometry                       the one without "truth" or "gt" in its name
+    Odometry, PoseStamped, TransformStamped with "truth", "gt", "vicon" or "mocap" in the name:
+                                            truth, of the robot
+
+A camera.toml in the folder of the bag goes before CameraInfo, and says where the camera is on
+the robot. Times are those of the messages' headers, from the first image on. Without odometry
+nothing is known of the way (see `unknown_steps`). Needs the extra `ros`.
+"""
+
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from posixpath import commonpath
+from typing import Any
+
+import numpy as np
+
+from saccade.datasets.camera_file import CAMERA_FILE, Calibration, read_calibration
+from saccade.datasets.camera_poses import Poses, off_the_plane, on_the_plane, rotations
+from saccade.datasets.companion_files import Truth, assembled
+from saccade.datasets.drive_tum import associated
+from saccade.datasets.image_files import in_time, metres, straight
+from saccade.datasets.lens import Lens
+from saccade.datasets.ros_messages import calibration_of, pixels_of, pose_of, seconds_of
+from saccade.datasets.steps import Steps, steps_from_poses, unknown_steps
+from saccade.errors import DriveError, ImageError
+from saccade.extras import import_optional
+from saccade.frames import Camera, Drive, Frame
+from saccade.types import FloatArray, Image, IntArray
+
+TOGETHER = 0.01
+"""Seconds by which the images of one frame may be apart."""
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+POSES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/TransformStamped",
+)
+TRUE = ("truth", "gt", "vicon", "mocap")
+
+
+class Bag:
+    """An open bag.
+
+    Raises:
+        DriveError: it is none, or broken.
+        ConfigError: rosbags is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        highlevel = import_optional("rosbags.highlevel", "ros")
+        typesys = import_optional("rosbags.typesys", "ros")
+        default = typesys.get_typestore(typesys.Stores.LATEST)
+        try:
+            self.reader = highlevel.AnyReader([path], default_typestore=default)
+            self.reader.open()
+        except Exception as error:  # rosbags raises what the broken bytes happen to provoke
+            raise DriveError(f"{path}: expected a ROS bag: {_first_line(error)}") from error
+        weakref.finalize(self, self.reader.close)
+
+    def topics(self, types: Sequence[str]) -> list[str]:
+        """Names of the topics of some types, those with messages, in their order."""
+        found = {each.topic for each in self.reader.connections if each.msgtype in types}
+        return sorted(each for each in found if self.reader.topics[each].msgcount)
+
+    def messages(self, topic: str) -> list[tuple[int, Any]]:
+        """Time of recording in nanoseconds and message, of every one of a topic.
+
+        Raises:
+            DriveError: the bag is broken there.
+        """
+        return [(stamp, self._read(raw, each)) for each, stamp, raw in self._raw(topic)]
+
+    def stamps(self, topic: str) -> tuple[IntArray, FloatArray]:
+        """Times of recording in nanoseconds (n,), and of the headers in seconds (n,)."""
+        found = [(stamp, seconds_of(message)) for stamp, message in self.messages(topic)]
+        recorded, headers = zip(*found, strict=True)
+        return np.array(recorded, np.int64), np.array(headers)
+
+    def at(self, topic: str, stamp: int) -> Any:
+        """The message that was recorded at a time.
+
+        Raises:
+            ImageError: it cannot be read.
+        """
+        try:
+            for connection, _, raw in self._raw(topic, stamp, stamp + 1):
+                return self._read(raw, connection)
+        except DriveError as error:
+            raise ImageError(str(error)) from error
+        raise ImageError(f"{self.path}, {topic}: expected a message at {stamp} ns, found none")
+
+    def _raw(self, topic: str, start: int | None = None, stop: int | None = None) -> Any:
+        chosen = [each for each in self.reader.connections if each.topic == topic]
+        try:
+            yield from self.reader.messages(chosen, start=start, stop=stop)
+        except Exception as error:
+            raise DriveError(f"{self.path}, {topic}: {_first_line(error)}") from error
+
+    def _read(self, raw: bytes, connection: Any) -> Any:
+        try:
+            return self.reader.deserialize(raw, connection.msgtype)
+        except Exception as error:
+            raise DriveError(
+                f"{self.path}, {connection.topic}: expected {connection.msgtype}: "
+                f"{_first_line(error)}"
+            ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class BagFrames:
+    """Reads frame i from a bag; what `Drive.load` is."""
+
+    bag: Bag
+    topics: tuple[str, str, str]
+    """Left, right and depth; empty where there is none."""
+    recorded: IntArray
+    """(n, 3) nanoseconds of their messages, -1 where one is missing."""
+    camera: Camera
+    time: FloatArray
+    """(n,) seconds."""
+    depth_unit: float
+    lens: Lens | None
+
+    def __call__(self, i: int) -> Frame:
+        """Frame i.
+
+        Raises:
+            ImageError: a message is broken, or has another size than the calibration.
+        """
+        left, right, depth = (self._pixels(which, i) for which in range(3))
+        name = f"{self.bag.path}, {self.topics[2]}, frame {i}"
+        unit = 1.0 if depth is not None and depth.dtype.kind == "f" else self.depth_unit
+        return Frame(
+            time=float(self.time[i]),
+            image=self._straight(left, 0, i),
+            right=self._straight(right, 1, i),
+            depth=None if depth is None else metres(depth, unit, self.camera, self.lens, name),
+        )
+
+    def _pixels(self, which: int, i: int) -> Image | None:
+        topic, stamp = self.topics[which], int(self.recorded[i, which])
+        if not topic or stamp < 0:
+            return None
+        return pixels_of(self.bag.at(topic, stamp), f"{self.bag.path}, {topic}, frame {i}")
+
+    def _straight(self, pixels: Image | None, which: int, i: int) -> Image | None:
+        name = f"{self.bag.path}, {self.topics[which]}, frame {i}"
+        return None if pixels is None else straight(pixels, self.camera, self.lens, name)
+
+
+def read_rosbag_drive(path: Path) -> Drive:
+    """A drive from a bag.
+
+    Raises:
+        DriveError: the bag is broken, or has no images or no calibration.
+        ConfigError: rosbags is not installed.
+    """
+    bag = Bag(path)
+    topics = _image_topics(bag)
+    stamps, clock = bag.stamps(topics[0])
+    number, remarks = in_time(clock, f"{path}, {topics[0]}")
+    zero = float(clock[number[0]])
+    recorded = np.full((len(number), 3), -1)
+    recorded[:, 0] = stamps[number]
+    for which in (1, 2):
+        if topics[which]:
+            others, their_clock = bag.stamps(topics[which])
+            nearest = associated(clock[number], their_clock, TOGETHER)
+            recorded[:, which] = np.where(nearest >= 0, others[nearest], -1)
+    calibration = _calibration(bag, topics)
+    time = clock[number] - zero
+    steps = _steps(bag, time, zero)
+    truth = _truth(bag, zero)
+    load = BagFrames(
+        bag,
+        topics,
+        recorded,
+        calibration.camera,
+        time,
+        calibration.depth_unit,
+        Lens.of(calibration.camera, calibration.distortion),
+    )
+    return assembled(path.stem, calibration, time, load, steps, truth, remarks)
+
+
+def _image_topics(bag: Bag) -> tuple[str, str, str]:
+    """Left, right and depth."""
+    there = bag.topics(IMAGES)
+    depth = next((each for each in there if "depth" in each), "")
+    right = next((each for each in there if "right" in each and "depth" not in each), "")
+    single = [each for each in there if each != right and "depth" not in each]
+    if not single:
+        raise DriveError(f"{bag.path}: expected a topic of images, found {_listed(bag)}")
+    return min(single, key=lambda each: "left" not in each), right, depth
+
+
+def _calibration(bag: Bag, topics: tuple[str, str, str]) -> Calibration:
+    file = bag.path.parent / CAMERA_FILE
+    if file.exists():
+        return read_calibration(file)
+    infos = bag.topics(("sensor_msgs/msg/CameraInfo",))
+    if not infos:
+        raise DriveError(f"{bag.path}: expected CameraInfo, or {file}, found {_listed(bag)}")
+    left, *right = (_nearest(infos, each) for each in topics[:2] if each)
+    second = bag.messages(right[0])[0][1] if right and right[0] != left else None
+    return calibration_of(bag.messages(left)[0][1], second, f"{bag.path}, {left}")
+
+
+def _steps(bag: Bag, time: FloatArray, zero: float) -> Steps:
+    for topic in bag.topics(POSES[:1]):
+        if not any(word in topic.lower() for word in TRUE):
+            robot = _poses(bag, topic, zero)
+            return steps_from_poses(on_the_plane(robot), time, f"{bag.path}, {topic}")
+    return unknown_steps(time)
+
+
+def _truth(bag: Bag, zero: float) -> Truth:
+    for topic in bag.topics(POSES):
+        if any(word in topic.lower() for word in TRUE):
+            poses = _poses(bag, topic, zero)
+            return Truth(on_the_plane(poses), off_the_plane(poses))
+    return Truth()
+
+
+def _poses(bag: Bag, topic: str, zero: float) -> Poses:
+    found = [(seconds_of(message) - zero, *pose_of(message)) for _, message in bag.messages(topic)]
+    table = np.array(sorted(found))
+    return Poses(table[:, 0], rotations(table[:, 4:], f"{bag.path}, {topic}"), table[:, 1:4])
+
+
+def _nearest(topics: list[str], to: str) -> str:
+    """The topic that shares most of its namespace with another one."""
+    return max(topics, key=lambda topic: len(commonpath([topic, to])))
+
+
+def _listed(bag: Bag) -> str:
+    return ", ".join(sorted({each.topic for each in bag.reader.connections})) or "no topic"
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0] or type(error).__name__

@@ -1,0 +1,90 @@
+"""How well a drive was mapped, where the truth is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saccade.evaluation.trajectory import position_rmse
+from saccade.types import FloatArray, IntArray, Trajectory
+
+WITHIN = 11.829
+"""Squared Mahalanobis distance on the plane that 99.73 % stay under: three sigma."""
+SAME_PLACE = 0.1
+"""Metres, and share of the range beside the deviation of it, within which two sightings are of
+one place."""
+
+
+@dataclass(frozen=True)
+class DriveScore:
+    """One estimate of a way against the truth."""
+
+    ate_m: float
+    """Root mean square distance after alignment without scale (evo's APE)."""
+    rpe_m: float
+    """Root mean square error of the way from one frame to the next (evo's RPE, translation)."""
+    end_m: float
+    """Distance from the true place at the end; the start is given."""
+    inside_3sigma: float
+    """Share of the frames at which the true place is in the ellipse of three sigma; NaN where
+    the estimate does not say how sure it is."""
+
+
+def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
+    """Compare poses with the truth at their times.
+
+    Args:
+        estimate: n poses.
+        truth: with headings, in the same frame; times between its own are interpolated.
+    """
+    there = truth.at(estimate.time)
+    apart = estimate.pose[:, :2] - there[:, :2]
+    steps, true_steps = _steps(estimate.pose), _steps(there)
+    missed = np.hypot(*(steps - true_steps).T) if len(steps) else np.full(1, np.nan)
+    return DriveScore(
+        ate_m=position_rmse(Trajectory(estimate.time, estimate.pose), truth),
+        rpe_m=float(np.sqrt(np.square(missed).mean())),
+        end_m=float(np.hypot(*apart[-1])),
+        inside_3sigma=_inside(apart, estimate.covariance),
+    )
+
+
+def same_places(
+    frame: IntArray, landmark: IntArray, z: FloatArray, sigma: FloatArray, poses: FloatArray
+) -> FloatArray:
+    """Whether each sighting is of the place that its landmark was first seen at.
+
+    The truth says where the robot was, the sighting where it saw something from there.
+
+    Args:
+        frame: (k,) in the order of the frames.
+        landmark: (k,) numbers.
+        z: (k, 2) range and bearing.
+        sigma: (k, 2) their deviations.
+        poses: (n, 3) true poses of the frames.
+
+    Returns:
+        (k,) true where the two are as near as their deviations allow.
+    """
+    here = poses[frame]
+    beta = here[:, 2] + z[:, 1]
+    place = here[:, :2] + z[:, :1] * np.stack([np.cos(beta), np.sin(beta)], 1)
+    _, first, which = np.unique(landmark, return_index=True, return_inverse=True)
+    apart = np.hypot(*(place - place[first][which]).T)
+    spread = np.hypot(sigma[:, 0], z[:, 0] * sigma[:, 1])
+    allowed = 3 * np.hypot(spread, spread[first][which]) + SAME_PLACE * (1 + z[:, 0] / 10)
+    return np.asarray(apart < allowed)
+
+
+def _steps(pose: FloatArray) -> FloatArray:
+    """(n - 1, 2) each next place in the frame of the last pose."""
+    d, theta = np.diff(pose[:, :2], axis=0), pose[:-1, 2]
+    c, s = np.cos(theta), np.sin(theta)
+    return np.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], 1)
+
+
+def _inside(apart: FloatArray, covariance: FloatArray | None) -> float:
+    if covariance is None or len(apart) < 2:
+        return float("nan")
+    spread = covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first pose is given
+    distance = np.einsum("ni,nij,nj->n", apart[1:], np.linalg.inv(spread), apart[1:])
+    return float((distance < WITHIN).mean())

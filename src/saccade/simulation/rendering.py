@@ -1,0 +1,160 @@
+"""What a level camera sees of a scene.
+
+Walls stand upright and the camera is level: each column of the image meets one wall, at one
+distance. That leaves one texel to look up per sample, which OpenCV does for all of them at once.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from saccade.frames import Camera
+from saccade.simulation.scene import ACROSS, DOWN, GROUND, Scene
+from saccade.types import Float32Array, FloatArray, IntArray
+
+SAMPLES = (3, 2)
+"""Per pixel, across and down; their mean is the pixel."""
+NEAREST = 0.02
+"""Metres along the optical axis; what is closer is behind the lens."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Columns:
+    """What n columns of an image meet."""
+
+    wall: IntArray
+    """(n,) number of the wall."""
+    depth: FloatArray
+    """(n,) metres along the optical axis."""
+    place: FloatArray
+    """(n,) metres along its band."""
+    stretch: FloatArray
+    """(n,) metres of wall per pixel across."""
+
+
+def eye_of(camera: Camera, pose: FloatArray, right: bool = False) -> FloatArray:
+    """(2,) where a camera of a robot at a pose (3,) is: the left one, or the right."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    ahead, left = camera.place[0], camera.place[1] - (camera.baseline if right else 0.0)
+    return np.array([pose[0] + c * ahead - s * left, pose[1] + s * ahead + c * left])
+
+
+def render(
+    scene: Scene, camera: Camera, pose: FloatArray, right: bool = False
+) -> npt.NDArray[np.uint8]:
+    """The image of one camera; point samples of the right scale, averaged over each pixel.
+
+    Args:
+        scene: what there is to see.
+        camera: level and looking ahead, at its height above the ground.
+        pose: (3,) of the robot.
+        right: whether it is the right camera of the rig.
+
+    Returns:
+        (H, W) or (H, W, 3), as the scene.
+    """
+    size = (camera.width, camera.height)
+    x, y = (
+        (np.arange(side * samples) + 0.5) / samples - 0.5
+        for side, samples in zip(size, SAMPLES, strict=True)
+    )
+    columns = meet_walls(scene, camera, pose, x, right)
+    across, down = _wall_texels(scene, camera, columns, y)
+    horizon = int(np.searchsorted(y, camera.cy, side="right"))
+    ground = _ground_texels(scene, camera, pose, x, y[horizon:], right)
+    depth = camera.fy * camera.place[2] / (y[horizon:, None] - camera.cy)
+    for walls, floor in zip((across, down), ground, strict=True):
+        np.copyto(walls[horizon:], floor, where=depth < columns.depth)
+    samples = cv2.remap(scene.atlas, across, down, cv2.INTER_LINEAR)
+    return np.asarray(cv2.resize(samples, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def render_depth(scene: Scene, camera: Camera, pose: FloatArray) -> FloatArray:
+    """(H, W) metres along the optical axis in the middle of each pixel; NaN for the sky."""
+    x, y = np.arange(camera.width), np.arange(camera.height)[:, None]
+    wall = meet_walls(scene, camera, pose, x, False).depth
+    tangent = (y - camera.cy) / camera.fy
+    height = camera.place[2] - tangent * wall
+    with np.errstate(divide="ignore"):
+        ground = camera.place[2] / tangent
+    return np.where(height > scene.wall_height, np.nan, np.where(height < 0, ground, wall))
+
+
+def meet_walls(
+    scene: Scene, camera: Camera, pose: FloatArray, x: FloatArray | IntArray, right: bool
+) -> Columns:
+    """The nearest wall in each column x (n,) of the image, in pixels."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    aside = (x - camera.cx) / camera.fx
+    ray = np.stack([c + s * aside, s - c * aside], 1)  # (n, 2) per metre along the axis
+    slope = np.array([s, -c]) / camera.fx  # of the ray, per pixel
+    along = scene.end - scene.start
+    length = np.hypot(*along.T)
+    along = along / length[:, None]  # (m, 2)
+    front = np.stack([along[:, 1], -along[:, 0]], 1)  # (m, 2) normals towards the viewer
+    to_start = scene.start - eye_of(camera, pose, right)
+    facing = ray @ front.T  # (n, m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = (to_start * front).sum(1) / facing
+        place = depth * (ray @ along.T) - (to_start * along).sum(1)
+    slack = 1e-9 * length  # lest a ray slip through where two walls meet
+    hit = (facing < 0) & (depth > NEAREST) & (place >= -slack) & (place <= length + slack)
+    depth = np.where(hit, depth, np.inf)
+    wall = depth.argmin(1)
+    rows = np.arange(len(x))
+    depth, place = depth[rows, wall], place[rows, wall]
+    turn = (slope @ front.T)[wall] / facing[rows, wall]
+    stretch = depth * np.abs((slope @ along.T)[wall] - turn * (ray * along[wall]).sum(1))
+    return Columns(wall, depth, place + scene.offset[wall], stretch)
+
+
+def _wall_texels(
+    scene: Scene, camera: Camera, columns: Columns, y: FloatArray
+) -> tuple[Float32Array, Float32Array]:
+    """Column and row (rows, n) in the atlas of what each sample sees, were there no ground."""
+    texels = scene.wall_texels
+    i = _scale(texels * columns.stretch / SAMPLES[0], ACROSS)
+    j = _scale(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
+    left, width, top = np.empty((3, len(i)))
+    for band, scales in enumerate(scene.wall_scales):
+        mine = scene.band[columns.wall] == band
+        left[mine], width[mine] = scales.left[i[mine]], scales.width[i[mine]]
+        top[mine] = scales.top[j[mine]]
+    across = left + np.clip(columns.place * texels / 2**i - 0.5, 0, width - 1)
+    first = (scene.wall_height - camera.place[2]) * texels / 2**j - 0.5
+    slope = columns.depth / camera.fy * texels / 2**j
+    down = np.multiply.outer((y - camera.cy).astype(np.float32), slope.astype(np.float32))
+    down += first.astype(np.float32)
+    np.maximum(down, np.float32(-1), out=down)
+    down += top.astype(np.float32)
+    return np.broadcast_to(across.astype(np.float32), down.shape).copy(), down
+
+
+def _ground_texels(
+    scene: Scene, camera: Camera, pose: FloatArray, x: FloatArray, y: FloatArray, right: bool
+) -> tuple[Float32Array, Float32Array]:
+    """Column and row (rows, n) in the atlas of what each sample below the horizon sees."""
+    depth = camera.fy * camera.place[2] / (y - camera.cy)
+    texels, scales = scene.ground.texels, scene.ground_scales
+    long = depth**2 / (camera.fy * camera.place[2]) / SAMPLES[1]  # metres from sample to sample
+    wide = depth / camera.fx / SAMPLES[0]
+    i = _scale(texels * np.sqrt(long * wide), GROUND)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    east, south = (eye_of(camera, pose, right) - scene.ground.corner) * (1, -1)
+    aside = ((x - camera.cx) / camera.fx).astype(np.float32)
+    found = []
+    for start, ahead, across, first in ((east, c, s, scales.left), (south, -s, c, scales.top)):
+        scale = texels / 2**i
+        middle = ((start + depth * ahead) * scale - 0.5)[:, None].astype(np.float32)
+        where = np.multiply.outer((depth * across * scale).astype(np.float32), aside)
+        where += middle
+        where += first[i][:, None].astype(np.float32)
+        found.append(where)
+    return found[0], found[1]
+
+
+def _scale(texels: FloatArray, scales: int) -> IntArray:
+    """Whose texels are nearest in size to a sample that covers so many of the finest."""
+    return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, scales - 1).astype(np.int64)

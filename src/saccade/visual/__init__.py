@@ -1,0 +1,7 @@
+"""The whole chain: camera frames in, map out."""
+
+from saccade.visual.config import VisualConfig
+from saccade.visual.pipeline import Pipeline, run
+from saccade.visual.result import Meetings, VisualResult
+
+__all__ = ["Meetings", "Pipeline", "VisualConfig", "VisualResult", "run"]

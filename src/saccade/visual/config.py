@@ -1,0 +1,84 @@
+"""How a drive is looked at and mapped."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from saccade.errors import require
+
+SELECTIONS = ("strength", "random", "range", "contrast", "symmetry")
+"""How the points that become landmarks may be chosen."""
+DETECTORS = ("sift", "must", "symroid")
+"""What finds them."""
+
+
+@dataclass(frozen=True)
+class VisualConfig:
+    """How camera frames and odometry become a map."""
+
+    detector: Literal["sift", "must", "symroid"] = "sift"
+    """What finds points that may become landmarks."""
+    selection: Literal["strength", "random", "range", "contrast", "symmetry"] = "random"
+    """Which of them do: the strongest, any, those whose range is known best, those that are the
+    most salient by contrast or by symmetry."""
+    new_per_frame: int = 8
+    """Landmarks that a frame may add, on average."""
+    in_view: int = 40
+    """Landmarks that are followed at a time; where as many are, none is added."""
+    landmarks: int = 500
+    """That the map holds at most."""
+    every: int = 4
+    """Frames from one in which points are detected and described to the next."""
+    points: int = 400
+    """Detected in such a frame at most."""
+    apart: float = 12.0
+    """Pixels between points that are followed."""
+    reach: tuple[float, float] = (0.3, 100.0)
+    """Metres within which a landmark is taken in."""
+    range_share: float = 0.3
+    """A range is used if its standard deviation is under this share of it."""
+    pixel_sigma: float = 0.5
+    """Standard deviation of a followed point, in pixels."""
+    disparity_sigma: float = 0.4
+    """Standard deviation of a disparity, in pixels."""
+    depth_share: float = 0.02
+    """Standard deviation of a depth image, as a share of the depth."""
+    common_sigma: tuple[float, float] = (0.01, 0.1)
+    """What all sightings of a frame get wrong together, standard deviations: the share of
+    the range, and degrees. Pitch, roll, calibration and the clock are in it."""
+    gate: float = 0.99
+    """Probability with which a landmark is met where the filter expects it; what is outside
+    is another one, however much it looks like it."""
+    ratio: float = 0.8
+    """A landmark is recognized if its descriptor is nearer than this share of the next one's."""
+    acceleration: tuple[float, float] = (2.0, 0.5)
+    """Standard deviations of how the speed (m/s) and the turn rate (rad/s) change in a second:
+    the last motion that was seen foretells the next one together with odometry."""
+    huber: float = 2.0
+    """Root of the normalized innovation squared beyond which a sighting counts less."""
+    seed: int = 0
+    """Of the selection at random."""
+
+    def __post_init__(self) -> None:
+        require(self.detector in DETECTORS, "detector", f"one of {DETECTORS}", self.detector)
+        require(self.selection in SELECTIONS, "selection", f"one of {SELECTIONS}", self.selection)
+        for name, least in (
+            ("new_per_frame", 1),
+            ("in_view", 4),
+            ("landmarks", 1),
+            ("every", 1),
+            ("points", 1),
+        ):
+            value = getattr(self, name)
+            require(least <= value <= 10**5, name, f"{least} to 1e5", value)
+        for name in ("apart", "pixel_sigma", "disparity_sigma", "depth_share", "huber"):
+            value = getattr(self, name)
+            require(0 < value < 1e6, name, "over 0, under 1e6", value)
+        near, far = self.reach
+        require(0 <= near < far, "reach", "two ascending numbers from 0", self.reach)
+        require(0 < self.range_share <= 1, "range_share", "over 0, at most 1", self.range_share)
+        require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
+        require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
+        for name in ("common_sigma", "acceleration"):
+            value = getattr(self, name)
+            require(min(value) >= 0 and len(value) == 2, name, "two numbers from 0", value)
+        require(self.seed >= 0, "seed", "0 or more", self.seed)
