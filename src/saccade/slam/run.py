@@ -74,8 +74,8 @@ class EkfConfig:
     """Factor on the standard deviations of the observations."""
     huber: float = 1.345
     """Root of the normalized innovation squared beyond which an observation counts less, its
-    covariance that many times larger; the usual value keeps 95 % of the efficiency where all is
-    well."""
+    covariance that many times larger. By the usual value deviations are a twentieth larger than
+    they need be where all is well; infinite for never."""
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviation of the first pose: metres, metres, radians."""
 
