@@ -32,7 +32,7 @@ ALLOWED = {
     "simulation": FOUNDATION | {"image", "slam"},
     "datasets": FOUNDATION | {"image", "video"},
     "evaluation": FOUNDATION,
-    "checking": FOUNDATION | {"image"},
+    "checking": FOUNDATION | {"visual"},
     "exchange": FOUNDATION,
     "viewing": FOUNDATION,
 }

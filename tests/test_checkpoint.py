@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from circle import simulate
 from saccade import slam
 from saccade.errors import ConfigError
 from saccade.slam import Checkpoint, EkfConfig, Recorder
-from test_run import simulate
 
 
 def _interrupt_at(pose):
@@ -34,7 +34,7 @@ def _same(one, two):
         assert a.tobytes() == b.tobytes()
 
 
-@pytest.mark.parametrize("kind", ["standard", "invariant"])
+@pytest.mark.parametrize("kind", ["standard", "invariant", "first-estimates"])
 @pytest.mark.parametrize("association", ["known", "nearest"])
 @pytest.mark.parametrize("pose", [1, 7, 90])
 def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, pose):

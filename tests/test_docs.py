@@ -7,6 +7,9 @@ from importlib.resources import files
 import pytest
 
 from conftest import ROOT
+from saccade.datasets import save_drive
+from saccade.datasets.camera_file import read_calibration
+from test_drive_writing import small_drive
 
 PAGE = (ROOT / "docs" / "keypoints.md").read_text(encoding="utf-8")
 SECTIONS = dict(zip(*[iter(re.split(r"^#+ (.+)$", PAGE, flags=re.MULTILINE)[1:])] * 2, strict=True))
@@ -69,3 +72,17 @@ def test_the_code_of_the_page_on_symmetry_runs(tmp_path, monkeypatch):
     assert len(names["pairs"]) > 3
     assert len(names["points"]) > 100
     assert len(names["regions"]) == 50
+
+
+def test_the_code_of_the_page_on_drives_runs(tmp_path, monkeypatch):
+    page = (ROOT / "docs" / "drives.md").read_text(encoding="utf-8")
+    (code,) = code_of(page)
+    (settings,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    save_drive(tmp_path / "kitti" / "07", small_drive())
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(code, names)
+    assert names["frame"].image.shape == (24, 32)
+    assert (tmp_path / "copy" / "image_1" / "000004.png").exists()
+    (tmp_path / "camera.toml").write_text(settings)
+    assert read_calibration(tmp_path / "camera.toml").camera.place[2] == 0.7

@@ -103,8 +103,8 @@ class TestTum:
         drive = load_drive("tum-rgbd", folder)
         assert len(drive) == 6
         assert (np.diff(drive.time) > 0).all()
-        assert "time goes back at 2 frames, first at number 1" in drive.remarks[0]
-        assert "1 frames have the time of another, first number 6" in drive.remarks[1]
+        assert "time goes back 2 times, first at frame 1" in drive.remarks[0]
+        assert "times that come twice: 1, first at frame 6" in drive.remarks[1]
 
     def test_what_is_broken_is_named(self, tmp_path):
         folder = self.write(tmp_path / "fr1")

@@ -6,15 +6,15 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from circle import simulate
 from refusals import result_or_refusal
 from saccade import slam
 from saccade.datasets import load
 from saccade.errors import LogError
 from saccade.slam import EkfConfig, smooth
 from saccade.types import LandmarkLog
-from test_run import simulate
 
-FILTERS = ["standard", "invariant"]
+FILTERS = ["standard", "invariant", "first-estimates"]
 each_filter = pytest.mark.parametrize("kind", FILTERS)
 each_association = pytest.mark.parametrize("association", ["known", "nearest"])
 

@@ -7,11 +7,11 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from circle import simulate
 from conftest import ROOT
 from oracles_slam import numerical_jacobian
 from saccade import slam
 from saccade.errors import LogError
-from test_run import simulate
 
 SCALE, WHEEL_BASE = 60.0, 2.8
 

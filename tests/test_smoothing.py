@@ -8,13 +8,16 @@ import pytest
 from scipy.optimize import least_squares
 
 from aligned import align, interpolate
+from circle import simulate
 from saccade import slam
 from saccade.datasets import load
 from saccade.errors import ConfigError, LogError
 from saccade.slam import SmoothConfig, observe, smooth, wrap
 from saccade.slam.consistency import normalized_squared
 from saccade.types import LandmarkLog
-from test_run import simulate
+
+LAGGED = SmoothConfig(method="fixed-lag", lag=30.0)
+each_method = pytest.mark.parametrize("config", [SmoothConfig(), LAGGED], ids=["batch", "lag"])
 
 
 def _rmse(position, truth):
@@ -76,20 +79,22 @@ def test_answer_is_that_of_least_squares(rng):
         np.testing.assert_allclose(found, expected, atol=0.02 * expected.diagonal().max())
 
 
+@each_method
 @pytest.mark.parametrize("motion", ["drive", "compose"])
-def test_exact_log_gives_the_exact_world(rng, motion):
+def test_exact_log_gives_the_exact_world(rng, motion, config):
     log, truth, world = simulate(rng, motion, noise=0.0, steps=60)
-    result = smooth(log, slam.run(log))
+    result = smooth(log, slam.run(log), config)
     np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-6)
     np.testing.assert_allclose(result.map.xy, world[result.map.id], atol=1e-6)
     np.testing.assert_array_equal(result.weight, 1)
 
 
+@each_method
 @pytest.mark.parametrize("motion", ["drive", "compose"])
-def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion):
+def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion, config):
     log, truth, _ = simulate(rng, motion)
     filtered = slam.run(log)
-    result = smooth(log, filtered)
+    result = smooth(log, filtered, config)
     error = result.trajectory.pose - truth
     error[:, 2] = wrap(error[:, 2])
     before = np.hypot(*(filtered.trajectory.pose - truth)[:, :2].T)
@@ -98,14 +103,41 @@ def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion):
     assert 1 < nees.mean() < 6  # 3 on average, but errors of one drive hang together
 
 
-def test_wrong_observations_count_less(rng):
-    log, truth, _ = simulate(rng)
+def test_a_lag_as_long_as_the_drive_changes_nothing(rng):
+    log, _, _ = simulate(rng, steps=60)
+    filtered = slam.run(log)
+    whole = smooth(log, filtered)
+    lagged = smooth(log, filtered, SmoothConfig(method="fixed-lag", lag=1e4))
+    sigma = np.sqrt(whole.trajectory.covariance.diagonal(0, 1, 2)) + 1e-4
+    apart = (lagged.trajectory.pose - whole.trajectory.pose) / sigma
+    np.testing.assert_allclose(apart, 0, atol=0.05)
+    np.testing.assert_allclose(lagged.map.xy, whole.map.xy, atol=2e-3)
+    np.testing.assert_allclose(lagged.weight, whole.weight, atol=0.05)
+    between = lagged.trajectory.covariance - whole.trajectory.covariance
+    assert np.abs(between / (sigma[:, :, None] * sigma[:, None])).max() < 0.05
+
+
+def test_a_pose_hears_nothing_of_what_comes_a_lag_later(rng):
+    log, _, _ = simulate(rng)
+    late = (log.observation_pose > 200)[:, None]
+    changed = dataclasses.replace(log, observation=log.observation + 0.3 * late)
+    drives = [smooth(each, slam.run(each), LAGGED).trajectory.pose for each in (log, changed)]
+    kept = 200 - int(LAGGED.lag * 1.2)  # the window is moved by tenths
+    np.testing.assert_array_equal(drives[0][:kept], drives[1][:kept])
+    assert np.abs(drives[0][kept:] - drives[1][kept:]).max() > 0.05
+
+
+@each_method
+def test_wrong_observations_count_less(rng, config):
+    log, truth, _ = simulate(rng, steps=150)
     wrong = rng.random(len(log.observation)) < 0.05
     bad = dataclasses.replace(
         log, observation=log.observation + wrong[:, None] * rng.choice([-1, 1], (len(wrong), 2))
     )
     filtered = slam.run(bad)
-    plain, robust = (smooth(bad, filtered, SmoothConfig(huber=k)) for k in (1e6, 1.345))
+    plain, robust = (
+        smooth(bad, filtered, dataclasses.replace(config, huber=k)) for k in (1e6, 1.345)
+    )
     error = [np.hypot(*(r.trajectory.pose - truth)[:, :2].T).mean() for r in (plain, robust)]
     assert error[1] < 0.5 * error[0]
     assert np.median(robust.weight[wrong]) < 0.15
@@ -129,7 +161,8 @@ def test_unused_observations_have_no_weight_and_no_effect(rng):
     np.testing.assert_array_equal(again.trajectory.pose, result.trajectory.pose)
 
 
-def test_without_observations_it_is_dead_reckoning(rng):
+@each_method
+def test_without_observations_it_is_dead_reckoning(rng, config):
     log, _, _ = simulate(rng, "drive", steps=30)
     blind = dataclasses.replace(
         log,
@@ -139,7 +172,7 @@ def test_without_observations_it_is_dead_reckoning(rng):
         landmark=log.landmark[:0],
     )
     filtered = slam.run(blind)
-    result = smooth(blind, filtered)
+    result = smooth(blind, filtered, config)
     reckoned = filtered.dead_reckoning
     np.testing.assert_allclose(result.trajectory.pose, reckoned.pose, atol=1e-6)
     np.testing.assert_allclose(
@@ -148,7 +181,8 @@ def test_without_observations_it_is_dead_reckoning(rng):
     assert len(result.map) == 0
 
 
-def test_a_robot_that_stands_for_an_hour_is_one_pose(rng):
+@each_method
+def test_a_robot_that_stands_for_an_hour_is_one_pose(rng, config):
     log, _, _ = simulate(rng, steps=30)
     still = 3600
     parked = dataclasses.replace(
@@ -157,8 +191,8 @@ def test_a_robot_that_stands_for_an_hour_is_one_pose(rng):
         control=np.concatenate([log.control, np.zeros((still, 3))]),
         control_covariance=np.concatenate([log.control_covariance, np.zeros((still, 3, 3))]),
     )
-    trajectory = smooth(parked, slam.run(parked)).trajectory
-    moving = smooth(log, slam.run(log)).trajectory
+    trajectory = smooth(parked, slam.run(parked), config).trajectory
+    moving = smooth(log, slam.run(log), config).trajectory
     np.testing.assert_allclose(trajectory.pose[-1], moving.pose[-1], atol=1e-6)
     np.testing.assert_allclose(trajectory.covariance[-1], moving.covariance[-1], atol=1e-9)
 
@@ -190,8 +224,12 @@ def test_what_is_not_determined_is_named():
     assert "landmark 23 (seen 1 time)" in message
     assert "landmark 4" not in message
     assert "\n" not in message
+    with pytest.raises(LogError) as caught:
+        smooth(log, slam.run(log), LAGGED)
+    assert str(caught.value) == message
     determined = _open_world(0.01)
-    assert len(smooth(determined, slam.run(determined)).map) == 3
+    for config in (SmoothConfig(), LAGGED):
+        assert len(smooth(determined, slam.run(determined), config).map) == 3
 
 
 def test_a_missing_library_is_named(monkeypatch):
@@ -209,6 +247,9 @@ def test_a_missing_library_is_named(monkeypatch):
         {"sensor_noise_scale": float("nan")},
         {"start_sigma": (0.0, -1.0, 0.0)},
         {"iterations": 0},
+        {"method": "online"},
+        {"lag": 0.0},
+        {"lag": float("nan")},
     ],
 )
 def test_settings_outside_their_range_are_named(setting):
@@ -217,14 +258,19 @@ def test_settings_outside_their_range_are_named(setting):
 
 
 @pytest.mark.shared
-def test_five_robots_of_one_configuration(shared):
-    """The wrong bearings in the logs of robots 3 and 5 do no harm."""
+@pytest.mark.parametrize(
+    ("config", "robots"),
+    [(SmoothConfig(), (1, 2, 3, 4, 5)), (SmoothConfig(method="fixed-lag"), (1, 4))],
+    ids=["batch", "lag"],
+)
+def test_robots_of_one_configuration(shared, config, robots):
+    """The wrong bearings in the logs of robots 3 and 5 do no harm; robot 4 begins blind."""
     errors = []
-    for robot in range(1, 6):
+    for robot in robots:
         log = load("mrclam", shared / "data/logs/mrclam/mrclam6.npz", robot=robot)
-        result = smooth(log, slam.run(log))
+        result = smooth(log, slam.run(log), config)
         errors.append(_rmse(*interpolate(result.trajectory, log.truth)))
-    print(f"\nMRCLAM 6, smoothed: {np.mean(errors):.3f} m, {np.round(errors, 3).tolist()}")
+    print(f"\nMRCLAM 6, {config.method}: {np.mean(errors):.3f} m, {np.round(errors, 3).tolist()}")
     assert np.mean(errors) < 0.13
 
 

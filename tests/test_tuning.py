@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
+from circle import simulate
 from saccade import slam
 from saccade.errors import LogError
 from saccade.slam.tuning import tune
-from test_run import simulate
 
 
 @pytest.mark.parametrize(("motion", "sensor"), [(0.5, 2.0), (2.0, 0.5), (1.0, 1.0)])

@@ -138,3 +138,14 @@ def test_what_cannot_be_verified(rng):
         verify(points, lost, np.zeros((1, 2), int))
     with pytest.raises(KeypointsError, match="pairs: expected indices below 5 and 5, found 0 to 5"):
         verify(points, points, np.array([[0, 5]]))
+
+
+def test_matches_in_which_no_sample_gives_a_model_have_no_geometry():
+    rng = np.random.default_rng(705)  # OpenCV 5.0 fails an assertion on these
+    n = int(rng.integers(8, 20))
+    first, _ = rng.uniform(0, 500, (2, n, 2))
+    second = first + rng.normal(0, 1, (n, 2))
+    pairs = np.stack([np.arange(n), np.arange(n)], axis=1)
+    found = verify(Keypoints.at(first, 5), Keypoints.at(second, 5), pairs)
+    assert found.matrix is None
+    assert not found.inliers.any()

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from circle import simulate
 from saccade import slam
 from saccade.slam import RANGE_BEARING, compose
 from saccade.slam.association import number_by_first_sight
 from saccade.slam.wheels import unbiased
-from test_run import simulate
 
 BIAS = np.array([0.08, -0.04, 0.15])
 

@@ -13,7 +13,7 @@ from saccade.checking.ground import check_ground
 from saccade.checking.looking import Look, look_through
 from saccade.checking.mounting import check_mounting, check_rotation
 from saccade.checking.odometry import check_jumps, check_turns, check_ways
-from saccade.checking.pictures import check_camera, check_pictures
+from saccade.checking.pictures import check_camera, check_motion, check_pictures
 from saccade.checking.series import Lag, Series, has_odometry, lag_of, series_of
 from saccade.checking.stereo import check_stereo
 from saccade.errors import require
@@ -56,25 +56,36 @@ def report_on(drive: Drive, look: Look) -> CheckReport:
     series, lag = series_of(drive, look), lag_of(drive, look)
     findings = [
         *check_pictures(drive, look),
+        *check_motion(look),
         *check_camera(drive.camera),
         *check_clock(drive),
         *check_stereo(look),
-        *check_ground(drive, look),
     ]
-    if has_odometry(drive):
-        askew = check_rotation(series)
-        findings += [*check_jumps(drive), *check_turns(series, lag), *askew]
-        if not askew:  # what follows from it is not said again
-            findings += [*check_ways(series), *check_mounting(series, drive.camera)]
-    else:
-        findings.append(_without_odometry())
+    motion = _of_motion(drive, series, lag) if has_odometry(drive) else []
+    findings += motion
+    if not drive.control[:, :2].any():
+        findings.append(_without_ways())
+    if not any(finding.check.startswith("camera") for finding in motion):
+        findings += check_ground(drive, look)  # a camera that is askew makes turns look like tilt
     findings.sort(key=lambda finding: ORDER.index(finding.severity))
     return CheckReport(
         drive.name, len(drive), len(look), tuple(findings), _figures(look, series, lag)
     )
 
 
-def _without_odometry() -> Finding:
+def _of_motion(drive: Drive, series: Series, lag: Lag | None) -> list[Finding]:
+    """Odometry and mounting; what follows from a finding is not said again."""
+    findings = [*check_jumps(drive), *check_turns(series, lag)]
+    askew = check_rotation(series)
+    if askew:
+        return [*findings, *askew]
+    ways = check_ways(series)
+    if any(finding.check in ("way sign", "standing") for finding in ways):
+        return [*findings, *ways]
+    return [*findings, *ways, *check_mounting(series, drive.camera)]
+
+
+def _without_ways() -> Finding:
     return Finding(
         "note",
         "no odometry",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.checking.findings import Finding, numbers_of
+from saccade.checking.findings import Finding, counted, numbers_of
 from saccade.frames import Drive
 
 GAP = 2.5
@@ -35,8 +35,8 @@ def check_clock(drive: Drive) -> list[Finding]:
             Finding(
                 "warning",
                 "gaps",
-                f"frames are missing: {len(gaps)} gaps, the longest of {longest:.2f} s where "
-                f"{usual:.3f} s are usual",
+                f"frames are missing: {counted(len(gaps), 'gap', 'gaps')}, the longest of "
+                f"{longest:.2f} s where {usual:.3f} s are usual",
                 "Odometry alone bridges them; look for a camera that fell out",
                 longest,
                 "s",

@@ -69,3 +69,8 @@ def listed(frames: tuple[int, ...]) -> str:
     first = ", ".join(map(str, frames[:LISTED]))
     more = f", ... {len(frames)} in all" if len(frames) > LISTED else ""
     return f"frame{'s' if len(frames) > 1 else ''} {first}{more}"
+
+
+def counted(n: int, one: str, several: str) -> str:
+    """A number and what it counts: "1 frame is", "2 frames are"."""
+    return f"{n} {one if n == 1 else several}"

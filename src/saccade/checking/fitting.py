@@ -10,6 +10,8 @@ ROUNDS = 10
 """In which those that are near are chosen anew."""
 NEAR = 3.0
 """Standard deviations within which a point counts."""
+WITHIN = 0.987
+"""Standard deviation of a normal number that is cut off there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +23,7 @@ class Fit:
     error: FloatArray
     """(c,) its standard errors."""
     sigma: float
-    """Standard deviation of what is left, by its median."""
+    """Standard deviation of what is left, of the points that agree."""
 
     def differs(self, index: int, expected: float, least: float) -> bool:
         """Whether a value is off by more than `least`, and more than chance lets it be."""
@@ -50,5 +52,7 @@ def fit(A: FloatArray, y: FloatArray) -> Fit | None:
     information = A[near].T @ A[near]
     if np.linalg.cond(information) > 1e12:
         return None
+    freedom = int(near.sum()) - columns
+    sigma = float(np.sqrt(np.square(rest[near]).sum() / freedom)) / WITHIN
     error = sigma * np.sqrt(np.diagonal(np.linalg.inv(information)))
     return Fit(np.asarray(value), np.asarray(error), sigma)

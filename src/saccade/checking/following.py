@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.frames import Camera, Frame, Tracks
-from saccade.image import as_gray
-from saccade.types import Float32Array, FloatArray, Image
+from saccade.types import FloatArray, Image
+from saccade.visual.following import follow, gray_bytes
 
 Grey: TypeAlias = npt.NDArray[np.uint8]
 WIDEST = 800
@@ -18,14 +18,8 @@ CORNERS = 300
 """Points that are looked for in an image."""
 APART = 9
 """Pixels between two of them."""
-BACK = 0.7
-"""Pixels by which a point may miss its place when it is followed there and back."""
 FAR = 2.0
 """Pixels of disparity below which a range is no help."""
-WINDOW = (21, 21)
-"""Pixels around a point that are compared."""
-LEVELS = 4
-"""Times that the image is halved, for points that move far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +81,13 @@ def shrunk(camera: Camera, by: int) -> Camera:
 
 
 def _small(image: Image, by: int) -> Grey:
-    grey = image
-    if image.dtype != np.uint8:
-        grey = np.rint(as_gray(image) * 255).astype(np.uint8)
-    elif image.ndim == 3:
-        grey = cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_RGB2GRAY)
+    grey = gray_bytes(image)
     if by > 1:
         height, width = (side // by for side in grey.shape)
         whole = grey[: height * by, : width * by]
-        grey = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(grey, np.uint8)
+        smaller = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(smaller, np.uint8)
+    return grey
 
 
 def points_of(view: View, camera: Camera) -> Points | None:
@@ -120,7 +111,7 @@ def points_of(view: View, camera: Camera) -> Points | None:
         column, row = np.rint(xy).astype(np.int64).T
         depth = view.depth[row, column]
     elif view.right is not None and view.right.shape == view.grey.shape:
-        there, good = _follow(view.grey, view.right, xy)
+        there, good = follow(view.grey, view.right, xy.astype(np.float32))
         disparity = np.where(good, xy[:, 0] - there[:, 0], np.nan)
         rows = np.where(good, there[:, 1] - xy[:, 1], np.nan)
         depth = depth_of(disparity, camera)
@@ -148,8 +139,8 @@ def followed(
     one, other = (view.grey for view in views)
     if one is None or other is None or one.shape != other.shape:
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-    xy, good = _follow(one, other, first.xy)
-    return first.xy[good], xy[good], first.depth[good]
+    xy, good = follow(one, other, first.xy.astype(np.float32))
+    return first.xy[good], xy[good].astype(np.float64), first.depth[good]
 
 
 def depth_of(disparity: FloatArray, camera: Camera) -> FloatArray:
@@ -162,20 +153,3 @@ def _of_tracks(tracks: Tracks, camera: Camera) -> Points:
     nothing = np.full(len(tracks), np.nan)
     depth = depth_of(tracks.disparity, camera)
     return Points(tracks.xy, depth, tracks.disparity, nothing, tracks.id)
-
-
-def _follow(one: Grey, other: Grey, xy: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Places (k, 2) in the other image, and which of them lead back."""
-    start = xy.astype(np.float32)
-    there, found = _flow(one, other, start)
-    back, found_back = _flow(other, one, there)
-    apart = np.hypot(*(back - start).T)
-    return np.asarray(there, np.float64), np.asarray(found & found_back & (apart < BACK))
-
-
-def _flow(one: Grey, other: Grey, xy: Float32Array) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
-    nothing: Any = None  # OpenCV's types want an array to write to
-    there, found, _ = cv2.calcOpticalFlowPyrLK(
-        one, other, xy, nothing, winSize=WINDOW, maxLevel=LEVELS
-    )
-    return np.asarray(there, np.float32), np.asarray(found).ravel() == 1

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.checking.findings import Finding, numbers_of
+from saccade.checking.findings import Finding, counted, numbers_of
 from saccade.checking.looking import Look
 from saccade.checking.motion import LEAST
 from saccade.frames import Camera, Drive
@@ -13,6 +13,10 @@ FLAT = 4.0
 """Standard deviation of the grey levels below which an image shows nothing."""
 BLURRED = 0.4
 """Times the usual sharpness, below which a frame is blurred."""
+TOLD = 0.5
+"""Share of the steps whose motion the images should tell."""
+FEW = 20
+"""Steps below which nothing is said of their share."""
 MANY = 0.02
 """Share of the frames that may be blurred."""
 
@@ -31,8 +35,9 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
             Finding(
                 "error",
                 "unreadable frames",
-                f"{len(frames)} frames cannot be read; {look.unreadable[frames[0]]}",
-                "Replace the files, or leave the frames out",
+                f"{counted(len(frames), 'frame', 'frames')} cannot be read; "
+                f"{look.unreadable[frames[0]]}",
+                "Replace the files or the calibration, or leave the frames out",
                 float(len(frames)),
                 "frames",
                 frames,
@@ -43,7 +48,7 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
             Finding(
                 "warning",
                 "black frames",
-                f"{int(black.sum())} frames are black or all of one grey",
+                f"{counted(int(black.sum()), 'frame is', 'frames are')} black or all of one grey",
                 "Look for a covered lens or a camera that fell out; odometry alone bridges them",
                 float(black.sum()),
                 "frames",
@@ -55,7 +60,8 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
             Finding(
                 "warning",
                 "blurred frames",
-                f"{int(blurred.sum())} frames have less than {BLURRED:g} of the usual sharpness",
+                f"{counted(int(blurred.sum()), 'frame has', 'frames have')} less than "
+                f"{BLURRED:g} of the usual sharpness",
                 "Expose for a shorter time, or drive more slowly",
                 float(blurred.sum()),
                 "frames",
@@ -67,7 +73,8 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
             Finding(
                 "warning",
                 "empty frames",
-                f"{int(empty.sum())} frames have fewer than {LEAST} points to follow",
+                f"{counted(int(empty.sum()), 'frame has', 'frames have')} fewer than {LEAST} "
+                "points to follow",
                 "Nothing is observed there; odometry alone bridges them",
                 float(empty.sum()),
                 "frames",
@@ -88,12 +95,35 @@ def _check_copies(drive: Drive, look: Look) -> list[Finding]:
         Finding(
             "error",
             "repeated frames",
-            f"{int(copied.sum())} frames repeat the {what} of the frame before to the last bit",
+            f"{counted(int(copied.sum()), 'frame repeats', 'frames repeat')} the {what} of the "
+            "frame before to the last bit",
             "A step is lost in each, and tracks may go on at other points: leave what is repeated "
             "out, begin its tracks anew, and let odometry bridge the step",
             float(copied.sum()),
             "frames",
             numbers_of(look.frame[copied]),
+        )
+    ]
+
+
+def check_motion(look: Look) -> list[Finding]:
+    """Whether the images tell how the camera moved."""
+    follows = np.diff(look.frame) == 1
+    if follows.sum() < FEW:
+        return []
+    known = float(np.isfinite(look.turn[1:, 0])[follows].mean())
+    if known > TOLD:
+        return []
+    return [
+        Finding(
+            "warning",
+            "motion",
+            f"the images tell how the camera moved in only {100 * known:.0f} % of the steps: "
+            "points are too few, or do not move as those of one world",
+            "Look whether the frames are of one drive and in order, at their rate, at light and "
+            "blur, and at the focal length",
+            100 * known,
+            "%",
         )
     ]
 

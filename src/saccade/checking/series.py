@@ -67,8 +67,8 @@ def series_of(drive: Drive, look: Look) -> Series:
 
 
 def has_odometry(drive: Drive) -> bool:
-    """Whether anything is known of the way."""
-    return bool(np.abs(drive.control[:, :2]).max(initial=0.0) > 0)
+    """Whether anything is known of ways or turns."""
+    return bool(drive.control.any())
 
 
 @dataclass(frozen=True)

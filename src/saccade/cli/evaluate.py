@@ -9,6 +9,8 @@ import typer
 from saccade.cli.attending import Attention, Model, ModelChoice
 from saccade.cli.evaluate_consistency import consistency
 from saccade.cli.evaluate_features import features
+from saccade.cli.evaluate_places import places
+from saccade.cli.evaluate_selection import selection
 from saccade.cli.options import Json, Preset, Settings
 
 evaluate = typer.Typer(
@@ -20,6 +22,8 @@ evaluate.command(epilog="Example: saccade evaluate features --pairs oxford --det
 evaluate.command(epilog="Example: saccade evaluate consistency --preset loop --runs 20")(
     consistency
 )
+evaluate.command(epilog="Example: saccade evaluate places hallway --lap 40")(places)
+evaluate.command(epilog="Example: saccade evaluate selection --budget 2 --seeds 5")(selection)
 
 
 @evaluate.command(

@@ -75,8 +75,8 @@ def drive(
     In --out appear the images of the left (image_0) and the right camera
     (image_1), calibration (calib.txt, camera.toml), times.txt, the odometry
     with its noise (odometry.csv) and where the robot was (groundtruth.tum),
-    all in the layout of KITTI's odometry benchmark. The same seed gives the
-    same files; another one gives other walls and posters, too.
+    all in the layout of KITTI's odometry benchmark: hand it to saccade drive.
+    The same seed gives the same files; another one other walls and posters, too.
     """
     from saccade.cli.output import print_json, print_table
     from saccade.cli.settings import load_settings

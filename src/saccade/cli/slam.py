@@ -1,6 +1,7 @@
 """`saccade slam`: a landmark log in, a trajectory and a map out."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -9,7 +10,7 @@ import typer
 from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
-    from saccade.slam import Checkpoint, EkfConfig, Recorder, SlamResult, SmoothResult
+    from saccade.slam import Checkpoint, EkfConfig, Recorder, SlamResult, SmoothConfig, SmoothResult
     from saccade.types import LandmarkLog
 
 Watch = Callable[[str, int, int], None]
@@ -40,6 +41,13 @@ def slam(
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Smooth the whole drive at the end (needs GTSAM).")
     ] = False,
+    lag: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Smooth each pose only by what is seen until so long after it.",
+        ),
+    ] = None,
     film: Annotated[bool, typer.Option(help="Make a film of the map while it grows.")] = True,
     live: Annotated[
         bool, typer.Option("--live", help="Watch in the rerun viewer (needs rerun-sdk).")
@@ -63,8 +71,6 @@ def slam(
 
     A run that was interrupted goes on from its last checkpoint.
     """
-    from dataclasses import replace
-
     from rich.markup import escape
     from rich.progress import Progress
 
@@ -91,7 +97,7 @@ def slam(
             lambda what, done, total: progress.update(
                 task, description=f"{escape(recorded.name)}: {what}", completed=done, total=total
             ),
-            smooth=smooth,
+            smooth=smoothing_of(settings, smooth, lag),
             film=film,
             live=live,
             rrd=rrd,
@@ -124,7 +130,7 @@ def map_log(
     settings: "EkfConfig",
     watch: Watch,
     *,
-    smooth: bool = False,
+    smooth: "SmoothConfig | None" = None,
     film: bool = True,
     live: bool = False,
     rrd: Path | None = None,
@@ -137,7 +143,7 @@ def map_log(
         out: folder for what is made.
         settings: an EkfConfig.
         watch: told of the progress.
-        smooth: whether the drive is smoothed at the end.
+        smooth: how the drive is smoothed at the end, if it is.
         film: whether a film is made.
         live: whether the rerun viewer is opened.
         rrd: a file for that viewer.
@@ -154,7 +160,7 @@ def map_log(
     from saccade.slam import Checkpoint, Recorder, dead_reckon
     from saccade.viewing.live import LiveMap, save_rrd
 
-    if smooth:
+    if smooth is not None:
         import_optional("gtsam", "smooth")  # before the work, not after it
     if rrd is not None:
         import_optional("rerun", "live")
@@ -178,7 +184,7 @@ def map_log(
         "version": saccade.__version__,
         "seed": None,  # nothing is drawn at random
         "settings": asdict(settings),
-        "smooth": smooth,
+        "smooth": None if smooth is None else asdict(smooth),
         "files": {name: str(path) for name, path in files.items()},
     }
     write_text(out / "run.json", json.dumps(row, indent=2) + "\n")
@@ -190,7 +196,7 @@ def _estimate(
     log: "LandmarkLog",
     settings: "EkfConfig",
     watch: Watch,
-    smooth: bool,
+    smooth: "SmoothConfig | None",
     recorder: "Recorder",
     checkpoint: "Checkpoint",
 ) -> "tuple[SlamResult, SmoothResult | None]":
@@ -209,12 +215,21 @@ def _estimate(
         if checkpoint.path.exists():
             say(f"the same command goes on from {checkpoint.path}")
         raise
-    if not smooth:
+    if smooth is None:
         return result, None
     watch("smoothing", 0, 1)
-    noise = slam.SmoothConfig(
+    return result, slam.smooth(log, result, smooth)
+
+
+def smoothing_of(settings: "EkfConfig", smooth: bool, lag: float | None) -> "SmoothConfig | None":
+    """How a drive is smoothed that is filtered with some settings; None where it is not."""
+    from saccade.slam import SmoothConfig
+
+    if not smooth and lag is None:
+        return None
+    noise = SmoothConfig(
         motion_noise_scale=settings.motion_noise_scale,
         sensor_noise_scale=settings.sensor_noise_scale,
         start_sigma=settings.start_sigma,
     )
-    return result, slam.smooth(log, result, noise)
+    return noise if lag is None else replace(noise, method="fixed-lag", lag=lag)

@@ -138,4 +138,5 @@ def _missing(there: IntArray, folder: Path) -> tuple[str, ...]:
     if len(gaps) == 0:
         return ()
     lost = int((np.diff(there) - 1).sum())
-    return (f"{folder}: {lost} images are missing, first number {there[gaps[0]] + 1}",)
+    what = "image is" if lost == 1 else "images are"
+    return (f"{folder}: {lost} {what} missing, first number {there[gaps[0]] + 1}",)

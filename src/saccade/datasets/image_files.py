@@ -160,12 +160,12 @@ def in_time(time: FloatArray, name: str) -> tuple[IntArray, tuple[str, ...]]:
     remarks = []
     if len(back):
         remarks.append(
-            f"{name}: time goes back at {len(back)} frames, first at number {back[0] + 1}; "
+            f"{name}: time goes back {len(back)} times, first at frame {back[0] + 1}; "
             "the frames are sorted by it"
         )
     if not new.all():
         remarks.append(
-            f"{name}: {int((~new).sum())} frames have the time of another, first number "
-            f"{order[~new].min()}; of each only the first is taken"
+            f"{name}: times that come twice: {int((~new).sum())}, first at frame "
+            f"{order[~new].min()}; of each only the first frame is taken"
         )
     return np.asarray(order[new], np.int64), tuple(remarks)

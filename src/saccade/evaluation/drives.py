@@ -36,7 +36,7 @@ def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
         estimate: n poses.
         truth: with headings, in the same frame; times between its own are interpolated.
     """
-    there = pose_at(truth, estimate.time)
+    there = truth.at(estimate.time)
     apart = estimate.pose[:, :2] - there[:, :2]
     steps, true_steps = _steps(estimate.pose), _steps(there)
     missed = np.hypot(*(steps - true_steps).T) if len(steps) else np.full(1, np.nan)
@@ -46,13 +46,6 @@ def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
         end_m=float(np.hypot(*apart[-1])),
         inside_3sigma=_inside(apart, estimate.covariance),
     )
-
-
-def pose_at(truth: Trajectory, time: FloatArray) -> FloatArray:
-    """(n, 3) true poses at times (n,), between its own by linear interpolation."""
-    heading = np.interp(time, truth.time, np.unwrap(truth.pose[:, 2]))
-    places = [np.interp(time, truth.time, truth.pose[:, i]) for i in (0, 1)]
-    return np.stack([*places, heading], 1)
 
 
 def same_places(

@@ -1,13 +1,14 @@
 """Which matches agree with one geometry: a fundamental matrix or a homography."""
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError, require
+from saccade.image import quiet_opencv
 from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
@@ -91,15 +92,22 @@ def estimate(
     if len(places) < SAMPLE[geometry]:
         return None, none
     first, second = np.ascontiguousarray(places[:, :2]), np.ascontiguousarray(places[:, 2:])
-    method = cv2.USAC_MAGSAC
-    if geometry == "homography":
-        found, mask = cv2.findHomography(
-            first, second, method, tolerance, maxIters=ITERATIONS, confidence=CONFIDENCE
-        )
-    else:
-        found, mask = cv2.findFundamentalMat(
-            first, second, method, tolerance, CONFIDENCE, ITERATIONS
-        )
+    try:
+        with quiet_opencv():
+            found, mask = _robust(first, second, geometry, tolerance)
+    except cv2.error:  # an assertion fails in some versions where no sample gives a model
+        return None, none
     if np.shape(found) != (3, 3):  # None where every sample is degenerate
         return None, none
     return np.asarray(found, np.float64), np.asarray(mask).ravel() != 0
+
+
+def _robust(
+    first: FloatArray, second: FloatArray, geometry: Geometry, tolerance: float
+) -> tuple[Any, Any]:
+    method = cv2.USAC_MAGSAC
+    if geometry == "homography":
+        return cv2.findHomography(
+            first, second, method, tolerance, maxIters=ITERATIONS, confidence=CONFIDENCE
+        )
+    return cv2.findFundamentalMat(first, second, method, tolerance, CONFIDENCE, ITERATIONS)

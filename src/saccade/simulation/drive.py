@@ -1,5 +1,8 @@
 """A camera drive whose truth is known: the frames are rendered when they are asked for."""
 
+from collections.abc import Callable
+from threading import Lock
+
 import numpy as np
 
 from saccade.frames import Drive, Frame
@@ -8,8 +11,12 @@ from saccade.simulation.drive_config import DriveConfig, OdometryConfig
 from saccade.simulation.light import Light
 from saccade.simulation.rendering import render, render_depth
 from saccade.simulation.ring import ring_scene
+from saccade.simulation.scene import Scene
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, Trajectory
+
+SIDEWAYS = 0.2
+"""Noise of the odometry across the way, as a share of that along it."""
 
 
 def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
@@ -23,8 +30,9 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
 
     Returns:
         The drive with its truth, which begins at the origin. `load` renders a frame, from any
-        thread and in any order; the covariances are those of the noise that was drawn, the
-        bias has the sizes of the scale and the drift that were.
+        thread and in any order; at its first call it builds the place, which takes a second.
+        The covariances are those of the noise that was drawn; the bias has the sizes of the
+        scale and the drift that were.
     """
     config = config or DriveConfig()
     place, way, light, odometry = np.random.SeedSequence(seed).spawn(4)
@@ -32,20 +40,20 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
     pose = drive_course(config, way)
     control, covariance = _odometry(config.odometry, _steps(pose), odometry)
     camera = config.camera
-    scene = ring_scene(config, place)
+    scene = _once(lambda: ring_scene(config, place))
     lit = Light.drawn(config.light, camera, time, light)
 
     def load(number: int) -> Frame:
         number = range(len(time))[number]
         pictures = [
-            lit.fall_on(render(scene, camera, pose[number], right), number, int(right))
+            lit.fall_on(render(scene(), camera, pose[number], right), number, int(right))
             for right in ((False, True) if camera.baseline > 0 else (False,))
         ]
         return Frame(
             float(time[number]),
             pictures[0],
             pictures[1] if len(pictures) > 1 else None,
-            render_depth(scene, camera, pose[number]) if config.depth else None,
+            render_depth(scene(), camera, pose[number]) if config.depth else None,
         )
 
     return Drive(
@@ -59,6 +67,19 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
         odometry_bias=(config.odometry.scale / 100, float(np.deg2rad(config.odometry.drift)), 0.0),
         truth=Trajectory(time, pose),
     )
+
+
+def _once(build: Callable[[], Scene]) -> Callable[[], Scene]:
+    """`build`, called at the first need only: who wants no frames need not wait for the walls."""
+    lock, built = Lock(), list[Scene]()
+
+    def scene() -> Scene:
+        with lock:
+            if not built:
+                built.append(build())
+        return built[0]
+
+    return scene
 
 
 def _steps(pose: FloatArray) -> FloatArray:
@@ -79,13 +100,8 @@ def _odometry(
     measured = steps * (1 / (1 + scale), 1 / (1 + scale), 1)
     measured[:, 2] -= drift * measured[:, 0]
     way = np.hypot(*steps[:, :2].T)
-    sigma = np.stack(
-        [
-            config.white / 100 * way,
-            config.white / 100 * np.abs(steps[:, 1]),
-            np.deg2rad(config.turn) * np.sqrt(way),
-        ],
-        1,
-    )
+    white = config.white / 100 * way
+    turn = np.deg2rad(config.turn) * np.sqrt(way)
+    sigma = np.stack([white, SIDEWAYS * white, turn], 1)
     measured += sigma * rng.standard_normal(sigma.shape)
     return measured, sigma[:, :, None] ** 2 * np.eye(3)

@@ -51,12 +51,16 @@ def _rectangle(x: float, y: float, width: float, depth: float) -> FloatArray:
     return np.array([[x, y], [right, y], [right, far], [x, far], [x, y]])
 
 
-def _hang_posters(config: DriveConfig, bands: list[Walls], rng: np.random.Generator) -> None:
-    """Paint posters onto walls, along the ring in the order in which their pictures were drawn."""
+def chosen_pictures(config: DriveConfig, rng: np.random.Generator) -> list[Texture]:
+    """The pictures of a ring, in the order in which they hang."""
     there = pictures()
-    if config.mirrored:
-        there = [mirrored(picture) for picture in there]
     order = rng.permutation(len(there))[: config.pictures or len(there)]
+    return [mirrored(there[k]) if config.mirrored else there[k] for k in order]
+
+
+def _hang_posters(config: DriveConfig, bands: list[Walls], rng: np.random.Generator) -> None:
+    """Paint posters onto walls; when the pictures are used up they begin anew."""
+    chosen = chosen_pictures(config, rng)
     hung = 0
     for walls in bands:
         start = 0.0
@@ -66,7 +70,7 @@ def _hang_posters(config: DriveConfig, bands: list[Walls], rng: np.random.Genera
             for k in range(count):
                 middle = start + CORNER + room * (k + 0.5) / count
                 middle += rng.uniform(-0.12, 0.12) * room / count
-                picture = there[order[hung % len(order)]]
+                picture = chosen[hung % len(chosen)]
                 _hang(config, walls.texture, picture, middle, room / count, rng)
                 hung += 1
             start += length

@@ -19,7 +19,7 @@ PICTURES = {
     "rocket": (3, 1),
     "chelsea": (2, 1),
     "retina": (2, 2),
-    "camera": (2, 2),
+    "camera": (2, 1),
     "hallway_1": (1, 1),
     "horse": (1, 1),
     "hallway_2": (1, 1),

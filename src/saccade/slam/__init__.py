@@ -22,7 +22,8 @@ from saccade.slam.outcomes import Innovation
 from saccade.slam.recording import Recorder
 from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
-from saccade.slam.smoothing import SmoothConfig, SmoothResult, smooth
+from saccade.slam.smoothing import smooth
+from saccade.slam.smoothing_problem import SmoothConfig, SmoothResult
 
 __all__ = [
     "DROPPED",

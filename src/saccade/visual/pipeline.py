@@ -152,6 +152,7 @@ class Pipeline:
         pairs = pairs[agree]
         missed = rows[~np.isin(rows, pairs[:, 1])]
         world.landmarks.missed[missed] += 1
+        self.recording.missed += len(missed)
         return pairs
 
     def _in_view(self) -> IntArray:

@@ -28,6 +28,7 @@ class Recording:
     drive: Drive
     remarks: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
+    missed: int = 0
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
     _visual: list[FloatArray] = field(default_factory=list)
@@ -83,6 +84,7 @@ class Recording:
             height=known.height,
             meetings=Meetings(frame, landmark, kind, xy, z, sigma),
             tilt=np.array(self._tilt),
+            missed=self.missed,
             seconds=dict(self.seconds),
             remarks=tuple(self.remarks),
         )

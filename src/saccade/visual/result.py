@@ -54,6 +54,8 @@ class VisualResult:
     """What was seen of which landmark when."""
     tilt: FloatArray
     """(n, 3) what the camera saw of metres up, radians rolled and pitched since the last frame."""
+    missed: int
+    """Times that a landmark should have been in view, was not followed, and was not recognized."""
     seconds: dict[str, float]
     """Where the time went, by step."""
     remarks: tuple[str, ...]
