@@ -69,6 +69,7 @@ def test_every_region_is_the_hill_of_its_seed(seed, growth, side):
     np.testing.assert_allclose(peaks, found)
 
 
+@pytest.mark.kernel
 def test_the_strongest_pair_in_a_plain_second_reading():
     image = np.random.default_rng(2).random((24, 30)).astype(np.float32)
     gradients = gradients_of(image, 60.0)
