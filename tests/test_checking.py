@@ -260,6 +260,26 @@ class TestPictures:
         assert report["unreadable frames"].frames == (30,)
         assert "30.png: the image is cut short" in str(report["unreadable frames"])
 
+    def test_frames_without_a_common_world_are_found(self, filmed):
+        def load(i):
+            image = np.random.default_rng(i).integers(0, 255, (120, 160), np.uint8)
+            return Frame(i / 10, cv2.GaussianBlur(image, (0, 0), 1.5))
+
+        report = check_drive(replace(filmed, load=load))
+        assert found(report)["motion"].value < 40
+
+    def test_a_camera_that_stands_is_no_trap(self, filmed):
+        def load(i):
+            noise = np.random.default_rng(i).integers(0, 3, (120, 160), np.uint8)
+            return Frame(i / 10, filmed.load(0).image // 2 + noise)
+
+        standing = replace(filmed, load=load)
+        assert not found(check_drive(standing))
+        slipping = replace(standing, control=filmed.control + np.array([0.1, 0.0, 0.0]))
+        report = check_drive(slipping)
+        assert set(found(report)) == {"standing"}
+        assert found(report)["standing"].value == pytest.approx(100)
+
     def test_cameras_that_are_exchanged_are_found(self, filmed):
         def load(i):
             frame = filmed.load(i)

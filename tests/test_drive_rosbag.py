@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from refusals import refuses
 from saccade.datasets import load_drive
@@ -79,6 +79,16 @@ class Messages:
             self.kinds["geometry_msgs/msg/TwistWithCovariance"](twist, covariance),
         )
 
+    def transform(self, parent, child, place, turn):
+        return self.kinds["geometry_msgs/msg/TransformStamped"](
+            self.header(0.0, parent),
+            child,
+            self.kinds["geometry_msgs/msg/Transform"](
+                self.kinds["geometry_msgs/msg/Vector3"](*map(float, place)),
+                self.kinds["geometry_msgs/msg/Quaternion"](*map(float, turn)),
+            ),
+        )
+
     def true(self, seconds, x, y, heading):
         return self.kinds["geometry_msgs/msg/PoseStamped"](
             self.header(seconds, "world"), self.pose(x, y, heading)
@@ -86,6 +96,9 @@ class Messages:
 
 
 STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_HUMBLE)}
+STORES[1].register(
+    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
+)
 
 
 @pytest.fixture(params=[1, 2])
@@ -114,7 +127,15 @@ def pictures():
     return np.random.default_rng(3).integers(0, 255, (2, FRAMES, 48, 64), np.uint8)
 
 
+def mounted(make):
+    """On a mast that is turned to the left, a camera whose z axis is the mast's x axis."""
+    mast = make.transform("base_link", "mast", (0.2, 0.0, 0.7), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))
+    camera = make.transform("mast", "camera", (0.0, 0.1, 0.0), (-0.5, 0.5, -0.5, 0.5))
+    return make.kinds["tf2_msgs/msg/TFMessage"]([mast, camera])
+
+
 def stereo(make):
+    yield "/tf_static", "tf2_msgs/msg/TFMessage", 100.0, mounted(make)
     for i, (left, right) in enumerate(zip(*pictures(), strict=True)):
         t = 100 + i / 10
         yield "/stereo/left/image", "sensor_msgs/msg/Image", t, make.image(t, left, "mono8")
@@ -135,6 +156,10 @@ def test_a_stereo_bag(bag):
     drive = load_drive("auto", bag(stereo))
     assert len(drive) == FRAMES
     assert drive.camera.baseline == pytest.approx(0.2)
+    np.testing.assert_allclose(drive.camera.place, [0.1, 0, 0.7], atol=1e-12)
+    ahead = drive.camera.rotation @ [0, 0, 1]  # the optical axis looks to the robot's left
+    np.testing.assert_allclose(ahead, [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(drive.camera.rotation @ [0, 1, 0], [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(drive.time, np.arange(FRAMES) / 10, atol=1e-6)
     for i in (3, 0, 5):
         np.testing.assert_array_equal(drive.load(i).image, pictures()[0, i])

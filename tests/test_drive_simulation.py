@@ -151,6 +151,13 @@ def test_odometry_without_errors_is_the_truth():
     assert 0.01 < again.max() < 2 * SMALL.sway  # two laps of one ring, not quite the same
 
 
+def test_a_short_drive_is_the_beginning_of_a_long_one():
+    short, long = (simulate_drive(replace(SMALL, frames=frames), 2) for frames in (4, 9))
+    np.testing.assert_array_equal(short.control, long.control[:3])
+    np.testing.assert_array_equal(short.truth.pose, long.truth.pose[:4])
+    np.testing.assert_array_equal(short.load(3).image, long.load(3).image)
+
+
 def test_the_errors_of_odometry_are_those_it_tells():
     config = replace(SMALL, frames=1000)
     exact = OdometryConfig(scale=0, drift=0, white=0, turn=0)
@@ -212,23 +219,28 @@ def test_noise_is_what_it_is_said_to_be(still):
         assert abs(np.corrcoef(left, other)[0, 1]) < 0.1
 
 
+def lit(picture, **light):
+    """A picture in another light, at the third of four times."""
+    config = replace(STILL, **light)
+    drawn = Light.drawn(config, SMALL.camera, np.arange(4) / 10, np.random.SeedSequence(1))
+    return drawn.fall_on(picture, 2, 0), drawn
+
+
 def test_light_changes_every_pixel_alike(still):
-    lit = simulate_drive(replace(SMALL, light=replace(STILL, brightness=0.5, gain=0.3)), 1)
-    plain, changed = still.load(3), lit.load(3)
-    factor = changed.image.sum() / plain.image.sum()
-    assert 0.2 < factor < 1
-    np.testing.assert_allclose(changed.image, factor * plain.image, atol=1)
-    np.testing.assert_allclose(changed.right, factor * plain.right, atol=1)
+    plain = still.load(3).image
+    changed, light = lit(plain, brightness=0.5, gain=0.3)
+    np.testing.assert_array_equal(changed, np.rint(plain * light.gain[2]))
+    assert 0.2 < light.gain[2] < 1
+    np.testing.assert_array_equal(lit(plain)[0], plain)
 
 
 def test_gamma_keeps_the_order_and_vignetting_the_middle(still):
     plain = still.load(1).image
-    curved = simulate_drive(replace(SMALL, light=replace(STILL, gamma=0.5)), 1).load(1).image
+    curved, _ = lit(plain, gamma=0.5)
     order = np.argsort(plain, axis=None)
     assert (np.diff(curved.ravel()[order].astype(int)) >= 0).all()
     assert np.abs(curved.astype(int) - plain).max() > 2
-    framed = simulate_drive(replace(SMALL, light=replace(STILL, vignetting=0.6)), 1).load(1).image
-    share = framed.astype(float) / np.maximum(plain, 1)
+    share = lit(plain, vignetting=0.6)[0].astype(float) / np.maximum(plain, 1)
     assert share[20:28, 28:36].min() > 0.95
     assert share[[0, 0, -1, -1], [0, -1, 0, -1]].max() < 0.7
 
@@ -260,10 +272,10 @@ def test_posters_repeat_and_mirror_on_demand(rng):
     ("setting", "words"),
     [
         ({"size": (40.0, 8.0)}, "size: expected two of"),
-        ({"corridor": 6.0}, "corridor: expected 1 to"),
-        ({"turning_radius": 9.0}, "turning_radius: expected"),
+        ({"corridor": 6.0}, "corridor: expected 1 to 4.05 m"),
+        ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.50 m"),
         ({"sway": 1.0}, "sway: expected"),
-        ({"camera_height": 3.0}, "camera_height: expected below"),
+        ({"camera_height": 3.0}, "camera_height: expected 0.05 to under 2.4 m"),
         ({"field": 200.0}, "field: expected 20 to 120"),
     ],
 )

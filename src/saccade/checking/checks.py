@@ -13,7 +13,7 @@ from saccade.checking.ground import check_ground
 from saccade.checking.looking import Look, look_through
 from saccade.checking.mounting import check_mounting, check_rotation
 from saccade.checking.odometry import check_jumps, check_turns, check_ways
-from saccade.checking.pictures import check_camera, check_pictures
+from saccade.checking.pictures import check_camera, check_motion, check_pictures
 from saccade.checking.series import Lag, Series, has_odometry, lag_of, series_of
 from saccade.checking.stereo import check_stereo
 from saccade.errors import require
@@ -56,6 +56,7 @@ def report_on(drive: Drive, look: Look) -> CheckReport:
     series, lag = series_of(drive, look), lag_of(drive, look)
     findings = [
         *check_pictures(drive, look),
+        *check_motion(look),
         *check_camera(drive.camera),
         *check_clock(drive),
         *check_stereo(look),
@@ -79,7 +80,7 @@ def _of_motion(drive: Drive, series: Series, lag: Lag | None) -> list[Finding]:
     if askew:
         return [*findings, *askew]
     ways = check_ways(series)
-    if any(finding.check == "way sign" for finding in ways):
+    if any(finding.check in ("way sign", "standing") for finding in ways):
         return [*findings, *ways]
     return [*findings, *ways, *check_mounting(series, drive.camera)]
 

@@ -14,6 +14,9 @@ LEAST = 12
 NEAR = 1.5
 """Pixels by which a point may miss its place."""
 
+STILL = 0.2
+"""Pixels by which points move, half of them by less, when the camera stands."""
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -22,7 +25,7 @@ class Motion:
     turn: FloatArray
     """(3,) radians about the axes ahead, left and up: roll, pitch (nose down) and yaw."""
     way: FloatArray
-    """(3,) ahead, left and up: metres, or a vector of length 1 where there is no range."""
+    """(3,) ahead, left and up: metres, or of length 1 where there is no range, 0 if it stands."""
     metric: bool
     """Whether the way is in metres."""
 
@@ -73,6 +76,8 @@ def _by_direction(
 ) -> tuple[FloatArray, FloatArray, bool] | None:
     if len(first) < LEAST:
         return None
+    if np.median(np.hypot(*(second - first).T)) < STILL:
+        return np.eye(3), np.zeros(3), False
     K = _matrix(camera)
     E, near = cv2.findEssentialMat(first, second, K, cv2.RANSAC, 0.999, NEAR)
     if E is None or E.shape != (3, 3):

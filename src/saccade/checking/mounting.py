@@ -19,13 +19,12 @@ SHARE = 0.6
 
 def check_rotation(series: Series) -> list[Finding]:
     """Whether the camera looks quite elsewhere than is said."""
-    moving = series.moving
+    length = np.linalg.norm(series.way, axis=1)
+    moving = series.moving & (length > 0)
     if len(series) < 20 or moving.sum() < 20:
         return []
     ahead = np.sign(series.odometry[moving, 0])[:, None]
-    direction = np.median(
-        ahead * series.way[moving] / np.linalg.norm(series.way[moving], axis=1)[:, None], 0
-    )
+    direction = np.median(ahead * series.way[moving] / length[moving, None], 0)
     direction /= max(float(np.linalg.norm(direction)), 1e-12)
     off = float(np.arccos(np.clip(direction[0], -1, 1)))
     if not WRONG < off < np.pi - WRONG:

@@ -10,10 +10,16 @@ from saccade.frames import Drive
 TURNING = 0.01
 """Radians per second; a robot whose turns have less than this as their standard deviation goes
 straight."""
+ALIKE = 0.3
+"""Correlation of turns from which two drives may be the same."""
 SCALE = 0.1
 """Share by which odometry may be too long."""
 DRIFT = np.deg2rad(2.0)
 """Radians per second by which a gyroscope may be off."""
+STANDS = 0.1
+"""Share of the way of odometry, below which the images stand still."""
+SLIPS = 0.25
+"""Share of the steps in which they may."""
 JUMP = 10.0
 """Times the usual change of speed from step to step, above which it is a jump."""
 
@@ -24,7 +30,7 @@ def check_turns(series: Series, lag: Lag | None) -> list[Finding]:
         return []
     if np.std(series.turn[:, 2] / series.duration) < TURNING:
         return []
-    if lag.agreement < -0.5:
+    if lag.agreement < -ALIKE:
         return [
             Finding(
                 "error",
@@ -37,7 +43,7 @@ def check_turns(series: Series, lag: Lag | None) -> list[Finding]:
                 "correlation",
             )
         ]
-    if abs(lag.agreement) < 0.3:
+    if lag.agreement < ALIKE:
         return [
             Finding(
                 "error",
@@ -129,6 +135,20 @@ def check_ways(series: Series) -> list[Finding]:
     if len(series) < 20 or moving.sum() < 20:
         return []
     seen, told = series.way[moving, 0], series.odometry[moving, 0]
+    still = float(np.mean(np.linalg.norm(series.way[moving], axis=1) < STANDS * np.abs(told)))
+    if still > SLIPS:
+        return [
+            Finding(
+                "warning",
+                "standing",
+                f"the images stand still in {100 * still:.0f} % of the steps in which odometry "
+                "goes on",
+                "Look whether the camera is frozen, the wheels slip, or the frames are of another "
+                "time",
+                100 * still,
+                "%",
+            )
+        ]
     same = float(np.mean(np.sign(seen) == np.sign(told)))
     if same < 0.25:
         return [

@@ -13,6 +13,10 @@ FLAT = 4.0
 """Standard deviation of the grey levels below which an image shows nothing."""
 BLURRED = 0.4
 """Times the usual sharpness, below which a frame is blurred."""
+TOLD = 0.5
+"""Share of the steps whose motion the images should tell."""
+FEW = 20
+"""Steps below which nothing is said of their share."""
 MANY = 0.02
 """Share of the frames that may be blurred."""
 
@@ -33,7 +37,7 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
                 "unreadable frames",
                 f"{counted(len(frames), 'frame', 'frames')} cannot be read; "
                 f"{look.unreadable[frames[0]]}",
-                "Replace the files, or leave the frames out",
+                "Replace the files or the calibration, or leave the frames out",
                 float(len(frames)),
                 "frames",
                 frames,
@@ -98,6 +102,28 @@ def _check_copies(drive: Drive, look: Look) -> list[Finding]:
             float(copied.sum()),
             "frames",
             numbers_of(look.frame[copied]),
+        )
+    ]
+
+
+def check_motion(look: Look) -> list[Finding]:
+    """Whether the images tell how the camera moved."""
+    follows = np.diff(look.frame) == 1
+    if follows.sum() < FEW:
+        return []
+    known = float(np.isfinite(look.turn[1:, 0])[follows].mean())
+    if known > TOLD:
+        return []
+    return [
+        Finding(
+            "warning",
+            "motion",
+            f"the images tell how the camera moved in only {100 * known:.0f} % of the steps: "
+            "points are too few, or do not move as those of one world",
+            "Look whether the frames are of one drive and in order, at their rate, at light and "
+            "blur, and at the focal length",
+            100 * known,
+            "%",
         )
     ]
 

@@ -49,9 +49,9 @@ def drive(
 
     In --out appear the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the map (landmarks.csv; map.npz with descriptors), what was
-    seen of which landmark when (sightings.csv), pictures (map.png,
-    seen.png), a film (drive.mp4), and the settings with the figures
-    (run.json).
+    seen of which landmark when (sightings.csv), a picture (map.png), a
+    film (drive.mp4) and a still of it (drive.png), and the settings with the
+    figures (run.json).
     """
     from dataclasses import replace
 
@@ -118,7 +118,7 @@ def map_drive(
     files = write_tables(out, result)
     files |= write_pictures(out, recorded, result)
     if film:
-        files["film"] = write_film(
+        files |= write_film(
             out / "drive.mp4",
             recorded,
             recorder.snapshots,

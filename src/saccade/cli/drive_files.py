@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 FILM_RATE = 24
 """Frames per second."""
+STILL = 60
+"""Per cent of the film after which a still is taken."""
 
 
 def write_tables(out: Path, result: "VisualResult") -> dict[str, Path]:
@@ -73,12 +75,15 @@ def write_film(
     result: "VisualResult",
     settings: "VisualConfig",
     progress: Callable[[int, int], None],
-) -> Path:
-    """What the camera sees and the map of it, as an MP4."""
+) -> dict[str, Path]:
+    """What the camera sees and the map of it, as an MP4 and a still; returns where each is."""
+    from PIL import Image as Pillow
+
     from saccade.attention.combined import attention_saliency
     from saccade.attention.contrast import contrast_saliency
     from saccade.attention.symmetry import symmetry_saliency
     from saccade.errors import ImageError
+    from saccade.files import whole_file
     from saccade.video import video_writer
     from saccade.viewing.drive_film import drive_frames
 
@@ -98,11 +103,15 @@ def write_film(
     seen = result.meetings
     sighting = (seen.frame, seen.kind, seen.xy)
     frames = drive_frames(snapshots, drive.time, result.odometry, picture, attention, sighting)
+    files = {"film": path, "still": path.with_suffix(".png")}
     with video_writer(path, FILM_RATE) as write:
         for number, frame in enumerate(frames):
             write(frame)
+            if number == STILL * len(snapshots) // 100:
+                with whole_file(files["still"]) as temporary:
+                    Pillow.fromarray(frame).save(temporary, format="PNG")
             progress(min(number + 1, len(snapshots)), len(snapshots))
-    return path
+    return files
 
 
 def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:

@@ -10,14 +10,17 @@ Topics are found by their types, and where there are several by their names:
     Odometry, PoseStamped, TransformStamped with "truth", "gt", "vicon" or "mocap" in the name:
                                             truth, of the robot
 
-A camera.toml in the folder of the bag goes before CameraInfo, and says where the camera is on
-the robot. Times are those of the messages' headers, from the first image on. Without odometry
-nothing is known of the way (see `unknown_steps`). Needs the extra `ros`.
+    tf2_msgs TFMessage                      one that ends in "static": where the camera is on the
+                                            robot, if it joins the frames of image and odometry
+
+A camera.toml in the folder of the bag goes before CameraInfo and transforms. Times are those of the
+messages' headers, from the first image on. Without odometry nothing is known of the way (see
+`unknown_steps`). Needs the extra `ros`.
 """
 
 import weakref
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from posixpath import commonpath
 from typing import Any
@@ -31,6 +34,7 @@ from saccade.datasets.drive_tum import associated
 from saccade.datasets.image_files import in_time, metres, straight
 from saccade.datasets.lens import Lens
 from saccade.datasets.ros_messages import calibration_of, pixels_of, pose_of, seconds_of
+from saccade.datasets.ros_transforms import mounting
 from saccade.datasets.steps import Steps, steps_from_poses, unknown_steps
 from saccade.errors import DriveError, ImageError
 from saccade.extras import import_optional
@@ -73,13 +77,14 @@ class Bag:
         found = {each.topic for each in self.reader.connections if each.msgtype in types}
         return sorted(each for each in found if self.reader.topics[each].msgcount)
 
-    def messages(self, topic: str) -> list[tuple[int, Any]]:
-        """Time of recording in nanoseconds and message, of every one of a topic.
+    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Time of recording in nanoseconds and message, of every one of a topic, one by one.
 
         Raises:
             DriveError: the bag is broken there.
         """
-        return [(stamp, self._read(raw, each)) for each, stamp, raw in self._raw(topic)]
+        for connection, stamp, raw in self._raw(topic):
+            yield stamp, self._read(raw, connection)
 
     def stamps(self, topic: str) -> tuple[IntArray, FloatArray]:
         """Times of recording in nanoseconds (n,), and of the headers in seconds (n,)."""
@@ -213,16 +218,41 @@ def _calibration(bag: Bag, topics: tuple[str, str, str]) -> Calibration:
     if not infos:
         raise DriveError(f"{bag.path}: expected CameraInfo, or {file}, found {_listed(bag)}")
     left, *right = (_nearest(infos, each) for each in topics[:2] if each)
-    second = bag.messages(right[0])[0][1] if right and right[0] != left else None
-    return calibration_of(bag.messages(left)[0][1], second, f"{bag.path}, {left}")
+    _, first = next(bag.messages(left))
+    second = None
+    if right and right[0] != left:
+        _, second = next(bag.messages(right[0]))
+    found = calibration_of(first, second, f"{bag.path}, {left}")
+    return replace(found, camera=_mounted(bag, topics[0], found.camera))
+
+
+def _mounted(bag: Bag, image: str, camera: Camera) -> Camera:
+    """The camera where the fixed transforms of the bag put it on the robot, if they do."""
+    transforms = bag.topics(("tf2_msgs/msg/TFMessage",))
+    fixed = [topic for topic in transforms if topic.endswith("static")]
+    odometry = _odometry_topic(bag)
+    if not fixed or odometry is None:
+        return camera
+    base = next(bag.messages(odometry))[1].child_frame_id
+    part = next(bag.messages(image))[1].header.frame_id
+    messages = (message for topic in fixed for _, message in bag.messages(topic))
+    pose = mounting(messages, base, part, f"{bag.path}, {fixed[0]}")
+    if pose is None:
+        return camera
+    return replace(camera, place=pose[:3, 3].copy(), rotation=pose[:3, :3].copy())
 
 
 def _steps(bag: Bag, time: FloatArray, zero: float) -> Steps:
-    for topic in bag.topics(POSES[:1]):
-        if not any(word in topic.lower() for word in TRUE):
-            robot = _poses(bag, topic, zero)
-            return steps_from_poses(on_the_plane(robot), time, f"{bag.path}, {topic}")
-    return unknown_steps(time)
+    topic = _odometry_topic(bag)
+    if topic is None:
+        return unknown_steps(time)
+    robot = _poses(bag, topic, zero)
+    return steps_from_poses(on_the_plane(robot), time, f"{bag.path}, {topic}")
+
+
+def _odometry_topic(bag: Bag) -> str | None:
+    there = bag.topics(POSES[:1])
+    return next((each for each in there if not any(word in each.lower() for word in TRUE)), None)
 
 
 def _truth(bag: Bag, zero: float) -> Truth:

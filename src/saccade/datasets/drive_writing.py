@@ -57,15 +57,25 @@ def save_drive(
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     try:
         _write(temporary / "new", drive, progress)
-        if path.exists():
-            path.replace(temporary / "old")
-        (temporary / "new").replace(path)
+        _exchange(path, temporary / "new", temporary / "old")
     except OSError as error:
         if isinstance(error, OutputError):
             raise
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _exchange(path: Path, new: Path, old: Path) -> None:
+    """Put the new folder in the place of the one that may be there; or leave that one there."""
+    if path.exists():
+        path.replace(old)
+    try:
+        new.replace(path)
+    except OSError:
+        if old.exists():
+            old.replace(path)
+        raise
 
 
 def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | None) -> None:

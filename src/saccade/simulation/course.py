@@ -41,17 +41,14 @@ def _middle(config: DriveConfig, s: FloatArray) -> tuple[FloatArray, FloatArray]
     """Poses (n, 3) at arc lengths along the middle of the corridor, and the curvature there."""
     along, across = (side - config.corridor for side in config.size)
     radius = config.turning_radius
-    arc = np.pi / 2 * radius
-    straights = [along / 2, across, along, across, along / 2]
-    pieces = [(straights[0] - radius, 0.0)]  # length, curvature
-    for straight in straights[1:]:
-        pieces += [(arc, 1 / radius), (straight - 2 * radius, 0.0)]
-    pieces[-1] = (straights[-1] - radius, 0.0)
+    pieces = [(along / 2 - radius, 0.0)]  # length, curvature; the lap ends amid the last of them
+    for side in (across, along, across, along):
+        pieces += [(np.pi / 2 * radius, 1 / radius), (side - 2 * radius, 0.0)]
     start = np.concatenate([[0.0], np.cumsum([length for length, _ in pieces])])
     poses = np.zeros((len(start), 3))
     for i, (length, bend) in enumerate(pieces):
         poses[i + 1] = _along(poses[i], np.array([length]), np.array([bend]))[0]
-    s = s % start[-1]
+    s = s % lap_length(config)
     piece = np.clip(np.searchsorted(start, s, side="right") - 1, 0, len(pieces) - 1)
     curvature = np.array([bend for _, bend in pieces])[piece]
     return _along(poses[piece].T, s - start[piece], curvature), curvature

@@ -99,31 +99,31 @@ class DriveConfig:
     """Errors of the odometry."""
 
     def __post_init__(self) -> None:
-        sides = len(self.size) == 2 and all(2 <= side <= 32 for side in self.size)
+        sides = len(self.size) == 2 and all(3 <= side <= 20 for side in self.size)
         require(
-            sides and sum(self.size) <= 32, "size", "two of 2 to 30 m, 32 m together", self.size
+            sides and sum(self.size) <= 24, "size", "two of 3 to 20 m, 24 m together", self.size
         )
-        widest = min(self.size) / 2
-        require(1 <= self.corridor < widest, "corridor", f"1 to under {widest} m", self.corridor)
+        corridor, most = self.corridor, min(self.size) / 2 - 0.2
+        require(1 <= corridor <= most, "corridor", f"1 to {most:g} m", corridor)
         height = self.wall_height
-        require(1 <= height <= 5, "wall_height", "1 to 5 m", height)
-        require(
-            0 < self.camera_height < height, "camera_height", "below the wall's", self.camera_height
-        )
+        require(1 <= height <= 4, "wall_height", "1 to 4 m", height)
+        eye = self.camera_height
+        require(0.05 <= eye < height, "camera_height", f"0.05 to under {height:g} m", eye)
         require(0.5 <= self.spacing <= 100, "spacing", "0.5 to 100 m", self.spacing)
         require(0 <= self.pictures <= 1000, "pictures", "0 to 1000", self.pictures)
-        most = (min(self.size) - self.corridor) / 2
-        radius, sway = self.turning_radius, self.sway
-        require(0.3 <= radius <= most, "turning_radius", f"0.3 to {most:g} m", radius)
-        aside = min(0.3 * self.corridor, 0.5 * radius)
-        require(0 <= sway <= aside, "sway", f"0 to {aside:g} m", sway)
+        require(0 <= self.sway <= 0.2 * corridor, "sway", "0 to a fifth of corridor", self.sway)
+        aside = 0.2 * corridor + self.sway  # room between the course and the block's corners
+        most = min((np.sqrt(0.5) * corridor - aside) / (np.sqrt(2) - 1), most)
+        radius = self.turning_radius
+        require(0.5 <= radius <= most, "turning_radius", f"0.5 to {most:.2f} m", radius)
         for name in ("frames", "frames_per_lap"):
             require(2 <= getattr(self, name) <= 10**6, name, "2 to 1e6", getattr(self, name))
         require(0 < self.frame_rate <= 1e4, "frame_rate", "over 0, up to 1e4", self.frame_rate)
         pixels = len(self.image_size) == 2 and all(16 <= side <= 4096 for side in self.image_size)
         require(pixels, "image_size", "two of 16 to 4096 px", self.image_size)
         require(20 <= self.field <= 120, "field", "20 to 120 degrees", self.field)
-        require(0 <= self.baseline <= 0.5, "baseline", "0 to 0.5 m", self.baseline)
+        most = 0.25 * corridor
+        require(0 <= self.baseline <= most, "baseline", f"0 to {most:g} m", self.baseline)
 
     @property
     def camera(self) -> Camera:

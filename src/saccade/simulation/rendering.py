@@ -156,5 +156,8 @@ def _ground_texels(
 
 
 def _scale(texels: FloatArray, scales: int) -> IntArray:
-    """Whose texels are nearest in size to a sample that covers so many of the finest."""
+    """Which scale to look at where a sample covers so many of the finest texels.
+
+    A texel is at least 0.84 of a sample: where samples skip texels, edges move.
+    """
     return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, scales - 1).astype(np.int64)

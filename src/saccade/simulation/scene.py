@@ -94,7 +94,7 @@ def build_scene(
         ground: under all of them.
         wall_height: metres.
         texels: per metre of wall.
-        color: whether the scene is seen in colour.
+        color: whether the scene is seen in color.
     """
     columns, rows = 0, 0
     scales = []
@@ -112,11 +112,10 @@ def build_scene(
             short = narrow
             for j in range(DOWN):
                 _put(atlas, short, where, i, j)
-                atlas[where.top[j] - 1, where.left[i] - 1 : where.left[i] + where.width[i] + 1] = (
-                    sky
-                )
                 short = _halved(short, across=False)
             narrow = _halved(narrow, across=True)
+        for above in where.top - 1:
+            atlas[above] = sky
     picture = _padded(_seen(ground.texture, color), ground_scales)
     for i in range(GROUND):
         _put(atlas, picture, ground_scales, i, i)
