@@ -21,10 +21,10 @@ class OneByOne(NearestNeighbor):
 def _cluttered(rng, steps=250):
     """A log without names, trees that are there for a while only, and what is no tree."""
     log, truth, _ = simulate(rng, steps=steps)
-    passing = rng.uniform(-9, 9, (12, 2))
+    passing, first = rng.uniform(-9, 9, (60, 2)), 3 * np.arange(60)
     rows = [np.column_stack([log.observation_pose, log.observation])]
     for step, pose in enumerate(truth):
-        there = passing[(np.arange(12) * 15 <= step) & (step < np.arange(12) * 15 + 45)]
+        there = passing[(first <= step) & (step < first + 12)]
         z, _ = observe(pose, there)
         false = np.column_stack([rng.uniform(1, 8, 2), rng.uniform(-3, 3, 2)])
         z = np.concatenate([z[z[:, 0] < 8.0], false])
@@ -46,7 +46,9 @@ def test_many_poses_at_once_are_the_same_as_one_by_one(rng, kind, rule, biased):
     log = _cluttered(rng)
     if biased:
         log = dataclasses.replace(log, odometry_bias=(0.05, 0.02, 0.02))
-    config = EkfConfig(filter=kind, association=rule, lifetime=4.0, sightings=3, presence=0.8)
+    config = EkfConfig(
+        filter=kind, association=rule, lifetime=4.0, sightings=3, presence=0.9, trusted=1
+    )
     many = slam.run(log, config)
     one = slam.run(log, config, associate=OneByOne(mutual=rule == "mutual"))
     np.testing.assert_array_equal(many.association, one.association)

@@ -25,6 +25,8 @@ class Waiting(NamedTuple):
     """(c,)."""
     last: FloatArray
     """(c,) time of the last sighting."""
+    stays: BoolArray
+    """(c,) whether it is kept, while others are forgotten."""
     used: IntArray
     """(1,) how many of these places there are."""
 
@@ -36,6 +38,7 @@ class Waiting(NamedTuple):
             covariance=np.zeros((count, 2, 2)),
             sightings=np.zeros(count, np.int64),
             last=np.zeros(count),
+            stays=np.zeros(count, np.bool_),
             used=np.zeros(1, np.int64),
         )
 
@@ -78,6 +81,8 @@ class Candidates:
         Returns:
             The rows of `z` that confirm a candidate: each is to become a landmark.
         """
+        if self.patience.sightings <= 1:
+            return list(range(len(z)))
         self.make_room(len(z))
         xy, _, Gz = ekf.sensor.place(ekf.pose, z)  # (m, 2), (m, 2, 2)
         confirmed = np.empty(len(z), np.bool_)
@@ -106,22 +111,32 @@ def confirm(
 ) -> None:
     """Fill whether observations at xy (m, 2) with covariance (m, 2, 2) confirm a candidate (m,)."""
     if patience.sightings <= 1:
-        confirmed[:] = True
-    elif len(xy) > 0:
-        keep(w, time - w.last[: w.used[0]] <= patience.lifetime)
-        paired = np.empty(len(xy), np.int64)
-        pair_nearest_first(_apart(w, xy, covariance), patience.limit, paired)
         for i in range(len(xy)):
-            j, times = paired[i], 1
-            if j < 0:
-                j = w.used[0]
-                w.used[0] += 1
-            else:
-                times = w.sightings[j] + 1
-            w.xy[j], w.covariance[j], w.sightings[j], w.last[j] = xy[i], covariance[i], times, time
-            confirmed[i] = times >= patience.sightings
-        if confirmed.any():
-            keep(w, w.sightings[: w.used[0]] < patience.sightings)
+            confirmed[i] = True
+        return
+    if len(xy) == 0:
+        return
+    for j in range(w.used[0]):
+        w.stays[j] = time - w.last[j] <= patience.lifetime
+    _forget(w)
+    paired = np.empty(len(xy), np.int64)
+    pair_nearest_first(_apart(w, xy, covariance), patience.limit, paired)
+    for i in range(len(xy)):
+        j, times = paired[i], 1
+        if j < 0:
+            j = w.used[0]
+            w.used[0] += 1
+        else:
+            times = w.sightings[j] + 1
+        for k in range(2):
+            w.xy[j, k] = xy[i, k]
+            for m in range(2):
+                w.covariance[j, k, m] = covariance[i, k, m]
+        w.sightings[j], w.last[j] = times, time
+        confirmed[i] = times >= patience.sightings
+    for j in range(w.used[0]):
+        w.stays[j] = w.sightings[j] < patience.sightings
+    _forget(w)
 
 
 @kernel()
@@ -142,12 +157,15 @@ def _apart(w: Waiting, xy: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 @kernel()
-def keep(w: Waiting, kept: BoolArray) -> None:
-    """Forget the candidates (c,) that are not to be kept."""
+def _forget(w: Waiting) -> None:
+    """Forget the candidates that do not stay."""
     j = 0
-    for i in range(len(kept)):
-        if kept[i]:
-            w.xy[j], w.covariance[j] = w.xy[i], w.covariance[i]
+    for i in range(w.used[0]):
+        if w.stays[i]:
+            for k in range(2):
+                w.xy[j, k] = w.xy[i, k]
+                for m in range(2):
+                    w.covariance[j, k, m] = w.covariance[i, k, m]
             w.sightings[j], w.last[j] = w.sightings[i], w.last[i]
             j += 1
     w.used[0] = j
