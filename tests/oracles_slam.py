@@ -138,3 +138,37 @@ class DenseFirstEstimatesEkf(DenseEkf):
         top = np.vstack([np.eye(n), G])
         self.P = top @ self.P @ top.T
         self.P[n:, n:] += Gz @ R @ Gz.T
+
+
+class ListedCandidates:
+    """`Candidates` as a list of places that are looked through one after the other."""
+
+    def __init__(self, sightings, lifetime, limit):
+        self.sightings, self.lifetime, self.limit = sightings, lifetime, limit
+        self.waiting = []  # place, covariance, sightings, time of the last
+
+    def confirm(self, xy, covariance, time):
+        if self.sightings <= 1:
+            return [True] * len(xy)
+        if len(xy) == 0:
+            return []
+        self.waiting = [c for c in self.waiting if time - c[3] <= self.lifetime]
+        pairs = []
+        for i, (p, C) in enumerate(zip(xy, covariance, strict=True)):
+            for j, (q, D, _, _) in enumerate(self.waiting):
+                if np.linalg.det(C + D) > 0:
+                    pairs.append(((p - q) @ np.linalg.solve(C + D, p - q), i, j))
+        partner = {}
+        for distance, i, j in sorted(pairs):
+            if distance <= self.limit and i not in partner and j not in partner.values():
+                partner[i] = j
+        confirmed = []
+        for i, (p, C) in enumerate(zip(xy, covariance, strict=True)):
+            times = self.waiting[partner[i]][2] + 1 if i in partner else 1
+            if i in partner:
+                self.waiting[partner[i]] = (p, C, times, time)
+            else:
+                self.waiting.append((p, C, times, time))
+            confirmed.append(times >= self.sightings)
+        self.waiting = [c for c in self.waiting if c[2] < self.sightings]
+        return confirmed

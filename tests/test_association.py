@@ -19,13 +19,8 @@ from saccade.slam import (
     Retraction,
     observe,
 )
-from saccade.slam.association import (
-    DROPPED,
-    NEW,
-    mahalanobis_squared,
-    pair_mutual,
-    pair_nearest_first,
-)
+from saccade.slam.association import mahalanobis_squared
+from saccade.slam.gating import DROPPED, NEW, pair_mutual, pair_nearest_first
 from saccade.slam.joint_compatibility import search
 from saccade.slam.presence import Presence, View
 
@@ -81,6 +76,18 @@ def test_near_is_taken_far_is_new_and_between_is_dropped():
     assert found == [0, DROPPED, NEW]
 
 
+@pytest.mark.parametrize("rule", [NearestNeighbor(mutual=True), JointCompatibility()])
+def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too(rule):
+    """Two landmarks a little over a sigma to either side of where something is seen."""
+    pair = np.array([[5.0, -0.1], [5.0, 0.12]])
+    z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
+    assert rule(_filter(pair), z[:1], noise[:1], UNKNOWN[:1]).tolist() == [DROPPED]
+    assert rule(_filter(pair), z, noise, UNKNOWN[:2]).tolist() == [0, 1]
+    far = pair * [1.0, 9.0]
+    z, noise = _scan(far[0])
+    assert rule(_filter(far), z, noise, UNKNOWN[:1]).tolist() == [0]
+
+
 def test_in_an_empty_map_everything_is_new():
     z, noise = _scan(WORLD)
     ekf = EkfSlam(np.zeros(3), np.eye(3))
@@ -89,7 +96,8 @@ def test_in_an_empty_map_everything_is_new():
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
 def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
-    paired = pair_nearest_first(distance, limit)
+    paired = np.empty(len(distance), np.int64)
+    pair_nearest_first(distance, limit, paired)
     taken = paired[paired >= 0]
     assert len(set(taken.tolist())) == len(taken)
     for row in range(5):
@@ -161,7 +169,9 @@ def test_a_candidate_is_as_uncertain_along_the_ray_as_the_range():
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
 def test_mutual_pairs_are_the_nearest_of_each_other(distance, limit):
-    for row, column in enumerate(pair_mutual(distance, limit).tolist()):
+    paired = np.empty(len(distance), np.int64)
+    pair_mutual(distance, limit, paired)
+    for row, column in enumerate(paired.tolist()):
         if column != DROPPED:
             assert distance[row, column] <= limit
             assert distance[row, column] == distance[row].min() == distance[:, column].min()
@@ -286,4 +296,4 @@ def test_what_should_have_been_seen_and_was_not_is_gone():
     gone = [presence.absent(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
     assert gone == [[]] * 5 + [[1]]
     assert presence.removed == 1
-    assert len(presence.seen) == 3
+    assert presence.watch.times.tolist() == [[6, 0], [6, 0], [0, 0]]

@@ -19,7 +19,7 @@ from saccade.cli.output import names_for, print_json
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
-COMMANDS = ("look", "detect", "match", "slam", "convert", "demo", "config")
+COMMANDS = ("look", "detect", "match", "slam", "drive", "check", "convert", "demo", "config")
 KINDS = ("attention", "contrast", "must", "scanpath", "sift", "slam", "symmetry", "symroid")
 
 
@@ -103,7 +103,8 @@ def test_look_prints_a_table_for_people(run):
     assert out.count("\n") < 15
 
 
-def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path):
+def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules["saccade.cli.demo"], "FRAMES", 16)
     code, out, err = run("demo")
     assert code == 0
     page = (tmp_path / "saccade-demo" / "index.html").read_text()

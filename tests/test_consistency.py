@@ -67,11 +67,19 @@ def test_what_corrected_nothing_does_not_count():
     assert np.isnan(summarize(np.empty(0)).inside)
 
 
-def test_a_model_that_is_wrong_is_warned_of(rng):
+def test_a_model_that_is_too_sure_is_warned_of_and_a_cautious_one_is_remarked_on(rng):
     right = chi2.ppf((np.arange(1000) + 0.5) / 1000, 2)
-    assert summarize(right).warning == ""
-    assert "within 0.50 of" in summarize(right / 4).warning
-    assert "within 3.00 of" in summarize(right * 9).warning
+    said = summarize(right)
+    assert (said.warning, said.remark) == ("", "")
+    assert "are 3.0 times as large" in summarize(right * 9).warning
+    cautious = summarize(right / 4)
+    assert cautious.warning == ""
+    assert "cautious, the innovations are 0.50 of" in cautious.remark
     outliers = np.where(rng.random(1000) < 0.05, 100.0, right)
-    assert "% of them are impossible" in summarize(outliers).warning
-    assert summarize(right[:5] * 100).warning == ""
+    assert "% of the observations are impossible" in summarize(outliers).warning
+    few = np.where(np.arange(1000) % 300 == 0, 1000.0, right)
+    assert summarize(few).warning == ""
+    assert "4 of 1000 observations are impossible" in summarize(few).remark
+    assert "others is 2.0" in summarize(few).remark
+    few_in_all = summarize(right[:5] * 100)
+    assert (few_in_all.warning, few_in_all.remark) == ("", "")

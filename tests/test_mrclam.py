@@ -165,9 +165,14 @@ def test_without_weights_the_wrong_bearings_do_harm(set_six, five):
 
 @pytest.mark.shared
 def test_hidden_names_are_not_made_up(five):
+    """The fifteen bars stand in six groups, 0.18 m apart: odometry cannot tell all of them."""
+    rmse = []
     for log, _ in five:
-        hidden = dataclasses.replace(log, landmark=np.full_like(log.landmark, -1))
-        assert len(slam.run(hidden).map) <= 17
+        result = slam.run(dataclasses.replace(log, landmark=np.full_like(log.landmark, -1)))
+        assert 6 <= len(result.map) <= 17
+        rmse.append(position_rmse(result.trajectory, log.truth))
+    print(f"\nMRCLAM 6, names hidden: {np.mean(rmse):.3f} m, {np.round(rmse, 3).tolist()}")
+    assert np.mean(rmse) < 0.3
 
 
 @pytest.mark.shared

@@ -5,7 +5,7 @@ from math import atan2, cos, exp, hypot
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
@@ -32,6 +32,7 @@ def hills(seed, shape=(30, 40)):
 
 @settings(max_examples=10)
 @given(st.integers(0, 1000), st.sampled_from([0.5, 0.9]), st.sampled_from([0.8, 0.95]))
+@example(180, 0.9, 0.95)  # a part without a seed touches one that has one
 def test_regions_of_the_source_in_a_plain_second_reading(seed, growth, threshold):
     """Grown from every seed along the axes; what touches is one region."""
     symmetry = hills(seed)
@@ -68,6 +69,7 @@ def test_every_region_is_the_hill_of_its_seed(seed, growth, side):
     np.testing.assert_allclose(peaks, found)
 
 
+@pytest.mark.kernel
 def test_the_strongest_pair_in_a_plain_second_reading():
     image = np.random.default_rng(2).random((24, 30)).astype(np.float32)
     gradients = gradients_of(image, 60.0)

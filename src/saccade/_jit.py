@@ -1,15 +1,18 @@
 """The one decorator for hot loops, and what spreads them over threads; only here is Numba.
 
-A kernel and the kernels it calls share one file: the cache on disk cannot see
-a change in another file.
+A kernel and the kernels it calls share one folder: what is cached on disk is compiled anew
+when a file of that folder has changed.
 """
 
 import ctypes
+import hashlib
+import inspect
 import logging
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -55,6 +58,8 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
             dispatcher = numba.njit(
                 function, cache=cache, nogil=True, error_model="numpy", fastmath=set(fastmath)
             )
+            if cache and hasattr(dispatcher, "_cache"):
+                _watch_folder(dispatcher, Path(inspect.getfile(function)).parent)
             return cast("F", dispatcher)
 
         try:
@@ -63,6 +68,20 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
             return compiled(cache=False)
 
     return compile_lazily
+
+
+def _watch_folder(dispatcher: Any, folder: Path) -> None:
+    """Let a cache be stale when any file of the folder changed; Numba looks at one file only."""
+    file = dispatcher._cache._cache_file
+    file._source_stamp = (file._source_stamp, _sources(folder))
+
+
+@cache
+def _sources(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for path in sorted(folder.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def blas(name: str, *arguments: type) -> Callable[..., None]:

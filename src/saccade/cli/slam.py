@@ -105,6 +105,8 @@ def slam(
         )
     if row["warning"]:
         say(f"warning: {row['warning']}")
+    if row["remark"]:
+        say(row["remark"])
     if as_json:
         print_json(row)
         return

@@ -152,9 +152,11 @@ def figures(
         "landmarks": len(result.map),
         "landmarks_dropped": result.removed,
         "odometry_end_m": float(np.hypot(*apart)),
+        "odometry_bias": _bias(result),
         "nis_mean": finite(result.consistency.mean),
         "nis_band": [low, high],
         "warning": result.consistency.warning,
+        "remark": result.consistency.remark,
     }
     drives = {"odometry": result.dead_reckoning, "position": result.trajectory}
     maps = {"landmark": result.map}
@@ -163,6 +165,14 @@ def figures(
         drives["smoothed_position"] = smoothed.trajectory
         maps["smoothed_landmark"] = smoothed.map
     return row | _distances(log, drives, maps)
+
+
+def _bias(result: "SlamResult") -> dict[str, float] | None:
+    """What the odometry turned out to be off by; None where that is no part of the state."""
+    if result.odometry_bias is None:
+        return None
+    names = ("share_of_way", "turn_rad_per_m", "way_m_per_rad")
+    return dict(zip(names, result.odometry_bias.tolist(), strict=True))
 
 
 def finite(value: float) -> float | None:

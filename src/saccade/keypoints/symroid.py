@@ -161,13 +161,13 @@ def grow(symmetry: Float32Array, config: SymRoidConfig) -> tuple[Labels, FloatAr
         return labels, np.zeros(0)
     if config.relative_to == "maximum":
         grown = (symmetry >= config.growth_threshold * highest).astype(np.uint8)
-        together = np.asarray(cv2.connectedComponents(grown, connectivity=8)[1], np.int64)
-        count = int(together.max()) + 1
-        peaks = np.zeros(count)
-        np.maximum.at(peaks, together, symmetry)
-        strong = peaks >= config.seed_threshold * highest
-        strong[0] = False
-        return (np.cumsum(strong) * strong)[together].astype(np.int32), peaks[strong]
+        parts = np.asarray(cv2.connectedComponents(grown, connectivity=4)[1])
+        rows, columns = local_maxima(symmetry, config.seed_threshold * highest).T
+        seeded = np.isin(parts, parts[rows, columns]) & (parts > 0)
+        labels = np.asarray(cv2.connectedComponents(seeded.astype(np.uint8), connectivity=8)[1])
+        peaks = np.zeros(int(labels.max()) + 1)
+        np.maximum.at(peaks, labels, symmetry)
+        return labels, peaks[1:]
     found: list[float] = []
     for row, column in local_maxima(symmetry, config.seed_threshold * highest).tolist():
         if labels[row, column] == 0:

@@ -1,10 +1,11 @@
 """Where things are: range-bearing landmark SLAM; it never sees an image."""
 
-from saccade.slam.association import DROPPED, NEW, Association, KnownIdentity, NearestNeighbor
+from saccade.slam.association import Association, KnownIdentity, NearestNeighbor
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.compressed import CompressedSlam
 from saccade.slam.consistency import Consistency
 from saccade.slam.ekf import EkfSlam
+from saccade.slam.gating import DROPPED, NEW
 from saccade.slam.joint_compatibility import JointCompatibility
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import (

@@ -8,13 +8,9 @@ import numpy as np
 from saccade.slam import gating
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.ekf import EkfSlam
+from saccade.slam.gating import DROPPED, NEW
 from saccade.slam.models import RangeBearing
 from saccade.types import FloatArray, IntArray
-
-NEW = -1
-"""Of no landmark in the map: it may become one."""
-DROPPED = -2
-"""Ambiguous: near a landmark, but not near enough or not the only one."""
 
 
 class Association(Protocol):
@@ -88,7 +84,8 @@ class NearestNeighbor:
 
     Of a scan, each landmark takes at most one observation and each observation
     at most one landmark, the closest pair first. An observation outside the
-    larger gate of every landmark is new; what is left over is ambiguous.
+    larger gate of every landmark is new; what is left over is ambiguous, and so is
+    what another landmark, of which the scan shows nothing, is almost as near to.
     """
 
     gate: float = 0.99
@@ -100,11 +97,16 @@ class NearestNeighbor:
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Associate by distance alone; see `Association`."""
-        limit, outer = (chi_square_gate(2, p) for p in (self.gate, self.new_gate))
+        limit, outer = self.limits
         distance = mahalanobis_squared(ekf, z, R, outer)  # (m, N)
-        pair = pair_mutual if self.mutual else pair_nearest_first
-        outside = distance.min(1, initial=np.inf) > outer
-        return np.where(outside, NEW, pair(distance, limit)).astype(np.int64)
+        found = np.empty(len(z), np.int64)
+        gating.choose(distance, limit, outer, self.mutual, found)
+        return found
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Normalized distances squared at the gates."""
+        return chi_square_gate(2, self.gate), chi_square_gate(2, self.new_gate)
 
     def added(self, landmark: int, identity: int) -> None:
         """Nothing to remember: the map is in the filter."""
@@ -141,42 +143,3 @@ def squared_distance(v: FloatArray, S: FloatArray) -> FloatArray:
     square = d * v[..., 0] ** 2 - 2 * b * v[..., 0] * v[..., 1] + a * v[..., 1] ** 2
     regular = determinant > 0
     return np.where(regular, square / np.where(regular, determinant, 1.0), np.inf)
-
-
-def pair_nearest_first(distance: FloatArray, limit: float) -> IntArray:
-    """Pair rows with columns, the smallest distance first, none twice.
-
-    Args:
-        distance: (m, N).
-        limit: pairs over this distance are not made.
-
-    Returns:
-        (m,) the column of each row, `DROPPED` for a row without one.
-    """
-    paired = np.full(len(distance), DROPPED, np.int64)
-    rows, columns = np.nonzero(distance <= limit)
-    order = np.argsort(distance[rows, columns], kind="stable")
-    taken: set[int] = set()
-    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
-        if paired[row] == DROPPED and column not in taken:
-            paired[row] = column
-            taken.add(column)
-    return paired
-
-
-def pair_mutual(distance: FloatArray, limit: float) -> IntArray:
-    """Pair rows with columns that are the nearest of each other.
-
-    Args:
-        distance: (m, N).
-        limit: pairs over this distance are not made.
-
-    Returns:
-        (m,) the column of each row, `DROPPED` for a row without one.
-    """
-    if distance.size == 0:
-        return np.full(len(distance), DROPPED, np.int64)
-    nearest = distance.argmin(1)  # (m,)
-    rows = np.arange(len(distance))
-    back = distance[:, nearest].argmin(0) == rows
-    return np.where(back & (distance[rows, nearest] <= limit), nearest, DROPPED)

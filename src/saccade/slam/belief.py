@@ -15,16 +15,14 @@ from saccade.types import FloatArray, IntArray
 
 STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
 """The filters: how errors are measured."""
-LANDMARKS, TAKEN, GIVEN = 0, 1, 2
+LANDMARKS, TAKEN, GIVEN, KEPT = 0, 1, 2, 3
 """Places in `Belief.used`."""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
 RANK = 64
 """Rows of either kind that are kept beside the covariance before they are added up."""
-TILE = 48
-"""Rows and columns that are added up at once; BLAS does not spread so few over threads."""
-FEW = 256
-"""Up to so many rows of the map, waiting for threads would take longer than the work."""
+SMALL = 7
+"""Small matrices that steps and the steps they call need at once."""
 
 _int, _double = POINTER(c_int), POINTER(c_double)
 _dsyrk = blas(
@@ -52,8 +50,14 @@ class Belief(NamedTuple):
     """(r, size)."""
     fresh: FloatArray
     """(1,) heading variance of the last row given if no swing has changed since, else 0."""
+    base: FloatArray
+    """(rank, size) pairs of rows of what is added up, of landmarks that were observed since."""
+    which: IntArray
+    """(N,) pair of each landmark, negative if there is none."""
+    small: FloatArray
+    """(SMALL, r + 2, r + 2) for the small matrices of a step."""
     used: IntArray
-    """(3,) of landmarks, and of rows taken and given."""
+    """(4,) of landmarks, of rows taken and given, and of pairs."""
 
 
 def new_belief(robot: FloatArray, covariance: FloatArray, landmarks: int) -> Belief:
@@ -69,7 +73,10 @@ def new_belief(robot: FloatArray, covariance: FloatArray, landmarks: int) -> Bel
         given=np.zeros((RANK, size)),
         work=np.zeros((r, size)),
         fresh=np.zeros(1),
-        used=np.zeros(3, np.int64),
+        base=np.zeros((RANK, size)),
+        which=np.full(landmarks, -1),
+        small=np.zeros((SMALL, r + 2, r + 2)),
+        used=np.zeros(4, np.int64),
     )
     b.state[:r], b.P[:r, :r] = robot, covariance
     return b
@@ -89,14 +96,25 @@ def grown(b: Belief) -> Belief:
 def without(b: Belief, landmarks: IntArray) -> None:
     """Forget landmarks; those behind them move up."""
     flush(b)
-    r, n, N = len(b.work), size_of(b), int(b.used[LANDMARKS])
+    r, N = len(b.work), int(b.used[LANDMARKS])
     kept = np.setdiff1d(np.arange(N), landmarks)
     rows = np.concatenate([np.arange(r), (r + 2 * kept[:, None] + [0, 1]).ravel()])
     m = len(rows)
-    b.P[:m, :m] = b.P[np.ix_(rows, rows)]
+    _gather(b.P, rows)
     b.state[:m], b.swing[:m], b.own[: len(kept)] = b.state[rows], b.swing[rows], b.own[kept]
-    b.P[:n, m:n] = b.P[m:n, :n] = 0.0
     b.used[LANDMARKS] = len(kept)
+
+
+@kernel()
+def _gather(P: FloatArray, rows: IntArray) -> None:
+    """Move these rows (m,), ascending, and their columns to the beginning of the upper triangle."""
+    first = 0
+    while first < len(rows) and rows[first] == first:
+        first += 1
+    for i in range(len(rows)):
+        to, whence = P[i], P[rows[i]]
+        for j in range(max(first, i), len(rows)):
+            to[j] = whence[rows[j]]
 
 
 def size_of(b: Belief) -> int:
@@ -108,9 +126,7 @@ def flush(b: Belief) -> None:
     """Add up the rows that were taken and given."""
     r, n = len(b.work), size_of(b)
     for sign, rows, which in ((-1.0, b.taken, TAKEN), (1.0, b.given, GIVEN)):
-        if b.used[which] > 0 and n - r <= FEW:
-            _add_product(b.P, sign, rows, int(b.used[which]), r, n)
-        elif b.used[which] > 0:
+        if b.used[which] > 0:
             size = byref(c_int(len(b.state)))
             _dsyrk(
                 b"L",  # Fortran's lower triangle is our upper one
@@ -125,6 +141,8 @@ def flush(b: Belief) -> None:
                 size,
             )
         b.used[which] = 0
+    b.which[:] = -1
+    b.used[KEPT] = 0
     b.fresh[0] = 0.0
 
 
@@ -141,24 +159,6 @@ def add_rows(b: Belief, sign: float, Y: FloatArray) -> None:
     N = b.used[LANDMARKS]
     for i, product in enumerate((x * x, x * y, y * y)):
         b.own[:N, i] += sign * product.sum(0)
-
-
-@kernel(fastmath=("contract",))
-def _add_product(P: FloatArray, sign: float, Y: FloatArray, rank: int, r: int, n: int) -> None:
-    """Add sign Y^T Y, of Y's first `rank` rows, to P's upper triangle from r to n."""
-    left, right = np.zeros((TILE, rank)), np.zeros((rank, TILE))
-    product = np.zeros((TILE, TILE))
-    for top in range(r, n, TILE):
-        bottom = min(top + TILE, n)
-        left[: bottom - top] = sign * Y[:rank, top:bottom].T
-        for start in range(top, n, TILE):
-            end = min(start + TILE, n)
-            right[:, : end - start] = Y[:rank, start:end]
-            np.dot(left, right, product)
-            for i in range(top, bottom):
-                row, more = P[i, start:end], product[i - top]
-                for j in range(max(i - start, 0), end - start):
-                    row[j] += more[j]
 
 
 def marginal(b: Belief, kind: int, landmarks: IntArray) -> FloatArray:

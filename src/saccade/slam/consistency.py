@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import chdtri
 
 from saccade.errors import LogError, require
@@ -21,9 +22,9 @@ REGULAR = 1e-6
 FEWEST = 20
 """Innovations that say something about a model."""
 TOLERATED = 1.5
-"""Factor by which deviations may be wrong before it is worth a warning."""
+"""Factor by which deviations may be wrong before it is worth a word."""
 WRONG = 0.005
-"""Share of observations that may be wrong before it is."""
+"""Share of observations that may be wrong before it is worth a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,20 +46,53 @@ class Consistency:
     def warning(self) -> str:
         """What the innovations say against the model, in a sentence; empty if nothing.
 
-        The median tells of the noise, whatever wrong observations there are; how many are far out
-        tells of those.
+        Of a filter that is surer than it may be. The median tells of the noise, whatever wrong
+        observations there are; how many are far out tells of those.
         """
-        used = self.nis[np.isfinite(self.nis)]
-        if len(used) < FEWEST:
+        if self._said < FEWEST:
             return ""
-        factor = float(np.sqrt(np.median(used) / chi_square_gate(self.dof, 0.5)))
-        wrong = float((used > chi_square_gate(self.dof, 0.9999)).mean())
         found = []
-        if not 1 / TOLERATED < factor < TOLERATED:
-            found.append(f"half of the innovations are within {factor:.2f} of what they should be")
-        if wrong > WRONG:
-            found.append(f"{wrong:.1%} of them are impossible")
+        if self._factor > TOLERATED:
+            found.append(f"the innovations are {self._factor:.1f} times as large as it lets expect")
+        if self._impossible.mean() > WRONG:
+            found.append(f"{self._impossible.mean():.1%} of the observations are impossible")
         return f"the model is wrong: {', '.join(found)}; see --tune" if found else ""
+
+    @property
+    def remark(self) -> str:
+        """What is worth knowing of the innovations though no harm is done; empty if nothing."""
+        if self._said < FEWEST:
+            return ""
+        found = []
+        if self._factor < 1 / TOLERATED:
+            found.append(
+                f"the noise of the log is cautious, the innovations are {self._factor:.2f} of what "
+                "it lets expect; --tune finds one that fits"
+            )
+        wrong = self._impossible
+        if 0 < wrong.mean() <= WRONG and self.mean > self.band[1]:
+            rest = float(self._used[~wrong].mean())
+            found.append(
+                f"{wrong.sum()} of {self._said} observations are impossible and count less, the "
+                f"mean NIS of the others is {rest:.2f}"
+            )
+        return "; ".join(found)
+
+    @property
+    def _used(self) -> FloatArray:
+        return self.nis[np.isfinite(self.nis)]
+
+    @property
+    def _said(self) -> int:
+        return len(self._used)
+
+    @property
+    def _factor(self) -> float:
+        return float(np.sqrt(np.median(self._used) / chi_square_gate(self.dof, 0.5)))
+
+    @property
+    def _impossible(self) -> npt.NDArray[np.bool_]:
+        return self._used > chi_square_gate(self.dof, 0.9999)
 
     def __repr__(self) -> str:
         low, high = self.band

@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam import gating, steps
+from saccade.slam import gating, stepping, steps
 from saccade.slam.belief import (
     FIRST_CAPACITY,
     LANDMARKS,
@@ -19,10 +19,11 @@ from saccade.slam.belief import (
     size_of,
     without,
 )
-from saccade.slam.checks import check_all, check_covariance, check_landmark, check_vector
+from saccade.slam.checks import check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
 from saccade.slam.outcomes import Expectation, Innovation, Replay
 from saccade.slam.retraction import STANDARD, Retraction, linearize
+from saccade.slam.stretch import Stretch, replay
 from saccade.slam.wheels import BIASES, control_slopes
 from saccade.types import FloatArray, IntArray
 
@@ -63,7 +64,8 @@ class EkfSlam:
         self._sensor = sensor
         self._retraction = int(Retraction(retraction))
         own = motion in (drive, compose) and type(sensor) is RangeBearing
-        self._fast = own and np.size(pose) in (3, 3 + BIASES)
+        self.is_compiled = own and np.size(pose) in (3, 3 + BIASES)
+        """Whether motion and sensor are those of this package, of which there are kernels."""
         self._huber = huber
         robot = check_vector("pose", pose, max(3, np.size(pose)))
         spread = check_covariance("covariance of the pose", covariance, len(robot))
@@ -80,8 +82,8 @@ class EkfSlam:
         u = check_vector("control", u)
         U = check_covariance("covariance of the control", U, len(u))
         self._make_room()
-        if self._fast:
-            steps.move(self._belief, self._retraction, u, U, self._slopes(u[None])[0])
+        if self.is_compiled:
+            stepping.move(self._belief, self._retraction, u, U, self._slopes(u[None])[0])
             return
         moved, Fx, Fu = self._motion(self._robot, u)  # C.5, C.8, C.9
         steps.predict(self._belief, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
@@ -105,13 +107,13 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
-        b, how = self._belief, (self._retraction, self._huber)
-        if self._fast:
+        b, how, S = self._belief, self._how, np.empty((2, 2))
+        if self.is_compiled:
             m, v = len(self._robot) + 2 * landmark, np.empty(2)
-            nis, S = steps.sight(b, how[0], m, z, R, how[1], v)
+            nis = stepping.sight(b, how[0], m, z, R, how[1], v, S)
         else:
             m, v, H, noise = self._linearized(z, R, landmark)  # C.14
-            nis, S = steps.correct(b, how[0], m, v, H, noise, how[1])  # C.10-C.13
+            nis = steps.correct(b, how[0], m, v, H, noise, how[1], S)  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -129,7 +131,8 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
-        S, _, root = steps.weigh(self._belief, at, H, noise)  # C.11
+        S, root = np.empty((2, 2)), np.empty((2, 2))
+        steps.weigh(self._belief, at, H, noise, 1.0, S, np.empty(H.shape), root)  # C.11
         white = root @ v
         return Innovation(v, S, float(white @ white))
 
@@ -142,10 +145,10 @@ class EkfSlam:
             landmark: (k,) number in the map; the next free number augments, a negative
                 one leaves the observation out.
         """
-        still = np.zeros((1, 2))
-        return self._replayed(
-            still, np.zeros((1, 2, 2)), np.zeros(len(z), np.int64), z, R, landmark, np.zeros(2, int)
-        )
+        still = np.zeros((1, 2)), np.zeros((1, 2, 2)), np.zeros(len(z), np.int64)
+        s = Stretch.of(*still, z, R, landmark)
+        s.at[1] = 0
+        return self._followed(s)
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
         """Take a new landmark into the map (C.15-C.18).
@@ -186,38 +189,28 @@ class EkfSlam:
             landmark: (k,) number in the map; the next free number augments, a negative
                 one leaves the observation out.
         """
-        return self._replayed(control, U, scan, z, R, landmark, np.array([0, -1]))
+        return self._followed(Stretch.of(control, U, scan, z, R, landmark))
 
-    def _replayed(
-        self,
-        control: FloatArray,
-        U: FloatArray,
-        scan: IntArray,
-        z: FloatArray,
-        R: FloatArray,
-        landmark: IntArray,
-        at: IntArray,
-    ) -> Replay:
-        t, k = len(control), len(z)
-        check_all("control", control, U)
-        check_all("observation", z, R)
-        edge = np.searchsorted(scan, np.arange(t + 1))
-        free = np.maximum.accumulate(np.append(len(self) - 1, landmark))[:-1] + 1  # (k,)
-        if (landmark > free).any():
-            raise LogError(
-                f"landmark: expected numbers up to {int(free[landmark > free][0])}, "
-                f"found {int(landmark[landmark > free][0])}"
-            )
-        out = Replay.empty(t, k)
-        if not self._fast:
-            self._replay_slowly(control, U, edge, z, R, landmark, at, out)
-            return out
-        D = self._slopes(control)
-        how = self._retraction, self._huber
-        while at[0] < t:
-            self._make_room()
-            steps.replay(self._belief, *how, control, U, D, z, R, landmark, edge, at, out)
+    def _followed(self, s: Stretch) -> Replay:
+        out = Replay.empty(len(s.control), len(s.z))
+        self.follow(s, out)
         return out
+
+    def follow(self, s: Stretch, out: Replay) -> None:
+        """`replay` a stretch; fills `out`."""
+        free = np.maximum.accumulate(np.append(len(self) - 1, s.landmark))[:-1] + 1  # (k,)
+        if (s.landmark > free).any():
+            raise LogError(
+                f"landmark: expected numbers up to {int(free[s.landmark > free][0])}, "
+                f"found {int(s.landmark[s.landmark > free][0])}"
+            )
+        if not self.is_compiled:
+            self._replay_slowly(s, out)
+            return
+        s = s._replace(slopes=self._slopes(s.control))
+        while s.at[0] < len(s.control):
+            self._make_room()
+            replay(self._belief, *self._how, s, out)
 
     def remove(self, landmarks: IntArray) -> None:
         """Take landmarks out of the map; those behind them move up in number.
@@ -246,9 +239,9 @@ class EkfSlam:
     def expect(self) -> Expectation:
         """What should be seen of every landmark from here, for the association."""
         b, r, N = self._belief, len(self._robot), len(self)
-        if self._fast:
+        if self.is_compiled:
             found = Expectation(np.empty((N, 2)), np.empty((N, 2, 2)))
-            gating.expect(b, self._retraction, *found)
+            gating.expect(b, self._retraction, np.arange(N), *found)
             return found
         z, H = self._sensor.observe(self._robot, self.landmarks)
         Hx, Hm = H[..., :r], H[..., r:]  # (N, 2, r), (N, 2, 2)
@@ -278,12 +271,14 @@ class EkfSlam:
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
-        return steps.pose_covariance(self._belief, self._retraction)
+        covariance = np.empty((3, 3))
+        stepping.tell_pose(self._belief, self._retraction, np.empty(3), covariance)
+        return covariance
 
     @property
     def odometry_bias(self) -> FloatArray | None:
         """(3,) as `wheels.BIASES` has them, None where they are no part of the state."""
-        return self._robot[3:].copy() if self._fast and len(self._robot) > 3 else None
+        return self._robot[3:].copy() if self.is_compiled and len(self._robot) > 3 else None
 
     @property
     def landmarks(self) -> FloatArray:
@@ -323,28 +318,22 @@ class EkfSlam:
         return f"EkfSlam({len(self)} landmarks, pose {x:.2f} {y:.2f} m {theta:.3f} rad)"
 
     @property
+    def _how(self) -> tuple[int, float]:
+        return self._retraction, self._huber
+
+    @property
     def _robot(self) -> FloatArray:
         return self._belief.state[: len(self._belief.work)]
 
-    def _replay_slowly(
-        self,
-        control: FloatArray,
-        U: FloatArray,
-        edge: IntArray,
-        z: FloatArray,
-        R: FloatArray,
-        landmark: IntArray,
-        at: IntArray,
-        out: Replay,
-    ) -> None:
-        for i in range(len(control)):
-            if at[1] < 0:
-                self.predict(control[i], U[i])
-            for k in range(edge[i], edge[i + 1]):
-                if landmark[k] == len(self):
-                    self.augment(z[k], R[k])
-                elif landmark[k] >= 0:
-                    found = self.update(z[k], R[k], int(landmark[k]))
+    def _replay_slowly(self, s: Stretch, out: Replay) -> None:
+        for i in range(len(s.control)):
+            if s.at[1] < 0:
+                self.predict(s.control[i], s.U[i])
+            for k in range(s.edge[i], s.edge[i + 1]):
+                if s.landmark[k] == len(self):
+                    self.augment(s.z[k], s.R[k])
+                elif s.landmark[k] >= 0:
+                    found = self.update(s.z[k], s.R[k], int(s.landmark[k]))
                     out.innovation[k], out.innovation_covariance[k], out.nis[k] = found
             out.pose[i], out.covariance[i] = self.pose, self.pose_covariance
 
@@ -365,9 +354,10 @@ class EkfSlam:
         first[[1, r + 1]] += a[[0, r]]
         return m, *linearize(self._retraction, self._sensor, s, first, z, R)
 
-    def _make_room(self) -> None:
-        """For another step and another landmark."""
-        if len(self) == len(self._belief.own):
-            self._belief = grown(self._belief)
+    def _make_room(self, landmarks: int = 1) -> None:
+        """For another step and so many more landmarks."""
+        if len(self) + landmarks > len(self._belief.own):
+            while len(self) + landmarks > len(self._belief.own):
+                self._belief = grown(self._belief)
         elif steps.is_full(self._belief):
             flush(self._belief)

@@ -11,9 +11,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from saccade._jit import kernel
-from saccade.slam.association import DROPPED, NEW, mahalanobis_squared, pair_mutual
+from saccade.slam.association import mahalanobis_squared
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.ekf import EkfSlam
+from saccade.slam.gating import DROPPED, NEW, drop_ambiguous, pair_mutual
 from saccade.types import FloatArray, IntArray
 
 
@@ -22,7 +23,8 @@ class JointCompatibility:
     """The largest set of pairs that fit together.
 
     An observation outside the larger gate of every landmark is new; one that no compatible set
-    has a place for is ambiguous.
+    has a place for is ambiguous, and so is what another landmark, of which the scan shows nothing,
+    is almost as near to.
     """
 
     gate: float = 0.99
@@ -38,7 +40,8 @@ class JointCompatibility:
         limit, outer = (chi_square_gate(2, p) for p in (self.gate, self.new_gate))
         distance = mahalanobis_squared(ekf, z, R, outer)  # (m, N)
         outside = distance.min(1, initial=np.inf) > outer
-        paired = pair_mutual(distance, limit)
+        paired = np.empty(len(z), np.int64)
+        pair_mutual(distance, limit, paired)
         rows = np.flatnonzero((distance <= limit).any(1))
         if len(rows) > 1:
             columns = np.flatnonzero((distance <= limit).any(0))
@@ -48,6 +51,7 @@ class JointCompatibility:
             near = distance[np.ix_(rows, columns)]
             search(near, limit, v, S, R[rows], gates, self.nodes, best)
             paired[rows] = np.where(best >= 0, columns[best], DROPPED)
+        drop_ambiguous(distance, paired)
         return np.where(outside, NEW, paired).astype(np.int64)
 
     def added(self, landmark: int, identity: int) -> None:

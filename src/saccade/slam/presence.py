@@ -1,15 +1,15 @@
 """Landmarks that should have been seen and were not are no landmarks for long."""
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
+from saccade._jit import kernel
 from saccade.slam.ekf import EkfSlam
-from saccade.types import FloatArray, IntArray, LandmarkLog
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
 
-@dataclass(frozen=True)
-class View:
+class View(NamedTuple):
     """Where a sensor mostly sees what is there."""
 
     reach: float
@@ -27,23 +27,54 @@ class View:
         return cls(float(np.median(log.observation[:, 0])), left, right)
 
 
-@dataclass
-class Presence:
-    """Counts how often each landmark was seen, and how often it was not but should have been."""
+class Watch(NamedTuple):
+    """What is kept of each landmark, with room for more."""
 
-    view: View
+    times: IntArray
+    """(c, 2) how often it was seen, and missed; zero for what is to come."""
+    expected: FloatArray
+    """(c, 2) range and bearing at which it should be seen in a scan."""
+    before: IntArray
+    """(1,) how many landmarks were in the map before that scan."""
+    gone: BoolArray
+    """(c,) whether it should have been seen more often."""
+
+    @classmethod
+    def of(cls, times: IntArray) -> "Watch":
+        """Of landmarks that were seen and missed so often."""
+        c = len(times)
+        return cls(times, np.zeros((c, 2)), np.zeros(1, np.int64), np.zeros(c, np.bool_))
+
+
+class Rule(NamedTuple):
+    """When a landmark is none."""
+
+    seen_in: View
     least: float
-    """Share of the times at which a landmark should have been seen that it must be."""
-    patience: int = 5
-    """Times for which a landmark may hide before that counts."""
-    every: int = 4
-    """Poses from one look at the whole map to the next."""
-    seen: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(N,)."""
-    missed: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    """(N,)."""
-    removed: int = 0
-    """Landmarks that were taken out of the map."""
+    patience: int
+    every: int
+    """Poses from one look at the whole map to the next; 0 never looks."""
+
+
+NEVER = Rule(View(0.0, 0.0, 0.0), 0.0, 0, 0)
+"""All landmarks stay."""
+
+
+class Presence:
+    """Counts how often each landmark was seen, and how often it was not but should have been.
+
+    Args:
+        view: where a landmark should be seen.
+        least: share of the times at which a landmark should have been seen that it must be.
+        patience: times for which a landmark may hide before that counts.
+        every: poses from one look at the whole map to the next.
+    """
+
+    def __init__(self, view: View, least: float, patience: int = 5, every: int = 4) -> None:
+        self.rule = Rule(view, least, patience, every)
+        self.watch = Watch.of(np.zeros((0, 2), np.int64))
+        self.removed = 0
+        """Landmarks that were taken out of the map."""
 
     def absent(self, ekf: EkfSlam, expected: FloatArray, found: IntArray) -> IntArray:
         """Hear what was seen in a scan.
@@ -56,18 +87,45 @@ class Presence:
         Returns:
             (k,) landmarks to be removed, of which nothing is kept here any more.
         """
-        new = np.zeros(len(ekf) - len(self.seen), np.int64)
-        self.seen, self.missed = np.append(self.seen, new), np.append(self.missed, new)
-        found = found[found >= 0]
-        self.seen[found] += 1
-        distance, bearing = expected.T
-        there = (distance < self.view.reach) & (bearing < self.view.left)
-        there &= bearing > self.view.right
-        there[found[found < len(there)]] = False
-        self.missed[: len(there)] += there
-        gone = (self.missed > self.patience) & (self.seen < self.least * (self.seen + self.missed))
-        if not gone.any():
-            return np.zeros(0, np.int64)
-        self.seen, self.missed = self.seen[~gone], self.missed[~gone]
-        self.removed += int(gone.sum())
-        return np.flatnonzero(gone)
+        self.make_room(len(ekf))
+        self.watch.expected[: len(expected)], self.watch.before[0] = expected, len(expected)
+        look(self.watch, self.rule, len(ekf), found)
+        return self.forget()
+
+    def make_room(self, landmarks: int) -> None:
+        """For a map of so many."""
+        old, more = self.watch, landmarks - len(self.watch.gone)
+        if more > 0:
+            self.watch = Watch.of(np.concatenate([old.times, np.zeros((more, 2), np.int64)]))
+            self.watch.expected[: len(old.gone)], self.watch.before[:] = old.expected, old.before
+
+    def forget(self) -> IntArray:
+        """Keep nothing of the landmarks (k,) that are gone."""
+        gone = np.flatnonzero(self.watch.gone)
+        if len(gone) > 0:
+            self.watch = Watch.of(np.delete(self.watch.times, gone, 0))
+            self.removed += len(gone)
+        return gone
+
+
+@kernel()
+def _in_view(view: View, z: FloatArray) -> bool:
+    return bool(z[0] < view.reach and view.right < z[1] < view.left)
+
+
+@kernel()
+def look(w: Watch, rule: Rule, landmarks: int, found: IntArray) -> bool:
+    """Count what was `found` (m,) of so many landmarks; gives whether any of them is gone."""
+    seen, missed, before = w.times[:, 0], w.times[:, 1], w.before[0]
+    for i in range(before):
+        missed[i] += _in_view(rule.seen_in, w.expected[i])
+    for i in range(len(found)):
+        if found[i] >= 0:
+            seen[found[i]] += 1
+            if found[i] < before:
+                missed[found[i]] -= _in_view(rule.seen_in, w.expected[found[i]])
+    any_gone = False
+    for i in range(landmarks):
+        w.gone[i] = missed[i] > rule.patience and seen[i] < rule.least * (seen[i] + missed[i])
+        any_gone = any_gone or w.gone[i]
+    return any_gone

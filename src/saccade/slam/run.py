@@ -9,11 +9,9 @@ import numpy as np
 
 from saccade.errors import LogError, require
 from saccade.slam.association import (
-    NEW,
     Association,
     KnownIdentity,
     NearestNeighbor,
-    number_by_first_sight,
 )
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency, summarize
@@ -22,6 +20,7 @@ from saccade.slam.joint_compatibility import JointCompatibility
 from saccade.slam.landmarks import Candidates
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.outcomes import Replay
+from saccade.slam.passage import Passage
 from saccade.slam.presence import Presence, View
 from saccade.slam.recording import Recorder
 from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
@@ -44,8 +43,6 @@ RULES: dict[str, Callable[[float, float], Association]] = {
 FINEST = 1e-4
 """Metres and radians. What claims to be exact leaves a filter no room for its own linearization
 and drives it off; it is taken to be as good as this."""
-FARTHEST = 1e9
-"""Metres from the origin at which an estimate has gone astray."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +72,10 @@ class EkfConfig:
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
     """Factor on the standard deviations of the observations."""
-    huber: float = 2.45
+    huber: float = 1.345
     """Root of the normalized innovation squared beyond which an observation counts less, its
-    covariance that many times larger; one in twenty is beyond it where all is well."""
+    covariance that many times larger. By the usual value deviations are a twentieth larger than
+    they need be where all is well; infinite for never."""
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviation of the first pose: metres, metres, radians."""
 
@@ -165,7 +163,7 @@ def run(
     associate, candidates = _association(log, config, associate)
     named = isinstance(associate, KnownIdentity) or config.presence == 0
     presence = None if named else Presence(View.of(log), config.presence)
-    going = _Run(
+    going = Passage(
         log=log,
         ekf=_filter(log, config, motion, sensor),
         associate=associate,
@@ -186,19 +184,14 @@ def run(
         "recorder": recorder,
         **going.said._asdict(),
     }
-    known = type(associate) is KnownIdentity and not associate.number
     models = (config, motion, sensor, associate)
     done = 0 if checkpoint is None else checkpoint.resume(log, models, state)
     hundredth = poses // 100 + 1
-    stretch = hundredth if known and recorder is None else 1
+    stretch = hundredth if going.in_stretches and recorder is None else 1
 
     for start in range(done, poses, stretch):
         end = min(start + stretch, poses)
-        if known:
-            going.replay(start, end)
-        else:
-            going.step(start)
-        going.check(start, end)
+        going.go_on(start, end)
         if recorder is not None:
             recorder.add(start, poses, going.ekf, going.association[going.scan(start, end)])
         if checkpoint is not None:
@@ -222,95 +215,6 @@ def run(
         removed=0 if presence is None else presence.removed,
         odometry_bias=going.ekf.odometry_bias,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """A filter on its way through a log, and what it has said so far."""
-
-    log: LandmarkLog
-    ekf: EkfSlam
-    associate: Association
-    candidates: Candidates
-    presence: Presence | None
-    """None where the log says what was seen."""
-    U: FloatArray
-    """(t, c, c)."""
-    R: FloatArray
-    """(k, 2, 2)."""
-    scans: IntArray
-    """(t + 2,) observations scans[i] to scans[i + 1] are made from pose i."""
-    said: Replay
-    association: IntArray
-    """(k,)."""
-
-    def scan(self, start: int, end: int) -> slice:
-        """The observations made from poses."""
-        return slice(int(self.scans[start]), int(self.scans[end]))
-
-    def step(self, step: int) -> None:
-        """Go to the next pose, and see what is to be seen there."""
-        log, ekf, said = self.log, self.ekf, self.said
-        if step > 0:
-            ekf.predict(log.control[step - 1], self.U[step - 1])  # C.5-C.9
-        scan = np.arange(self.scans[step], self.scans[step + 1])
-        if len(scan) > 0:
-            z, R = log.observation, self.R
-            looks = self.presence is not None and step % self.presence.every == 0
-            expected = ekf.expect().z if looks else None
-            found = self.associate(ekf, z[scan], R[scan], log.landmark[scan])
-            old, new = scan[found >= 0], scan[found == NEW]
-            what = ekf.look(z[old], R[old], found[found >= 0])  # C.10-C.14
-            said.innovation[old], said.innovation_covariance[old] = what[2:4]
-            said.nis[old] = what.nis
-            confirmed = self.candidates.confirm(ekf, z[new], R[new], log.time[step])
-            self.association[scan] = np.maximum(found, -1)
-            for k in new[confirmed]:
-                self.association[k] = ekf.augment(z[k], R[k])  # C.15-C.18
-                self.associate.added(int(self.association[k]), int(log.landmark[k]))
-            if self.presence is not None and expected is not None:
-                self.forget(self.presence.absent(ekf, expected, self.association[scan]))
-        said.pose[step], said.covariance[step] = ekf.pose, ekf.pose_covariance
-
-    def forget(self, landmarks: IntArray) -> None:
-        """Take landmarks out of the map; what was seen of them was nothing."""
-        if len(landmarks) > 0:
-            number = np.cumsum(~np.isin(np.arange(len(self.ekf) + 1), landmarks)) - 1
-            number[landmarks] = -1
-            self.ekf.remove(landmarks)
-            used = self.association >= 0
-            self.association[used] = number[self.association[used]]
-
-    def replay(self, start: int, end: int) -> None:
-        """Go to many poses at once, where it is known beforehand what is seen."""
-        if start == 0:
-            self.step(0)
-            which = number_by_first_sight(self.log.landmark, self.log.observation_pose)
-            self.association[:] = np.maximum(which, -1)
-            start = 1
-        log, seen = self.log, self.scan(start, end)
-        went = self.ekf.replay(
-            log.control[start - 1 : end - 1],
-            self.U[start - 1 : end - 1],
-            log.observation_pose[seen] - start,
-            log.observation[seen],
-            self.R[seen],
-            self.association[seen],
-        )
-        said = self.said
-        said.pose[start:end], said.covariance[start:end] = went.pose, went.covariance
-        said.innovation[seen], said.innovation_covariance[seen] = went[2:4]
-        said.nis[seen] = went.nis
-
-    def check(self, start: int, end: int) -> None:
-        """Raise for the first of some poses that is nowhere."""
-        astray = ~(np.abs(self.said.pose[start:end]).max(1) < FARTHEST)
-        if astray.any():
-            raise LogError(
-                f"pose {start + int(astray.argmax())}: expected an estimate on this planet, found "
-                "that it has gone astray; observations or controls contradict the deviations "
-                "they are said to have"
-            )
 
 
 def dead_reckon(

@@ -12,15 +12,14 @@ noise of its heading. The other filters have eta = e; the standard one's a is ze
 of first estimates says at which f the slopes are to be taken.
 """
 
-from math import atan2, cos, hypot, sin, sqrt
+from math import sin, sqrt
 
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.belief import GIVEN, INVARIANT, LANDMARKS, STANDARD, TAKEN, Belief
-from saccade.slam.models import NEAREST
-from saccade.slam.outcomes import Replay
-from saccade.types import FloatArray, IntArray
+from saccade.slam.belief import GIVEN, INVARIANT, KEPT, LANDMARKS, STANDARD, TAKEN, Belief
+from saccade.slam.rows import add_product, mix, mix_two
+from saccade.types import FloatArray
 
 SINGULAR = 1e-13
 """An innovation variance under this share of the terms that it is the sum of counts as zero."""
@@ -37,65 +36,66 @@ def wrapped(angle: float) -> float:
 
 
 @kernel()
-def _times(A: FloatArray, x: FloatArray) -> FloatArray:
-    """A x, small: BLAS costs more than the arithmetic."""
-    y = np.zeros(len(A))
-    for i in range(len(A)):
-        for j in range(len(x)):
-            y[i] += A[i, j] * x[j]
-    return y
-
-
-@kernel()
-def sandwich(A: FloatArray, C: FloatArray, noise: FloatArray) -> FloatArray:
-    """A C A^T + noise, C and the noise symmetric and small."""
-    out = np.empty(noise.shape)
-    for i in range(len(A)):
+def sandwich(
+    A: FloatArray,
+    C: FloatArray,
+    noise: FloatArray,
+    scale: float,
+    out: FloatArray,
+    shape: tuple[int, int],
+) -> None:
+    """Fill out (n, n) = A C A^T + scale noise, C and noise symmetric; A's shape is (n, m)."""
+    n, m = shape
+    for i in range(n):
         for j in range(i + 1):
-            total = noise[i, j]
-            for k in range(len(C)):
-                for m in range(len(C)):
-                    total += A[i, k] * C[k, m] * A[j, m]
+            total = scale * noise[i, j]
+            for k in range(m):
+                part = 0.0
+                for o in range(m):
+                    part += C[k, o] * A[j, o]
+                total += A[i, k] * part
             out[i, j] = out[j, i] = total
-    return out
-
-
-@kernel(fastmath=("contract",))
-def _mix(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None:
-    """Make row keep row + factor other."""
-    for j in range(len(row)):
-        row[j] = keep * row[j] + factor * other[j]
 
 
 @kernel(fastmath=("contract",))
 def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.7)."""
-    r = len(moved)
+    r = len(b.work)
     n = r + 2 * b.used[LANDMARKS]
     P, old, a = b.P, b.work, b.swing
-    G = F.copy()  # by eta
+    G, Pxx, leak, turn = b.small[0], b.small[1], b.small[2, 0], b.small[2, 1]
     for i in range(r):
-        G[i, 2] += F[i, 0] * a[0] + F[i, 1] * a[1]
-    Pxx = P[:r, :r].copy()
-    leak = np.zeros(r)  # covariance of the robot, once moved, with the error of the turn
-    if kind == INVARIANT:
-        turn = G[2].copy()
-        turn[2] -= 1.0
-        with_turn = _times(Pxx, turn)
-        leak = _times(G, with_turn)
+        leak[i] = 0.0
+        for k in range(r):
+            G[i, k], Pxx[i, k] = F[i, k], P[i, k]
+        G[i, 2] += F[i, 0] * a[0] + F[i, 1] * a[1]  # by eta
+    if kind == INVARIANT:  # covariance of the robot, once moved, with the error of the turn
+        before = 0.0
+        for k in range(r):
+            turn[k] = G[2, k] - (1.0 if k == 2 else 0.0)
+        for k in range(r):
+            with_turn = 0.0
+            for i in range(r):
+                with_turn += Pxx[k, i] * turn[i]
+            before += with_turn if k == 2 else 0.0
+            for i in range(r):
+                leak[i] += G[i, k] * with_turn
         for i in range(r):
             leak[i] += Q[i, 2]
-        _swing_landmarks(b, turn, leak[2] - with_turn[2])
-    Pxx = sandwich(G, Pxx, Q)  # C.7, Pxx
+        _swing_landmarks(b, turn, leak[2] - before)
+    sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.7, Pxx
     for i in range(r):
-        _mix(P[i, :r], 0.0, 1.0, Pxx[i])
-        _mix(old[i, r:n], 0.0, 1.0, P[i, r:n])
+        mix(old[i, r:n], 0.0, 1.0, P[i, r:n])
     for i in range(r):
-        _mix(P[i, r:n], 0.0, -leak[i], a[r:n])
+        row = P[i, r:n]
+        if kind == INVARIANT:
+            mix(row, G[i, i], -leak[i], a[r:n])
+        elif G[i, i] != 1:
+            mix(row, G[i, i], 0.0, row)
         for k in range(r):
-            if G[i, k] != 0:
-                _mix(P[i, r:n], 1.0, G[i, k], old[k, r:n])  # C.7, Pxm
-    _mix(b.state[:r], 0.0, 1.0, moved)  # C.5
+            if k != i and G[i, k] != 0:
+                mix(row, 1.0, G[i, k], old[k, r:n])  # C.7, Pxm
+        b.state[i] = moved[i]  # C.5
     a[0] = a[1] = 0.0
 
 
@@ -105,25 +105,25 @@ def _swing_landmarks(b: Belief, turn: FloatArray, variance: float) -> None:
 
     It is turn . eta of the robot before the step, and noise.
     """
-    r = len(turn)
+    r = len(b.work)
     n = r + 2 * b.used[LANDMARKS]
     a, y, x = b.swing[r:n], b.given[b.used[GIVEN], r:n], b.taken[b.used[TAKEN], r:n]
     if variance <= 0:
         return
     root, coupled = sqrt(variance), False
-    _mix(y, 0.0, root, a)
+    mix(y, 0.0, root, a)
     for k in range(r):
         if turn[k] != 0:
-            _mix(x, 1.0 if coupled else 0.0, turn[k] / root, b.P[k, r:n])
+            mix(x, 1.0 if coupled else 0.0, turn[k] / root, b.P[k, r:n])
             coupled = True
     if coupled:
-        _mix(y, 1.0, -1.0, x)
+        mix(y, 1.0, -1.0, x)
         _add_own(b, x, -1.0)
         b.used[TAKEN] += 1
         b.fresh[0] = 0.0
     _add_own(b, y, 1.0)
     if b.fresh[0] > 0:
-        _mix(b.given[b.used[GIVEN] - 1, r:n], sqrt(1 + variance / b.fresh[0]), 0.0, a)
+        mix(b.given[b.used[GIVEN] - 1, r:n], sqrt(1 + variance / b.fresh[0]), 0.0, a)
     else:
         b.used[GIVEN] += 1
     b.fresh[0] += 0.0 if coupled else variance
@@ -132,146 +132,213 @@ def _swing_landmarks(b: Belief, turn: FloatArray, variance: float) -> None:
 @kernel(fastmath=("contract",))
 def _add_own(b: Belief, y: FloatArray, sign: float) -> None:
     """Add sign y^T y, y (2N,), to the landmarks' own blocks."""
-    for i in range(b.used[LANDMARKS]):
-        first, second = y[2 * i], y[2 * i + 1]
-        b.own[i, 0] += sign * first * first
-        b.own[i, 1] += sign * first * second
-        b.own[i, 2] += sign * second * second
+    own, xy = b.own, y.reshape((len(y) // 2, 2))
+    for i in range(len(xy)):
+        first, second = xy[i, 0], xy[i, 1]
+        own[i, 0] += sign * first * first
+        own[i, 1] += sign * first * second
+        own[i, 2] += sign * second * second
 
 
-@kernel(fastmath=("contract",))
+@kernel()
 def correct(
-    b: Belief, kind: int, m: int, v: FloatArray, H: FloatArray, noise: FloatArray, huber: float
-) -> tuple[float, FloatArray]:
-    """Correct by an innovation v (2,) of the landmark at row m; gives v^T S^-1 v, and S.
+    b: Belief,
+    kind: int,
+    m: int,
+    v: FloatArray,
+    H: FloatArray,
+    noise: FloatArray,
+    huber: float,
+    S: FloatArray,
+) -> float:
+    """Correct by an innovation v (2,) of the landmark at row m; gives v^T S^-1 v, and fills S.
 
     An innovation whose root of that is over `huber` has its noise as many times larger.
     H (2, r + 2) is by eta of the robot and the landmark, `noise` (2, 2) the covariance of the
     observation. Only their columns take part in the gain (C.10-C.13).
     """
-    r = H.shape[1] - 2
+    r, P = len(b.work), b.P
     n = r + 2 * b.used[LANDMARKS]
-    S, D, A = weigh(b, m, H, noise)
-    nis = (_times(A, v) ** 2).sum()
+    D, A = b.small[0], b.small[1]
+    weigh(b, m, H, noise, 1.0, S, D, A)
+    first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
+    nis = first * first + second * second
     if nis > huber * huber:
-        _, D, A = weigh(b, m, H, noise * (sqrt(nis) / huber))
-    V, P, u = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2], b.P, _times(A, v)
+        weigh(b, m, H, noise, sqrt(nis) / huber, b.small[2], D, A)
+        first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
+    V = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2]
     _observed_rows(b, m, D, V)
     for i in range(r):
         if V[0, i] ** 2 + V[1, i] ** 2 > P[i, i] * (1 + ROUNDING):
             V[0, i] = V[1, i] = 0.0
     _take_own(b, V)
-    for k in range(2):
-        for i in range(r):
-            _mix(P[i, :n], 1.0, -V[k, i], V[k, :n])  # C.13: W S W^T = V^T V
+    x, y = V[0, :n], V[1, :n]
+    for i in range(r):
+        mix_two(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.13: W S W^T = V^T V
     b.used[TAKEN] += 2
-    _retract(b, kind, r, u, V)
-    return nis, S
+    _retract(b, kind, first, second, V)
+    return float(nis)
 
 
 @kernel()
 def weigh(
-    b: Belief, m: int, H: FloatArray, noise: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """S (C.11) of an observation as in `correct`; A H; and A.
+    b: Belief,
+    m: int,
+    H: FloatArray,
+    noise: FloatArray,
+    scale: float,
+    S: FloatArray,
+    D: FloatArray,
+    A: FloatArray,
+) -> None:
+    """Fill S (C.11) of an observation as in `correct`; D = A H; and A.
 
     A (2, 2) is the inverse root of S: A S A^T = 1 on the directions in which S has a
     variance. What rounding leaves of one that is much smaller than its terms is none.
     """
-    r = H.shape[1] - 2
-    C, own = np.empty((r + 2, r + 2)), b.own[(m - r) // 2]
+    r, P, C = len(b.work), b.P, b.small[3]
+    q, own = r + 2, b.own[(m - r) // 2]
     for i in range(r):
-        for j in range(r + 2):
-            C[i, j] = C[j, i] = b.P[i, j if j < r else m + j - r]
+        for j in range(r):
+            C[i, j] = P[i, j]
+        C[i, r] = C[r, i] = P[i, m]
+        C[i, r + 1] = C[r + 1, i] = P[i, m + 1]
     C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = own[0], own[1], own[1], own[2]
-    S, A, size, D = sandwich(H, C, noise), np.zeros((2, 2)), np.zeros(2), np.empty(H.shape)
-    for k in range(2):
-        for i in range(r + 2):
-            size[k] += abs(H[k, i]) * sqrt(abs(C[i, i]))
-        size[k] = size[k] ** 2 + noise[k, k]
-    i, j = (0, 1) if S[0, 0] * size[1] >= S[1, 1] * size[0] else (1, 0)
-    if S[i, i] > SINGULAR * size[i] + TINY:
+    sandwich(H, C, noise, scale, S, (2, q))
+    s0, s1 = 0.0, 0.0
+    for i in range(q):
+        deviation = sqrt(abs(C[i, i]))
+        s0 += abs(H[0, i]) * deviation
+        s1 += abs(H[1, i]) * deviation
+    s0, s1 = s0 * s0 + scale * noise[0, 0], s1 * s1 + scale * noise[1, 1]
+    i = 0 if S[0, 0] * s1 >= S[1, 1] * s0 else 1
+    j, si, sj = 1 - i, s0 if i == 0 else s1, s1 if i == 0 else s0
+    A[0, 0] = A[0, 1] = A[1, 0] = A[1, 1] = 0.0
+    if S[i, i] > SINGULAR * si + TINY:
         slope = S[i, j] / S[i, i]
         rest = S[j, j] - slope * S[i, j]
         A[i, i] = 1 / sqrt(S[i, i])
-        if rest > SINGULAR * size[j] + TINY:
+        if rest > SINGULAR * sj + TINY:
             A[j, j] = 1 / sqrt(rest)
             A[j, i] = -slope * A[j, j]
-    for i in range(r + 2):
+    for i in range(q):
         D[0, i] = A[0, 0] * H[0, i] + A[0, 1] * H[1, i]
         D[1, i] = A[1, 0] * H[0, i] + A[1, 1] * H[1, i]
-    return S, D, A
 
 
 @kernel(fastmath=("contract",))
 def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
     """Fill V (2, n) with D's product with the covariance of eta, D as `weigh` gives it."""
-    r, P = D.shape[1] - 2, b.P
+    r, P = len(b.work), b.P
     n = r + 2 * b.used[LANDMARKS]
+    base = 2 * _base_rows(b, m)
     for k in range(2):
-        first, second, v = D[k, r], D[k, r + 1], V[k, :n]
-        for j in range(m):
-            v[j] = first * P[j, m] + second * P[j, m + 1]
-        v[m] = first * P[m, m] + second * P[m, m + 1]
-        left, right = P[m, m + 1 : n], P[m + 1, m + 1 : n]
-        for j in range(n - m - 1):
-            v[m + 1 + j] = first * left[j] + second * right[j]
+        v, first, second = V[k, :n], D[k, r], D[k, r + 1]
+        mix(v, 0.0, D[k, 0], P[0, :n])
+        mix_two(v, D[k, 1], P[1, :n], D[k, 2], P[2, :n])
+        for i in range(3, r):
+            if D[k, i] != 0:
+                mix(v, 1.0, D[k, i], P[i, :n])
         for i in range(r):
-            _mix(v, 1.0, D[k, i], P[i, :n])
-    for sign, rows, used in ((-1.0, b.taken, b.used[TAKEN]), (1.0, b.given, b.used[GIVEN])):
-        for i in range(used):
-            first, second = sign * rows[i, m], sign * rows[i, m + 1]
-            for k in range(2):
-                _mix(V[k, r:n], 1.0, D[k, r] * first + D[k, r + 1] * second, rows[i, r:n])
+            v[i] += first * P[i, m] + second * P[i, m + 1]
+        mix_two(v[r:], first, b.base[base, r:n], second, b.base[base + 1, r:n])
+    add_product(V, D, r, m, -1.0, b.taken, b.used[TAKEN], n)
+    add_product(V, D, r, m, 1.0, b.given, b.used[GIVEN], n)
+
+
+@kernel()
+def _base_rows(b: Belief, m: int) -> int:
+    """Which pair of `Belief.base` holds the two rows from row m of what is added up.
+
+    Half of each is a column of the upper triangle, far apart in memory; a landmark that is in
+    view is observed again and again until the next rows are added up.
+    """
+    r, i = len(b.work), (m - len(b.work)) // 2
+    n = r + 2 * b.used[LANDMARKS]
+    if b.which[i] < 0:
+        first, second, P = b.base[2 * b.used[KEPT]], b.base[2 * b.used[KEPT] + 1], b.P
+        for j in range(r, m):
+            first[j], second[j] = P[j, m], P[j, m + 1]
+        first[m], first[m + 1] = P[m, m], P[m, m + 1]
+        second[m], second[m + 1] = P[m, m + 1], P[m + 1, m + 1]
+        mix(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
+        mix(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
+        b.which[i] = b.used[KEPT]
+        b.used[KEPT] += 1
+    return int(b.which[i])
+
+
+@kernel()
+def _forget_base(b: Belief) -> None:
+    """What is added up has changed."""
+    for i in range(b.used[LANDMARKS]):
+        b.which[i] = -1
+    b.used[KEPT] = 0
 
 
 @kernel(fastmath=("contract",))
 def _take_own(b: Belief, V: FloatArray) -> None:
     """Take V^T V, V (2, n), from the landmarks' own blocks, but no more than is there."""
-    r = len(b.work)
-    for i in range(b.used[LANDMARKS]):
-        j = r + 2 * i
-        if V[0, j] ** 2 + V[1, j] ** 2 > b.own[i, 0] * (1 + ROUNDING):
-            V[0, j] = V[1, j] = 0.0
-        if V[0, j + 1] ** 2 + V[1, j + 1] ** 2 > b.own[i, 2] * (1 + ROUNDING):
-            V[0, j + 1] = V[1, j + 1] = 0.0
-        b.own[i, 0] -= V[0, j] ** 2 + V[1, j] ** 2
-        b.own[i, 1] -= V[0, j] * V[0, j + 1] + V[1, j] * V[1, j + 1]
-        b.own[i, 2] -= V[0, j + 1] ** 2 + V[1, j + 1] ** 2
+    r, own = len(b.work), b.own
+    n = r + 2 * b.used[LANDMARKS]
+    x, y = V[0, r:n].reshape((n - r) // 2, 2), V[1, r:n].reshape((n - r) // 2, 2)
+    for i in range(len(x)):
+        if x[i, 0] ** 2 + y[i, 0] ** 2 > own[i, 0] * (1 + ROUNDING):
+            x[i, 0] = y[i, 0] = 0.0
+        if x[i, 1] ** 2 + y[i, 1] ** 2 > own[i, 2] * (1 + ROUNDING):
+            x[i, 1] = y[i, 1] = 0.0
+        own[i, 0] -= x[i, 0] ** 2 + y[i, 0] ** 2
+        own[i, 1] -= x[i, 0] * x[i, 1] + y[i, 0] * y[i, 1]
+        own[i, 2] -= x[i, 1] ** 2 + y[i, 1] ** 2
 
 
 @kernel(fastmath=("contract",))
-def _retract(b: Belief, kind: int, r: int, u: FloatArray, V: FloatArray) -> None:
-    """Correct the state by u V, errors of eta (C.10); the invariant filter's by an exponential."""
-    s, a = b.state, b.swing
-    turn = u[0] * V[0, 2] + u[1] * V[1, 2]
-    sine, lost, p, q = 0.0, 0.0, 1.0, 0.0
+def _retract(b: Belief, kind: int, first: float, second: float, V: FloatArray) -> None:
+    """Correct the state by first V[0] + second V[1], errors of eta (C.10).
+
+    The invariant filter's state is corrected by an exponential.
+    """
+    s, a, r, sine, lost, p, q = b.state, b.swing, len(b.work), 0.0, 0.0, 1.0, 0.0
+    turn = first * V[0, 2] + second * V[1, 2]
     if kind == INVARIANT and turn != 0:
         sine, lost = sin(turn), 2 * sin(turn / 2) ** 2
         p, q = sine / turn, lost / turn
     for i in range(2, r):
-        s[i] += u[0] * V[0, i] + u[1] * V[1, i]
+        s[i] += first * V[0, i] + second * V[1, i]
     s[2] = wrapped(s[2])
-    for i in range(-1, b.used[LANDMARKS]):
-        j = r + 2 * i if i >= 0 else 0
-        e, f = u[0] * V[0, j] + u[1] * V[1, j], u[0] * V[0, j + 1] + u[1] * V[1, j + 1]
-        x = p * e - q * f + sine * a[j] - lost * a[j + 1]
-        y = q * e + p * f + lost * a[j] + sine * a[j + 1]
-        s[j] += x
-        s[j + 1] += y
-        if kind != STANDARD:
-            a[j] -= y
-            a[j + 1] += x
+    n, by = r + 2 * b.used[LANDMARKS], (first, second, p, q, sine, lost)
+    _shift(s[:2], a[:2], V[0, :2], V[1, :2], by, kind)
+    _shift(s[r:n], a[r:n], V[0, r:n], V[1, r:n], by, kind)
     b.fresh[0] = 0.0
+
+
+@kernel(fastmath=("contract",))
+def _shift(
+    s: FloatArray, a: FloatArray, v: FloatArray, w: FloatArray, by: tuple[float, ...], kind: int
+) -> None:
+    """Correct points s (2 k,) and their swing by rows v and w of V, see `_retract`."""
+    first, second, p, q, sine, lost = by
+    shape = (len(s) // 2, 2)
+    points, swings, x0, x1 = s.reshape(shape), a.reshape(shape), v.reshape(shape), w.reshape(shape)
+    for i in range(len(points)):
+        e, f = first * x0[i, 0] + second * x1[i, 0], first * x0[i, 1] + second * x1[i, 1]
+        x = p * e - q * f + sine * swings[i, 0] - lost * swings[i, 1]
+        y = q * e + p * f + lost * swings[i, 0] + sine * swings[i, 1]
+        points[i, 0] += x
+        points[i, 1] += y
+        if kind != STANDARD:
+            swings[i, 0] -= y
+            swings[i, 1] += x
 
 
 @kernel(fastmath=("contract",))
 def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None:
     """Take in a landmark at xy (2,), its slope G (2, r) by the robot, and noise (C.15-C.18)."""
-    r, P = G.shape[1], b.P
+    r, P, D = len(b.work), b.P, b.small[0, 0]
     n = r + 2 * b.used[LANDMARKS]
     for k in range(2):
-        D = G[k].copy()
+        for i in range(r):
+            D[i] = G[k, i]
         D[2] += D[0] * b.swing[0] + D[1] * b.swing[1]
         for j in range(n):
             P[j, n + k] = 0.0
@@ -284,61 +351,11 @@ def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None
             P[n + m, n + k] = total  # C.17, Gx Pxx Gx^T + Gz R Gz^T
             b.own[b.used[LANDMARKS], k + m] = total
         b.state[n + k], b.swing[n + k] = xy[k], 0.0
-        b.taken[:, n + k] = b.given[:, n + k] = 0.0
+        for i in range(len(b.taken)):
+            b.taken[i, n + k] = b.given[i, n + k] = 0.0
+    _forget_base(b)
+    b.which[b.used[LANDMARKS]] = -1
     b.used[LANDMARKS] += 1
-
-
-@kernel()
-def move(b: Belief, kind: int, u: FloatArray, U: FloatArray, D: FloatArray) -> None:
-    """`predict` by `models.drive`, u (2,), or by `models.compose`, u (3,).
-
-    D (c, r - 3) is the slope of the control by what the robot's state has behind the pose.
-    """
-    s, r = b.state, len(b.work)
-    F, B = np.eye(r), np.zeros((r, len(u)))
-    u = u + _times(D, s[3:r])
-    angle = s[2] + u[1] if len(u) == 2 else s[2]
-    B[0, 0], B[1, 0], B[2, len(u) - 1] = cos(angle), sin(angle), 1.0
-    if len(u) == 3:
-        B[0, 1], B[1, 1] = -B[1, 0], B[0, 0]
-    step = _times(B, u)
-    if len(u) == 2:
-        B[0, 1], B[1, 1] = -step[1], step[0]
-    F[0, 2], F[1, 2] = -step[1], step[0]
-    for i in range(r - 3):
-        F[:, 3 + i] += _times(B, D[:, i])
-    moved = s[:r] + step
-    moved[2] = wrapped(moved[2])
-    predict(b, kind, moved, F, sandwich(B, U, np.zeros((r, r))))
-
-
-@kernel()
-def sight(
-    b: Belief, kind: int, m: int, z: FloatArray, R: FloatArray, huber: float, v: FloatArray
-) -> tuple[float, FloatArray]:
-    """`correct` by range and bearing, as `retraction.linearize` has them; v (2,) is filled."""
-    s, a, r, H = b.state, b.swing, len(b.work), np.zeros((2, len(b.work) + 2))
-    dx, dy = s[m] - s[0], s[m + 1] - s[1]
-    if kind != STANDARD:
-        B = _at(s, z)
-        v[0], v[1] = z[0] * B[0, 0] - dx, z[0] * B[1, 0] - dy
-        H[0, 0], H[1, 1], H[0, r], H[1, r + 1] = -1.0, -1.0, 1.0, 1.0
-        H[0, 2], H[1, 2] = dy + a[m] - a[0], a[m + 1] - a[1] - dx  # J (f_p - f_m)
-        return correct(b, kind, m, v, H, sandwich(B, R, np.zeros((2, 2))), huber)
-    q = hypot(dx, dy)
-    if q > NEAREST:
-        H[0, r], H[0, r + 1], H[1, r], H[1, r + 1] = dx / q, dy / q, -dy / q**2, dx / q**2
-        H[:, :2] = -H[:, r:]
-        H[1, 2] = -1.0
-    v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > NEAREST else 0.0))
-    return correct(b, kind, m, v, H, R, huber)
-
-
-@kernel()
-def _at(s: FloatArray, z: FloatArray) -> FloatArray:
-    """Slope (2, 2) of the place of an observation by z (C.16)."""
-    c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
-    return np.array([[c, -z[0] * d], [d, z[0] * c]])
 
 
 @kernel()
@@ -346,55 +363,3 @@ def is_full(b: Belief) -> bool:
     """Whether there is no room for another step and another landmark."""
     full = len(b.taken) - b.used[TAKEN] < 3 or b.used[GIVEN] == len(b.given)
     return bool(full or b.used[LANDMARKS] == len(b.own))
-
-
-@kernel()
-def replay(
-    b: Belief,
-    kind: int,
-    huber: float,
-    control: FloatArray,
-    U: FloatArray,
-    D: FloatArray,
-    z: FloatArray,
-    R: FloatArray,
-    landmark: IntArray,
-    edge: IntArray,
-    at: IntArray,
-    out: Replay,
-) -> None:
-    """Go on from step at[0] and observation at[1] as far as there is room.
-
-    Control i leads to step i, at which the observations edge[i] to edge[i + 1] are made,
-    each of `landmark`: one of the map, the next new one, or none (negative).
-    """
-    while at[0] < len(control) and not is_full(b):
-        i = at[0]
-        if at[1] < 0:
-            move(b, kind, control[i], U[i], D[i])
-            at[1] = edge[i]
-        while at[1] < edge[i + 1]:
-            k, m = at[1], len(b.work) + 2 * landmark[at[1]]
-            if is_full(b):
-                return
-            if landmark[k] == b.used[LANDMARKS]:
-                B = _at(b.state, z[k])
-                xy = np.array([b.state[0] + z[k, 0] * B[0, 0], b.state[1] + z[k, 0] * B[1, 0]])
-                G = np.eye(2, len(b.work))
-                G[0, 2], G[1, 2] = -z[k, 0] * B[1, 0], z[k, 0] * B[0, 0]
-                augment(b, xy, G, sandwich(B, R[k], np.zeros((2, 2))))
-            elif landmark[k] >= 0:
-                nis, S = sight(b, kind, m, z[k], R[k], huber, out.innovation[k])
-                out.nis[k], out.innovation_covariance[k] = nis, S
-            at[1] += 1
-        out.pose[i], out.covariance[i] = b.state[:3], pose_covariance(b, kind)
-        at[0], at[1] = i + 1, -1
-
-
-@kernel()
-def pose_covariance(b: Belief, kind: int) -> FloatArray:
-    """(3, 3) of e."""
-    F = np.eye(3)
-    if kind == INVARIANT:
-        F[0, 2], F[1, 2] = b.swing[0], b.swing[1]
-    return sandwich(F, b.P[:3, :3], np.zeros((3, 3)))
