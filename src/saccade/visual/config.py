@@ -49,7 +49,7 @@ class VisualConfig:
     the range, and degrees. Pitch, roll, calibration and the clock are in it."""
     persistence: float = 0.4
     """Seconds after which errors of the motion from frame to frame are forgotten (1 / e)."""
-    motion_share: tuple[float, float] = (0.01, 0.01)
+    motion_share: tuple[float, float] = (0.01, 0.015)
     """Standard deviations of what the calibration gets wrong in the length of the way and in the
     turn, as shares of them: the same throughout a stretch of 10 m and a corner."""
     tilt_sigma: float = 0.5
