@@ -293,7 +293,8 @@ def test_a_larger_metre_is_a_larger_map():
             ekf.predict(steps[i] * length, np.diag([0.01, 0.001]) * length**2)
             R = np.diag([0.1, 0.01]) * length**2
             ekf.augment(z[i] * length, R)
-            ekf.update((z[i] + 0.05) * length, R, i)
+            for seen in (i, 0, 2 if i > 2 else 0):
+                ekf.update((z[i] + 0.05) * length, R, seen)
         ends.append(ekf)
     np.testing.assert_allclose(ends[1].state, ends[0].state, atol=1e-9)
     np.testing.assert_allclose(ends[1].covariance, ends[0].covariance, atol=1e-9)

@@ -225,6 +225,7 @@ class EkfSlam:
     def rescale(self, factor: float, about: FloatArray) -> None:
         """Make the map larger about a place (2,), as when its metre was a wrong one."""
         b, r, n = self._belief, len(self._robot), size_of(self._belief)
+        flush(b)
         grow = np.full(n, factor)
         grow[2:r] = 1.0
         for i in (0, 1):
@@ -233,8 +234,6 @@ class EkfSlam:
         b.swing[:n] *= grow
         b.P[:n, :n] *= grow[:, None] * grow
         b.own[: len(self)] *= factor**2
-        b.taken[:, :n] *= grow
-        b.given[:, :n] *= grow
 
     def expect(self) -> Expectation:
         """What should be seen of every landmark from here, for the association."""
