@@ -16,7 +16,7 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 HEIGHT = 0.15
 """Share of the range by which the height of a landmark may seem to change: pitch is in it."""
-TOLERANCE = 0.05
+TOLERANCE = 0.02
 """Share of the range by which landmarks may lie otherwise than they are seen together."""
 FEWEST = 4
 """Landmarks that must agree on one pose where several are met at a time."""
