@@ -25,7 +25,14 @@ from saccade.visual.frontend import (
 )
 from saccade.visual.mapping import VisualMap
 from saccade.visual.motion import Motion, camera_motion
-from saccade.visual.recognition import agreeing, keep_apart, look_alikes, within_gate
+from saccade.visual.recognition import (
+    ASIDE,
+    TOLERANCE,
+    agreeing,
+    keep_apart,
+    look_alikes,
+    within_gate,
+)
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
 from saccade.visual.road import road_motion
@@ -206,7 +213,8 @@ class Pipeline:
         height = world.landmarks.height[pairs[:, 1]]
         fits = useful & within_gate(seen, expected, height, config.gate)
         pairs, seen = pairs[fits], some(seen, fits)
-        pairs = pairs[agreeing(seen.z, world.ekf.landmarks[pairs[:, 1]])]
+        tolerance = TOLERANCE if self.ranged else ASIDE
+        pairs = pairs[agreeing(seen.z, world.ekf.landmarks[pairs[:, 1]], tolerance)]
         missed = rows[~np.isin(rows, pairs[:, 1])]
         world.landmarks.missed[missed] += 1
         self.recording.missed += len(missed)

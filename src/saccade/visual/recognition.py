@@ -16,8 +16,10 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 HEIGHT = 0.15
 """Share of the range by which the height of a landmark may seem to change: pitch is in it."""
-TOLERANCE = 0.02
+TOLERANCE = 0.05
 """Share of the range by which landmarks may lie otherwise than they are seen together."""
+ASIDE = 0.02
+"""The same where the range is what the map says, and the bearing alone is seen."""
 FEWEST = 4
 """Landmarks that must agree on one pose where several are met at a time."""
 
@@ -50,7 +52,7 @@ def within_gate(
     return np.asarray(near & (np.abs(seen.height - height) < HEIGHT * seen.z[:, 0] + HEIGHT))
 
 
-def agreeing(z: FloatArray, places: FloatArray) -> BoolArray:
+def agreeing(z: FloatArray, places: FloatArray, tolerance: float = TOLERANCE) -> BoolArray:
     """Which of several landmarks lie to each other as they are seen.
 
     Each two of them tell a pose; that with which most of all agree wins. Of up to two landmarks
@@ -59,6 +61,7 @@ def agreeing(z: FloatArray, places: FloatArray) -> BoolArray:
     Args:
         z: (m, 2) range and bearing.
         places: (m, 2) of the landmarks in the map.
+        tolerance: share of the range, and metres, by which one may miss.
 
     Returns:
         (m,).
@@ -75,7 +78,7 @@ def agreeing(z: FloatArray, places: FloatArray) -> BoolArray:
     missed = np.abs(
         middle_there[:, None] + turn[:, None] * (seen - middle_seen[:, None]) - there
     )  # (pairs, m)
-    fits = missed < TOLERANCE * z[:, 0] + TOLERANCE
+    fits = missed < tolerance * z[:, 0] + tolerance
     best = fits[np.argmax(fits.sum(1))]
     return best if best.sum() >= min(FEWEST, m) else np.zeros(m, np.bool_)
 
