@@ -84,7 +84,7 @@ def map_figure(
         zorder=5,
         label=f"{len(landmarks)} landmarks, {SIGMAS:.0f} sigma",
     )
-    columns = int(figure.get_figwidth() / 1.6)
+    columns = int(figure.get_figwidth() / 1.85)
     figure.legend(loc="outside lower center", ncols=columns, frameon=False, handlelength=1.6)
     return figure
 
