@@ -91,6 +91,7 @@ def _make(data: Path, out: Path) -> dict[str, dict[str, Any]]:
             out / "drive",
             load_settings("visual"),
             lambda _, done, total: progress.update(driving, completed=done, total=total),
+            pictures=FRAMES // 4,
         )
     return {"look": looked, "match": matched, "slam": mapped, "drive": driven}
 

@@ -91,7 +91,13 @@ def drive(
 
 
 def map_drive(
-    recorded: "Drive", out: Path, settings: "VisualConfig", watch: Watch, *, film: bool = True
+    recorded: "Drive",
+    out: Path,
+    settings: "VisualConfig",
+    watch: Watch,
+    *,
+    film: bool = True,
+    pictures: int = 240,
 ) -> dict[str, Any]:
     """Map a drive, write all that comes of it, give the row for run.json.
 
@@ -101,6 +107,7 @@ def map_drive(
         settings: how to map.
         watch: told of the progress.
         film: whether a film is made.
+        pictures: in the film, at most.
     """
     import json
     from dataclasses import asdict
@@ -111,7 +118,7 @@ def map_drive(
     from saccade.cli.output import write_text
     from saccade.slam import Recorder
 
-    recorder = Recorder()
+    recorder = Recorder(pictures)
     result = visual.run(
         recorded, settings, lambda done, of: watch("map", done, of), recorder=recorder
     )
