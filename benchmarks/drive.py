@@ -19,23 +19,17 @@ import numpy as np
 from saccade import visual
 from saccade.datasets.drive_kitti import read_kitti_drive
 from saccade.datasets.drive_tracks import read_tracks_drive
+from saccade.evaluation.drives import score_drive
 from saccade.evaluation.palindrome import PalindromeConfig, palindrome
-from saccade.evaluation.trajectory import position_rmse
 from saccade.frames import Drive
 from saccade.visual.following import ByteArray, gray_bytes
 
 
 def table(result: visual.VisualResult, drive: Drive) -> tuple[float, ...]:
     """ATE of ours, of odometry, of visual odometry; error at the end; share inside 3 sigma."""
-    away = result.trajectory.pose[1:, :2] - drive.truth.at(drive.time[1:])[:, :2]
-    spread = np.linalg.inv(result.trajectory.covariance[1:, :2, :2])
-    sure = np.mean(np.einsum("ni,nij,nj->n", away, spread, away) < 11.83)
-    way = (result.trajectory, result.odometry, result.visual_odometry)
-    return (
-        *(position_rmse(each, drive.truth) for each in way),
-        float(np.hypot(*away[-1])),
-        float(sure),
-    )
+    ways = (result.trajectory, result.odometry, result.visual_odometry)
+    ours, odometry, seen = (score_drive(way, drive.truth) for way in ways)
+    return ours.ate_m, odometry.ate_m, seen.ate_m, ours.end_m, ours.inside_3sigma
 
 
 def peer(images: list[ByteArray]) -> float:

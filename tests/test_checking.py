@@ -11,8 +11,7 @@ from saccade.checking.checks import report_on
 from saccade.checking.looking import chosen_frames, look_through
 from saccade.datasets import load_drive
 from saccade.errors import ImageError
-from saccade.evaluation.palindrome import steps_between
-from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.frames import Camera, Drive, Frame, Tracks, steps_between
 from saccade.types import Trajectory
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 320.0, 240.0, 0.3, np.array([0.5, 0.1, 1.0]))

@@ -3,8 +3,6 @@
 The first stretch of each; the whole of them takes minutes: see benchmarks/drive.py.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -38,14 +36,8 @@ def test_one_camera_comes_back_to_where_it_began(shared):
 
 @pytest.mark.shared
 def test_stereo_tracks_are_followed(shared):
-    drive = read_tracks_drive(shared / "data/drives/kitti07/stereo_tracks_clean.npz")
-    n = 150
-    drive = replace(
-        drive,
-        time=drive.time[:n],
-        control=drive.control[: n - 1],
-        control_covariance=drive.control_covariance[: n - 1],
-    )
+    tracks = shared / "data/drives/kitti07/stereo_tracks_clean.npz"
+    drive = read_tracks_drive(tracks).until(150)
     result = visual.run(drive, visual.VisualConfig(every=1))
     sure, _ = inside(result, drive)
     assert position_rmse(result.trajectory, drive.truth) < 0.8

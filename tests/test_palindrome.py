@@ -5,8 +5,8 @@ from evo.core.trajectory import PoseTrajectory3D
 
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError
-from saccade.evaluation.palindrome import PalindromeConfig, palindrome, steps_between
-from saccade.frames import Camera, Drive, Frame
+from saccade.evaluation.palindrome import PalindromeConfig, palindrome
+from saccade.frames import Camera, Drive, Frame, steps_between
 from saccade.slam.models import compose
 from saccade.types import Trajectory
 

@@ -169,3 +169,11 @@ class Drive:
 
     def __repr__(self) -> str:
         return f"Drive({self.name}: {len(self)} frames)"
+
+
+def steps_between(pose: FloatArray) -> FloatArray:
+    """Each pose (n, 3) in the frame of the last one, (n - 1, 3): metres ahead and left, radians."""
+    east, north, turn = np.diff(pose, axis=0).T
+    c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
+    turn = turn - 2 * np.pi * np.rint(turn / (2 * np.pi))
+    return np.stack([c * east + s * north, c * north - s * east, turn], 1)

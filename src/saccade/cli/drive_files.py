@@ -119,13 +119,14 @@ def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
     import numpy as np
 
     from saccade.evaluation.drives import same_places
+    from saccade.visual.recording import RECOGNIZED
 
     n, seen = len(result.trajectory), result.meetings
     precision = None
-    if drive.truth is not None and (seen.kind == 2).any():
+    if drive.truth is not None and (seen.kind == RECOGNIZED).any():
         poses = drive.truth.at(drive.time)
         right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, poses)
-        precision = float(right[seen.kind == 2].mean())
+        precision = float(right[seen.kind == RECOGNIZED].mean())
     return {
         "sequence": drive.name,
         "frames": n,
@@ -136,7 +137,7 @@ def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
         "landmarks": len(result.map),
         "landmarks_seen": len(np.unique(seen.landmark)),
         "sightings": len(seen),
-        "recognized": int((seen.kind == 2).sum()),
+        "recognized": int((seen.kind == RECOGNIZED).sum()),
         "missed": result.missed,
         "ms_per_frame": 1000 * sum(result.seconds.values()) / n,
         "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},

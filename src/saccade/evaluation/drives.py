@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saccade.evaluation.trajectory import position_rmse
+from saccade.frames import steps_between
 from saccade.types import FloatArray, IntArray, Trajectory
 
 WITHIN = 11.829
@@ -38,7 +39,7 @@ def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
     """
     there = truth.at(estimate.time)
     apart = estimate.pose[:, :2] - there[:, :2]
-    steps, true_steps = _steps(estimate.pose), _steps(there)
+    steps, true_steps = (steps_between(each)[:, :2] for each in (estimate.pose, there))
     missed = np.hypot(*(steps - true_steps).T) if len(steps) else np.full(1, np.nan)
     return DriveScore(
         ate_m=position_rmse(Trajectory(estimate.time, estimate.pose), truth),
@@ -73,13 +74,6 @@ def same_places(
     spread = np.hypot(sigma[:, 0], z[:, 0] * sigma[:, 1])
     allowed = 3 * np.hypot(spread, spread[first][which]) + SAME_PLACE * (1 + z[:, 0] / 10)
     return np.asarray(apart < allowed)
-
-
-def _steps(pose: FloatArray) -> FloatArray:
-    """(n - 1, 2) each next place in the frame of the last pose."""
-    d, theta = np.diff(pose[:, :2], axis=0), pose[:-1, 2]
-    c, s = np.cos(theta), np.sin(theta)
-    return np.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], 1)
 
 
 def _inside(apart: FloatArray, covariance: FloatArray | None) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saccade.errors import DriveError, require
-from saccade.frames import Drive, Frame
+from saccade.frames import Drive, Frame, steps_between
 from saccade.types import FloatArray, IntArray, Trajectory
 
 
@@ -81,14 +81,6 @@ def palindrome(drive: Drive, config: PalindromeConfig = PalindromeConfig(), seed
 def there_and_back(n: int) -> IntArray:
     """Numbers of the even ones of n frames, then of the odd ones from the last on."""
     return np.concatenate([np.arange(0, n, 2), np.arange(1, n, 2)[::-1]])
-
-
-def steps_between(pose: FloatArray) -> FloatArray:
-    """Each pose (n, 3) in the frame of the last one, (n - 1, 3): metres ahead and left, radians."""
-    east, north = np.diff(pose[:, :2], axis=0).T
-    c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
-    turn = np.angle(np.exp(1j * np.diff(pose[:, 2])))
-    return np.stack([c * east + s * north, c * north - s * east, turn], 1)
 
 
 def _odometry(

@@ -5,14 +5,13 @@ from threading import Lock
 
 import numpy as np
 
-from saccade.frames import Drive, Frame
+from saccade.frames import Drive, Frame, steps_between
 from saccade.simulation.course import drive_course
 from saccade.simulation.drive_config import DriveConfig, OdometryConfig
 from saccade.simulation.light import Light
 from saccade.simulation.rendering import render, render_depth
 from saccade.simulation.ring import ring_scene
 from saccade.simulation.scene import Scene
-from saccade.slam.models import wrap
 from saccade.types import FloatArray, Trajectory
 
 SIDEWAYS = 0.2
@@ -38,7 +37,7 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
     place, way, light, odometry = np.random.SeedSequence(seed).spawn(4)
     time = np.arange(config.frames) / config.frame_rate
     pose = drive_course(config, way)
-    control, covariance = _odometry(config.odometry, _steps(pose), odometry)
+    control, covariance = _odometry(config.odometry, steps_between(pose), odometry)
     camera = config.camera
     scene = _once(lambda: ring_scene(config, place))
     lit = Light.drawn(config.light, camera, time, light)
@@ -80,13 +79,6 @@ def _once(build: Callable[[], Scene]) -> Callable[[], Scene]:
         return built[0]
 
     return scene
-
-
-def _steps(pose: FloatArray) -> FloatArray:
-    """(n - 1, 3) each pose in the frame of the one before."""
-    (dx, dy, turn), heading = np.diff(pose, axis=0).T, pose[:-1, 2]
-    c, s = np.cos(heading), np.sin(heading)
-    return np.stack([c * dx + s * dy, c * dy - s * dx, wrap(turn)], 1)
 
 
 def _odometry(

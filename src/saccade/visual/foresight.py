@@ -66,14 +66,6 @@ class Foresight:
             self._speed, self._spread = control / seconds, covariance / seconds**2
 
 
-def step_between(before: FloatArray, after: FloatArray) -> FloatArray:
-    """(3,) one pose (3,) in the frame of another: metres ahead and to the left, radians."""
-    c, s = np.cos(before[2]), np.sin(before[2])
-    dx, dy = after[:2] - before[:2]
-    turn = (after[2] - before[2] + np.pi) % (2 * np.pi) - np.pi
-    return np.array([c * dx + s * dy, c * dy - s * dx, turn])
-
-
 def lasting(motion: Motion, seconds: float, config: VisualConfig) -> FloatArray:
     """(3, 3) of a motion, as if its errors were new with every frame.
 

@@ -282,15 +282,7 @@ def _depth_again(camera: Camera, view: View, xy: Float32Array, before: FloatArra
 
 
 def _undescribed(xy: FloatArray) -> Keypoints:
-    points = Keypoints.at(xy, 1.0)
-    return Keypoints(
-        points.xy,
-        points.size,
-        points.angle,
-        points.response,
-        points.octave,
-        np.zeros((len(xy), 128), np.uint8),
-    )
+    return replace(Keypoints.at(xy, 1.0), descriptors=np.zeros((len(xy), 128), np.uint8))
 
 
 def _first_of_each_place(points: Keypoints) -> IntArray:

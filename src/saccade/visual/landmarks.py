@@ -76,5 +76,6 @@ class Landmarks:
         failing = (self.missed + 1) / (self.seen + self.missed + 2)
         age = (frame - self.last) / (frame + 1)
         unwanted = failing + 1e-3 * age
-        unwanted[self.rows(followed)[self.rows(followed) >= 0]] = -1.0
+        in_view = self.rows(followed)
+        unwanted[in_view[in_view >= 0]] = -1.0
         return np.sort(np.argsort(-unwanted, kind="stable")[:count])

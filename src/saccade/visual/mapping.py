@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from saccade.frames import Drive
+from saccade.frames import Drive, steps_between
 from saccade.slam.ekf import EkfSlam
 from saccade.slam.models import compose
 from saccade.slam.outcomes import Expectation
@@ -11,7 +11,7 @@ from saccade.slam.retraction import INVARIANT
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import Sightings
 from saccade.visual.config import VisualConfig
-from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting, step_between
+from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting
 from saccade.visual.landmarks import Landmarks
 from saccade.visual.motion import Motion, Prior
 from saccade.visual.road import WHITE, RoadMotion, Scale
@@ -147,7 +147,7 @@ class VisualMap:
         """
         if number == 0:
             return
-        step = step_between(before, self.ekf.pose)
+        step = steps_between(np.stack([before, self.ekf.pose]))[0]
         blind = self._drive.control_covariance[number - 1]
         self._foresight.saw(step, blind / (1 + told) ** 2, self._seconds(number))
 

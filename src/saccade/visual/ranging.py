@@ -5,7 +5,6 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import Float32Array, FloatArray
-from saccade.visual.camera import depth_of
 from saccade.visual.following import ByteArray, disparities
 
 BLOCK = 15
@@ -47,6 +46,3 @@ def depth_at(depth: FloatArray, xy: Float32Array) -> FloatArray:
     columns, rows = np.rint(xy).astype(np.int64).T
     found = depth[rows.clip(0, depth.shape[0] - 1), columns.clip(0, depth.shape[1] - 1)]
     return np.where(found > 0, found, np.nan)
-
-
-__all__ = ["depth_at", "depth_of", "first_disparities", "stereo_depth_sigma"]

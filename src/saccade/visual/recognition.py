@@ -1,5 +1,6 @@
 """Landmarks met again after they were out of sight: by their looks and by where they should be."""
 
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -29,7 +30,7 @@ def look_alikes(points: Keypoints, descriptors: npt.NDArray[np.uint8], ratio: fl
     if len(points) == 0 or len(descriptors) == 0:
         return np.zeros((0, 2), np.int64)
     known = Keypoints.at(np.zeros((len(descriptors), 2)), 1.0)
-    return match(points, _described(known, descriptors), ratio=ratio, mutual=True)
+    return match(points, replace(known, descriptors=descriptors), ratio=ratio, mutual=True)
 
 
 def within_gate(
@@ -81,12 +82,6 @@ def agreeing(z: FloatArray, places: FloatArray, tolerance: float = TOLERANCE) ->
     fits = missed < tolerance * z[:, 0] + tolerance
     best = fits[np.argmax(fits.sum(1))]
     return best if best.sum() >= min(FEWEST, m) else np.zeros(m, np.bool_)
-
-
-def _described(points: Keypoints, descriptors: npt.NDArray[np.uint8]) -> Keypoints:
-    return Keypoints(
-        points.xy, points.size, points.angle, points.response, points.octave, descriptors
-    )
 
 
 def keep_apart(
