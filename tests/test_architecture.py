@@ -20,7 +20,7 @@ ALLOWED = {
     "files": {"errors"},
     "extras": {"errors"},
     "_jit": {"errors"},
-    "image": {"types", "errors"},
+    "image": {"types", "errors", "files"},
     "video": FOUNDATION | {"image"},
     "pyramid": {"types", "errors", "_jit"},
     "scale_space": {"types", "errors", "_jit"},
@@ -34,6 +34,7 @@ ALLOWED = {
     "evaluation": FOUNDATION,
     "checking": FOUNDATION | {"visual"},
     "exchange": FOUNDATION,
+    "batch": FOUNDATION | {"image", "video", "attention", "keypoints", "exchange"},
     "viewing": FOUNDATION,
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""

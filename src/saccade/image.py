@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
+from saccade.files import IMAGE_SUFFIXES
 from saccade.types import Float32Array, Image
-
-IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 
 LARGEST_IMAGE = 1 << 28
 """Pixels; as float32 RGB they take 3 GB, and what is made of them several times that."""
@@ -38,8 +37,21 @@ def read_image(path: str | Path) -> Float32Array:
         ImageError: the file is missing, is not an image, is cut short, or is larger than
             `LARGEST_IMAGE`.
     """
-    bgr = _decode(Path(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name=str(path))
+    return decode_image(_read(Path(path)), str(path))
+
+
+def decode_image(data: bytes, name: str) -> Float32Array:
+    """What `read_image` gives, of the bytes of a file.
+
+    Args:
+        data: of any format that OpenCV reads.
+        name: what an error message calls it.
+
+    Raises:
+        ImageError: as those of `read_image`.
+    """
+    bgr = _decode(data, name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name)
 
 
 def read_stored(path: str | Path) -> Image:
@@ -54,33 +66,36 @@ def read_stored(path: str | Path) -> Image:
     Raises:
         ImageError: as those of `read_image`.
     """
-    pixels = _decode(Path(path), cv2.IMREAD_UNCHANGED)
+    pixels = _decode(_read(Path(path)), str(path), cv2.IMREAD_UNCHANGED)
     if pixels.ndim == 2:
         return pixels
     return cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2RGB)
 
 
-def _decode(path: Path, flags: int) -> npt.NDArray[Any]:
-    """What OpenCV makes of a file; colours are in its order."""
+def _read(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
+    """What OpenCV makes of a file's bytes; colours are in its order."""
     if not data:
-        raise ImageError(f"{path}: expected an image, found an empty file")
+        raise ImageError(f"{name}: expected an image, found an empty file")
     if _is_cut_short(data):
-        raise ImageError(f"{path}: the image is cut short")
+        raise ImageError(f"{name}: the image is cut short")
     with quiet_opencv():
         try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         except cv2.error as error:
-            raise ImageError(f"{path}: cannot be decoded: {error.err}") from error
+            raise ImageError(f"{name}: cannot be decoded: {error.err}") from error
     if pixels is None:
-        raise ImageError(f"{path}: expected an image (PNG, JPEG, TIFF, ...), found something else")
+        raise ImageError(f"{name}: expected an image (PNG, JPEG, TIFF, ...), found something else")
     height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
         raise ImageError(
-            f"{path}: expected at most {LARGEST_IMAGE:,} pixels, found {width} x {height}; "
+            f"{name}: expected at most {LARGEST_IMAGE:,} pixels, found {width} x {height}; "
             "make it smaller, or cut it up"
         )
     return pixels

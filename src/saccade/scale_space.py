@@ -1,5 +1,6 @@
 """Images at many scales, shared by attention and interest points."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -8,7 +9,6 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from scipy.optimize import brentq
 
 from saccade._jit import spread
 from saccade.types import Float32Array, FloatArray, IntArray
@@ -307,8 +307,15 @@ def gaussian_kernel(sigma: float, kernel_radius: float, corrected: bool) -> Floa
 
     # Where it is cut so short that none has the variance, it is left as it is.
     if corrected and excess(2 * sigma) > 0:
-        sigma = brentq(excess, sigma / 2, 2 * sigma)
+        sigma = root(excess, sigma / 2, 2 * sigma)
     return samples_of_gaussian(squares, sigma).astype(np.float32)
+
+
+def root(rising: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function goes through 0, by halving: SciPy's would take a second to import."""
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (low, middle) if rising(middle) > 0 else (middle, high)
+    return middle
 
 
 def kernel_of_moments(sigma: float) -> Float32Array:

@@ -9,11 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import whole_file
+from saccade.files import VIDEO_SUFFIXES, whole_file
 from saccade.image import quiet_opencv
 from saccade.types import Image
-
-VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 
 def is_video(path: str | Path) -> bool:

@@ -18,6 +18,7 @@ from saccade.cli.demo import demo
 from saccade.cli.detect import detect
 from saccade.cli.drive import drive
 from saccade.cli.evaluate import evaluate
+from saccade.cli.extract import extract
 from saccade.cli.look import look
 from saccade.cli.match import match
 from saccade.cli.simulate import simulate
@@ -41,6 +42,7 @@ app = typer.Typer(
 )
 app.command(epilog="Example: saccade look photo.jpg --fixations 5 --out looked")(look)
 app.command(epilog="Example: saccade detect photos --max 500 --spread --format hdf5")(detect)
+app.command(epilog="Example: saccade extract photos --what sift --out features")(extract)
 app.command(epilog="Example: saccade match left.jpg right.jpg --geometry homography")(match)
 app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
 app.command(epilog="Example: saccade check kitti/07")(check)

@@ -4,8 +4,6 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from saccade.types import Float32Array, FloatArray, IntArray
 
@@ -54,6 +52,9 @@ def nearest_before(xy: FloatArray, ends: IntArray) -> FloatArray:
     Returns:
         (n,) distances; infinite where `ends` is 0.
     """
+    from scipy.spatial import cKDTree  # half a second that few detections need
+    from scipy.spatial.distance import cdist
+
     n = len(xy)
     nearest = np.full(n, np.inf)
     size = LEAF

@@ -1,0 +1,17 @@
+"""Many images: from a folder to a cluster.
+
+`extract` cuts a source into shards, and an engine that others wrote runs `extract_shard` on each.
+What comes out is a folder of Parquet files:
+
+    manifest.json        what made it, and how much there is
+    images/part-*        a row for every image: hash of its content, size, how many rows, error
+    sift/part-*          the table itself, in a folder of the name of what was extracted
+    maps/part-*          maps, where they were asked for
+    errors.parquet       the images that could not be done, and why; only if there are any
+"""
+
+from saccade.batch.extraction import Extraction, extract
+from saccade.batch.job import Job
+from saccade.batch.sources import open_source
+
+__all__ = ["Extraction", "Job", "extract", "open_source"]

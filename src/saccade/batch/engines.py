@@ -1,0 +1,169 @@
+"""What runs the shards: this process, processes on this machine, or a cluster.
+
+We write no engine: the processes are those of `concurrent.futures`, the cluster is Dask's.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
+from typing import Any, Protocol, TypeAlias
+
+from saccade.batch.shards import Report, Shard
+
+Work: TypeAlias = Callable[[Shard], Report]
+AHEAD = 2
+"""Shards that wait for each worker: it need not wait for the one that hands them out."""
+DIED = "the process that worked on it died; was there enough memory?"
+
+
+class Engine(Protocol):
+    """Runs shards in any order, some at a time."""
+
+    @property
+    def workers(self) -> int:
+        """How many work at a time."""
+
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+        """The report of every shard; takes a new one only when there is room for it."""
+
+
+class Here:
+    """One after the other, in this process."""
+
+    workers = 1
+
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+        """See `Engine`."""
+        import cv2
+
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+        try:
+            yield from map(work, shards)
+        finally:
+            cv2.setNumThreads(threads)
+
+
+class Processes:
+    """Processes on this machine.
+
+    Args:
+        workers: how many.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+        """See `Engine`. A shard that kills its process is tried once more, alone."""
+        pool = _start(self.workers)
+        try:
+            running: dict[Future[Report], Shard] = {}
+            suspects: list[Shard] = []
+            more = True
+            while more or running:
+                while more and not suspects and len(running) < AHEAD * self.workers:
+                    shard = next(shards, None)
+                    more = shard is not None
+                    if shard is not None:
+                        running[pool.submit(work, shard)] = shard
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    shard = running.pop(future)
+                    try:
+                        yield future.result()
+                    except BrokenProcessPool:
+                        suspects.append(shard)
+                if suspects and not running:
+                    pool.shutdown()
+                    yield from _one_by_one(work, suspects)
+                    suspects.clear()
+                    pool = _start(self.workers) if more else pool
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+class Cluster:
+    """The workers of a Dask cluster, which see the same files.
+
+    Args:
+        client: a `distributed.Client`.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    @property
+    def workers(self) -> int:
+        """Threads of all workers now; they may come and go."""
+        return sum(self._client.nthreads().values())
+
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+        """See `Engine`. What a worker had begun that went away is done by another."""
+        distributed: Any = import_module("distributed")
+
+        waiting: dict[Any, Shard] = {}
+
+        def submit() -> Any:
+            shard = next(shards, None)
+            if shard is None:
+                return None
+            future = self._client.submit(work, shard, pure=False, retries=1)
+            waiting[future.key] = shard
+            return future
+
+        first = [submit() for _ in range(AHEAD * max(self.workers, 1))]
+        completed = distributed.as_completed([future for future in first if future is not None])
+        for future in completed:
+            shard = waiting.pop(future.key)
+            failure = future.exception()
+            yield future.result() if failure is None else lost(shard, str(failure))
+            following = submit()
+            if following is not None:
+                completed.add(following)
+
+
+def lost(shard: Shard, why: str) -> Report:
+    """The report of a shard of which nothing came."""
+    return Report(lost=[(item.name, why) for item in shard.items])
+
+
+def _one_by_one(work: Work, shards: list[Shard]) -> Iterator[Report]:
+    for shard in shards:
+        with _start(1) as pool:
+            try:
+                yield pool.submit(work, shard).result()
+            except BrokenProcessPool:
+                yield lost(shard, DIED)
+
+
+def _start(workers: int) -> ProcessPoolExecutor:
+    """Processes that are forked from one which has the libraries loaded, where that is possible."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        context: Any = multiprocessing.get_context("spawn")
+    else:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["saccade.batch.shards"])
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # a process to a core is what is wanted
+    return ProcessPoolExecutor(workers, context, initializer=_prepare)
+
+
+def _prepare() -> None:
+    """In a worker: leave Ctrl-C to the parent, and do not outlive it."""
+    import cv2
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    cv2.setNumThreads(1)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)

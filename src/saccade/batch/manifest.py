@@ -1,0 +1,123 @@
+"""What a folder of results says about itself."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from saccade.batch.job import Job
+from saccade.batch.shards import RECORDS, read_record
+from saccade.batch.store import Store
+from saccade.batch.tables import ERRORS, parquet_options
+from saccade.errors import ConfigError
+
+MANIFEST = "manifest.json"
+ERROR_FILE = "errors.parquet"
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What a folder of results holds."""
+
+    images: int = 0
+    """That are in the table, those without a row among them."""
+    rows: int = 0
+    """Of the table."""
+    errors: int = 0
+    """Images that have none."""
+    shards: int = 0
+    """Files of the table."""
+
+
+def read_manifest(store: Store) -> dict[str, Any] | None:
+    """What is in the manifest; None where there is none."""
+    try:
+        with store.open(MANIFEST) as file:
+            return dict(json.loads(file.read()))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{store.place}/{MANIFEST}: cannot be read: {error}") from error
+
+
+def check_manifest(store: Store, job: Job, *, redo: bool) -> None:
+    """Refuse to mix what different configurations make.
+
+    Raises:
+        ConfigError: the folder holds something else; says what differs.
+    """
+    found = read_manifest(store)
+    if found is None or redo:
+        return
+    asked, held = _flat(json.loads(json.dumps(job.described()))), _flat(found["configuration"])
+    for name in dict.fromkeys([*held, *asked]):
+        if asked.get(name) != held.get(name):
+            raise ConfigError(
+                f"{store.place}: made with {name} {held.get(name)!r}, "
+                f"found {asked.get(name)!r} asked for; take another --out, or --redo to do all anew"
+            )
+
+
+def write_manifest(store: Store, job: Job, source: str, totals: Totals, *, complete: bool) -> None:
+    """Say what made the folder, of what, and how far it is."""
+    told = {
+        "saccade": job.version,
+        "what": job.what,
+        "configuration": job.described(),
+        "fingerprint": job.fingerprint(),
+        "source": source,
+        "complete": complete,
+        **asdict(totals),
+    }
+    with store.writing(MANIFEST) as path:
+        path.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+
+
+def write_errors(store: Store, lost: Sequence[tuple[str, str]]) -> Totals:
+    """Gather the images with an error in one file, if there are any; and count all.
+
+    Args:
+        store: with the records of every shard.
+        lost: images whose results could not be written, and why.
+    """
+    images = rows = errors = shards = 0
+    batches = [pa.Table.from_pylist([{"image": name, "error": why} for name, why in lost], ERRORS)]
+    for record in records(store):
+        wrong = record.filter(record["error"].is_valid()).select(ERRORS.names)
+        if len(wrong):
+            batches.append(wrong)
+        shards += 1
+        errors += len(wrong)
+        images += len(record) - len(wrong)
+        rows += sum(record["rows"].to_pylist())
+    found = pa.concat_tables(batches)
+    if len(found):
+        with store.writing(ERROR_FILE) as path:
+            pq.write_table(found, path, **parquet_options(ERRORS))
+    else:
+        store.remove(ERROR_FILE)
+    return Totals(images, rows, errors + len(lost), shards)
+
+
+def records(store: Store) -> Iterator[pa.Table]:
+    """The record of every shard, one after the other."""
+    for file in record_files(store):
+        yield read_record(store, file)
+
+
+def record_files(store: Store) -> list[str]:
+    """What the records are called."""
+    return [name for name in store.names(RECORDS) if name.endswith(".parquet")]
+
+
+def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{before}{name}.")
+        else:
+            flat[f"{before}{name}"] = value
+    return flat

@@ -1,0 +1,249 @@
+"""`saccade extract`: features of many images, on one machine or on a cluster."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from saccade.cli.options import Json, Preset, Settings
+
+if TYPE_CHECKING:
+    from saccade.batch import Extraction
+    from saccade.batch.engines import Engine
+    from saccade.batch.sources import Source
+
+
+class What(StrEnum):
+    """What is extracted."""
+
+    SIFT = "sift"
+    MUST = "must"
+    SYMROID = "symroid"
+    SALIENCY = "saliency"
+    CONTRAST = "contrast"
+    SYMMETRY = "symmetry"
+    SCANPATH = "scanpath"
+
+
+class MapFormat(StrEnum):
+    """Files that maps are written to."""
+
+    ZARR = "zarr"
+    PNG = "png"
+
+
+KINDS = {What.SALIENCY: "attention", What.SCANPATH: "attention"}
+"""Of the configuration, as `saccade config` calls it, where that is another name."""
+INTERRUPTED = 130
+
+
+def extract(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A folder, a quoted pattern, a list (.txt), a video, a tar, or a URL of them.",
+        ),
+    ],
+    what: Annotated[What, typer.Option(help="What to extract.")] = What.SIFT,
+    out: Annotated[
+        str, typer.Option("--out", "-o", help="Folder or URL for the data set.")
+    ] = "saccade-extract",
+    preset: Preset = None,
+    config: Settings = None,
+    fixations: Annotated[int, typer.Option(min=1, help="Length of a scanpath.")] = 10,
+    maps: Annotated[
+        MapFormat, typer.Option(help="Of saliency: float16 Zarr, or 16-bit PNG.")
+    ] = MapFormat.ZARR,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Keep all bits of points: a third more bytes.")
+    ] = False,
+    every: Annotated[int, typer.Option(min=1, help="Of a video, take one frame of so many.")] = 1,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; the default suits cores and memory.")
+    ] = None,
+    size: Annotated[
+        int | None, typer.Option("--shard", min=1, help="Images to a file; up to 256 by default.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Work on a Dask cluster: tcp://host:8786.")
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Work in jobs of a batch system, through Dask: slurm, pbs ..."),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="With --cluster: how many jobs.")] = 1,
+    redo: Annotated[
+        bool, typer.Option("--redo", help="Do anew what other settings or another version made.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Extract features of many images into a Parquet data set.
+
+    The data set opens in DuckDB, Polars and pandas as it is (docs/extract.md). A run
+    that was cut off goes on when the same command is given again, and images that came since or
+    have changed are done too; the others are left alone. Images that cannot be
+    read are listed in errors.parquet, and the exit code is 1 then.
+
+    Ctrl-C lets the shards that have begun finish; pressed twice it ends at once.
+    """
+    from saccade.extras import import_optional
+
+    import_optional("pyarrow", "parquet")
+    from saccade.batch import Job, open_source
+    from saccade.batch import extract as extract_all
+    from saccade.cli.output import print_json, say
+    from saccade.cli.settings import load_settings
+
+    job = Job(
+        what.value,
+        load_settings(KINDS.get(what, what.value), preset, config),
+        fixations=fixations,
+        exact=exact,
+        maps=maps.value,
+    )
+    images = open_source(source, every)
+    with ExitStack() as stack:
+        engine = stack.enter_context(_engine(images, workers, scheduler, cluster, jobs))
+        stopped = stack.enter_context(_stopping())
+        watch = stack.enter_context(_watching(len(images)))
+        result = extract_all(
+            images,
+            job,
+            out,
+            engine,
+            name=source,
+            size=size,
+            redo=redo,
+            stopped=lambda: bool(stopped),
+            watch=watch,
+        )
+    row = _row(result, out)
+    if as_json:
+        print_json(row)
+    else:
+        _print(result, what.value, out)
+    if result.problem is not None:
+        say(result.problem)
+    if not result.complete:
+        seen = result.done + result.same
+        say(f"stopped after {seen} of {len(images)} images; give the same command to go on")
+        raise typer.Exit(INTERRUPTED)
+    if result.totals.errors:
+        say(f"{result.totals.errors} of {len(images)} images failed; see {out}/errors.parquet")
+        raise typer.Exit(1)
+
+
+@contextmanager
+def _engine(
+    images: "Source", workers: int | None, scheduler: str | None, cluster: str | None, jobs: int
+) -> Iterator["Engine"]:
+    from saccade.batch.engines import Here, Processes
+    from saccade.errors import ConfigError
+
+    if scheduler is not None and cluster is not None:
+        raise ConfigError("cluster: expected --scheduler or --cluster, found both")
+    if scheduler is not None or cluster is not None:
+        from saccade.batch.cluster import batch_system, scheduler_at
+
+        where = scheduler_at(scheduler) if scheduler else batch_system(str(cluster), jobs)
+        with where as engine:
+            yield engine
+        return
+    if workers is None:
+        from saccade.batch.machine import workers_for
+
+        workers = workers_for(images)
+    yield Processes(workers) if workers > 1 else Here()
+
+
+@contextmanager
+def _stopping() -> Iterator[list[int]]:
+    """A list that has an entry after the first Ctrl-C; the second raises KeyboardInterrupt."""
+    from saccade.cli.output import say
+
+    asked: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        asked.append(number)
+        signal.signal(signal.SIGINT, before)
+        say("stopping: what has begun is finished first; press Ctrl-C again to end at once")
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _watching(total: int) -> Iterator[Any]:
+    """What shows the progress: images per second, time left and errors; only on a terminal."""
+    from saccade.cli.output import messages
+
+    console = messages()
+    if not console.is_terminal:
+        yield lambda report: None
+        return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[errors]}"),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("", total=total, rate="", errors="")
+        errors = 0
+
+        def watch(report: Any) -> None:
+            nonlocal errors
+            errors += report.failed + len(report.lost)
+            progress.advance(task, report.done + report.same + len(report.lost))
+            (shown,) = progress.tasks
+            rate = f"{shown.speed:.1f} images/s" if shown.speed else ""
+            progress.update(task, rate=rate, errors=f"{errors} errors" if errors else "")
+
+        yield watch
+
+
+def _row(result: "Extraction", out: str) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "out": out,
+        "done": result.done,
+        "already_done": result.same,
+        **asdict(result.totals),
+        "complete": result.complete,
+    }
+
+
+def _print(result: "Extraction", what: str, out: str) -> None:
+    from saccade.cli.output import print_table
+
+    totals = result.totals
+    print_table(
+        f"{what} -> {Path(out) if '://' not in out else out}",
+        ["", ""],
+        [
+            ("images done now", f"{result.done:,}"),
+            ("done before", f"{result.same:,}"),
+            ("images in all", f"{totals.images:,}"),
+            ("rows in all", f"{totals.rows:,}"),
+            ("errors", f"{totals.errors:,}"),
+            ("files", f"{totals.shards:,}"),
+        ],
+    )

@@ -1,0 +1,92 @@
+"""Small photographs, what is extracted of them, and processes that are killed at it."""
+
+import os
+import random
+import signal
+import sys
+import time
+from importlib.resources import files
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+
+from saccade import Sift, SiftConfig, read_image
+from saccade.batch import Job, extract, open_source
+from saccade.batch.engines import Here
+from saccade.batch.reading import digest_of
+
+SIFT = Job("sift", SiftConfig())
+
+
+def photographs(folder, count):
+    """So many pieces of the hallway, each of another place; gives their paths."""
+    hallway = cv2.imread(str(files("saccade") / "data" / "hallway_1.jpg"))
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for number in range(count):
+        y, x = 37 * number % 320, 53 * number % 416
+        paths.append(folder / f"{number:03d}.png")
+        cv2.imwrite(str(paths[-1]), hallway[y : y + 64, x : x + 96])
+    return paths
+
+
+def extract_here(source, out, job=SIFT, size=3, **options):
+    """`extract` in this process."""
+    return extract(open_source(str(source)), job, str(out), Here(), size=size, **options)
+
+
+def check_whole(out, table="sift"):
+    """What is recorded is there, once; gives the rows of every image that has been done."""
+    rows = {}
+    for record in sorted((out / "images").glob("*")):
+        found = pq.read_table(out / table / record.name).to_pandas()
+        for row in pq.read_table(record).to_pylist():
+            assert row["image"] not in rows, "twice"
+            rows[row["image"]] = found[found.image == row["image"]]
+            assert len(rows[row["image"]]) == row["rows"]
+            assert row["error"] is not None or row["rows"] is not None
+        assert set(found.image) <= set(rows)
+    for path in (out / table).glob("*"):
+        pq.read_table(path)
+    return rows
+
+
+def check_complete(source, out):
+    """Every image of a folder is there once, with the points that it has and no others."""
+    rows = check_whole(out)
+    recorded = pq.read_table(out / "images").to_pandas().set_index("image")
+    paths = {path.name: path for path in source.iterdir()}
+    assert set(rows) == set(recorded.index) == set(paths)
+    assert {path.name for path in (out / "sift").iterdir()} == {
+        path.name for path in (out / "images").iterdir()
+    }
+    for name, path in paths.items():
+        points = Sift(threads=1)(read_image(path))
+        assert len(rows[name]) == len(points)
+        np.testing.assert_allclose(rows[name][["x", "y"]], points.xy, atol=0.5 / 256)
+        described = np.frombuffer(b"".join(rows[name].descriptor), np.uint8).reshape(-1, 128)
+        assert np.abs(described.astype(int) - points.descriptors).max(initial=0) <= 1
+        assert recorded.content[name] == digest_of(path.read_bytes())
+
+
+def kill_many(source, out, kills):
+    """Begin as often as said, each time in a folder of its own, and kill -9 at a random moment."""
+    extract_here(source, out / "before")  # the children have all of it loaded
+    moments, took = random.Random(kills), 0.0
+    for number in range(kills + 1):
+        start = time.perf_counter()
+        child = os.fork()
+        if child == 0:
+            extract_here(source, out / str(number))
+            os._exit(0)
+        if number > 0:
+            time.sleep(moments.random() * took)
+            os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        took = took or time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    kill_many(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
