@@ -107,24 +107,21 @@ class Cluster:
         distributed: Any = import_module("distributed")
 
         waiting: dict[Any, Shard] = {}
-
-        def submit() -> Any:
-            shard = next(shards, None)
-            if shard is None:
-                return None
-            future = self._client.submit(work, shard, pure=False, retries=1)
-            waiting[future.key] = shard
-            return future
-
-        first = [submit() for _ in range(AHEAD * max(self.workers, 1))]
-        completed = distributed.as_completed([future for future in first if future is not None])
-        for future in completed:
-            shard = waiting.pop(future.key)
-            failure = future.exception()
-            yield future.result() if failure is None else lost(shard, str(failure))
-            following = submit()
-            if following is not None:
-                completed.add(following)
+        completed = distributed.as_completed(loop=self._client.loop)
+        more = True
+        while more or waiting:
+            while more and len(waiting) < AHEAD * max(self.workers, 1):
+                shard = next(shards, None)
+                more = shard is not None
+                if shard is not None:
+                    future = self._client.submit(work, shard, pure=False)
+                    waiting[future.key] = shard
+                    completed.add(future)
+            if waiting:
+                future = next(completed)
+                shard = waiting.pop(future.key)
+                failure = future.exception()
+                yield future.result() if failure is None else lost(shard, str(failure))
 
 
 def lost(shard: Shard, why: str) -> Report:

@@ -2,10 +2,10 @@
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
-from saccade import __version__
+import saccade
 from saccade.errors import require
 
 What: TypeAlias = Literal["saliency", "contrast", "symmetry", "scanpath", "sift", "must", "symroid"]
@@ -32,7 +32,7 @@ class Job:
     """Keep all bits of points; see `saccade.batch.tables.point_table`."""
     maps: Maps = "zarr"
     """Files that maps are written to."""
-    version: str = field(default=__version__)
+    version: str = saccade.__version__
     """Of this package."""
 
     def __post_init__(self) -> None:

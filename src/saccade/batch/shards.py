@@ -67,10 +67,11 @@ def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> Rep
         redo: whether what another version or configuration made is made anew.
     """
     store = open_store(place)
-    kept = kept_records(job, store, shard, redo) if shard.known else {}
+    before = read_record(store, shard.file).to_pylist() if shard.known else []
+    kept = kept_records(job, before, shard, redo)
     todo = [item for item in shard.items if item.name not in kept]
     failed = sum(row["error"] is not None for row in kept.values())
-    if not todo:
+    if not todo and len(kept) == len(before):
         return Report(same=len(kept), failed=failed)
     try:
         made = _write(job, store, shard, kept, todo)
@@ -86,18 +87,21 @@ def read_record(store: Store, file: str, columns: Sequence[str] | None = None) -
         return pq.read_table(opened, columns=columns)
 
 
-def kept_records(job: Job, store: Store, shard: Shard, redo: bool) -> dict[str, dict[str, Any]]:
+def kept_records(
+    job: Job, before: Sequence[dict[str, Any]], shard: Shard, redo: bool
+) -> dict[str, dict[str, Any]]:
     """The rows of a record that still hold, by image, each with the `first` of its rows.
 
-    Those are of images that have not changed, and of images that cannot be seen any more.
+    Those are of images that have not changed, and of images that can no longer be seen: unless
+    all that is known of them is an error.
     """
     items = {item.name: item for item in shard.items}
     first, kept, configuration = 0, {}, job.fingerprint()
-    for row in read_record(store, shard.file).to_pylist():
+    for row in before:
         name, valid = row["image"], row["configuration"] == configuration
         if valid and not (redo and row["version"] != job.version):
             item = items.get(name)
-            if item is None or _unchanged(item, row["content"]):
+            if row["error"] is None if item is None else _unchanged(item, row["content"]):
                 kept[name] = {**row, "first": first}
         first += row["rows"]
     return kept
