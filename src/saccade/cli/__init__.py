@@ -18,7 +18,9 @@ from saccade.cli.demo import demo
 from saccade.cli.detect import detect
 from saccade.cli.drive import drive
 from saccade.cli.evaluate import evaluate
+from saccade.cli.export import export
 from saccade.cli.extract import extract
+from saccade.cli.index import find, index
 from saccade.cli.look import look
 from saccade.cli.match import match
 from saccade.cli.simulate import simulate
@@ -43,6 +45,9 @@ app = typer.Typer(
 app.command(epilog="Example: saccade look photo.jpg --fixations 5 --out looked")(look)
 app.command(epilog="Example: saccade detect photos --max 500 --spread --format hdf5")(detect)
 app.command(epilog="Example: saccade extract photos --what sift --out features")(extract)
+app.command(epilog="Example: saccade export features --format colmap --out database.db")(export)
+app.command(epilog="Example: saccade index features")(index)
+app.command(epilog="Example: saccade find photo.jpg --in features")(find)
 app.command(epilog="Example: saccade match left.jpg right.jpg --geometry homography")(match)
 app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
 app.command(epilog="Example: saccade check kitti/07")(check)

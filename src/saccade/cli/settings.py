@@ -43,6 +43,15 @@ def load_settings(kind: str, preset: str | None = None, path: Path | None = None
     return _changed(settings, _read_toml(path), str(path))
 
 
+def settings_from(kind: str, values: dict[str, Any], name: str) -> Any:
+    """A configuration of a kind from a table of its settings; `name` is what holds the table.
+
+    Raises:
+        ConfigError: as those of `load_settings`.
+    """
+    return _changed(_named(kind, DEFAULT), values, name)
+
+
 def preset_names(kind: str) -> list[str]:
     """The names of the presets of a kind, the default first."""
     return [DEFAULT, *_presets(_configuration(kind))]

@@ -1,0 +1,259 @@
+"""Which images show the same thing: descriptors in faiss, what it finds checked by geometry.
+
+An index is a folder beside the table:
+
+    index/vectors.faiss      the descriptors, byte by byte, in cells about learnt centers
+    index/places.npy         their (x, y), image by image
+    index/images.json        what made it, and the images with their first row
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow.parquet as pq
+
+from saccade.batch.job import POINTS
+from saccade.batch.manifest import read_manifest
+from saccade.batch.shards import read_record
+from saccade.batch.store import Folder
+from saccade.batch.tables import ENTRIES
+from saccade.errors import ConfigError, KeypointsError, require
+from saccade.extras import import_optional
+from saccade.files import whole_file
+from saccade.keypoints.matching import match
+from saccade.keypoints.verification import verify
+from saccade.types import Float32Array, IntArray, Keypoints
+
+FOLDER = "index"
+TO_A_CELL = 200
+"""Descriptors to a cell, at least."""
+LEARNT_FROM = 64
+"""Descriptors that a cell is learnt from, at most; faiss asks for 39 or more."""
+SMALL = 20_000
+"""Descriptors that are compared one by one: they take less time than to learn cells."""
+NEIGHBORS = 10
+"""Of a point of the image that is looked for; the last says how far chance is away."""
+PROBES = 16
+"""Cells that are looked into."""
+
+
+@dataclass(frozen=True)
+class FindConfig:
+    """How images are looked up."""
+
+    candidates: int = 30
+    """Images, those with the most similar points, whose geometry is checked."""
+    ratio: float = 0.8
+    """A match is made if its distance is under this share of the distance to the next."""
+    agreeing: int = 15
+    """Matches that must agree on one geometry; different rooms of a house have up to 18."""
+
+    def __post_init__(self) -> None:
+        require(self.candidates >= 1, "candidates", "1 or more", self.candidates)
+        require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
+        require(self.agreeing >= 8, "agreeing", "8 or more", self.agreeing)
+
+
+class Found(NamedTuple):
+    """An image that shows what was looked for."""
+
+    image: str
+    agreeing: int
+    """Matches that agree on one geometry of the two views; 0 where too few do."""
+    similarity: float
+    """What its points are like those looked for, of which geometry knows nothing."""
+
+
+class Index:
+    """The points of a data set, to look images up in.
+
+    Args:
+        folder: of the data set, with an index in it.
+
+    Raises:
+        ConfigError: it has none, or faiss is not installed.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._faiss = import_optional("faiss", "find")
+        place = Path(folder) / FOLDER
+        try:
+            told = json.loads((place / "images.json").read_text(encoding="utf-8"))
+            vectors = str(place / "vectors.faiss")
+            self._vectors = self._faiss.read_index(vectors, self._faiss.IO_FLAG_MMAP)
+            self._places = np.load(place / "places.npy", mmap_mode="r")
+        except (OSError, ValueError, RuntimeError) as error:
+            raise ConfigError(f"{folder}: expected an index; make one: saccade index") from error
+        self.what: str = told["what"]
+        """What made the points."""
+        self.settings: dict[str, Any] = told["settings"]
+        """Its configuration: of the points that are looked for, too."""
+        self.most: int = told["most"]
+        """Points of an image, at most."""
+        self.images: list[str] = told["images"]
+        """Names."""
+        if hasattr(self._vectors, "make_direct_map"):  # to read the points of an image
+            self._vectors.make_direct_map()
+        self._first: IntArray = np.array([*told["first"], len(self._places)], np.int64)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def find(
+        self, points: Keypoints, config: FindConfig | None = None, without: str | None = None
+    ) -> list[Found]:
+        """The images that show the same thing, the surest first.
+
+        Args:
+            points: of the image, as the points of the data set were made.
+            config: how to look.
+            without: an image to leave out.
+
+        Returns:
+            At most as many as there are candidates; first those whose geometry agrees.
+        """
+        config = config or FindConfig()
+        points = points[: self.most]
+        similarity = self._similarity(points)
+        if without in self.images:
+            similarity[self.images.index(without)] = 0
+        best = np.argsort(-similarity, kind="stable")[: config.candidates]
+        found = [
+            Found(self.images[number], self._agreeing(points, number, config), similarity[number])
+            for number in best.tolist()
+            if similarity[number] > 0
+        ]
+        return sorted(found, key=lambda each: (-each.agreeing, -each.similarity))
+
+    def points_of(self, number: int) -> Keypoints:
+        """The points of an image that are in the index."""
+        first, end = self._first[number : number + 2].tolist()
+        descriptors = self._vectors.reconstruct_n(first, end - first).astype(np.uint8)
+        return replace(Keypoints.at(self._places[first:end], 1.0), descriptors=descriptors)
+
+    def _similarity(self, points: Keypoints) -> Float32Array:
+        """(images,) how many points are like those of each, a near one counting up to 1.
+
+        A point has a vote for the nearest of an image: how much nearer it is than the last
+        neighbor, which is near by chance.
+        """
+        total = np.zeros(len(self), np.float32)
+        if points.descriptors is None or not len(points) or not len(self._places):
+            return total
+        wanted = points.descriptors.astype(np.float32)
+        squares, rows = self._vectors.search(wanted, min(NEIGHBORS, len(self._places)))
+        distance = np.sqrt(np.maximum(squares, 0))
+        votes = np.where(rows >= 0, 1 - distance / np.maximum(distance[:, -1:], 1), 0)
+        image = np.searchsorted(self._first, rows, side="right") - 1
+        voter = np.repeat(np.arange(len(points)), rows.shape[1])
+        cells, cell = np.unique(voter * len(self) + image.ravel(), return_inverse=True)
+        strongest = np.zeros(len(cells), np.float32)
+        np.maximum.at(strongest, cell.ravel(), votes.ravel().astype(np.float32))
+        np.add.at(total, cells % len(self), strongest)
+        return total
+
+    def _agreeing(self, points: Keypoints, number: int, config: FindConfig) -> int:
+        there = self.points_of(number)
+        pairs = match(points, there, ratio=config.ratio)
+        if len(pairs) < config.agreeing:
+            return 0
+        return int(verify(points, there, pairs, least=config.agreeing).inliers.sum())
+
+
+def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
+    """Make an index of the points of a data set; replaces an old one.
+
+    Args:
+        folder: of the data set; on this machine.
+        most: points of each image, the strongest.
+
+    Returns:
+        How many `images` and `points` are in it.
+
+    Raises:
+        ConfigError: the folder holds no points, or faiss is not installed.
+        OutputError: it cannot be written.
+    """
+    faiss = import_optional("faiss", "find")
+    require(most >= 1, "points", "1 or more", most)
+    store = Folder(str(folder))
+    manifest = read_manifest(store)
+    if manifest is None or manifest["what"] not in POINTS:
+        found = "no manifest.json" if manifest is None else manifest["what"]
+        raise ConfigError(f"{folder}: expected extracted points, found {found}")
+    what, place = manifest["what"], Path(folder) / FOLDER
+    images, first, count = _layout(store, what, most)
+    vectors = _empty(faiss, store, what, most, count)
+    with (
+        whole_file(place / "places.npy") as places_path,
+        whole_file(place / "vectors.faiss") as vectors_path,
+        whole_file(place / "images.json") as images_path,
+    ):
+        places = []
+        for xy, descriptors in _kept(store, what, most):
+            places.append(xy)
+            vectors.add(descriptors.astype(np.float32))
+        np.save(places_path, np.concatenate([np.zeros((0, 2), np.float32), *places]))
+        faiss.write_index(vectors, str(vectors_path))
+        told = {
+            "what": what,
+            "settings": manifest["configuration"]["settings"],
+            "most": most,
+            "images": images,
+            "first": first,
+        }
+        images_path.write_text(json.dumps(told), encoding="utf-8")
+    return {"images": len(images), "points": count}
+
+
+def _layout(store: Folder, what: str, most: int) -> tuple[list[str], list[int], int]:
+    """The images that have points, the first row of each in the index, and how many rows."""
+    images, first, count = [], [], 0
+    for file in store.names(what):
+        for row in read_record(store, file, ["image", "rows"]).to_pylist():
+            if row["rows"]:
+                images.append(row["image"])
+                first.append(count)
+                count += min(row["rows"], most)
+    return images, first, count
+
+
+def _kept(
+    store: Folder, what: str, most: int
+) -> Iterator[tuple[Float32Array, npt.NDArray[np.uint8]]]:
+    """Places and descriptors of the strongest points of every image, shard by shard."""
+    for file in store.names(what):
+        counts = read_record(store, file, ["rows"])["rows"].to_numpy()
+        starts = np.cumsum(counts) - counts
+        with store.open(f"{what}/{file}") as opened:
+            table = pq.read_table(opened, columns=["x", "y", "descriptor"])
+        if len(table) != counts.sum():
+            raise KeypointsError(f"{what}/{file}: expected {counts.sum()} rows, found {len(table)}")
+        rank = np.arange(len(table)) - np.repeat(starts, counts)
+        xy = np.stack([table["x"].to_numpy(), table["y"].to_numpy()], axis=1)
+        packed = table["descriptor"].combine_chunks()
+        described = np.frombuffer(packed.buffers()[1], np.uint8).reshape(-1, ENTRIES)[: len(table)]
+        yield xy[rank < most], described[rank < most]
+
+
+def _empty(faiss: Any, store: Folder, what: str, most: int, count: int) -> Any:
+    """An index of faiss's for `count` descriptors, which has learnt its cells from some."""
+    if count < SMALL:
+        return faiss.IndexFlatL2(ENTRIES)
+    cells = int(min(4 * count**0.5, count / TO_A_CELL))
+    share = min(LEARNT_FROM * cells / count, 1.0)
+    chance = np.random.default_rng(0)
+    some = [each[chance.random(len(each)) < share] for _, each in _kept(store, what, most)]
+    centers = faiss.IndexFlatL2(ENTRIES)
+    index = faiss.IndexIVFScalarQuantizer(
+        centers, ENTRIES, cells, faiss.ScalarQuantizer.QT_8bit_direct, faiss.METRIC_L2, False
+    )
+    index.nprobe = PROBES
+    index.own_fields = bool(centers.this.disown() is None)
+    index.train(np.concatenate(some).astype(np.float32))
+    return index
