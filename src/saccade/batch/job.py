@@ -3,6 +3,7 @@
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, Literal, TypeAlias, get_args
 
 import saccade
@@ -53,6 +54,7 @@ class Job:
             told["maps"] = self.maps
         return told
 
+    @cached_property
     def fingerprint(self) -> str:
         """16 hexadecimal digits of what is `described`."""
         text = json.dumps(self.described(), sort_keys=True, default=str)

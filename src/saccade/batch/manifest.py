@@ -67,7 +67,7 @@ def write_manifest(store: Store, job: Job, source: str, totals: Totals, *, compl
         "saccade": job.version,
         "what": job.what,
         "configuration": job.described(),
-        "fingerprint": job.fingerprint(),
+        "fingerprint": job.fingerprint,
         "source": source,
         "complete": complete,
         **asdict(totals),

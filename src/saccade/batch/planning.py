@@ -15,8 +15,10 @@ from saccade.batch.store import Store
 
 MOST = 256
 """Images to a shard: minutes of work, and a file of about 30 MB."""
+LEAST = 4
+"""Images to a shard of a small job: a file costs as much as a tenth of an image."""
 SHARDS = 32
-"""That even a small job is cut into, so that there is work for all."""
+"""That a small job is cut into, where it has so many images, so that there is work for all."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Plan:
             for file in files
             for name in read_record(store, file, ["image"])["image"].to_pylist()
         ]
-        at_once = size or min(max(len(source) // SHARDS, 1), MOST)
+        at_once = size or min(max(len(source) // SHARDS, LEAST), MOST)
         return cls(source, at_once, tuple(files), np.sort(np.array(hashes, np.uint64)))
 
     def shards(self, store: Store) -> Iterator[Shard]:

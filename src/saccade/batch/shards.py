@@ -96,7 +96,7 @@ def kept_records(
     all that is known of them is an error.
     """
     items = {item.name: item for item in shard.items}
-    first, kept, configuration = 0, {}, job.fingerprint()
+    first, kept, configuration = 0, {}, job.fingerprint
     for row in before:
         name, valid = row["image"], row["configuration"] == configuration
         if valid and not (redo and row["version"] != job.version):
@@ -146,7 +146,7 @@ def _one(job: Job, item: Item) -> tuple[dict[str, Any], Product | None]:
     """The row of the record of one image, and what was made of it."""
     row: dict[str, Any] = dict.fromkeys(RECORD.names)
     row |= {"image": item.name, "rows": 0}
-    row |= {"configuration": job.fingerprint(), "version": job.version}
+    row |= {"configuration": job.fingerprint, "version": job.version}
     try:
         content = read_content(item)
         row["content"] = digest_of(content)

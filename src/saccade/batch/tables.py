@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
@@ -64,8 +65,8 @@ def point_table(name: str, found: Keypoints | Regions, *, exact: bool) -> pa.Rec
         columns = [to_multiples(each, PLACE) for each in places]
         columns += [shortened(size), to_multiples(angle, TURN), shortened(response)]
         boxes = [shortened(each) for each in boxes]
-        descriptors = MULTIPLES[descriptors]
-    packed = np.ascontiguousarray(descriptors)
+        descriptors = in_threes(descriptors)
+    packed = np.ascontiguousarray(descriptors).reshape(-1, ENTRIES)
     return pa.RecordBatch.from_arrays(
         [
             pa.repeat(name, len(points)),
@@ -179,3 +180,10 @@ def shortened(values: Float32Array) -> Float32Array:
     kept = (bits + np.uint32(1 << (lost - 1))) >> np.uint32(lost) << np.uint32(lost)
     rounded: Float32Array = kept.view(np.float32)
     return rounded
+
+
+def in_threes(descriptors: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Each entry as the nearest multiple of `STEP`."""
+    if not len(descriptors):
+        return descriptors
+    return np.asarray(cv2.LUT(descriptors, MULTIPLES), np.uint8)

@@ -1,0 +1,194 @@
+"""What `saccade extract` costs beside the work: `uv run python benchmarks/extract.py`.
+
+- overhead: one process, 640x480, in shards as large as those of a job of 10000
+- two workers against one, beside what two independent loops gain at the same time on this machine
+- memory: the peak of a run over 1000 and over 10000 small images
+- start: from the command to its end on one image, against a script that only detects
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from saccade.batch import Job, extract, open_source, shards, tables
+from saccade.batch.engines import Here, Processes
+from saccade.keypoints.sift_config import SiftConfig
+
+JOB = Job("sift", SiftConfig())
+BARE = "import sys, saccade; saccade.Sift(threads=1)(saccade.read_image(sys.argv[1]))"
+PEAK = """
+import resource, sys
+from saccade.batch import Job, extract, open_source
+from saccade.batch.engines import Here
+from saccade.keypoints.sift_config import SiftConfig
+extract(open_source(sys.argv[1]), Job("sift", SiftConfig()), sys.argv[2], Here())
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def photographs(folder: Path, pairs: Path | None, count: int) -> None:
+    """VGA photographs as JPEG; each a little different from all others."""
+    names = ("astronaut", "chelsea", "coffee", "hallway_1", "hallway_2", "rocket")
+    found = [Path(str(files("saccade") / "data" / f"{name}.jpg")) for name in names]
+    if pairs is not None:
+        found = sorted(pairs.rglob("*.png"))
+    for number in range(count):
+        image = cv2.imread(str(found[number % len(found)]))
+        image = cv2.resize(image, (640, 480), interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(folder / f"{number:05d}.jpg"), np.roll(image, number, axis=1))
+
+
+def seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def timed(owner: object, name: str, spent: list[float]) -> None:
+    """Let a function of a module note how much processor time it takes."""
+    function = getattr(owner, name)
+
+    def call(*arguments: object, **options: object) -> object:
+        start = time.process_time()
+        result = function(*arguments, **options)
+        spent[0] += time.process_time() - start
+        return result
+
+    setattr(owner, name, call)
+
+
+def overhead(folder: Path, runs: int) -> None:
+    """Processor time of a run, over what reading, decoding and detecting take in the same run.
+
+    In turns with a loop they would differ by what else the machine does meanwhile.
+    """
+    source, count = open_source(str(folder)), len(list(folder.iterdir()))
+    spent, besides = [0.0], [0.0]
+    timed(shards, "_one", spent)
+    for owner, name in ((shards, "digest_of"), (tables, "point_table")):
+        timed(owner, name, besides)
+    shares = []
+    for run in range(runs + 1):
+        with tempfile.TemporaryDirectory() as out:
+            spent[0] = besides[0] = 0.0
+            start = time.process_time()
+            totals = extract(source, JOB, out, Here(), size=256).totals
+            whole, bare = time.process_time() - start, spent[0] - besides[0]
+            size = sum(path.stat().st_size for path in Path(out, "sift").iterdir())
+        if run > 0:  # in the first the libraries are loaded
+            shares.append(whole / bare)
+            print(
+                f"{count} images 640x480: read and detect {1e3 * bare / count:.1f} ms/image, "
+                f"all {1e3 * whole / count:.1f} ms/image, ratio {shares[-1]:.3f}",
+                flush=True,
+            )
+    print(f"overhead: {100 * (np.median(shares) - 1):.1f} % (median of {runs})")
+    print(
+        f"size: {size / totals.rows:.1f} bytes a point, {totals.rows / count:.0f} points an image"
+    )
+
+
+def workers(folder: Path) -> None:
+    """One worker and two, and what two processes that share nothing gain."""
+    source = open_source(str(folder))
+    took = {}
+    for count in (1, 2):
+        with tempfile.TemporaryDirectory() as out:
+            marks: list[float] = []
+            extract(
+                source,
+                JOB,
+                out,
+                Processes(count),
+                watch=lambda _, m=marks: m.append(time.perf_counter()),
+            )
+            skipped = 2 * count  # every worker has loaded what it needs
+            took[count] = (marks[-1] - marks[skipped - 1]) / (len(marks) - skipped)
+    script = (
+        "import sys, time\nfrom pathlib import Path\nimport cv2\n"
+        "from saccade import Sift, read_image\ncv2.setNumThreads(1)\nsift = Sift(threads=1)\n"
+        "paths = sorted(Path(sys.argv[1]).glob('*.jpg'))[:60]\n"
+        "[sift(read_image(p)) for p in paths[:5]]\nstart = time.perf_counter()\n"
+        "[sift(read_image(p)) for p in paths]\nprint(time.perf_counter() - start)\n"
+    )
+    alone = [float(subprocess.check_output([sys.executable, "-c", script, folder]))]
+    both = [
+        subprocess.Popen([sys.executable, "-c", script, folder], stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    together = [float(each.communicate()[0]) for each in both]
+    print(f"two workers: {took[1] / took[2]:.2f} times one")
+    print(f"two loops that share nothing: {2 * alone[0] / np.mean(together):.2f} times one")
+
+
+def memory() -> None:
+    """Peak of a run, in a fresh process."""
+    peaks = {}
+    image = cv2.imread(str(files("saccade") / "data" / "hallway_1.jpg"))[100:164, 100:196]
+    whole, packed = cv2.imencode(".png", image)
+    assert whole
+    for count in (1000, 10_000):
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "in").mkdir()
+            for number in range(count):
+                (Path(folder) / "in" / f"{number:06d}.png").write_bytes(packed.tobytes())
+            words = [sys.executable, "-c", PEAK, f"{folder}/in", f"{folder}/out"]
+            peaks[count] = int(subprocess.check_output(words)) / 1024
+            print(f"{count} small images: peak {peaks[count]:.0f} MB", flush=True)
+    print(f"memory: {peaks[10_000] / peaks[1000]:.3f} times as much for ten times as many")
+
+
+def start(folder: Path, runs: int) -> None:
+    """One image, from nothing."""
+    one = sorted(folder.glob("*.jpg"))[0]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    rows = []
+    for _ in range(runs):
+        with tempfile.TemporaryDirectory() as out:
+            command = [str(Path(sys.executable).with_name("saccade")), "extract", str(one)]
+            times = [
+                seconds(
+                    lambda w=words: subprocess.run(
+                        w, env=environment, check=True, capture_output=True
+                    )
+                )
+                for words in ([sys.executable, "-c", BARE, str(one)], [*command, "--out", out])
+            ]
+            rows.append(times)
+    script, command = np.median(rows, axis=0)
+    print(f"start: {command:.2f} s for one image; a script that only detects {script:.2f} s")
+    print(f"start: {command - script:.2f} s are the command's")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=Path, help="folder of sequences with 1.png")
+    parser.add_argument("--images", type=int, default=96)
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--only", choices=("overhead", "workers", "memory", "start"))
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        photographs(folder, options.pairs, options.images)
+        parts = {
+            "overhead": lambda: overhead(folder, options.runs),
+            "workers": lambda: workers(folder),
+            "memory": memory,
+            "start": lambda: start(folder, options.runs),
+        }
+        for part, measure in parts.items():
+            if options.only in (None, part):
+                measure()
+
+
+if __name__ == "__main__":
+    main()
