@@ -7,6 +7,7 @@ from importlib.resources import files
 import pytest
 
 from conftest import ROOT
+from extracting import check_whole, extract_here, photographs
 from saccade.datasets import save_drive
 from saccade.datasets.camera_file import read_calibration
 from test_drive_writing import small_drive
@@ -86,3 +87,20 @@ def test_the_code_of_the_page_on_drives_runs(tmp_path, monkeypatch):
     assert (tmp_path / "copy" / "image_1" / "000004.png").exists()
     (tmp_path / "camera.toml").write_text(settings)
     assert read_calibration(tmp_path / "camera.toml").camera.place[2] == 0.7
+
+
+def test_the_code_of_the_page_on_many_images_runs(tmp_path, monkeypatch):
+    """As it stands there: in DuckDB, Polars and pandas."""
+    page = (ROOT / "docs" / "extract.md").read_text(encoding="utf-8")
+    photographs(tmp_path / "photos", 5)
+    extract_here(tmp_path / "photos", tmp_path / "features")
+    rows = check_whole(tmp_path / "features")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in code_of(page):
+        exec(block, names)
+    most = max(rows.values(), key=len)
+    assert names["strongest"][0][1:] == (len(most), most.response.max())
+    assert names["failed"].fetchall() == []
+    assert len(names["large"]) == sum((each["size"] > 8).sum() for each in rows.values())
+    assert names["descriptors"].shape == (len(names["photo"]), 128)

@@ -229,3 +229,27 @@ def test_maps_that_have_not_changed_are_kept(tmp_path):
     for path in paths:
         expected = contrast_saliency(read_image(path)).saliency
         np.testing.assert_allclose(group[path.name][...], expected, atol=5e-4)
+
+
+def test_ctrl_c_finishes_what_has_begun_and_says_how_to_go_on(folder, run, tmp_path, monkeypatch):
+    from saccade.batch import extraction
+
+    do = extraction.extract_shard
+
+    def interrupted(job, place, shard, redo):
+        signal.raise_signal(signal.SIGINT)
+        return do(job, place, shard, redo)
+
+    words = ("extract", folder, "--out", "out", "--workers", 1, "--shard", 3)
+    with monkeypatch.context() as patched:
+        patched.setattr(extraction, "extract_shard", interrupted)
+        code, printed, err = run(*words, "--json")
+    assert code == 130
+    assert "stopped after 3 of 24 images; give the same command to go on" in err
+    assert json.loads(printed)["complete"] is False
+    assert not json.loads((tmp_path / "out" / "manifest.json").read_text())["complete"]
+    assert len(check_whole(tmp_path / "out")) == 3
+    code, printed, err = run(*words, "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(printed)["already_done"] == 3
+    check_complete(folder, tmp_path / "out")
