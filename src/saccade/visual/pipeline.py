@@ -35,7 +35,7 @@ from saccade.visual.recognition import (
 )
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
-from saccade.visual.road import road_motion
+from saccade.visual.road import Road
 from saccade.visual.selection import attend, preference
 from saccade.visual.triangulation import CameraWay
 
@@ -90,6 +90,7 @@ class Pipeline:
         self._detect = Detector(config)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
+        self._road = Road(drive.camera)
 
     def step(self, number: int) -> None:
         """Go on by one frame."""
@@ -143,7 +144,7 @@ class Pipeline:
         before = self._last.left
         if before is None or view.left is None:
             return motion
-        road = road_motion(self.drive.camera, before, view.left, motion)
+        road = self._road.motion(before, view.left, motion)
         return motion if road is None else self.world.along_road(motion, road)
 
     def _renew(self, number: int, view: View) -> None:
