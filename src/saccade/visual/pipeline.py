@@ -2,21 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
 from saccade.pyramid import FloatMap
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.recording import Recorder
 from saccade.types import FloatArray, IntArray
+from saccade.visual.ahead import Ahead
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import (
-    Detector,
     Followed,
     View,
     bearing_alone,
@@ -25,6 +25,7 @@ from saccade.visual.frontend import (
     tells_depth,
     track,
 )
+from saccade.visual.glance import Glancing
 from saccade.visual.mapping import VisualMap
 from saccade.visual.motion import Motion, camera_motion
 from saccade.visual.recognition import (
@@ -37,7 +38,7 @@ from saccade.visual.recognition import (
 )
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
-from saccade.visual.road import road_motion
+from saccade.visual.road import Road
 from saccade.visual.selection import attend, preference
 from saccade.visual.triangulation import CameraWay
 
@@ -100,9 +101,10 @@ class Pipeline:
         self.recording = Recording(drive)
         self.ranged = tells_depth(drive)
         self.world = VisualMap(drive, config, self.ranged)
-        self._detect = Detector(config)
+        self._glances = Ahead(Glancing(drive, config), len(drive), config.every)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
+        self._road = Road(drive.camera)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -121,9 +123,10 @@ class Pipeline:
 
     def step(self, number: int) -> None:
         """Go on by one frame."""
-        note, world = self.recording, self.world
-        with note.timed("read"):
-            view = look(self._load(number), self.drive.camera)
+        note, world, start = self.recording, self.world, perf_counter()
+        with note.timed("wait"):
+            glance = self._glances(number)
+        view = note.glanced(glance).view
         before = world.ekf.pose
         if number > 0:
             self._move(number, view)
@@ -131,10 +134,10 @@ class Pipeline:
             note.moved(np.zeros(3), None)
         with note.timed("update"):
             self._meet(number, FOLLOWED, self.followed[self.followed.known])
-        if number % self.config.every == 0 and not view.blind:
-            self._renew(number, view)
+        if glance.found is not None:
+            self._renew(number, view, glance.found)
         world.moved(number, before, len(self.followed))
-        note.believed(world.ekf.pose, world.pose_covariance)
+        note.believed(world.ekf.pose, world.pose_covariance, perf_counter() - start)
         if not view.blind:
             self._last, note.sighted = view, number
 
@@ -171,16 +174,14 @@ class Pipeline:
         before = self._last.left
         if before is None or view.left is None:
             return motion
-        road = road_motion(self.drive.camera, before, view.left, motion)
+        road = self._road.motion(before, view.left, motion)
         return motion if road is None else self.world.along_road(motion, road)
 
-    def _renew(self, number: int, view: View) -> None:
+    def _renew(self, number: int, view: View, found: Followed) -> None:
         """Find what is in view: landmarks that were lost from sight, and new ones."""
         note, world, config = self.recording, self.world, self.config
-        with note.timed("detect"):
-            found = self._detect(view, self.drive.camera, number)
-            found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
         with note.timed("associate"):
+            found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
             pairs = self._recognize(found)
             known = replace(
                 found[pairs[:, 0]],
@@ -286,14 +287,6 @@ class Pipeline:
         points, seen = points[useful], some(seen, useful)
         self.world.meet(points.landmark, seen, points.again, number)
         self.recording.meetings(number, kind, points.landmark, points.xy, seen)
-
-    def _load(self, number: int) -> Frame:
-        """The frame, empty where it cannot be read."""
-        try:
-            return self.drive.load(number)
-        except ImageError as error:
-            self.recording.remarks.append(str(error))
-            return Frame(float(self.drive.time[number]))
 
 
 def _near(points: Followed, others: Followed, apart: float) -> npt.NDArray[np.bool_]:
