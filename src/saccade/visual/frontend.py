@@ -168,14 +168,22 @@ def measures_depth(camera: Camera, frame: Frame) -> bool:
 
 
 def tells_depth(drive: Drive) -> bool:
-    """Whether the frames of a drive do: by the first of them that can be read."""
+    """Whether the frames of a drive do: by the first of them that can be read.
+
+    Raises:
+        DriveError: none can be read, as where the calibration is of other images.
+    """
+    first = None
     for number in range(len(drive)):
         try:
             frame = drive.load(number)
-        except ImageError:
+        except ImageError as error:
+            first = first or error
             continue
         if frame.image is not None or frame.tracks is not None:
             return measures_depth(drive.camera, frame)
+    if first is not None:
+        raise DriveError(f"{first}; no frame of the drive can be used")
     return False
 
 

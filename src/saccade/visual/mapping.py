@@ -11,7 +11,7 @@ from saccade.slam.retraction import INVARIANT
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import Sightings
 from saccade.visual.config import VisualConfig
-from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting
+from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting, lasting_of
 from saccade.visual.landmarks import Landmarks
 from saccade.visual.motion import Motion, Prior
 from saccade.visual.plane import Plane
@@ -59,7 +59,7 @@ class VisualMap:
         drive, factor = self._drive, self.scale.factor
         seconds = self._seconds(number)
         control = drive.control[number - 1] * (factor, factor, 1.0)
-        control[2] -= self._drift.rate * seconds
+        control = self._drift.taken_off(control, seconds)
         self._odometry = control, drive.control_covariance[number - 1]
         if not self._ranged:
             return self._odometry
@@ -76,9 +76,12 @@ class VisualMap:
             expected: what `foretell` says.
             motion: what the camera says of the way, if anything.
         """
-        taken = expected
+        seconds = self._seconds(number)
+        unsure = lasting_of(
+            expected[0], seconds, self.scale.sigma if self._ranged else 0.0, self._drift
+        )
+        taken = expected[0], expected[1] + unsure
         if motion is not None:
-            seconds = self._seconds(number)
             self.plane.heard(motion.tilt, seconds)
             taken = motion.control, lasting(motion, seconds, self._config, self.plane.tilt)
             turned = float(self._drive.control[number - 1, 2] - motion.control[2])
