@@ -6,20 +6,27 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Generic, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 T = TypeVar("T")
 
 TURN = 5e-4
-"""Seconds that a thread waits for another one's Python code: by default it is a sixth of a frame,
-many times in each."""
+"""Seconds that a thread waits for the Python code of another. By default it is ten times as long,
+and many waits make up a frame."""
 
 
 @contextmanager
-def short_turns() -> Iterator[None]:
-    """Let the threads of this process take turns more often than they do by default."""
+def side_by_side() -> Iterator[None]:
+    """Let two threads of Python work well beside each other meanwhile.
+
+    They take turns often, and the linear algebra of the one does not start more threads: with the
+    other at work those wait for each other, ten times longer than it takes one alone.
+    """
     usual = sys.getswitchinterval()
     sys.setswitchinterval(min(usual, TURN))
     try:
-        yield
+        with threadpool_limits(1, user_api="blas"):
+            yield
     finally:
         sys.setswitchinterval(usual)
 

@@ -13,7 +13,7 @@ from saccade.pyramid import FloatMap
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.recording import Recorder
 from saccade.types import FloatArray, IntArray
-from saccade.visual.ahead import Ahead, short_turns
+from saccade.visual.ahead import Ahead, side_by_side
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import (
@@ -74,7 +74,7 @@ def run(
         data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
         done = checkpoint.resume(drive, (config, *data), state)
         pipeline.go_on_from(done)
-    with short_turns():
+    with side_by_side():
         for number in range(done, len(drive)):
             pipeline.step(number)
             if recorder is not None:
