@@ -101,7 +101,7 @@ class Recording:
             missed=self.missed,
             seconds=dict(self.seconds),
             frame_seconds=np.array(self._took),
-            remarks=tuple(self.remarks),
+            remarks=(*self.remarks, *world.plane.remarks()),
         )
 
     def _columns(self) -> list[npt.NDArray[Any]]:
