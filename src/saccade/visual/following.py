@@ -20,7 +20,7 @@ RETURN = 0.5
 """Pixels by which a point may miss when it is followed back again."""
 UPRIGHT = 1.0
 """Pixels by which the images of a rectified rig may differ in height."""
-CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.03)
+CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 
 
 def gray_bytes(image: Image) -> ByteArray:
@@ -57,7 +57,7 @@ def follow(
         before, now, here, start.copy(), nothing, nothing, WINDOW, LEVELS, CRITERIA, flag
     )
     home, back, _ = cv2.calcOpticalFlowPyrLK(
-        now, before, there, here.copy(), nothing, nothing, WINDOW, 0, CRITERIA, flag
+        now, before, there, here.copy(), nothing, nothing, WINDOW, 1, CRITERIA, flag
     )
     missed = np.hypot(*(home - here).T)
     ok = (found[:, 0] > 0) & (back[:, 0] > 0) & (missed < RETURN)
