@@ -14,7 +14,6 @@ from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import (
-    Detector,
     Followed,
     View,
     bearing_alone,
@@ -36,7 +35,8 @@ from saccade.visual.recognition import (
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
 from saccade.visual.road import road_motion
-from saccade.visual.selection import attend, preference
+from saccade.visual.selection import preference
+from saccade.visual.senses import Memory, Senses
 from saccade.visual.triangulation import CameraWay
 
 
@@ -46,6 +46,7 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
+    memory: Memory | None = None,
 ) -> VisualResult:
     """Map a drive.
 
@@ -54,6 +55,7 @@ def run(
         config: how to look and to map.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
+        memory: of earlier runs over the same frames.
 
     Returns:
         The way, the map, and what was seen of it when.
@@ -61,7 +63,7 @@ def run(
     Raises:
         DriveError: images that do not fit the calibration.
     """
-    pipeline = Pipeline(drive, config or VisualConfig())
+    pipeline = Pipeline(drive, config or VisualConfig(), memory)
     for number in range(len(drive)):
         pipeline.step(number)
         if recorder is not None:
@@ -79,15 +81,16 @@ class Pipeline:
     Args:
         drive: frames and odometry.
         config: how to look and to map.
+        memory: of earlier runs over the same frames.
     """
 
-    def __init__(self, drive: Drive, config: VisualConfig) -> None:
+    def __init__(self, drive: Drive, config: VisualConfig, memory: Memory | None = None) -> None:
         self.drive, self.config = drive, config
         self.followed = Followed()
         self.recording = Recording(drive)
         self.ranged = measures_depth(drive.camera, self._load(0))
         self.world = VisualMap(drive, config, self.ranged)
-        self._detect = Detector(config)
+        self._senses = Senses(config, memory)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
 
@@ -150,7 +153,7 @@ class Pipeline:
         """Find what is in view: landmarks that were lost from sight, and new ones."""
         note, world, config = self.recording, self.world, self.config
         with note.timed("detect"):
-            found = self._detect(view, self.drive.camera, number)
+            found = self._senses.detect(view, self.drive.camera, number)
             found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
         with note.timed("associate"):
             pairs = self._recognize(found)
@@ -168,8 +171,7 @@ class Pipeline:
             places = max(0, config.followed - len(self.followed))
             strongest = np.argsort(-new.response, kind="stable")[:places]
             self.followed = self.followed.joined(new[strongest])
-            image = view.frame.image
-            chosen = self._choose(number, None if image is None else attend(image, config))
+            chosen = self._choose(number, self._senses.attend(view, number))
         with note.timed("manage"):
             self._take_in(number, chosen)
 
