@@ -5,7 +5,17 @@ from typing import Literal
 
 from saccade.errors import require
 
-SELECTIONS = ("strength", "random", "range", "contrast", "symmetry")
+SELECTIONS = (
+    "strength",
+    "random",
+    "range",
+    "contrast",
+    "symmetry",
+    "spread",
+    "proven",
+    "proven-range",
+    "proven-spread",
+)
 """How the points that become landmarks may be chosen."""
 DETECTORS = ("sift", "must", "symroid")
 """What finds them."""
@@ -17,9 +27,20 @@ class VisualConfig:
 
     detector: Literal["sift", "must", "symroid"] = "sift"
     """What finds points that may become landmarks."""
-    selection: Literal["strength", "random", "range", "contrast", "symmetry"] = "random"
-    """Which of them do: the strongest, any, those whose range is known best, those that are the
-    most salient by contrast or by symmetry."""
+    selection: Literal[
+        "strength",
+        "random",
+        "range",
+        "contrast",
+        "symmetry",
+        "spread",
+        "proven",
+        "proven-range",
+        "proven-spread",
+    ] = "random"
+    """Which of them do: the strongest, any, those whose range is known best, the most salient by
+    contrast or by symmetry, those farthest from other landmarks in the image, those that were known
+    again most surely while they were followed; or the last, and range or distance count too."""
     new_per_frame: int = 8
     """Landmarks that a frame may add, on average."""
     in_view: int = 40

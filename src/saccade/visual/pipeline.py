@@ -17,7 +17,6 @@ from saccade.visual.frontend import (
     Followed,
     View,
     bearing_alone,
-    look,
     measures_depth,
     observe,
     track,
@@ -30,6 +29,7 @@ from saccade.visual.recognition import (
     agreeing,
     keep_apart,
     look_alikes,
+    rehearsed,
     within_gate,
 )
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
@@ -98,7 +98,7 @@ class Pipeline:
         """Go on by one frame."""
         note, world = self.recording, self.world
         with note.timed("read"):
-            view = look(self._load(number), self.drive.camera)
+            view = self._senses.look(self._load, self.drive.camera, number)
         before = world.ekf.pose
         if number > 0:
             self._move(number, view)
@@ -122,7 +122,9 @@ class Pipeline:
         note, world, camera, config = self.recording, self.world, self.drive.camera, self.config
         expected = world.foretell(number)
         with note.timed("track"):
-            self.followed, motion = track(camera, self._last, view, self.followed, expected, config)
+            self.followed, motion = track(
+                camera, self._last, view, self.followed, expected, config, self._senses.follow
+            )
             note.moved(expected[0], motion)
         with note.timed("road"):
             if motion is not None and not self.ranged:
@@ -154,6 +156,7 @@ class Pipeline:
         note, world, config = self.recording, self.world, self.config
         with note.timed("detect"):
             found = self._senses.detect(view, self.drive.camera, number)
+            self.followed = rehearsed(self.followed, found, config.ratio)
             found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
         with note.timed("associate"):
             pairs = self._recognize(found)
@@ -182,10 +185,11 @@ class Pipeline:
         free = np.flatnonzero(useful & ~points.known)
         share = np.sqrt(seen.covariance[free, 0, 0]) / seen.z[free, 0]
         shape = (camera.height, camera.width)
-        order = free[preference(points.keypoints[free], share, saliency, shape, config, number)]
+        taken = points.xy[points.known]
+        order = free[preference(points[free], share, saliency, shape, taken, config, number)]
         places = max(0, config.in_view - int(points.known.sum()))
         count = min(config.new_per_frame * config.every, places)
-        return keep_apart(points.xy, order, points.xy[points.known], config.apart, count)
+        return keep_apart(points.xy, order, taken, config.apart, count)
 
     def _take_in(self, number: int, chosen: IntArray) -> None:
         """Make landmarks of some of the followed points, and keep to the budget."""

@@ -1,52 +1,95 @@
-"""What a frame shows by itself, whatever is made of it: its points, and what stands out in it."""
+"""What frames show by themselves, whatever is made of it: points, their ways, what stands out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
-from saccade.frames import Camera
+import numpy as np
+
+from saccade.frames import Camera, Frame
 from saccade.pyramid import FloatMap
+from saccade.types import Float32Array
 from saccade.visual.config import VisualConfig
-from saccade.visual.frontend import Detector, Followed, View
+from saccade.visual.following import BoolArray, ByteArray, follow
+from saccade.visual.frontend import Detector, Followed, View, look
 from saccade.visual.selection import attend
+
+T = TypeVar("T")
+Key = TypeVar("Key")
+Ways = dict[bytes, tuple[Float32Array, bool]]
+"""Where points of one image are in another and whether each was found, by where they begin."""
 
 
 @dataclass
 class Memory:
-    """What runs over the same frames, with other choices and budgets, need not work out anew."""
+    """What runs over the same frames, with other choices and budgets, need not work out anew.
 
+    It holds all frames of the drive, and grows with what is looked at.
+    """
+
+    views: dict[int, View] = field(default_factory=dict)
+    """By frame."""
     points: dict[tuple[str, int, int], Followed] = field(default_factory=dict)
     """By detector, number of points and frame."""
     saliency: dict[tuple[str, int], FloatMap | None] = field(default_factory=dict)
     """By kind and frame."""
+    ways: dict[tuple[int, int], Ways] = field(default_factory=dict)
+    """By the identity of both images, which `views` keeps alive."""
 
 
 class Senses:
-    """Detects points, and attends to what is salient.
+    """Looks at frames, detects points, follows them, and attends to what is salient.
 
     Args:
         config: how to look.
-        memory: of earlier runs over the same frames with the same camera; it grows.
+        memory: of earlier runs over the same frames with the same camera.
     """
 
     def __init__(self, config: VisualConfig, memory: Memory | None = None) -> None:
         self._config, self._memory = config, memory
         self._detect = Detector(config)
 
+    def look(self, load: Callable[[int], Frame], camera: Camera, number: int) -> View:
+        """A frame, made ready."""
+        if self._memory is None:
+            return look(load(number), camera)
+        return _once(self._memory.views, number, lambda: look(load(number), camera))
+
     def detect(self, view: View, camera: Camera, number: int) -> Followed:
         """The points of a frame that shows something."""
         if self._memory is None:
             return self._detect(view, camera, number)
         key = self._config.detector, self._config.points, number
-        if key not in self._memory.points:
-            self._memory.points[key] = self._detect(view, camera, number)
-        return self._memory.points[key]
+        return _once(self._memory.points, key, lambda: self._detect(view, camera, number))
 
     def attend(self, view: View, number: int) -> FloatMap | None:
         """(h, w) saliency of a frame; None where the choice does not ask for it."""
-        if view.frame.image is None:
-            return None
-        if self._memory is None:
-            return attend(view.frame.image, self._config)
+        image = view.frame.image
+        if image is None or self._memory is None:
+            return None if image is None else attend(image, self._config)
         key = self._config.selection, number
-        if key not in self._memory.saliency:
-            self._memory.saliency[key] = attend(view.frame.image, self._config)
-        return self._memory.saliency[key]
+        return _once(self._memory.saliency, key, lambda: attend(image, self._config))
+
+    def follow(
+        self, before: ByteArray, now: ByteArray, xy: Float32Array, guess: Float32Array | None = None
+    ) -> tuple[Float32Array, BoolArray]:
+        """As `following.follow`: each point for itself, so that each need be followed once."""
+        if self._memory is None or len(xy) == 0:
+            return follow(before, now, xy, guess)
+        known = self._memory.ways.setdefault((id(before), id(now)), {})
+        start = np.concatenate([xy, xy if guess is None else guess], 1)
+        keys = [row.tobytes() for row in start]
+        new = [i for i, key in enumerate(keys) if key not in known]
+        if new:
+            there, found = follow(before, now, xy[new], None if guess is None else guess[new])
+            for i, place, ok in zip(new, there, found.tolist(), strict=True):
+                known[keys[i]] = place, ok
+        places, oks = zip(*(known[key] for key in keys), strict=True)
+        return np.array(places), np.array(oks)
+
+
+def _once(kept: dict[Key, T], key: Key, work_out: Callable[[], T]) -> T:
+    """What is kept under a key, worked out where nothing is."""
+    if key not in kept:
+        kept[key] = work_out()
+    return kept[key]
