@@ -12,6 +12,7 @@ from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import same_places, score_drive
 from saccade.evaluation.palindrome import PalindromeConfig, palindrome
 from saccade.simulation import DriveConfig, simulate_drive
+from saccade.slam import Checkpoint, Recorder
 from saccade.visual import VisualConfig
 
 FRAMES = 48
@@ -60,6 +61,44 @@ def test_a_run_is_repeated_to_the_bit(drive):
     assert first.trajectory.pose.tobytes() == second.trajectory.pose.tobytes()
     assert first.map.xy.tobytes() == second.map.xy.tobytes()
     assert first.descriptors.tobytes() == second.descriptors.tobytes()
+
+
+@pytest.mark.parametrize("right", [True, False], ids=["stereo", "one camera"])
+def test_a_drive_that_is_interrupted_goes_on_to_the_same_bits(drive, tmp_path, right):
+    def seen(number, frame):
+        dark = replace(frame, image=np.zeros_like(frame.image), right=None)
+        return dark if number in (11, 12) else frame if right else replace(frame, right=None)
+
+    def until(frame):
+        def progress(done, total):
+            if done == frame:
+                raise KeyboardInterrupt
+
+        return progress
+
+    lens = drive.camera if right else replace(drive.camera, baseline=0.0)
+    some = replace(changed(drive, seen), camera=lens).until(24)
+    films = [Recorder(8), Recorder(8)]
+    whole = visual.run(some, recorder=films[0])
+    for frame in (1, 12, 17):
+        recorder, kept = Recorder(8), Checkpoint(tmp_path / "c.npz", 0)
+        with pytest.raises(KeyboardInterrupt):
+            visual.run(some, None, until(frame), recorder=recorder, checkpoint=kept)
+    kept = Checkpoint(tmp_path / "c.npz", 0)
+    resumed = visual.run(some, recorder=films[1], checkpoint=kept)
+    assert kept.resumed == 17
+    for one, two in (
+        (whole.trajectory.pose, resumed.trajectory.pose),
+        (whole.trajectory.covariance, resumed.trajectory.covariance),
+        (whole.visual_odometry.pose, resumed.visual_odometry.pose),
+        (whole.map.xy, resumed.map.xy),
+        (whole.map.covariance, resumed.map.covariance),
+        (whole.descriptors, resumed.descriptors),
+        (whole.meetings.z, resumed.meetings.z),
+        (whole.meetings.kind, resumed.meetings.kind),
+        *((a.path, b.path) for a, b in zip(*(f.snapshots for f in films), strict=True)),
+    ):
+        assert one.tobytes() == two.tobytes()
 
 
 def test_the_map_keeps_to_its_budget(drive):

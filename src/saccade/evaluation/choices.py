@@ -42,12 +42,15 @@ def mean_ranks(table: FloatArray, larger_is_better: bool) -> FloatArray:
 def ratios(table: FloatArray, reference: int) -> FloatArray:
     """(choices, 3) how many times as large a score is as that of one of the choices.
 
-    Of each drive, which is a world with a seed, the means over the budgets are compared; given
+    Of each drive, which is a world with a seed, the sums over the budgets are compared; given
     are the geometric mean over the drives and the ends of its interval, by bootstrap over the
-    drives: budgets on the same drive do not count as another one.
+    drives: budgets on the same drive do not count as another one. Drives on which a choice has
+    no score, or 0, are left out.
     """
-    per_drive = np.log(np.nanmean(table, axis=1))  # (worlds, choices, seeds)
+    per_drive = np.nansum(table, axis=1).transpose(0, 2, 1).reshape(-1, table.shape[2])
+    per_drive = np.log(per_drive[(per_drive > 0).all(1)])
+    if len(per_drive) == 0:
+        return np.full((table.shape[2], 3), np.nan)
     gain = per_drive - per_drive[:, [reference]]
-    gain = gain.transpose(0, 2, 1).reshape(-1, table.shape[2])
     low, high = mean_interval(gain, CONFIDENCE, seed=0)
     return np.asarray(np.exp(np.stack([gain.mean(0), low, high], 1)))

@@ -6,8 +6,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import DriveError
-from saccade.frames import Camera, Frame
+from saccade.errors import DriveError, ImageError
+from saccade.frames import Camera, Drive, Frame
 from saccade.keypoints.must import Must
 from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.sift import Sift
@@ -175,6 +175,18 @@ def track(
 def measures_depth(camera: Camera, frame: Frame) -> bool:
     """Whether a frame tells by itself how far points are."""
     return camera.baseline > 0 or frame.depth is not None
+
+
+def tells_depth(drive: Drive) -> bool:
+    """Whether the frames of a drive do: by the first of them that can be read."""
+    for number in range(len(drive)):
+        try:
+            frame = drive.load(number)
+        except ImageError:
+            continue
+        if frame.image is not None or frame.tracks is not None:
+            return measures_depth(drive.camera, frame)
+    return False
 
 
 def depth_deviation(camera: Camera, depth: FloatArray, config: VisualConfig) -> FloatArray:

@@ -49,12 +49,18 @@ class VisualMap:
         self._foresight = Foresight(np.array([ahead, ahead / 4, turn]))
 
     def foretell(self, number: int) -> Prior:
-        """The control that is expected to lead to a frame after the first."""
+        """The control that is expected to lead to a frame after the first.
+
+        A single camera takes the length of a step from it. With the last steps in it their errors
+        would count anew in each, and where the robot speeds up for seconds it would lag behind.
+        """
         drive, factor = self._drive, self.scale.factor
         seconds = self._seconds(number)
         control = drive.control[number - 1] * (factor, factor, 1.0)
         control[2] -= self._drift.rate * seconds
         self._odometry = control, drive.control_covariance[number - 1]
+        if not self._ranged:
+            return self._odometry
         return self._foresight.foresee(*self._odometry, seconds)
 
     def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:

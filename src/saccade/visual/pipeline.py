@@ -1,7 +1,8 @@
 """The whole chain: attend, detect, track, observe, associate, update, and manage the map."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
 from saccade.pyramid import FloatMap
+from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.recording import Recorder
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
@@ -17,8 +19,8 @@ from saccade.visual.frontend import (
     Followed,
     View,
     bearing_alone,
-    measures_depth,
     observe,
+    tells_depth,
     track,
 )
 from saccade.visual.mapping import VisualMap
@@ -47,6 +49,7 @@ def run(
     *,
     recorder: Recorder | None = None,
     memory: Memory | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> VisualResult:
     """Map a drive.
 
@@ -56,6 +59,7 @@ def run(
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
         memory: of earlier runs over the same frames.
+        checkpoint: where the run saves itself, and goes on if it was interrupted.
 
     Returns:
         The way, the map, and what was seen of it when.
@@ -63,13 +67,22 @@ def run(
     Raises:
         DriveError: images that do not fit the calibration.
     """
-    pipeline = Pipeline(drive, config or VisualConfig(), memory)
-    for number in range(len(drive)):
+    config = config or VisualConfig()
+    pipeline = Pipeline(drive, config, memory)
+    state = {**pipeline.state, "recorder": recorder}
+    done = 0
+    if checkpoint is not None:
+        data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
+        done = checkpoint.resume(drive, (config, *data), state)
+        pipeline.go_on_from(done)
+    for number in range(done, len(drive)):
         pipeline.step(number)
         if recorder is not None:
             followed = pipeline.followed
             seen = pipeline.world.landmarks.rows(followed.landmark[followed.known])
             recorder.add(number, len(drive), pipeline.world.ekf, seen)
+        if checkpoint is not None:
+            checkpoint.keep(number + 1, {**pipeline.state, "recorder": recorder})
         if progress is not None:
             progress(number + 1, len(drive))
     return pipeline.result()
@@ -88,11 +101,28 @@ class Pipeline:
         self.drive, self.config = drive, config
         self.followed = Followed()
         self.recording = Recording(drive)
-        self.ranged = measures_depth(drive.camera, self._load(0))
+        self.ranged = tells_depth(drive)
         self.world = VisualMap(drive, config, self.ranged)
         self._senses = Senses(config, memory)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What changes from frame to frame, for a checkpoint."""
+        return {
+            "world": self.world,
+            "recording": self.recording,
+            "followed": self.followed,
+            "way": self._way,
+        }
+
+    def go_on_from(self, done: int) -> None:
+        """Take up a drive whose state has been restored after so many frames."""
+        if done > 0 and self.recording.sighted >= 0:
+            self._last = self._senses.look(
+                self.drive.load, self.drive.camera, self.recording.sighted
+            )
 
     def step(self, number: int) -> None:
         """Go on by one frame."""
@@ -111,7 +141,7 @@ class Pipeline:
         world.moved(number, before, len(self.followed))
         note.believed(world.ekf.pose, world.pose_covariance)
         if not view.blind:
-            self._last = view
+            self._last, note.sighted = view, number
 
     def result(self) -> VisualResult:
         """What has come of it so far."""

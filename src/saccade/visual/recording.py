@@ -19,6 +19,8 @@ from saccade.visual.result import Meetings, VisualResult
 
 TAKEN_IN, FOLLOWED, RECOGNIZED = 0, 1, 2
 """Kinds of meetings with landmarks."""
+PIECES = 512
+"""Meetings are kept in so many pieces at most: a checkpoint writes each by itself."""
 
 
 @dataclass(eq=False)
@@ -29,6 +31,8 @@ class Recording:
     remarks: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     missed: int = 0
+    sighted: int = -1
+    """Number of the last frame in which there was something to be seen."""
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
     _visual: list[FloatArray] = field(default_factory=list)
@@ -52,6 +56,8 @@ class Recording:
         sigma = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
         named = np.full(k, number), landmark, np.full(k, kind)
         self._meetings.append((*named, xy.astype(np.float64), seen.z, sigma))
+        if len(self._meetings) == PIECES:
+            self._meetings = [tuple(self._columns())]
 
     def moved(self, expected: FloatArray, motion: Motion | None) -> None:
         """Note what the camera says of the way to this frame, or else what was expected (3,)."""
