@@ -136,6 +136,7 @@ def _overall(tables: "dict[str, FloatArray]", choices: Sequence[str]) -> list[di
     """The choices over all drives and budgets, the best first."""
     import numpy as np
 
+    from saccade.cli.slam_files import finite
     from saccade.evaluation.choices import mean_ranks, ratios
 
     ranks = [mean_ranks(tables["ate_m"], False), mean_ranks(tables["found_again"], True)]
@@ -145,7 +146,7 @@ def _overall(tables: "dict[str, FloatArray]", choices: Sequence[str]) -> list[di
         for name in ("ate_m", "found_again"):
             ratio = ratios(tables[name], choices.index(REFERENCE))
             for row, values in zip(rows, ratio.tolist(), strict=True):
-                row[f"{name}_ratio"] = values
+                row[f"{name}_ratio"] = [finite(value) for value in values]
     return sorted(rows, key=lambda row: row["place"])
 
 
@@ -174,7 +175,7 @@ def _print_overall(overall: list[dict[str, Any]]) -> None:
         for line, row in zip(shown, overall, strict=True):
             for name in ("ate_m_ratio", "found_again_ratio"):
                 mean, low, high = row[name]
-                line.append(f"{mean:.2f} [{low:.2f} {high:.2f}]")
+                line.append("-" if mean is None else f"{mean:.2f} [{low:.2f} {high:.2f}]")
     print_table(f"all drives and budgets, against {REFERENCE}", columns, shown)
 
 

@@ -169,8 +169,8 @@ def _by_camera(camera: Camera, R: FloatArray, t: FloatArray) -> FloatArray:
     x, y, z = camera.rotation @ t + camera.place
     # back = -turned^T moved; both factors turn about the camera's axes
     about = turned.T @ camera.rotation
-    slope[[0, 1, 3], :3] = turned.T @ np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]]) @ (
-        camera.rotation
+    slope[[0, 1, 3], :3] = (
+        turned.T @ np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]]) @ (camera.rotation)
     )
     slope[[2, 4, 5], :3] = -about[[2, 0, 1]]
     slope[[0, 1, 3], 3:] = -turned.T @ camera.rotation

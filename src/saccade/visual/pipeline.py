@@ -186,7 +186,8 @@ class Pipeline:
         note, world, config = self.recording, self.world, self.config
         with note.timed("detect"):
             found = self._senses.detect(view, self.drive.camera, number)
-            self.followed = rehearsed(self.followed, found, config.ratio)
+            if config.selection.startswith("proven"):
+                self.followed = rehearsed(self.followed, found, config.ratio)
             found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
         with note.timed("associate"):
             pairs = self._recognize(found)
