@@ -66,24 +66,25 @@ class Foresight:
             self._speed, self._spread = control / seconds, covariance / seconds**2
 
 
-def lasting(motion: Motion, seconds: float, config: VisualConfig) -> FloatArray:
+def lasting(motion: Motion, seconds: float, config: VisualConfig, tilt: float) -> FloatArray:
     """(3, 3) of a motion, as if its errors were new with every frame.
 
     They are not: the same points are looked at in successive frames. Errors that are forgotten
     at a rate 1 / T, seen every dt, add up as independent ones do whose variance is
     (1 + r) / (1 - r) times as large, r = exp(-dt / T). What a calibration gets wrong stays the
     same throughout a corner or a stretch of the way: steps that add up to it have together a
-    variance of its share squared.
+    variance of its share squared. So does a robot that leans by `tilt` radians: on the ground
+    its way and its turns are shorter by 1 - cos(tilt).
     """
     forgotten = np.exp(-seconds / config.persistence)
     factor = np.sqrt((1 + forgotten) / (1 - min(forgotten, 1 - 1e-6)))
     wide = np.diag([1.0, 1.0, factor]) if motion.with_prior else factor * np.eye(3)
     way, turn = config.motion_share
+    way, turn = np.hypot((0.0 if motion.with_prior else way, turn), 1 - np.cos(tilt))
     ahead = motion.control[:2]
     found = wide @ motion.covariance @ wide
-    if not motion.with_prior:
-        length = max(float(np.hypot(*ahead)), 1e-9)
-        found[:2, :2] += way**2 * STRETCH / length * np.outer(ahead, ahead)
+    length = max(float(np.hypot(*ahead)), 1e-9)
+    found[:2, :2] += way**2 * STRETCH / length * np.outer(ahead, ahead)
     found[2, 2] += turn**2 * CORNER * abs(motion.control[2])
     return found
 

@@ -202,6 +202,7 @@ def observe(
     depth: FloatArray,
     depth_sigma: FloatArray,
     config: VisualConfig,
+    tilt: float,
 ) -> tuple[Sightings, BoolArray]:
     """Range and bearing of points, and which of them are known well enough.
 
@@ -211,6 +212,8 @@ def observe(
         depth: (k,) metres along the optical axis; NaN where not known.
         depth_sigma: (k,) metres.
         config: what is well enough.
+        tilt: standard deviation of the camera's pitch and roll, in radians: what is far above or
+            below it is seen aside, and as much nearer or farther.
 
     Returns:
         k sightings, and (k,) whether each is of use.
@@ -218,15 +221,16 @@ def observe(
     far = np.nan_to_num(depth, nan=1.0)
     sigma = np.nan_to_num(depth_sigma, nan=1.0)
     seen = range_bearing(camera, xy.astype(np.float64), far, config.pixel_sigma, sigma)
-    slant = (seen.height - camera.place[2]) / seen.z[:, 0]
-    seen.covariance[:, 1, 1] += np.square(np.radians(config.tilt_sigma) * slant)
+    above = seen.height - camera.place[2]
+    seen.covariance[:, 0, 0] += np.square(tilt * above)
+    seen.covariance[:, 1, 1] += np.square(tilt * above / seen.z[:, 0])
     reach, spread = seen.z[:, 0], np.sqrt(seen.covariance[:, 0, 0])
     useful = np.isfinite(depth) & (reach > config.reach[0]) & (reach < config.reach[1])
     return seen, useful & (spread < config.range_share * reach)
 
 
 def bearing_alone(
-    camera: Camera, xy: Float32Array, reach: FloatArray, config: VisualConfig
+    camera: Camera, xy: Float32Array, reach: FloatArray, config: VisualConfig, tilt: float
 ) -> Sightings:
     """Sightings of points (k, 2) that are at ranges (k,) already: they tell the bearing alone."""
     near, far = (from_pixels(camera, xy.astype(np.float64), np.full(len(xy), s)) for s in (0, 1))
@@ -234,7 +238,7 @@ def bearing_alone(
     square, half = np.square(ahead).sum(1), (origin * ahead).sum(1)
     over = np.maximum(half**2 - square * (np.square(origin).sum(1) - reach**2), 0.0)
     depth = np.maximum(np.sqrt(over) - half, NEAREST) / np.maximum(square, 1e-12)
-    seen, _ = observe(camera, xy, depth, UNKNOWN * depth, config)
+    seen, _ = observe(camera, xy, depth, UNKNOWN * depth, config, tilt)
     return seen
 
 

@@ -14,6 +14,7 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting
 from saccade.visual.landmarks import Landmarks
 from saccade.visual.motion import Motion, Prior
+from saccade.visual.plane import Plane
 from saccade.visual.road import WHITE, RoadMotion, Scale
 
 SHORTEST = 0.05
@@ -44,6 +45,7 @@ class VisualMap:
         self.landmarks = Landmarks()
         self._drive, self._config = drive, config
         ahead, turn = config.acceleration
+        self.plane = Plane(float(np.radians(config.tilt_sigma)))
         self._drift = TurnDrift()
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
         self._foresight = Foresight(np.array([ahead, ahead / 4, turn]))
@@ -77,7 +79,8 @@ class VisualMap:
         taken = expected
         if motion is not None:
             seconds = self._seconds(number)
-            taken = motion.control, lasting(motion, seconds, self._config)
+            self.plane.heard(motion.tilt, seconds)
+            taken = motion.control, lasting(motion, seconds, self._config, self.plane.tilt)
             turned = float(self._drive.control[number - 1, 2] - motion.control[2])
             noise = self._drive.control_covariance[number - 1, 2, 2] + taken[1][2, 2]
             self._drift.heard(turned, seconds, float(noise))

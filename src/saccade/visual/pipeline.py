@@ -212,7 +212,7 @@ class Pipeline:
     def _choose(self, number: int, saliency: FloatMap | None) -> IntArray:
         """(m,) which of the followed points become landmarks."""
         config, camera, points = self.config, self.drive.camera, self.followed
-        seen, useful = observe(camera, points.xy, points.depth, points.depth_sigma, config)
+        seen, useful = self._observed(points)
         free = np.flatnonzero(useful & ~points.known)
         share = np.sqrt(seen.covariance[free, 0, 0]) / seen.z[free, 0]
         shape = (camera.height, camera.width)
@@ -226,8 +226,7 @@ class Pipeline:
         """Make landmarks of some of the followed points, and keep to the budget."""
         world, points = self.world, self.followed
         new = points[chosen]
-        camera = self.drive.camera
-        seen, _ = observe(camera, new.xy, new.depth, new.depth_sigma, self.config)
+        seen, _ = self._observed(new)
         landmark = points.landmark.copy()
         landmark[chosen] = world.take_in(seen, new.descriptor, number)
         self.recording.meetings(number, TAKEN_IN, landmark[chosen], new.xy, seen)
@@ -261,10 +260,17 @@ class Pipeline:
         self, points: Followed, reach: FloatArray
     ) -> tuple[Sightings, npt.NDArray[np.bool_]]:
         """What is seen of landmarks that are expected at ranges (k,), and whether it is of use."""
-        camera, config = self.drive.camera, self.config
         if self.ranged:
-            return observe(camera, points.xy, points.depth, points.depth_sigma, config)
-        return bearing_alone(camera, points.xy, reach, config), np.ones(len(points), np.bool_)
+            return self._observed(points)
+        tilt = self.world.plane.tilt
+        seen = bearing_alone(self.drive.camera, points.xy, reach, self.config, tilt)
+        return seen, np.ones(len(points), np.bool_)
+
+    def _observed(self, points: Followed) -> tuple[Sightings, npt.NDArray[np.bool_]]:
+        """Range and bearing of points, and whether each is of use."""
+        tilt = self.world.plane.tilt
+        known = points.xy, points.depth, points.depth_sigma
+        return observe(self.drive.camera, *known, self.config, tilt)
 
     def _in_view(self) -> IntArray:
         """(m,) rows of landmarks that are not followed and should be in view."""

@@ -90,7 +90,7 @@ class Recording:
             tilt=np.array(self._tilt),
             missed=self.missed,
             seconds=dict(self.seconds),
-            remarks=tuple(self.remarks),
+            remarks=(*self.remarks, *world.plane.remarks()),
         )
 
     def _columns(self) -> list[npt.NDArray[Any]]:
