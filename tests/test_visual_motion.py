@@ -20,7 +20,7 @@ from saccade.visual.motion import (
     paired,
     robot_motion,
 )
-from saccade.visual.road import WHITE, Scale, road_motion
+from saccade.visual.road import WHITE, Road, Scale
 from saccade.visual.triangulation import CameraWay
 from winding import winding
 
@@ -248,7 +248,7 @@ def test_a_road_tells_the_way():
     )
     assert motion is not None
     motion = motion._replace(rotation=R, shift=1.1 * t)
-    road = road_motion(camera, seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
+    road = Road(camera).motion(seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
     assert road is not None
     assert road.distance == pytest.approx(np.linalg.norm(t), rel=0.02)
     assert_allclose(road.tilt, 0, atol=np.radians(0.2))

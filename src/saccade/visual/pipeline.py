@@ -36,7 +36,7 @@ from saccade.visual.recognition import (
 )
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
-from saccade.visual.road import road_motion
+from saccade.visual.road import Road
 from saccade.visual.selection import preference
 from saccade.visual.senses import Memory, Senses
 from saccade.visual.triangulation import CameraWay
@@ -106,6 +106,7 @@ class Pipeline:
         self._senses = Senses(config, memory)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
+        self._road = Road(drive.camera)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -178,7 +179,7 @@ class Pipeline:
         before = self._last.left
         if before is None or view.left is None:
             return motion
-        road = road_motion(self.drive.camera, before, view.left, motion)
+        road = self._road.motion(before, view.left, motion)
         return motion if road is None else self.world.along_road(motion, road)
 
     def _renew(self, number: int, view: View) -> None:
