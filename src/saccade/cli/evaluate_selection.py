@@ -53,7 +53,7 @@ def selection(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Runs of each, with other noise.")] = 5,
     first_seed: Annotated[int, typer.Option(min=0, help="Of them.")] = 0,
-    frames: Annotated[int, typer.Option(min=8, help="Of each drive, at most.")] = 400,
+    frames: Annotated[int, typer.Option(min=8, help="Of each drive, at most.")] = 300,
     jobs: Annotated[int, typer.Option(min=1, help="Processes that drive at a time.")] = 1,
     as_json: Json = False,
 ) -> None:

@@ -18,7 +18,6 @@ CHOICES = {
     "symmetry": {"selection": "symmetry"},
     "must": {"detector": "must", "selection": "strength"},
     "symroid": {"detector": "symroid", "selection": "strength"},
-    "spread": {"selection": "spread"},
     "proven": {"selection": "proven"},
     "proven-range": {"selection": "proven-range"},
     "proven-spread": {"selection": "proven-spread"},
@@ -26,9 +25,9 @@ CHOICES = {
 """What is compared: SIFT chosen in several ways, and two other detectors by strength."""
 SCORES = ("found_again", "association_precision", "ate_m", "inside_3sigma", "landmarks", "end_m")
 """What is kept of each run, beside how long it took."""
-LAP = 200
+LAP = 150
 """Frames of a lap of the simulated ring; its robot goes as far in one as in the default ring."""
-RING = (8.5, 6.5)
+RING = (7.0, 5.5)
 """Metres between its outer walls."""
 
 
