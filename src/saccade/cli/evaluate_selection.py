@@ -13,13 +13,21 @@ if TYPE_CHECKING:
     from saccade.types import FloatArray
 
 SHOWN = {
-    "found_again": ("found again %", 100.0, 1),
+    "found_again": ("again %", 100.0, 1),
     "association_precision": ("right %", 100.0, 1),
     "ate_m": ("ATE m", 1.0, 3),
-    "inside_3sigma": ("in 3 sigma %", 100.0, 1),
+    "inside_3sigma": ("3 sigma %", 100.0, 1),
     "landmarks": ("map", 1.0, 0),
 }
 """Heading, factor and decimals of the columns of the tables."""
+TITLES = {
+    "found_again": "found again [%]",
+    "association_precision": "associations right [%]",
+    "ate_m": "ATE [m]",
+    "inside_3sigma": "inside 3 sigma [%]",
+    "landmarks": "landmarks in the map",
+}
+"""The same in the figure."""
 REFERENCE = "random"
 """The choice with which the others are compared."""
 
@@ -59,9 +67,11 @@ def selection(
 ) -> None:
     """Choose landmarks in several ways, at equal budgets, and see which maps are best.
 
-    Found again: share of the times that a landmark should have been in view after it was out of
+    Again: share of the times that a landmark should have been in view after it was out of
     sight, and was recognized. Right: share of the recognized that were what they were taken for.
-    Means over the seeds, with half of their 95 % bootstrap intervals. At the end all choices are
+    3 sigma: share of the frames
+    at which the true place is in the ellipse of three sigma. Map: landmarks at the end. Means over
+    the seeds, with half of their 95 % bootstrap intervals. At the end all choices are
     compared with a random one: the mean of their places by ATE and by what was found again, and
     both as multiples of what it had.
 
@@ -188,13 +198,17 @@ def _shown(score: list[float] | None, factor: float, decimals: int) -> str:
 
 
 def _drawn(path: Path, tables: "dict[str, FloatArray]", axes: Axes) -> Path:
+    import numpy as np
+
     from saccade.evaluation.choices import means
     from saccade.viewing import save_figure
     from saccade.viewing.choices import Panel, choice_figure
 
     panels = [
-        Panel(heading, factor * means(tables[name])) for name, (heading, factor, _) in SHOWN.items()
+        Panel(TITLES[name], factor * means(tables[name]), 100.0 if factor == 100 else np.inf)
+        for name, (_, factor, _) in SHOWN.items()
     ]
-    overall = [row["choice"] for row in _overall(tables, axes.choice)]
-    order = [axes.choice.index(choice) for choice in overall]
-    return save_figure(choice_figure(panels, axes.drive, axes.budget, axes.choice, order), path)
+    order = [axes.choice.index(row["choice"]) for row in _overall(tables, axes.choice)]
+    usual = axes.choice.index(REFERENCE) if REFERENCE in axes.choice else None
+    figure = choice_figure(panels, axes.drive, axes.budget, axes.choice, order, usual)
+    return save_figure(figure, path)

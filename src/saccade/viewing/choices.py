@@ -13,6 +13,7 @@ from saccade.viewing.style import GRAY, HEAT
 
 ROW = 0.36
 """Inches of a choice."""
+LEGEND = "new landmarks per frame; bars are 95 % intervals of the mean"
 
 
 class Panel(NamedTuple):
@@ -21,6 +22,8 @@ class Panel(NamedTuple):
     title: str
     table: FloatArray
     """(worlds, budgets, choices, 3) mean, lower and upper end of its interval; NaN for none."""
+    most: float = np.inf
+    """The largest that the score can be."""
 
 
 def choice_figure(
@@ -29,6 +32,7 @@ def choice_figure(
     budgets: Sequence[int],
     choices: Sequence[str],
     order: Sequence[int],
+    reference: int | None,
 ) -> Figure:
     """A row of panels for each world, in each a line for each choice, on it a dot per budget.
 
@@ -38,6 +42,7 @@ def choice_figure(
         budgets: of the second.
         choices: of the third.
         order: indices of the choices, from the top.
+        reference: index of the choice whose mean over the budgets is marked, if any.
     """
     size = (2.5 + 2.15 * len(panels), 1.1 + len(worlds) * (ROW * len(choices) + 0.5))
     figure = Figure(figsize=size, layout="constrained", dpi=130)
@@ -48,6 +53,10 @@ def choice_figure(
             axes: Axes = grid[w, p]
             for b, color in enumerate(colors):
                 _draw_dots(axes, panel.table[w, b, list(order)], b, len(budgets), tuple(color))
+            if reference is not None:
+                usual = float(np.nanmean(panel.table[w, :, reference, 0]))
+                axes.axvline(usual, color=GRAY, linewidth=1.0, linestyle=(0, (4, 3)), zorder=0.5)
+            _limit(axes, panel.most)
             _finish(axes, panel.title if w == 0 else "", len(choices))
         grid[w, 0].set_yticks(range(len(choices)), [choices[i] for i in order])
         grid[w, 0].set_ylabel(world, fontsize=11, fontweight="bold", labelpad=10)
@@ -55,8 +64,9 @@ def choice_figure(
     figure.legend(
         handles,
         list(map(str, budgets)),
-        title="new landmarks per frame; bars are 95 % intervals of the mean",
+        title=LEGEND if reference is None else f"{LEGEND}; dashed: {choices[reference]}",
         loc="outside lower center",
+        title_fontsize=10,
         ncols=len(budgets),
         frameon=False,
     )
@@ -74,8 +84,15 @@ def _draw_dots(
     axes.plot(mean, y, "o", color=color, markersize=4.2, label=str(budget))
 
 
+def _limit(axes: Axes, most: float) -> None:
+    """Show nothing beyond the largest value that there can be, and not too little before it."""
+    low, high = axes.get_xlim()
+    if high >= most:
+        axes.set_xlim(min(low, 0.9 * most), 1.005 * most)
+
+
 def _finish(axes: Axes, title: str, choices: int) -> None:
-    axes.set_title(title, fontsize=10.5)
+    axes.set_title(title, fontsize=11, pad=8)
     axes.set_ylim(choices - 0.5, -0.5)
     for i in range(0, choices, 2):
         axes.axhspan(i - 0.5, i + 0.5, color=GRAY, alpha=0.09, linewidth=0)

@@ -187,7 +187,7 @@ class Pipeline:
         note, world, config = self.recording, self.world, self.config
         with note.timed("detect"):
             found = self._senses.detect(view, self.drive.camera, number)
-            if config.selection.startswith("proven"):
+            if config.selection.startswith("proven") and view.left is not None:
                 self.followed = rehearsed(self.followed, found, config.ratio)
             found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
         with note.timed("associate"):
