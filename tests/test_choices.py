@@ -46,7 +46,7 @@ def test_every_choice_is_another_one(drive):
         taken.add(seen.xy[seen.kind == TAKEN_IN].tobytes())
         assert (seen.frame[seen.kind == TAKEN_IN] == 0).sum() == 8
     assert len(taken) == len(SELECTIONS)
-    assert (len(memory.views), len(memory.points)) == (FRAMES, 2)
+    assert len(memory.glances) == FRAMES
     alone, sharing = visual.run(drive, config), visual.run(drive, config, memory=memory)
     assert np.array_equal(alone.meetings.xy, sharing.meetings.xy)
     assert np.array_equal(alone.trajectory.covariance, sharing.trajectory.covariance)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,6 +87,8 @@ def run_series(series: Series, out: Path) -> list[dict[str, Any]]:
 
 
 def _runs(series: Series, out: Path) -> Iterator[dict[str, Any]]:
+    from functools import cache
+
     from saccade.cli.output import write_text
     from saccade.visual import Memory
 
@@ -97,7 +99,9 @@ def _runs(series: Series, out: Path) -> Iterator[dict[str, Any]]:
             if path.exists():
                 yield json.loads(path.read_text(encoding="utf-8"))
                 continue
-            drive = drive or _opened(series)
+            if drive is None:
+                drive = _opened(series)
+                drive = replace(drive, load=cache(drive.load))
             row = {"drive": series.world, "budget": budget, "choice": choice, "seed": series.seed}
             row |= _scored(drive, _settings(budget, choice, series.seed), memory)
             write_text(path, json.dumps(row, indent=2) + "\n")
@@ -117,8 +121,6 @@ def _opened(series: Series) -> "Drive":
 
 
 def _settings(budget: int, choice: str, seed: int) -> "VisualConfig":
-    from dataclasses import replace
-
     from saccade.visual import VisualConfig
 
     chosen: dict[str, Any] = CHOICES[choice]

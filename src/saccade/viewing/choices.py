@@ -54,8 +54,7 @@ def choice_figure(
             for b, color in enumerate(colors):
                 _draw_dots(axes, panel.table[w, b, list(order)], b, len(budgets), tuple(color))
             if reference is not None:
-                usual = float(np.nanmean(panel.table[w, :, reference, 0]))
-                axes.axvline(usual, color=GRAY, linewidth=1.0, linestyle=(0, (4, 3)), zorder=0.5)
+                _draw_usual(axes, panel.table[w, :, reference, 0])
             _limit(axes, panel.most)
             _finish(axes, panel.title if w == 0 else "", len(choices))
         grid[w, 0].set_yticks(range(len(choices)), [choices[i] for i in order])
@@ -82,6 +81,13 @@ def _draw_dots(
     mean, low, high = scores.T
     axes.hlines(y, low, high, color=color, linewidth=1.6, alpha=0.75)
     axes.plot(mean, y, "o", color=color, markersize=4.2, label=str(budget))
+
+
+def _draw_usual(axes: Axes, scores: FloatArray) -> None:
+    """A line at the mean of the scores (budgets,)."""
+    found = scores[np.isfinite(scores)]
+    if len(found):
+        axes.axvline(found.mean(), color=GRAY, linewidth=1.0, linestyle=(0, (4, 3)), zorder=0.5)
 
 
 def _limit(axes: Axes, most: float) -> None:

@@ -2,17 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
 from saccade.pyramid import FloatMap
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.recording import Recorder
 from saccade.types import FloatArray, IntArray
+from saccade.visual.ahead import Ahead
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import (
@@ -103,7 +104,8 @@ class Pipeline:
         self.recording = Recording(drive)
         self.ranged = tells_depth(drive)
         self.world = VisualMap(drive, config, self.ranged)
-        self._senses = Senses(config, memory)
+        self._senses = Senses(drive, config, memory)
+        self._glances = Ahead(self._senses.glance, len(drive), config.every)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
         self._road = Road(drive.camera)
@@ -121,15 +123,14 @@ class Pipeline:
     def go_on_from(self, done: int) -> None:
         """Take up a drive whose state has been restored after so many frames."""
         if done > 0 and self.recording.sighted >= 0:
-            self._last = self._senses.look(
-                self.drive.load, self.drive.camera, self.recording.sighted
-            )
+            self._last = self._senses.glance(self.recording.sighted).view
 
     def step(self, number: int) -> None:
         """Go on by one frame."""
-        note, world = self.recording, self.world
-        with note.timed("read"):
-            view = self._senses.look(self._load, self.drive.camera, number)
+        note, world, start = self.recording, self.world, perf_counter()
+        with note.timed("wait"):
+            glance = self._glances(number)
+        view = note.glanced(glance).view
         before = world.ekf.pose
         if number > 0:
             self._move(number, view)
@@ -137,10 +138,10 @@ class Pipeline:
             note.moved(np.zeros(3), None)
         with note.timed("update"):
             self._meet(number, FOLLOWED, self.followed[self.followed.known])
-        if number % self.config.every == 0 and not view.blind:
-            self._renew(number, view)
+        if glance.found is not None:
+            self._renew(number, view, glance.found)
         world.moved(number, before, len(self.followed))
-        note.believed(world.ekf.pose, world.pose_covariance)
+        note.believed(world.ekf.pose, world.pose_covariance, perf_counter() - start)
         if not view.blind:
             self._last, note.sighted = view, number
 
@@ -182,15 +183,13 @@ class Pipeline:
         road = self._road.motion(before, view.left, motion)
         return motion if road is None else self.world.along_road(motion, road)
 
-    def _renew(self, number: int, view: View) -> None:
+    def _renew(self, number: int, view: View, found: Followed) -> None:
         """Find what is in view: landmarks that were lost from sight, and new ones."""
         note, world, config = self.recording, self.world, self.config
-        with note.timed("detect"):
-            found = self._senses.detect(view, self.drive.camera, number)
+        with note.timed("associate"):
             if config.selection.startswith("proven") and view.left is not None:
                 self.followed = rehearsed(self.followed, found, config.ratio)
             found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
-        with note.timed("associate"):
             pairs = self._recognize(found)
             known = replace(
                 found[pairs[:, 0]],
@@ -296,14 +295,6 @@ class Pipeline:
         points, seen = points[useful], some(seen, useful)
         self.world.meet(points.landmark, seen, points.again, number)
         self.recording.meetings(number, kind, points.landmark, points.xy, seen)
-
-    def _load(self, number: int) -> Frame:
-        """The frame, empty where it cannot be read."""
-        try:
-            return self.drive.load(number)
-        except ImageError as error:
-            self.recording.remarks.append(str(error))
-            return Frame(float(self.drive.time[number]))
 
 
 def _near(points: Followed, others: Followed, apart: float) -> npt.NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from saccade.frames import Drive
 from saccade.slam.models import compose
 from saccade.types import Float32Array, FloatArray, IntArray, LandmarkMap, Trajectory
 from saccade.visual.camera import Sightings
+from saccade.visual.glance import Glance
 from saccade.visual.mapping import VisualMap
 from saccade.visual.motion import Motion
 from saccade.visual.result import Meetings, VisualResult
@@ -33,6 +34,7 @@ class Recording:
     missed: int = 0
     sighted: int = -1
     """Number of the last frame in which there was something to be seen."""
+    _took: list[float] = field(default_factory=list)
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
     _visual: list[FloatArray] = field(default_factory=list)
@@ -47,6 +49,13 @@ class Recording:
             yield
         finally:
             self.seconds[step] = self.seconds.get(step, 0.0) + perf_counter() - start
+
+    def glanced(self, glance: Glance) -> Glance:
+        """Note how long a frame took that was looked at ahead, and what was wrong with it."""
+        for step, seconds in glance.seconds.items():
+            self.seconds[step] = self.seconds.get(step, 0.0) + seconds
+        self.remarks.extend(glance.remarks)
+        return glance
 
     def meetings(
         self, number: int, kind: int, landmark: IntArray, xy: Float32Array, seen: Sightings
@@ -66,8 +75,9 @@ class Recording:
         self._visual.append(compose(before, control)[0])
         self._tilt.append(np.full(3, np.nan) if motion is None else motion.tilt)
 
-    def believed(self, pose: FloatArray, covariance: FloatArray) -> None:
-        """Note where the robot is, after all that the frame showed."""
+    def believed(self, pose: FloatArray, covariance: FloatArray, seconds: float) -> None:
+        """Note where the robot is, after all that the frame showed, and how long that took."""
+        self._took.append(seconds)
         self._pose.append(pose)
         self._covariance.append(covariance)
 
@@ -90,6 +100,7 @@ class Recording:
             tilt=np.array(self._tilt),
             missed=self.missed,
             seconds=dict(self.seconds),
+            frame_seconds=np.array(self._took),
             remarks=(*self.remarks, *world.plane.remarks()),
         )
 

@@ -35,6 +35,9 @@ MARGIN = 128
 """Pixels around them in which the next image is looked at."""
 SEEN = 0.3
 """Share of them that must be found there."""
+COMMON = 7.0
+"""By how much the root of the mean error of many pixels exceeds that of as many independent ones:
+what makes the road no plane is the same for neighbors."""
 SHORTEST = 0.3
 """Heights that the robot must go."""
 ROUNDS = 15
@@ -86,7 +89,7 @@ class Road:
         at = first[pixels[:, 1] - top, pixels[:, 0] - left].astype(np.float64)
         second, (left, top) = _smooth(now, pixels, MARGIN)
         view = camera.fx, camera.fy, camera.cx - left, camera.cy - top
-        images = second, *(cv2.Sobel(second, cv2.CV_16S, i, 1 - i, ksize=3) for i in (1, 0))
+        images = second, _steep(second, 1, 0), _steep(second, 0, 1)
         ahead = motion.shift / way
         normal = np.cross(ahead, camera.rotation[1])  # the way is along the road, up or down
         normal *= -np.sign(normal @ camera.rotation[2]) / np.linalg.norm(normal)
@@ -104,7 +107,7 @@ class Road:
                 lit = np.array([-seen.sum() / min(A[:, 3].sum(), -1.0), 0.0])
             missed = seen + A[:, 3:] @ lit
             spread = 1.48 * _median(np.abs(missed - _median(missed))) + 0.3
-            count = 1 / np.square(1 + np.square(missed / (2 * spread))) / spread**2
+            count = 1 / np.square(1 + np.square(missed / (2 * spread))) / (COMMON * spread) ** 2
             information, gradient = A.T @ (A * count[:, None]), A.T @ (count * seen)
             information[:3, :3] += weight
             gradient[:3] += weight @ found
@@ -181,8 +184,9 @@ def _between(image: ByteArray | ShortArray, x: float, y: float) -> float:
     """An image at a place between four pixels (bilinear)."""
     i, j = int(y), int(x)
     p, q = y - i, x - j
-    above = (1 - q) * image[i, j] + q * image[i, j + 1]
-    return (1 - p) * above + p * ((1 - q) * image[i + 1, j] + q * image[i + 1, j + 1])
+    above: float = (1 - q) * image[i, j] + q * image[i, j + 1]
+    below: float = (1 - q) * image[i + 1, j] + q * image[i + 1, j + 1]
+    return (1 - p) * above + p * below
 
 
 @dataclass
@@ -253,4 +257,9 @@ def _smooth(image: ByteArray, pixels: IntArray, margin: int) -> tuple[ByteArray,
     corner = np.maximum(pixels.min(0) - margin, 0)
     end = pixels.max(0) + margin + 1
     part = image[corner[1] : end[1], corner[0] : end[0]]
-    return cv2.GaussianBlur(part, KERNEL, BLUR), corner.tolist()
+    return np.asarray(cv2.GaussianBlur(part, KERNEL, BLUR), np.uint8), corner.tolist()
+
+
+def _steep(image: ByteArray, across: int, down: int) -> ShortArray:
+    """Eight times the slope of an image across, or down."""
+    return np.asarray(cv2.Sobel(image, cv2.CV_16S, across, down, ksize=3), np.int16)

@@ -6,12 +6,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from saccade.frames import Camera, Frame
+from saccade.frames import Drive
 from saccade.pyramid import FloatMap
 from saccade.types import Float32Array
 from saccade.visual.config import VisualConfig
 from saccade.visual.following import BoolArray, ByteArray, follow
-from saccade.visual.frontend import Detector, Followed, View, look
+from saccade.visual.frontend import View
+from saccade.visual.glance import Glance, Glancing
 from saccade.visual.selection import attend
 
 T = TypeVar("T")
@@ -27,40 +28,34 @@ class Memory:
     It holds all frames of the drive, and grows with what is looked at.
     """
 
-    views: dict[int, View] = field(default_factory=dict)
-    """By frame."""
-    points: dict[tuple[str, int, int], Followed] = field(default_factory=dict)
-    """By detector, number of points and frame."""
+    glances: dict[tuple[str, int, int, int], Glance] = field(default_factory=dict)
+    """By detector, number of points, frames between detections, and frame."""
     saliency: dict[tuple[str, int], FloatMap | None] = field(default_factory=dict)
     """By kind and frame."""
     ways: dict[tuple[int, int], Ways] = field(default_factory=dict)
-    """By the identity of both images, which `views` keeps alive."""
+    """By the identity of both images, which `glances` keep alive."""
 
 
 class Senses:
     """Looks at frames, detects points, follows them, and attends to what is salient.
 
     Args:
+        drive: the frames.
         config: how to look.
         memory: of earlier runs over the same frames with the same camera.
     """
 
-    def __init__(self, config: VisualConfig, memory: Memory | None = None) -> None:
+    def __init__(self, drive: Drive, config: VisualConfig, memory: Memory | None = None) -> None:
         self._config, self._memory = config, memory
-        self._detect = Detector(config)
+        self._glance = Glancing(drive, config)
 
-    def look(self, load: Callable[[int], Frame], camera: Camera, number: int) -> View:
-        """A frame, made ready."""
+    def glance(self, number: int) -> Glance:
+        """A frame, read and perhaps searched for points."""
         if self._memory is None:
-            return look(load(number), camera)
-        return _once(self._memory.views, number, lambda: look(load(number), camera))
-
-    def detect(self, view: View, camera: Camera, number: int) -> Followed:
-        """The points of a frame that shows something."""
-        if self._memory is None:
-            return self._detect(view, camera, number)
-        key = self._config.detector, self._config.points, number
-        return _once(self._memory.points, key, lambda: self._detect(view, camera, number))
+            return self._glance(number)
+        config = self._config
+        key = config.detector, config.points, config.every, number
+        return _once(self._memory.glances, key, lambda: self._glance(number))
 
     def attend(self, view: View, number: int) -> FloatMap | None:
         """(h, w) saliency of a frame; None where the choice does not ask for it."""
