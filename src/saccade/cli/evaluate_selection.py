@@ -67,13 +67,12 @@ def selection(
 ) -> None:
     """Choose landmarks in several ways, at equal budgets, and see which maps are best.
 
-    Again: share of the times that a landmark should have been in view after it was out of
-    sight, and was recognized. Right: share of the recognized that were what they were taken for.
-    3 sigma: share of the frames
-    at which the true place is in the ellipse of three sigma. Map: landmarks at the end. Means over
-    the seeds, with half of their 95 % bootstrap intervals. At the end all choices are
-    compared with a random one: the mean of their places by ATE and by what was found again, and
-    both as multiples of what it had.
+    Again: share of the times that a landmark should have been in view after it was out of sight,
+    and was recognized. Right: share of the recognized that were what they were taken for. 3 sigma:
+    share of the frames at which the true place is in the ellipse of three sigma. Map: landmarks at
+    the end. Means over the seeds, with half of their 95 % bootstrap intervals. At the end all
+    choices are compared with a random one: the mean of their places by ATE and by what was found
+    again, and both as multiples of what it had.
 
     In --out appears a figure, selection.png. Each run is kept there: an evaluation that was
     interrupted goes on, and more seeds add to it.

@@ -11,7 +11,6 @@ SELECTIONS = (
     "range",
     "contrast",
     "symmetry",
-    "spread",
     "proven",
     "proven-range",
     "proven-spread",
@@ -33,14 +32,13 @@ class VisualConfig:
         "range",
         "contrast",
         "symmetry",
-        "spread",
         "proven",
         "proven-range",
         "proven-spread",
-    ] = "random"
+    ] = "proven-range"
     """Which of them do: the strongest, any, those whose range is known best, the most salient by
-    contrast or by symmetry, those farthest from other landmarks in the image, those that were known
-    again most surely while they were followed; or the last, and range or distance count too."""
+    contrast or by symmetry, or those that were known again most surely while they were followed;
+    of these with a sure range, or far from other landmarks in the image."""
     new_per_frame: int = 8
     """Landmarks that a frame may add, on average."""
     in_view: int = 40

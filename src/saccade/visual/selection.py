@@ -47,9 +47,8 @@ def preference(
     """
     chance = np.random.default_rng((config.seed, frame)).permutation(len(points))
     points = points[chance]
-    if config.selection in ("spread", "proven-spread"):
-        worth = proof(points) if config.selection == "proven-spread" else np.ones(len(points))
-        return chance[farthest_first(points.xy, worth, taken)]
+    if config.selection == "proven-spread":
+        return chance[farthest_first(points.xy, proof(points), taken)]
     if config.selection == "strength":
         wanted = points.response.astype(np.float64)
     elif config.selection == "range":
