@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from saccade import datasets, visual
+from saccade.datasets.steps import Steps, joined
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import same_places, score_drive
 from saccade.evaluation.palindrome import PalindromeConfig, palindrome
@@ -143,6 +144,44 @@ def test_odometry_that_jumps_is_outvoted(drive):
     )
     assert odometry.ate_m > 0.5
     assert ours.ate_m < 0.2
+
+
+def test_of_many_frames_that_cannot_be_used_the_first_are_named(drive):
+    def lost(number, frame):
+        if number in range(4, 16):
+            raise ImageError(f"{number}.png: expected an image, found an empty file")
+        return frame
+
+    remarks = visual.run(changed(drive.until(18), lost)).remarks
+    assert remarks[0].startswith("4.png: expected")
+    assert len(remarks) == 6
+    assert remarks[-1] == "7 more frames could not be used"
+
+
+def test_a_drive_of_which_no_frame_can_be_used_stops(drive):
+    def lost(number, frame):
+        raise ImageError(f"{number}.png: expected 640 x 480 px as the calibration, found 8 x 8")
+
+    with pytest.raises(DriveError, match=r"^0.png: expected 640 .*; no frame of the drive can be"):
+        visual.run(changed(drive, lost))
+
+
+def test_a_camera_that_drops_out_leaves_an_honest_map(drive):
+    """Odometry alone leads round 3 s; what it has wrong all the time must be in the ellipse."""
+    ring = simulate_drive(DriveConfig(frames=64))
+    kept = np.concatenate([np.arange(30), np.arange(60, 64)])
+    steps = joined(Steps(ring.control, ring.control_covariance), kept, "odometry")
+    gone = replace(
+        ring,
+        time=ring.time[kept],
+        control=steps.control,
+        control_covariance=steps.covariance,
+        load=lambda number: ring.load(int(kept[number])),
+    )
+    result = visual.run(gone)
+    assert score_drive(result.trajectory, ring.truth).inside_3sigma > 0.97
+    before, after = result.trajectory.covariance[[29, 30], :2, :2]
+    assert np.linalg.det(after) > 100 * np.linalg.det(before)
 
 
 def test_a_calibration_of_other_images_is_told(drive):

@@ -1,10 +1,34 @@
 """Frames are read, and their points found, while those before them are mapped."""
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Generic, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 T = TypeVar("T")
+
+TURN = 5e-4
+"""Seconds that a thread waits for the Python code of another. By default it is ten times as long,
+and many waits make up a frame."""
+
+
+@contextmanager
+def side_by_side() -> Iterator[None]:
+    """Let two threads of Python work well beside each other meanwhile.
+
+    They take turns often, and the linear algebra of the one does not start more threads: with the
+    other at work those wait for each other, ten times longer than it takes one alone.
+    """
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(min(usual, TURN))
+    try:
+        with threadpool_limits(1, user_api="blas"):
+            yield
+    finally:
+        sys.setswitchinterval(usual)
 
 
 class Ahead(Generic[T]):

@@ -13,6 +13,8 @@ CORNER = np.pi / 2
 """Radians through which an error of the turn stays the same."""
 STRETCH = 10.0
 """Metres along which an error of the way does."""
+PATIENCE = 5.0
+"""Seconds for which what odometry gets wrong all the time may have to do without the camera."""
 
 
 def joined(
@@ -89,6 +91,28 @@ def lasting(motion: Motion, seconds: float, config: VisualConfig, tilt: float) -
     return found
 
 
+def lasting_of(control: FloatArray, seconds: float, share: float, drift: "TurnDrift") -> FloatArray:
+    """(3, 3) of what odometry gets wrong all the time, as far as the camera has not told yet.
+
+    Args:
+        control: (3,) by odometry.
+        seconds: that it took.
+        share: standard deviation of the share of the way.
+        drift: of the turn.
+
+    Returns:
+        Of a step by itself, as if it were new with each; over `STRETCH` and `PATIENCE` the steps
+        have together what they have wrong in truth.
+    """
+    ahead = control[:2]
+    length = max(float(np.hypot(*ahead)), 1e-9)
+    along, aside = np.append(ahead, 0.0), np.array([-ahead[1] / 2, ahead[0] / 2, 1.0])
+    return np.asarray(
+        share**2 * max(STRETCH / length, 1.0) * np.outer(along, along)
+        + drift.variance * seconds * max(PATIENCE, seconds) * np.outer(aside, aside)
+    )
+
+
 @dataclass
 class TurnDrift:
     """By how much odometry turns too far to the left in each second, by what the camera sees."""
@@ -96,6 +120,13 @@ class TurnDrift:
     rate: float = 0.0
     """Radians per second."""
     variance: float = 0.02**2
+
+    def taken_off(self, control: FloatArray, seconds: float) -> FloatArray:
+        """A control (3,) by odometry without it; half of a turn happens before half of the way."""
+        turn = self.rate * seconds
+        c, s = np.cos(turn / 2), np.sin(turn / 2)
+        ahead, left, turned = control
+        return np.array([c * ahead + s * left, c * left - s * ahead, turned - turn])
 
     def heard(self, turned: float, seconds: float, variance: float) -> None:
         """Take in radians by which odometry has turned further than the camera, and their variance.

@@ -34,6 +34,9 @@ UNKNOWN = 30.0
 """Standard deviation of a range of which nothing is said, as a share of it."""
 BORDER = 8
 """Pixels at the edge of the image in which nothing is followed."""
+SMALL = 320_000
+"""Pixels of the largest image whose finest points are looked for: larger ones have enough others,
+for a third of the time."""
 DARK = 4.0
 """Standard deviation of the grey values under which an image shows nothing."""
 
@@ -179,14 +182,22 @@ def measures_depth(camera: Camera, frame: Frame) -> bool:
 
 
 def tells_depth(drive: Drive) -> bool:
-    """Whether the frames of a drive do: by the first of them that can be read."""
+    """Whether the frames of a drive do: by the first of them that can be read.
+
+    Raises:
+        DriveError: none can be read, as where the calibration is of other images.
+    """
+    first = None
     for number in range(len(drive)):
         try:
             frame = drive.load(number)
-        except ImageError:
+        except ImageError as error:
+            first = first or error
             continue
         if frame.image is not None or frame.tracks is not None:
             return measures_depth(drive.camera, frame)
+    if first is not None:
+        raise DriveError(f"{first}; no frame of the drive can be used")
     return False
 
 
@@ -248,21 +259,24 @@ class Detector:
 
     Args:
         config: which detector, and how many points.
+        camera: the calibration.
     """
 
-    def __init__(self, config: VisualConfig) -> None:
+    def __init__(self, config: VisualConfig, camera: Camera) -> None:
         self._find: Sift | Must | SymRoid
         if config.detector == "sift":
-            self._find = Sift(SiftConfig(max_keypoints=config.points, spread=True))
+            octave = -1 if camera.width * camera.height <= SMALL else 0
+            points = SiftConfig(max_keypoints=config.points, spread=True, first_octave=octave)
+            self._find = Sift(points)
         elif config.detector == "must":
             self._find = Must(MustConfig(max_keypoints=config.points))
         else:
             self._find = SymRoid()
-        self._config = config
+        self._config, self._camera = config, camera
 
-    def __call__(self, view: View, camera: Camera, number: int) -> Followed:
+    def __call__(self, view: View, number: int) -> Followed:
         """The points of a frame that shows something; none of them is a landmark yet."""
-        given = view.frame.tracks
+        given, camera = view.frame.tracks, self._camera
         if given is not None:
             points, track = _undescribed(given.xy), given.id
             depth = depth_of(camera, given.disparity)

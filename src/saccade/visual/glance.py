@@ -32,7 +32,7 @@ class Glancing:
 
     def __init__(self, drive: Drive, config: VisualConfig) -> None:
         self._drive, self._every = drive, config.every
-        self._detect = Detector(config)
+        self._detect = Detector(config, drive.camera)
 
     def __call__(self, number: int) -> Glance:
         """A frame; empty where it cannot be read.
@@ -49,6 +49,6 @@ class Glancing:
         view, found = look(frame, drive.camera), None
         read = perf_counter()
         if number % self._every == 0 and not view.blind:
-            found = self._detect(view, drive.camera, number)
+            found = self._detect(view, number)
         seconds = {"read": read - start, "detect": perf_counter() - read}
         return Glance(view, found, remarks, seconds)

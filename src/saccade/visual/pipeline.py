@@ -13,7 +13,7 @@ from saccade.pyramid import FloatMap
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.recording import Recorder
 from saccade.types import FloatArray, IntArray
-from saccade.visual.ahead import Ahead
+from saccade.visual.ahead import Ahead, side_by_side
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import (
@@ -76,16 +76,17 @@ def run(
         data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
         done = checkpoint.resume(drive, (config, *data), state)
         pipeline.go_on_from(done)
-    for number in range(done, len(drive)):
-        pipeline.step(number)
-        if recorder is not None:
-            followed = pipeline.followed
-            seen = pipeline.world.landmarks.rows(followed.landmark[followed.known])
-            recorder.add(number, len(drive), pipeline.world.ekf, seen)
-        if checkpoint is not None:
-            checkpoint.keep(number + 1, {**pipeline.state, "recorder": recorder})
-        if progress is not None:
-            progress(number + 1, len(drive))
+    with side_by_side():
+        for number in range(done, len(drive)):
+            pipeline.step(number)
+            if recorder is not None:
+                followed = pipeline.followed
+                seen = pipeline.world.landmarks.rows(followed.landmark[followed.known])
+                recorder.add(number, len(drive), pipeline.world.ekf, seen)
+            if checkpoint is not None:
+                checkpoint.keep(number + 1, {**pipeline.state, "recorder": recorder})
+            if progress is not None:
+                progress(number + 1, len(drive))
     return pipeline.result()
 
 

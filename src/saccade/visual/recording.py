@@ -20,6 +20,8 @@ from saccade.visual.result import Meetings, VisualResult
 
 TAKEN_IN, FOLLOWED, RECOGNIZED = 0, 1, 2
 """Kinds of meetings with landmarks."""
+NAMED = 5
+"""Frames that cannot be used are named, at most."""
 PIECES = 512
 """Meetings are kept in so many pieces at most: a checkpoint writes each by itself."""
 
@@ -56,6 +58,13 @@ class Recording:
             self.seconds[step] = self.seconds.get(step, 0.0) + seconds
         self.remarks.extend(glance.remarks)
         return glance
+
+    def _remarks(self) -> tuple[str, ...]:
+        """What was wrong with frames: the first of many by name, how many others there are."""
+        more = len(self.remarks) - NAMED
+        if more <= 0:
+            return tuple(self.remarks)
+        return (*self.remarks[:NAMED], f"{more} more frames could not be used")
 
     def meetings(
         self, number: int, kind: int, landmark: IntArray, xy: Float32Array, seen: Sightings
@@ -101,7 +110,7 @@ class Recording:
             missed=self.missed,
             seconds=dict(self.seconds),
             frame_seconds=np.array(self._took),
-            remarks=(*self.remarks, *world.plane.remarks()),
+            remarks=(*self._remarks(), *world.plane.remarks()),
         )
 
     def _columns(self) -> list[npt.NDArray[Any]]:
