@@ -42,3 +42,11 @@ def test_stereo_tracks_are_followed(shared):
     sure, _ = inside(result, drive)
     assert position_rmse(result.trajectory, drive.truth) < 0.8
     assert sure >= 0.95
+
+
+@pytest.mark.shared
+def test_a_robot_that_speeds_up_is_not_left_behind(shared):
+    drive = read_kitti_drive(shared / "data/drives/kitti07").until(64)
+    sure, missed = inside(visual.run(drive), drive)
+    assert missed < 0.6  # of 22 m
+    assert sure >= 0.95

@@ -64,7 +64,7 @@ def test_turned_photographs(shared, preset, bounds):
     error = [
         median_error(sift, image, *turned(image, angle))
         for image in photographs(shared)
-        for angle in (10, 30, 137)
+        for angle in (10, 137)
     ]
     print(f"\n{preset}, turned: median {np.median(error):.3f} px, at most {max(error):.3f}")
     assert bounds[0] < np.median(error) <= bounds[1]
@@ -76,7 +76,7 @@ def test_resized_photographs(shared):
     error = [
         median_error(sift, image, *resized(image, scale), scale)
         for image in photographs(shared)
-        for scale in (0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.7, 2.0)
+        for scale in (0.5, 0.7, 1.25, 1.7)
     ]
     print(f"\nresized: median {np.median(error):.3f} px, at most {max(error):.3f}")
     assert np.median(error) <= 0.105

@@ -1,14 +1,18 @@
 """The way from frame to frame: geometry against finite differences and known motions."""
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from saccade import visual
+from saccade.evaluation.drives import score_drive
 from saccade.frames import AHEAD, Camera
 from saccade.visual.camera import from_pixels, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.foresight import Foresight, TurnDrift, joined
-from saccade.visual.frontend import bearing_alone
+from saccade.visual.frontend import bearing_alone, observe
 from saccade.visual.motion import (
     _by_camera,
     camera_motion,
@@ -16,8 +20,9 @@ from saccade.visual.motion import (
     paired,
     robot_motion,
 )
-from saccade.visual.road import WHITE, Scale, road_motion
+from saccade.visual.road import WHITE, Road, Scale
 from saccade.visual.triangulation import CameraWay
+from winding import winding
 
 TILTED = np.array(
     [[1.0, 0.0, 0.0], [0.0, np.cos(0.1), -np.sin(0.1)], [0.0, np.sin(0.1), np.cos(0.1)]]
@@ -59,9 +64,31 @@ def test_the_covariance_of_a_sighting_is_that_of_many_draws():
     assert_allclose(seen.covariance[0], np.cov(z), rtol=0.02, atol=2e-6)
 
 
+def test_a_camera_that_leans_sees_things_aside_and_nearer(rng):
+    place, tilt = np.array([12.0, -5.0, 4.0]), 0.02
+    xy, depth = to_pixels(CAMERA, place[None])
+    level, _ = observe(CAMERA, xy, depth, 0 * depth, VisualConfig(pixel_sigma=1e-6), tilt)
+    lean = tilt * rng.standard_normal((100000, 2))
+    up = place[2] - CAMERA.place[2]  # about the camera; the lever of the robot's origin is small
+    moved = place + np.stack([lean[:, 0] * up, lean[:, 1] * up, 0 * lean[:, 0]], 1)
+    z = np.stack([np.hypot(*moved[:, :2].T), np.arctan2(moved[:, 1], moved[:, 0])])
+    assert_allclose(np.diagonal(level.covariance[0]), np.diagonal(np.cov(z)), rtol=0.02)
+
+
+def test_a_rocking_robot_knows_that_its_map_is_flat():
+    level, rocking = (winding(tilt=np.deg2rad(each)).until(60) for each in (0, 10))
+    every = VisualConfig(every=1)
+    calm, shaken = visual.run(level, every), visual.run(rocking, every)
+    assert not calm.remarks
+    assert len(shaken.remarks) == 1
+    assert re.search(r"pitches and rolls by [67]\.\d deg .* map is flat", shaken.remarks[0])
+    assert np.median(shaken.meetings.sigma[:, 1]) > 2 * np.median(calm.meetings.sigma[:, 1])
+    assert score_drive(shaken.trajectory, rocking.truth).inside_3sigma > 0.95
+
+
 def test_a_bearing_alone_lies_on_the_line_of_sight():
     xy = np.array([[100.0, 250.0], [500.0, 90.0]], np.float32)
-    seen = bearing_alone(CAMERA, xy, np.array([8.0, 30.0]), VisualConfig())
+    seen = bearing_alone(CAMERA, xy, np.array([8.0, 30.0]), VisualConfig(), 0.01)
     place = np.stack(
         [
             seen.z[:, 0] * np.cos(seen.z[:, 1]),
@@ -221,7 +248,7 @@ def test_a_road_tells_the_way():
     )
     assert motion is not None
     motion = motion._replace(rotation=R, shift=1.1 * t)
-    road = road_motion(camera, seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
+    road = Road(camera).motion(seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
     assert road is not None
     assert road.distance == pytest.approx(np.linalg.norm(t), rel=0.02)
     assert_allclose(road.tilt, 0, atol=np.radians(0.2))

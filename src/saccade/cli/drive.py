@@ -36,11 +36,15 @@ def drive(
     selection: Annotated[
         str | None,
         typer.Option(
-            help="Which points become landmarks: strength, random, range, contrast or symmetry."
+            help="Which points become landmarks: strength, random, range, contrast, symmetry, "
+            "proven, proven-range or proven-spread."
         ),
     ] = None,
     landmarks: Annotated[int | None, typer.Option(min=1, help="In the map at most.")] = None,
     film: Annotated[bool, typer.Option(help="Make a film of what is seen and mapped.")] = True,
+    checkpoint: Annotated[
+        float, typer.Option(min=0.0, help="Seconds between checkpoints, to go on from.")
+    ] = 10.0,
     preset: Preset = None,
     config: Settings = None,
     as_json: Json = False,
@@ -52,6 +56,8 @@ def drive(
     seen of which landmark when (sightings.csv), a picture (map.png), a
     film (drive.mp4) and a still of it (drive.png), and the settings with the
     figures (run.json).
+
+    A run that was interrupted goes on from its last checkpoint.
     """
     from dataclasses import replace
 
@@ -81,6 +87,7 @@ def drive(
                 task, description=f"{escape(recorded.name)}: {what}", completed=done, total=total
             ),
             film=film,
+            checkpoint=checkpoint,
         )
     for remark in row["remarks"]:
         say(remark)
@@ -98,6 +105,7 @@ def map_drive(
     *,
     film: bool = True,
     pictures: int = 240,
+    checkpoint: float = 10.0,
 ) -> dict[str, Any]:
     """Map a drive, write all that comes of it, give the row for run.json.
 
@@ -108,6 +116,7 @@ def map_drive(
         watch: told of the progress.
         film: whether a film is made.
         pictures: in the film, at most.
+        checkpoint: seconds between checkpoints.
     """
     import json
     from dataclasses import asdict
@@ -115,13 +124,18 @@ def map_drive(
     import saccade
     from saccade import visual
     from saccade.cli.drive_files import figures, write_film, write_pictures, write_tables
-    from saccade.cli.output import write_text
-    from saccade.slam import Recorder
+    from saccade.cli.output import resumable, write_text
+    from saccade.slam import Checkpoint, Recorder
 
-    recorder = Recorder(pictures)
-    result = visual.run(
-        recorded, settings, lambda done, of: watch("map", done, of), recorder=recorder
-    )
+    recorder, kept = Recorder(pictures), Checkpoint(out / "checkpoint.npz", checkpoint)
+    with resumable(kept.path):
+        result = visual.run(
+            recorded,
+            settings,
+            lambda done, of: watch("map", done, of),
+            recorder=recorder,
+            checkpoint=kept,
+        )
     files = write_tables(out, result)
     files |= write_pictures(out, recorded, result)
     if film:
@@ -142,6 +156,7 @@ def map_drive(
         "files": {name: str(path) for name, path in files.items()},
     }
     write_text(out / "run.json", json.dumps(row, indent=2) + "\n")
+    kept.remove()
     return row
 
 

@@ -2,7 +2,8 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +19,17 @@ T = TypeVar("T")
 def say(message: str) -> None:
     """A message for the person at the terminal, on stderr."""
     print(f"saccade: {message}", file=sys.stderr)
+
+
+@contextmanager
+def resumable(checkpoint: Path) -> Iterator[None]:
+    """Tell who interrupts a run how to go on with it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if checkpoint.exists():
+            say(f"the same command goes on from {checkpoint}")
+        raise
 
 
 def messages() -> "Console":

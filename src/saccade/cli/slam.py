@@ -203,9 +203,9 @@ def _estimate(
     checkpoint: "Checkpoint",
 ) -> "tuple[SlamResult, SmoothResult | None]":
     from saccade import slam
-    from saccade.cli.output import say
+    from saccade.cli.output import resumable
 
-    try:
+    with resumable(checkpoint.path):
         result = slam.run(
             log,
             settings,
@@ -213,10 +213,6 @@ def _estimate(
             recorder=recorder,
             checkpoint=checkpoint,
         )
-    except KeyboardInterrupt:
-        if checkpoint.path.exists():
-            say(f"the same command goes on from {checkpoint.path}")
-        raise
     if smooth is None:
         return result, None
     watch("smoothing", 0, 1)

@@ -14,21 +14,29 @@ import zipfile
 from importlib.metadata import version
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, MethodType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from saccade.errors import ConfigError, LogError
 from saccade.files import whole_file
-from saccade.types import LandmarkLog
+from saccade.types import FloatArray
 
-FORMAT = 1
+FORMAT = 2
 """Of the file; another one is not read."""
 _SCALARS = (bool, int, float, str)
 _PLAIN = (FunctionType, BuiltinFunctionType, MethodType, type)
 """What a run is made with again, and is not saved."""
 
 _logger = logging.getLogger(__name__)
+
+
+class Recorded(Protocol):
+    """What a run goes through from its first pose to its last: a log, a drive."""
+
+    @property
+    def time(self) -> FloatArray:
+        """(t,) of each pose."""
 
 
 class Checkpoint:
@@ -48,21 +56,22 @@ class Checkpoint:
         self.resumed = 0
         """Poses that this run did not do again."""
         self._identity = ""
+        self._log: Recorded | None = None
         self._last = time.monotonic()
 
-    def resume(self, log: LandmarkLog, models: tuple[object, ...], state: dict[str, Any]) -> int:
+    def resume(self, log: Recorded, identity: tuple[object, ...], state: dict[str, Any]) -> int:
         """Bring a run that is about to begin to where it was interrupted.
 
         Args:
-            log: of the run.
-            models: settings and models of the run.
+            log: of the run; where the state points at it, it is not saved.
+            identity: what makes the run this one and no other: its data, settings, and models.
             state: objects and arrays of the run, changed in place.
 
         Returns:
             The number of poses that are done; 0 where there is no checkpoint, or one that is
             broken, or of another log, other settings or another version, which is said.
         """
-        self._identity = _identity((log, models))
+        self._identity, self._log = _identity(identity), log
         self._last = time.monotonic()
         if not self.path.exists():
             return 0
@@ -93,7 +102,7 @@ class Checkpoint:
         """
         if time.monotonic() - self._last < self.every:
             return
-        encoder = _Encoder()
+        encoder = _Encoder(self._log)
         text = json.dumps(
             {
                 "format": FORMAT,
@@ -114,17 +123,22 @@ class Checkpoint:
 
 
 class _Encoder:
-    """Objects as JSON, their arrays apart; what is met again is only pointed at."""
+    """Objects as JSON, their arrays apart; what is met again is only pointed at.
 
-    def __init__(self) -> None:
+    Args:
+        given: an object that is left out, as the run is made with it again.
+    """
+
+    def __init__(self, given: object = None) -> None:
         self.arrays: list[np.ndarray[Any, Any]] = []
+        self._given = given
         self._met: dict[int, int] = {}
 
     def encode(self, value: object) -> Any:
         if value is None or type(value) in _SCALARS:
             return value
-        if isinstance(value, _PLAIN):
-            return {"again": _name(value)}
+        if isinstance(value, _PLAIN) or value is self._given:
+            return {"again": _name(value if isinstance(value, _PLAIN) else type(value))}
         if id(value) in self._met:
             return {"met": self._met[id(value)]}
         number = self._met[id(value)] = len(self._met)
@@ -136,6 +150,11 @@ class _Encoder:
             return {"array": len(self.arrays) - 1, "scalar": isinstance(value, np.generic)}
         if type(value) is dict:
             return {"dict": [[self.encode(k), self.encode(v)] for k, v in value.items()]}
+        if type(value) is list and self._alike(value):
+            for each in value:
+                self._met[id(each)] = len(self._met)
+            self.arrays.append(np.stack(value))
+            return {"stack": len(self.arrays) - 1}
         if type(value) in (list, set):
             return {type(value).__name__: [self.encode(each) for each in value]}
         if isinstance(value, tuple):
@@ -144,6 +163,13 @@ class _Encoder:
             raise ConfigError(f"checkpoint: expected arrays and numbers, found {type(value)}")
         held = {name: self.encode(each) for name, each in vars(value).items()}
         return {"object": held, "class": _name(type(value))}
+
+    def _alike(self, value: list[Any]) -> bool:
+        """Whether these are arrays that make one, of which none was met before."""
+        kinds = {(each.dtype, each.shape) if type(each) is np.ndarray else None for each in value}
+        apart = {id(each) for each in value}
+        new = len(apart) == len(value) and apart.isdisjoint(self._met)
+        return new and len(kinds) == 1 and None not in kinds and value[0].dtype.kind in "biuf"
 
 
 class _Decoder:
@@ -162,6 +188,10 @@ class _Decoder:
             return self._met[saved["met"]]
         if "object" in saved:
             return self._object(saved, like)
+        if "stack" in saved:
+            rows = self._met[saved["number"]] = list(self.arrays[str(saved["stack"])])
+            self._met |= {saved["number"] + 1 + i: row for i, row in enumerate(rows)}
+            return rows
         made = self._met[saved["number"]] = self._value(saved)
         return made
 

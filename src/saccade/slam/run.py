@@ -184,8 +184,8 @@ def run(
         "recorder": recorder,
         **going.said._asdict(),
     }
-    models = (config, motion, sensor, associate)
-    done = 0 if checkpoint is None else checkpoint.resume(log, models, state)
+    identity = (log, config, motion, sensor, associate)
+    done = 0 if checkpoint is None else checkpoint.resume(log, identity, state)
     hundredth = poses // 100 + 1
     stretch = hundredth if going.in_stretches and recorder is None else 1
 

@@ -13,6 +13,8 @@ CORNER = np.pi / 2
 """Radians through which an error of the turn stays the same."""
 STRETCH = 10.0
 """Metres along which an error of the way does."""
+PATIENCE = 5.0
+"""Seconds for which what odometry gets wrong all the time may have to do without the camera."""
 
 
 def joined(
@@ -66,26 +68,49 @@ class Foresight:
             self._speed, self._spread = control / seconds, covariance / seconds**2
 
 
-def lasting(motion: Motion, seconds: float, config: VisualConfig) -> FloatArray:
+def lasting(motion: Motion, seconds: float, config: VisualConfig, tilt: float) -> FloatArray:
     """(3, 3) of a motion, as if its errors were new with every frame.
 
     They are not: the same points are looked at in successive frames. Errors that are forgotten
     at a rate 1 / T, seen every dt, add up as independent ones do whose variance is
     (1 + r) / (1 - r) times as large, r = exp(-dt / T). What a calibration gets wrong stays the
     same throughout a corner or a stretch of the way: steps that add up to it have together a
-    variance of its share squared.
+    variance of its share squared. So does a robot that leans by `tilt` radians: on the ground
+    its way and its turns are shorter by 1 - cos(tilt).
     """
     forgotten = np.exp(-seconds / config.persistence)
     factor = np.sqrt((1 + forgotten) / (1 - min(forgotten, 1 - 1e-6)))
     wide = np.diag([1.0, 1.0, factor]) if motion.with_prior else factor * np.eye(3)
     way, turn = config.motion_share
+    way, turn = np.hypot((0.0 if motion.with_prior else way, turn), 1 - np.cos(tilt))
     ahead = motion.control[:2]
     found = wide @ motion.covariance @ wide
-    if not motion.with_prior:
-        length = max(float(np.hypot(*ahead)), 1e-9)
-        found[:2, :2] += way**2 * STRETCH / length * np.outer(ahead, ahead)
+    length = max(float(np.hypot(*ahead)), 1e-9)
+    found[:2, :2] += way**2 * STRETCH / length * np.outer(ahead, ahead)
     found[2, 2] += turn**2 * CORNER * abs(motion.control[2])
     return found
+
+
+def lasting_of(control: FloatArray, seconds: float, share: float, drift: "TurnDrift") -> FloatArray:
+    """(3, 3) of what odometry gets wrong all the time, as far as the camera has not told yet.
+
+    Args:
+        control: (3,) by odometry.
+        seconds: that it took.
+        share: standard deviation of the share of the way.
+        drift: of the turn.
+
+    Returns:
+        Of a step by itself, as if it were new with each; over `STRETCH` and `PATIENCE` the steps
+        have together what they have wrong in truth.
+    """
+    ahead = control[:2]
+    length = max(float(np.hypot(*ahead)), 1e-9)
+    along, aside = np.append(ahead, 0.0), np.array([-ahead[1] / 2, ahead[0] / 2, 1.0])
+    return np.asarray(
+        share**2 * max(STRETCH / length, 1.0) * np.outer(along, along)
+        + drift.variance * seconds * max(PATIENCE, seconds) * np.outer(aside, aside)
+    )
 
 
 @dataclass
@@ -95,6 +120,13 @@ class TurnDrift:
     rate: float = 0.0
     """Radians per second."""
     variance: float = 0.02**2
+
+    def taken_off(self, control: FloatArray, seconds: float) -> FloatArray:
+        """A control (3,) by odometry without it; half of a turn happens before half of the way."""
+        turn = self.rate * seconds
+        c, s = np.cos(turn / 2), np.sin(turn / 2)
+        ahead, left, turned = control
+        return np.array([c * ahead + s * left, c * left - s * ahead, turned - turn])
 
     def heard(self, turned: float, seconds: float, variance: float) -> None:
         """Take in radians by which odometry has turned further than the camera, and their variance.

@@ -3,11 +3,12 @@
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeAlias
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import DriveError
-from saccade.frames import Camera, Frame
+from saccade.errors import DriveError, ImageError
+from saccade.frames import Camera, Drive, Frame
 from saccade.keypoints.must import Must
 from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.sift import Sift
@@ -23,7 +24,7 @@ from saccade.visual.camera import (
     range_bearing,
 )
 from saccade.visual.config import VisualConfig
-from saccade.visual.following import ByteArray, disparities, follow, gray_bytes
+from saccade.visual.following import ByteArray, Follow, disparities, follow, gray_bytes
 from saccade.visual.motion import Motion, Prior, motion_between, paired
 from saccade.visual.ranging import depth_at, first_disparities, stereo_depth_sigma
 
@@ -33,6 +34,9 @@ UNKNOWN = 30.0
 """Standard deviation of a range of which nothing is said, as a share of it."""
 BORDER = 8
 """Pixels at the edge of the image in which nothing is followed."""
+SMALL = 320_000
+"""Pixels of the largest image whose finest points are looked for: larger ones have enough others,
+for a third of the time."""
 DARK = 4.0
 """Standard deviation of the grey values under which an image shows nothing."""
 
@@ -76,6 +80,10 @@ class Followed:
     """(k, 128) how each looked there."""
     again: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
     """(k,) whether it was recognized there, after it had been out of sight."""
+    rehearsed: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) times that it was looked for by its looks alone while it was followed."""
+    proven: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) how many of them found it where it was."""
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -117,14 +125,20 @@ def look(frame: Frame, camera: Camera) -> View:
             f"frame at {frame.time:.3f} s: expected an image of {camera.width} x {camera.height} "
             f"px as the calibration says, found {gray.shape[1]} x {gray.shape[0]}"
         )
-    if gray.std() < DARK:
+    if cv2.meanStdDev(gray)[1][0, 0] < DARK:
         return View(frame)
     right = None if frame.right is None else gray_bytes(frame.right)
     return View(frame, gray, right)
 
 
 def track(
-    camera: Camera, before: View, now: View, followed: Followed, prior: Prior, config: VisualConfig
+    camera: Camera,
+    before: View,
+    now: View,
+    followed: Followed,
+    prior: Prior,
+    config: VisualConfig,
+    follow: Follow = follow,
 ) -> tuple[Followed, Motion | None]:
     """Find the followed points again, those that move as the robot does.
 
@@ -135,6 +149,7 @@ def track(
         followed: points of `before`.
         prior: the control that is expected.
         config: how far pixels and depths can be trusted.
+        follow: what finds points of one image in another.
 
     Returns:
         The points of `now`, with their depth where it is measured there, and the motion that
@@ -146,10 +161,10 @@ def track(
         here, xy = followed[old], given.xy[new].astype(np.float32)
         depth = depth_of(camera, given.disparity[new])
     elif now.left is not None and before.left is not None:
-        xy, found = follow(before.left, now.left, followed.xy)
+        xy, found = follow(before.left, now.left, followed.xy, None)
         found &= is_inside(camera, xy, BORDER)
         here, xy = followed[found], xy[found]
-        depth = _depth_again(camera, now, xy, here.depth)
+        depth = _depth_again(camera, now, xy, here.depth, follow)
     else:
         return Followed(), None
     sigma = depth_deviation(camera, depth, config)
@@ -166,6 +181,26 @@ def measures_depth(camera: Camera, frame: Frame) -> bool:
     return camera.baseline > 0 or frame.depth is not None
 
 
+def tells_depth(drive: Drive) -> bool:
+    """Whether the frames of a drive do: by the first of them that can be read.
+
+    Raises:
+        DriveError: none can be read, as where the calibration is of other images.
+    """
+    first = None
+    for number in range(len(drive)):
+        try:
+            frame = drive.load(number)
+        except ImageError as error:
+            first = first or error
+            continue
+        if frame.image is not None or frame.tracks is not None:
+            return measures_depth(drive.camera, frame)
+    if first is not None:
+        raise DriveError(f"{first}; no frame of the drive can be used")
+    return False
+
+
 def depth_deviation(camera: Camera, depth: FloatArray, config: VisualConfig) -> FloatArray:
     """(k,) standard deviations of depths (k,) that were measured, in metres."""
     if camera.baseline > 0:
@@ -179,6 +214,7 @@ def observe(
     depth: FloatArray,
     depth_sigma: FloatArray,
     config: VisualConfig,
+    tilt: float,
 ) -> tuple[Sightings, BoolArray]:
     """Range and bearing of points, and which of them are known well enough.
 
@@ -188,6 +224,8 @@ def observe(
         depth: (k,) metres along the optical axis; NaN where not known.
         depth_sigma: (k,) metres.
         config: what is well enough.
+        tilt: standard deviation of the camera's pitch and roll, in radians: what is far above or
+            below it is seen aside, and as much nearer or farther.
 
     Returns:
         k sightings, and (k,) whether each is of use.
@@ -195,15 +233,16 @@ def observe(
     far = np.nan_to_num(depth, nan=1.0)
     sigma = np.nan_to_num(depth_sigma, nan=1.0)
     seen = range_bearing(camera, xy.astype(np.float64), far, config.pixel_sigma, sigma)
-    slant = (seen.height - camera.place[2]) / seen.z[:, 0]
-    seen.covariance[:, 1, 1] += np.square(np.radians(config.tilt_sigma) * slant)
+    above = seen.height - camera.place[2]
+    seen.covariance[:, 0, 0] += np.square(tilt * above)
+    seen.covariance[:, 1, 1] += np.square(tilt * above / seen.z[:, 0])
     reach, spread = seen.z[:, 0], np.sqrt(seen.covariance[:, 0, 0])
     useful = np.isfinite(depth) & (reach > config.reach[0]) & (reach < config.reach[1])
     return seen, useful & (spread < config.range_share * reach)
 
 
 def bearing_alone(
-    camera: Camera, xy: Float32Array, reach: FloatArray, config: VisualConfig
+    camera: Camera, xy: Float32Array, reach: FloatArray, config: VisualConfig, tilt: float
 ) -> Sightings:
     """Sightings of points (k, 2) that are at ranges (k,) already: they tell the bearing alone."""
     near, far = (from_pixels(camera, xy.astype(np.float64), np.full(len(xy), s)) for s in (0, 1))
@@ -211,7 +250,7 @@ def bearing_alone(
     square, half = np.square(ahead).sum(1), (origin * ahead).sum(1)
     over = np.maximum(half**2 - square * (np.square(origin).sum(1) - reach**2), 0.0)
     depth = np.maximum(np.sqrt(over) - half, NEAREST) / np.maximum(square, 1e-12)
-    seen, _ = observe(camera, xy, depth, UNKNOWN * depth, config)
+    seen, _ = observe(camera, xy, depth, UNKNOWN * depth, config, tilt)
     return seen
 
 
@@ -220,21 +259,24 @@ class Detector:
 
     Args:
         config: which detector, and how many points.
+        camera: the calibration.
     """
 
-    def __init__(self, config: VisualConfig) -> None:
+    def __init__(self, config: VisualConfig, camera: Camera) -> None:
         self._find: Sift | Must | SymRoid
         if config.detector == "sift":
-            self._find = Sift(SiftConfig(max_keypoints=config.points, spread=True))
+            octave = -1 if camera.width * camera.height <= SMALL else 0
+            points = SiftConfig(max_keypoints=config.points, spread=True, first_octave=octave)
+            self._find = Sift(points)
         elif config.detector == "must":
             self._find = Must(MustConfig(max_keypoints=config.points))
         else:
             self._find = SymRoid()
-        self._config = config
+        self._config, self._camera = config, camera
 
-    def __call__(self, view: View, camera: Camera, number: int) -> Followed:
+    def __call__(self, view: View, number: int) -> Followed:
         """The points of a frame that shows something; none of them is a landmark yet."""
-        given = view.frame.tracks
+        given, camera = view.frame.tracks, self._camera
         if given is not None:
             points, track = _undescribed(given.xy), given.id
             depth = depth_of(camera, given.disparity)
@@ -258,6 +300,8 @@ class Detector:
             points.response,
             points.descriptors,
             np.zeros(len(points), np.bool_),
+            np.zeros(len(points), np.int64),
+            np.zeros(len(points), np.int64),
         )
 
     def _depths(self, camera: Camera, view: View, points: Keypoints) -> FloatArray:
@@ -272,13 +316,15 @@ class Detector:
         return np.full(len(points), np.nan)
 
 
-def _depth_again(camera: Camera, view: View, xy: Float32Array, before: FloatArray) -> FloatArray:
+def _depth_again(
+    camera: Camera, view: View, xy: Float32Array, before: FloatArray, follow: Follow
+) -> FloatArray:
     if view.frame.depth is not None:
         return depth_at(view.frame.depth, xy)
     if view.left is None or view.right is None:
         return np.full(len(xy), np.nan)
     expected = camera.fx * camera.baseline / before
-    return depth_of(camera, disparities(view.left, view.right, xy, expected))
+    return depth_of(camera, disparities(view.left, view.right, xy, expected, follow))
 
 
 def _undescribed(xy: FloatArray) -> Keypoints:

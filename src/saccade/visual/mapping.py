@@ -11,11 +11,14 @@ from saccade.slam.retraction import INVARIANT
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import Sightings
 from saccade.visual.config import VisualConfig
-from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting
+from saccade.visual.foresight import Foresight, TurnDrift, joined, lasting, lasting_of
 from saccade.visual.landmarks import Landmarks
 from saccade.visual.motion import Motion, Prior
+from saccade.visual.plane import Plane
 from saccade.visual.road import WHITE, RoadMotion, Scale
 
+STRETCH = 1e-3
+"""Share by which the map may be too large or too small; its scale is known ten times less well."""
 SHORTEST = 0.05
 """Metres of a step by which odometry and camera are compared."""
 
@@ -32,6 +35,7 @@ class VisualMap:
     def __init__(self, drive: Drive, config: VisualConfig, ranged: bool) -> None:
         share, *others = drive.odometry_bias
         self.scale = Scale(share, config.motion_share[0] if ranged else config.height_sigma)
+        self._drawn = self.scale.factor
         self._ranged = ranged
         bias = (0.0, *others) if any(others) and not ranged else ()
         self.ekf = EkfSlam(
@@ -44,17 +48,24 @@ class VisualMap:
         self.landmarks = Landmarks()
         self._drive, self._config = drive, config
         ahead, turn = config.acceleration
+        self.plane = Plane(float(np.radians(config.tilt_sigma)))
         self._drift = TurnDrift()
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
         self._foresight = Foresight(np.array([ahead, ahead / 4, turn]))
 
     def foretell(self, number: int) -> Prior:
-        """The control that is expected to lead to a frame after the first."""
+        """The control that is expected to lead to a frame after the first.
+
+        A single camera takes the length of a step from it. With the last steps in it their errors
+        would count anew in each, and where the robot speeds up for seconds it would lag behind.
+        """
         drive, factor = self._drive, self.scale.factor
         seconds = self._seconds(number)
         control = drive.control[number - 1] * (factor, factor, 1.0)
-        control[2] -= self._drift.rate * seconds
+        control = self._drift.taken_off(control, seconds)
         self._odometry = control, drive.control_covariance[number - 1]
+        if not self._ranged:
+            return self._odometry
         return self._foresight.foresee(*self._odometry, seconds)
 
     def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
@@ -68,10 +79,14 @@ class VisualMap:
             expected: what `foretell` says.
             motion: what the camera says of the way, if anything.
         """
-        taken = expected
+        seconds = self._seconds(number)
+        unsure = lasting_of(
+            expected[0], seconds, self.scale.sigma if self._ranged else 0.0, self._drift
+        )
+        taken = expected[0], expected[1] + unsure
         if motion is not None:
-            seconds = self._seconds(number)
-            taken = motion.control, lasting(motion, seconds, self._config)
+            self.plane.heard(motion.tilt, seconds)
+            taken = motion.control, lasting(motion, seconds, self._config, self.plane.tilt)
             turned = float(self._drive.control[number - 1, 2] - motion.control[2])
             noise = self._drive.control_covariance[number - 1, 2, 2] + taken[1][2, 2]
             self._drift.heard(turned, seconds, float(noise))
@@ -96,7 +111,7 @@ class VisualMap:
         ratio = road.distance / float(np.linalg.norm(motion.shift))
         self.scale.heard(ratio)
         grown = self.scale.factor / before
-        self.ekf.rescale(grown, self._drive.start[:2])
+        self._keep_to_scale()
         length = float(np.hypot(*motion.control[:2]))
         along = np.append(motion.control[:2] / length, 0.0)
         spread = motion.covariance @ along
@@ -110,6 +125,13 @@ class VisualMap:
             shift=motion.shift * longer,
             covariance=(covariance + covariance.T) / 2,
         )
+
+    def _keep_to_scale(self) -> None:
+        """Redraw the map once its metre is off by `STRETCH`: that takes as long as a frame."""
+        stretch = self.scale.factor / self._drawn
+        if abs(stretch - 1) > STRETCH:
+            self.ekf.rescale(stretch, self._drive.start[:2])
+            self._drawn = self.scale.factor
 
     def _compare(self, expected: FloatArray, motion: Motion) -> None:
         """Learn how long odometry's metre is from a camera that measures depth."""

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from saccade._jit import kernel
 from saccade.frames import Camera
 from saccade.types import Float32Array, FloatArray
 
@@ -27,6 +28,8 @@ where points without depth have to tell the motion."""
 SOFTNESS = (16.0, 8.0, 4.0, 2.0)
 """Standard deviations from which a point counts for less, round by round: from a guess to what
 is known. The last stays."""
+FRONT = 0.05
+"""Metres along the optical axis, as shares of a point's depth before, that it must lie ahead."""
 CLOSEST = 1.0
 """Inverse depth, 1 / metres, that a point has at most."""
 ROUNDS = 12
@@ -113,29 +116,25 @@ def motion_between(
     guess = _first_guess(camera, pairs) if alone else camera_motion(camera, prior[0])
     if guess is None:
         return None
-    (R, t), at = guess, pairs.inverse_depth
+    (R, t), at, square = guess, pairs.inverse_depth.copy(), np.empty(len(pairs.before))
     weight = np.zeros((6, 6)) if alone else _prior_weight(camera, prior[1], R)
+    view = camera.fx, camera.fy, camera.cx, camera.cy
     rounds = SOFTNESS[-2:] if alone else SOFTNESS
     for i in range(ROUNDS):
-        slopes, missed, share, at = _missed(camera, pairs, at, R, t, pixel_sigma)
-        square = np.einsum("ni,ni->n", missed, missed)
-        soft = rounds[min(i, len(rounds) - 1)]
-        count = 1 / np.square(1 + square / soft**2) * share  # Geman & McClure (1987)
-        information = np.einsum("n,nia,nib->ab", count, slopes, slopes) + weight
         away = np.append(_angles(R @ guess[0].T), t - guess[1])
-        step = np.linalg.solve(
-            information + 1e-9 * np.eye(6),
-            np.einsum("n,nia,ni->a", count, slopes, missed) - weight @ away,
-        )
+        information, gradient = weight + 1e-9 * np.eye(6), -weight @ away
+        soft = rounds[min(i, len(rounds) - 1)]
+        _vote(pairs, view, R, t, pixel_sigma, soft, at, information, gradient, square)
+        step = np.linalg.solve(information, gradient)
         R, t = cv2.Rodrigues(step[:3])[0] @ R, t + step[3:]
         if i >= len(rounds) and np.abs(step).max() < SETTLED:
             break
-    agrees = (square < AGREES**2) & (share > 0)
+    agrees = square < AGREES**2
     if agrees.sum() < FEWEST:
         return None
     control, tilt = robot_motion(camera, R, t)
     B = _by_camera(camera, R, t)[:3]
-    spread = B @ np.linalg.inv(information + 1e-9 * np.eye(6)) @ B.T
+    spread = B @ np.linalg.inv(information) @ B.T
     return Motion(control, tilt, spread, agrees, R, t, not alone)
 
 
@@ -167,14 +166,13 @@ def _by_camera(camera: Camera, R: FloatArray, t: FloatArray) -> FloatArray:
     """
     turned = camera.rotation @ R @ camera.rotation.T
     slope = np.zeros((6, 6))
-    arm = camera.rotation @ R @ camera.rotation.T @ camera.place  # of the camera, turned
-    for k in range(3):
-        axis = camera.rotation[:, k]
-        moved = camera.rotation @ t + camera.place - arm
-        # back = -turned^T moved; both factors turn about the axis
-        slope[[0, 1, 3], k] = turned.T @ np.cross(axis, moved) + turned.T @ np.cross(axis, arm)
-        about = turned.T @ axis
-        slope[[2, 4, 5], k] = -about[[2, 0, 1]]
+    x, y, z = camera.rotation @ t + camera.place
+    # back = -turned^T moved; both factors turn about the camera's axes
+    about = turned.T @ camera.rotation
+    slope[[0, 1, 3], :3] = (
+        turned.T @ np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]]) @ (camera.rotation)
+    )
+    slope[[2, 4, 5], :3] = -about[[2, 0, 1]]
     slope[[0, 1, 3], 3:] = -turned.T @ camera.rotation
     return slope
 
@@ -188,58 +186,90 @@ def _prior_weight(camera: Camera, covariance: FloatArray, R: FloatArray) -> Floa
     return np.asarray(slope.T @ np.linalg.solve(spread, slope))
 
 
-def _missed(
-    camera: Camera, pairs: Pairs, at: FloatArray, R: FloatArray, t: FloatArray, pixel_sigma: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """By how much points miss a motion, in standard deviations.
+@kernel()
+def _vote(
+    pairs: Pairs,
+    view: tuple[float, float, float, float],
+    R: FloatArray,
+    t: FloatArray,
+    pixel_sigma: float,
+    soft: float,
+    at: FloatArray,
+    information: FloatArray,
+    gradient: FloatArray,
+    square: FloatArray,
+) -> None:
+    """Add up what points say of a better motion, by what each misses this one.
+
+    What a point misses has the covariance N = A + s^2 d d^T, of pixels and depth now and of the
+    inverse depth before: N^-1 = A^-1 - q g g^T, g = A^-1 d, q = s^2 / (1 + s^2 d^T g)
+    (Sherman & Morrison, 1950).
 
     Args:
-        camera: the calibration.
         pairs: k points.
-        at: (k,) inverse depths before about which all is linear.
+        view: focal lengths and centre of the camera, in pixels.
         R: (3, 3) turn of the camera.
         t: (3,) its shift.
         pixel_sigma: standard deviation of a pixel, each way.
-
-    Returns:
-        Slopes (k, 3, 6) by turn and shift, what is missed (k, 3), across, down and in inverse
-        depth; (k,) 1 where a point is before the camera, 0 elsewhere; and (k,) the inverse
-        depths before that the motion makes likely.
+        soft: standard deviations from which a point counts for less.
+        at: (k,) inverse depths before about which all is linear; becomes those that the motion
+            makes likely.
+        information: (6, 6) by turn and shift, added to.
+        gradient: (6,), added to.
+        square: (k,) becomes what each misses, normalized; infinite behind the camera.
     """
-    focal, centre = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
-    ray = np.concatenate([(pairs.before - centre) / focal, np.ones((len(pairs.before), 1))], 1)
-    turned = ray @ R.T
-    seen = turned + at[:, None] * t  # the point, times its inverse depth before
-    front = seen[:, 2] > 0.05
-    z = np.where(front, seen[:, 2], 1.0)
-    flat = seen[:, :2] / z[:, None]
-    again = np.isfinite(pairs.inverse_depth_now)
-    missed = np.zeros((len(ray), 3))
-    missed[:, :2] = pairs.now - (flat * focal + centre)
-    missed[:, 2] = np.where(again, pairs.inverse_depth_now - at / z, 0.0)
-
-    def projected(by: FloatArray) -> FloatArray:
-        """Slopes (k, 3, c) of pixels and inverse depth from those of `seen`."""
-        across = (by[:, :2] - flat[:, :, None] * by[:, 2:]) / z[:, None, None] * focal[:, None]
-        deep = -(at / z**2 * again)[:, None, None] * by[:, 2:]
-        return np.concatenate([across, deep], 1)
-
-    by_seen = np.zeros((len(ray), 3, 6))
-    by_seen[:, 0, 1], by_seen[:, 0, 2] = turned[:, 2], -turned[:, 1]
-    by_seen[:, 1, 0], by_seen[:, 1, 2] = -turned[:, 2], turned[:, 0]
-    by_seen[:, 2, 0], by_seen[:, 2, 1] = turned[:, 1], -turned[:, 0]
-    by_seen[:, :, 3:] = at[:, None, None] * np.eye(3)
-    by_depth = projected(np.broadcast_to(t[:, None], (len(ray), 3, 1)))[:, :, 0]
-    by_depth[:, 2] += again / z
-    noise = (by_depth * pairs.sigma[:, None] ** 2)[:, :, None] * by_depth[:, None]
-    noise[:, [0, 1], [0, 1]] += 2 * pixel_sigma**2  # both frames err
-    noise[:, 2, 2] += np.where(again, pairs.sigma_now**2, 1.0)
-    missed += by_depth * (at - pairs.inverse_depth)[:, None]
-    root = np.linalg.inv(np.linalg.cholesky(noise))
-    white = (root @ missed[:, :, None])[:, :, 0]
-    likely = (white * (root @ by_depth[:, :, None])[:, :, 0]).sum(1) * pairs.sigma**2
-    likely = (pairs.inverse_depth + likely).clip(0.0, CLOSEST)
-    return root @ projected(by_seen), white, front.astype(np.float64), likely
+    fx, fy, cx, cy = view
+    P, J, d, missed, sure = np.zeros((3, 3)), np.empty((3, 6)), np.empty(3), np.empty(3), np.ones(3)
+    pull, g = np.empty(6), np.empty(3)
+    for i in range(len(at)):
+        h, u, v = at[i], (pairs.before[i, 0] - cx) / fx, (pairs.before[i, 1] - cy) / fy
+        a = R[0, 0] * u + R[0, 1] * v + R[0, 2]
+        b = R[1, 0] * u + R[1, 1] * v + R[1, 2]
+        c = R[2, 0] * u + R[2, 1] * v + R[2, 2]
+        z = c + h * t[2]
+        if z <= FRONT:
+            square[i] = np.inf
+            continue
+        x, y = (a + h * t[0]) / z, (b + h * t[1]) / z
+        again = np.isfinite(pairs.inverse_depth_now[i])  # its depth has been measured anew
+        seen = h / z if again else 0.0
+        missed[0] = pairs.now[i, 0] - (fx * x + cx)
+        missed[1] = pairs.now[i, 1] - (fy * y + cy)
+        missed[2] = pairs.inverse_depth_now[i] - seen if again else 0.0
+        sure[0] = sure[1] = 1 / (2 * pixel_sigma**2)  # of A^-1: both frames err
+        sure[2] = 1 / pairs.sigma_now[i] ** 2 if again else 1.0
+        P[0, 0], P[0, 2], P[1, 1], P[1, 2] = fx / z, -fx * x / z, fy / z, -fy * y / z
+        P[2, 2] = -seen / z  # P is the slope by the point, divided by its depth before
+        for j in range(3):
+            J[j, 0] = P[j, 2] * b - P[j, 1] * c
+            J[j, 1] = P[j, 0] * c - P[j, 2] * a
+            J[j, 2] = P[j, 1] * a - P[j, 0] * b
+            d[j] = 0.0
+            for m in range(3):
+                J[j, 3 + m] = h * P[j, m]
+                d[j] += P[j, m] * t[m]
+        d[2] += 1 / z if again else 0.0
+        spread, along, total = 0.0, 0.0, 0.0
+        for j in range(3):
+            missed[j] += d[j] * (h - pairs.inverse_depth[i])
+            g[j] = sure[j] * d[j]
+            spread += d[j] * g[j]
+            along += missed[j] * g[j]
+            total += missed[j] ** 2 * sure[j]
+        q = pairs.sigma[i] ** 2 / (1 + pairs.sigma[i] ** 2 * spread)
+        at[i] = min(max(pairs.inverse_depth[i] + q * along, 0.0), CLOSEST)
+        square[i] = total - q * along**2
+        count = 1 / (1 + square[i] / soft**2) ** 2  # Geman & McClure (1987)
+        for m in range(6):
+            pull[m] = J[0, m] * g[0] + J[1, m] * g[1] + J[2, m] * g[2]
+        for m in range(6):
+            gradient[m] -= count * q * pull[m] * along
+            for j in range(3):
+                gradient[m] += count * J[j, m] * sure[j] * missed[j]
+            for k in range(6):
+                information[m, k] -= count * q * pull[m] * pull[k]
+                for j in range(3):
+                    information[m, k] += count * J[j, m] * sure[j] * J[j, k]
 
 
 def _first_guess(camera: Camera, pairs: Pairs) -> tuple[FloatArray, FloatArray] | None:

@@ -1,26 +1,27 @@
 """The whole chain: attend, detect, track, observe, associate, update, and manage the map."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
 from saccade.pyramid import FloatMap
+from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.recording import Recorder
 from saccade.types import FloatArray, IntArray
+from saccade.visual.ahead import Ahead, side_by_side
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import (
-    Detector,
     Followed,
     View,
     bearing_alone,
-    look,
-    measures_depth,
     observe,
+    tells_depth,
     track,
 )
 from saccade.visual.mapping import VisualMap
@@ -31,12 +32,14 @@ from saccade.visual.recognition import (
     agreeing,
     keep_apart,
     look_alikes,
+    rehearsed,
     within_gate,
 )
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
-from saccade.visual.road import road_motion
-from saccade.visual.selection import attend, preference
+from saccade.visual.road import Road
+from saccade.visual.selection import preference
+from saccade.visual.senses import Memory, Senses
 from saccade.visual.triangulation import CameraWay
 
 
@@ -46,6 +49,8 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
+    memory: Memory | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> VisualResult:
     """Map a drive.
 
@@ -54,6 +59,8 @@ def run(
         config: how to look and to map.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
+        memory: of earlier runs over the same frames.
+        checkpoint: where the run saves itself, and goes on if it was interrupted.
 
     Returns:
         The way, the map, and what was seen of it when.
@@ -61,15 +68,25 @@ def run(
     Raises:
         DriveError: images that do not fit the calibration.
     """
-    pipeline = Pipeline(drive, config or VisualConfig())
-    for number in range(len(drive)):
-        pipeline.step(number)
-        if recorder is not None:
-            followed = pipeline.followed
-            seen = pipeline.world.landmarks.rows(followed.landmark[followed.known])
-            recorder.add(number, len(drive), pipeline.world.ekf, seen)
-        if progress is not None:
-            progress(number + 1, len(drive))
+    config = config or VisualConfig()
+    pipeline = Pipeline(drive, config, memory)
+    state = {**pipeline.state, "recorder": recorder}
+    done = 0
+    if checkpoint is not None:
+        data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
+        done = checkpoint.resume(drive, (config, *data), state)
+        pipeline.go_on_from(done)
+    with side_by_side():
+        for number in range(done, len(drive)):
+            pipeline.step(number)
+            if recorder is not None:
+                followed = pipeline.followed
+                seen = pipeline.world.landmarks.rows(followed.landmark[followed.known])
+                recorder.add(number, len(drive), pipeline.world.ekf, seen)
+            if checkpoint is not None:
+                checkpoint.keep(number + 1, {**pipeline.state, "recorder": recorder})
+            if progress is not None:
+                progress(number + 1, len(drive))
     return pipeline.result()
 
 
@@ -79,23 +96,42 @@ class Pipeline:
     Args:
         drive: frames and odometry.
         config: how to look and to map.
+        memory: of earlier runs over the same frames.
     """
 
-    def __init__(self, drive: Drive, config: VisualConfig) -> None:
+    def __init__(self, drive: Drive, config: VisualConfig, memory: Memory | None = None) -> None:
         self.drive, self.config = drive, config
         self.followed = Followed()
         self.recording = Recording(drive)
-        self.ranged = measures_depth(drive.camera, self._load(0))
+        self.ranged = tells_depth(drive)
         self.world = VisualMap(drive, config, self.ranged)
-        self._detect = Detector(config)
+        self._senses = Senses(drive, config, memory)
+        self._glances = Ahead(self._senses.glance, len(drive), config.every)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
+        self._road = Road(drive.camera)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What changes from frame to frame, for a checkpoint."""
+        return {
+            "world": self.world,
+            "recording": self.recording,
+            "followed": self.followed,
+            "way": self._way,
+        }
+
+    def go_on_from(self, done: int) -> None:
+        """Take up a drive whose state has been restored after so many frames."""
+        if done > 0 and self.recording.sighted >= 0:
+            self._last = self._senses.glance(self.recording.sighted).view
 
     def step(self, number: int) -> None:
         """Go on by one frame."""
-        note, world = self.recording, self.world
-        with note.timed("read"):
-            view = look(self._load(number), self.drive.camera)
+        note, world, start = self.recording, self.world, perf_counter()
+        with note.timed("wait"):
+            glance = self._glances(number)
+        view = note.glanced(glance).view
         before = world.ekf.pose
         if number > 0:
             self._move(number, view)
@@ -103,12 +139,12 @@ class Pipeline:
             note.moved(np.zeros(3), None)
         with note.timed("update"):
             self._meet(number, FOLLOWED, self.followed[self.followed.known])
-        if number % self.config.every == 0 and not view.blind:
-            self._renew(number, view)
+        if glance.found is not None:
+            self._renew(number, view, glance.found)
         world.moved(number, before, len(self.followed))
-        note.believed(world.ekf.pose, world.pose_covariance)
+        note.believed(world.ekf.pose, world.pose_covariance, perf_counter() - start)
         if not view.blind:
-            self._last = view
+            self._last, note.sighted = view, number
 
     def result(self) -> VisualResult:
         """What has come of it so far."""
@@ -119,7 +155,9 @@ class Pipeline:
         note, world, camera, config = self.recording, self.world, self.drive.camera, self.config
         expected = world.foretell(number)
         with note.timed("track"):
-            self.followed, motion = track(camera, self._last, view, self.followed, expected, config)
+            self.followed, motion = track(
+                camera, self._last, view, self.followed, expected, config, self._senses.follow
+            )
             note.moved(expected[0], motion)
         with note.timed("road"):
             if motion is not None and not self.ranged:
@@ -143,16 +181,16 @@ class Pipeline:
         before = self._last.left
         if before is None or view.left is None:
             return motion
-        road = road_motion(self.drive.camera, before, view.left, motion)
+        road = self._road.motion(before, view.left, motion)
         return motion if road is None else self.world.along_road(motion, road)
 
-    def _renew(self, number: int, view: View) -> None:
+    def _renew(self, number: int, view: View, found: Followed) -> None:
         """Find what is in view: landmarks that were lost from sight, and new ones."""
         note, world, config = self.recording, self.world, self.config
-        with note.timed("detect"):
-            found = self._detect(view, self.drive.camera, number)
-            found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
         with note.timed("associate"):
+            if config.selection.startswith("proven") and view.left is not None:
+                self.followed = rehearsed(self.followed, found, config.ratio)
+            found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
             pairs = self._recognize(found)
             known = replace(
                 found[pairs[:, 0]],
@@ -168,29 +206,28 @@ class Pipeline:
             places = max(0, config.followed - len(self.followed))
             strongest = np.argsort(-new.response, kind="stable")[:places]
             self.followed = self.followed.joined(new[strongest])
-            image = view.frame.image
-            chosen = self._choose(number, None if image is None else attend(image, config))
+            chosen = self._choose(number, self._senses.attend(view, number))
         with note.timed("manage"):
             self._take_in(number, chosen)
 
     def _choose(self, number: int, saliency: FloatMap | None) -> IntArray:
         """(m,) which of the followed points become landmarks."""
         config, camera, points = self.config, self.drive.camera, self.followed
-        seen, useful = observe(camera, points.xy, points.depth, points.depth_sigma, config)
+        seen, useful = self._observed(points)
         free = np.flatnonzero(useful & ~points.known)
         share = np.sqrt(seen.covariance[free, 0, 0]) / seen.z[free, 0]
         shape = (camera.height, camera.width)
-        order = free[preference(points.keypoints[free], share, saliency, shape, config, number)]
+        taken = points.xy[points.known]
+        order = free[preference(points[free], share, saliency, shape, taken, config, number)]
         places = max(0, config.in_view - int(points.known.sum()))
         count = min(config.new_per_frame * config.every, places)
-        return keep_apart(points.xy, order, points.xy[points.known], config.apart, count)
+        return keep_apart(points.xy, order, taken, config.apart, count)
 
     def _take_in(self, number: int, chosen: IntArray) -> None:
         """Make landmarks of some of the followed points, and keep to the budget."""
         world, points = self.world, self.followed
         new = points[chosen]
-        camera = self.drive.camera
-        seen, _ = observe(camera, new.xy, new.depth, new.depth_sigma, self.config)
+        seen, _ = self._observed(new)
         landmark = points.landmark.copy()
         landmark[chosen] = world.take_in(seen, new.descriptor, number)
         self.recording.meetings(number, TAKEN_IN, landmark[chosen], new.xy, seen)
@@ -224,10 +261,17 @@ class Pipeline:
         self, points: Followed, reach: FloatArray
     ) -> tuple[Sightings, npt.NDArray[np.bool_]]:
         """What is seen of landmarks that are expected at ranges (k,), and whether it is of use."""
-        camera, config = self.drive.camera, self.config
         if self.ranged:
-            return observe(camera, points.xy, points.depth, points.depth_sigma, config)
-        return bearing_alone(camera, points.xy, reach, config), np.ones(len(points), np.bool_)
+            return self._observed(points)
+        tilt = self.world.plane.tilt
+        seen = bearing_alone(self.drive.camera, points.xy, reach, self.config, tilt)
+        return seen, np.ones(len(points), np.bool_)
+
+    def _observed(self, points: Followed) -> tuple[Sightings, npt.NDArray[np.bool_]]:
+        """Range and bearing of points, and whether each is of use."""
+        tilt = self.world.plane.tilt
+        known = points.xy, points.depth, points.depth_sigma
+        return observe(self.drive.camera, *known, self.config, tilt)
 
     def _in_view(self) -> IntArray:
         """(m,) rows of landmarks that are not followed and should be in view."""
@@ -252,14 +296,6 @@ class Pipeline:
         points, seen = points[useful], some(seen, useful)
         self.world.meet(points.landmark, seen, points.again, number)
         self.recording.meetings(number, kind, points.landmark, points.xy, seen)
-
-    def _load(self, number: int) -> Frame:
-        """The frame, empty where it cannot be read."""
-        try:
-            return self.drive.load(number)
-        except ImageError as error:
-            self.recording.remarks.append(str(error))
-            return Frame(float(self.drive.time[number]))
 
 
 def _near(points: Followed, others: Followed, apart: float) -> npt.NDArray[np.bool_]:

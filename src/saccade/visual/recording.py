@@ -13,12 +13,17 @@ from saccade.frames import Drive
 from saccade.slam.models import compose
 from saccade.types import Float32Array, FloatArray, IntArray, LandmarkMap, Trajectory
 from saccade.visual.camera import Sightings
+from saccade.visual.glance import Glance
 from saccade.visual.mapping import VisualMap
 from saccade.visual.motion import Motion
 from saccade.visual.result import Meetings, VisualResult
 
 TAKEN_IN, FOLLOWED, RECOGNIZED = 0, 1, 2
 """Kinds of meetings with landmarks."""
+NAMED = 5
+"""Frames that cannot be used are named, at most."""
+PIECES = 512
+"""Meetings are kept in so many pieces at most: a checkpoint writes each by itself."""
 
 
 @dataclass(eq=False)
@@ -29,6 +34,9 @@ class Recording:
     remarks: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     missed: int = 0
+    sighted: int = -1
+    """Number of the last frame in which there was something to be seen."""
+    _took: list[float] = field(default_factory=list)
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
     _visual: list[FloatArray] = field(default_factory=list)
@@ -44,6 +52,20 @@ class Recording:
         finally:
             self.seconds[step] = self.seconds.get(step, 0.0) + perf_counter() - start
 
+    def glanced(self, glance: Glance) -> Glance:
+        """Note how long a frame took that was looked at ahead, and what was wrong with it."""
+        for step, seconds in glance.seconds.items():
+            self.seconds[step] = self.seconds.get(step, 0.0) + seconds
+        self.remarks.extend(glance.remarks)
+        return glance
+
+    def _remarks(self) -> tuple[str, ...]:
+        """What was wrong with frames: the first of many by name, how many others there are."""
+        more = len(self.remarks) - NAMED
+        if more <= 0:
+            return tuple(self.remarks)
+        return (*self.remarks[:NAMED], f"{more} more frames could not be used")
+
     def meetings(
         self, number: int, kind: int, landmark: IntArray, xy: Float32Array, seen: Sightings
     ) -> None:
@@ -52,6 +74,8 @@ class Recording:
         sigma = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
         named = np.full(k, number), landmark, np.full(k, kind)
         self._meetings.append((*named, xy.astype(np.float64), seen.z, sigma))
+        if len(self._meetings) == PIECES:
+            self._meetings = [tuple(self._columns())]
 
     def moved(self, expected: FloatArray, motion: Motion | None) -> None:
         """Note what the camera says of the way to this frame, or else what was expected (3,)."""
@@ -60,8 +84,9 @@ class Recording:
         self._visual.append(compose(before, control)[0])
         self._tilt.append(np.full(3, np.nan) if motion is None else motion.tilt)
 
-    def believed(self, pose: FloatArray, covariance: FloatArray) -> None:
-        """Note where the robot is, after all that the frame showed."""
+    def believed(self, pose: FloatArray, covariance: FloatArray, seconds: float) -> None:
+        """Note where the robot is, after all that the frame showed, and how long that took."""
+        self._took.append(seconds)
         self._pose.append(pose)
         self._covariance.append(covariance)
 
@@ -84,7 +109,8 @@ class Recording:
             tilt=np.array(self._tilt),
             missed=self.missed,
             seconds=dict(self.seconds),
-            remarks=tuple(self.remarks),
+            frame_seconds=np.array(self._took),
+            remarks=(*self._remarks(), *world.plane.remarks()),
         )
 
     def _columns(self) -> list[npt.NDArray[Any]]:

@@ -57,7 +57,9 @@ class VisualResult:
     missed: int
     """Times that a landmark should have been in view, was not followed, and was not recognized."""
     seconds: dict[str, float]
-    """Where the time went, by step."""
+    """Where the time went, by step; frames are read and searched for points beside the rest."""
+    frame_seconds: FloatArray
+    """(n,) from each frame to the next."""
     remarks: tuple[str, ...]
     """What went wrong on the way, in sentences."""
 
