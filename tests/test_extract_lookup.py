@@ -35,6 +35,8 @@ def test_a_data_set_gives_the_points_back(extracted):
     for path, found in zip(paths, read_points(str(out)), strict=True):
         assert (found.image, found.shape) == (path.name, (64, 96))
         assert_same(found.points, Sift()(read_image(path)))
+    whole = exchange.read_parquet(out / "sift")
+    assert_same(whole[paths[4].name], Sift()(read_image(paths[4])))
 
 
 def test_hdf5_and_csv(extracted, run, tmp_path):

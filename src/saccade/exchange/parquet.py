@@ -116,6 +116,13 @@ def _part(pa: Any, name: str, points: Keypoints) -> Any:
 
 def _descriptors(pa: Any, column: Any) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.uint8]]:
     """(n,) whether a row has a descriptor, and (n, 128) with zeros where it has none."""
+    if pa.types.is_fixed_size_binary(column.type):  # as `saccade extract` packs them
+        packed = b"".join(column.drop_null().to_pylist())
+        flat = np.frombuffer(packed, np.uint8).reshape(-1, ENTRIES)
+        described = column.is_valid().to_numpy()
+        descriptors = np.zeros((len(column), ENTRIES), np.uint8)
+        descriptors[described] = flat
+        return described, descriptors
     rows = column.cast(pa.list_(pa.uint8(), ENTRIES)).combine_chunks()
     described = rows.is_valid().to_numpy(zero_copy_only=False)
     descriptors = np.zeros((len(rows), ENTRIES), np.uint8)
