@@ -70,8 +70,8 @@ def point_table(name: str, found: Keypoints | Regions, *, exact: bool) -> pa.Rec
     return pa.RecordBatch.from_arrays(
         [
             pa.repeat(name, len(points)),
-            *(pa.array(np.ascontiguousarray(each, np.float32)) for each in columns + boxes),
-            pa.array(points.octave.astype(np.int8)),
+            *(column(each, np.float32) for each in columns + boxes),
+            column(points.octave, np.int8),
             pa.FixedSizeBinaryArray.from_buffers(
                 pa.binary(ENTRIES), len(points), [None, pa.py_buffer(packed)]
             ),
@@ -97,8 +97,8 @@ def fixation_table(name: str, path: Scanpath) -> pa.RecordBatch:
     return pa.RecordBatch.from_arrays(
         [
             pa.repeat(name, n),
-            pa.array(np.arange(1, n + 1, dtype=np.int16)),
-            *(pa.array(np.ascontiguousarray(each, np.float32)) for each in columns),
+            column(np.arange(1, n + 1), np.int16),
+            *(column(each, np.float32) for each in columns),
         ],
         schema=FIXATIONS,
     )
@@ -165,6 +165,13 @@ def parquet_options(schema: pa.Schema) -> dict[str, Any]:
 
 MULTIPLES = np.minimum((np.arange(256) + STEP // 2) // STEP * STEP, 255).astype(np.uint8)
 """The nearest multiple of `STEP` to each byte."""
+
+
+def column(values: npt.NDArray[Any], dtype: npt.DTypeLike) -> pa.Array:
+    """The values as they lie, without a copy."""
+    packed = np.ascontiguousarray(values, dtype)
+    kind = pa.from_numpy_dtype(packed.dtype)
+    return pa.Array.from_buffers(kind, len(packed), [None, pa.py_buffer(packed)])
 
 
 def to_multiples(values: Float32Array, parts: int) -> Float32Array:
