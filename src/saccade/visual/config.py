@@ -41,7 +41,7 @@ class VisualConfig:
     of these with a sure range, or far from other landmarks in the image."""
     new_per_frame: int = 8
     """Landmarks that a frame may add, on average."""
-    in_view: int = 40
+    in_view: int = 20
     """Landmarks that are followed at a time; where as many are, none is added."""
     landmarks: int = 500
     """That the map holds at most."""
