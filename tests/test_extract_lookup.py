@@ -155,7 +155,7 @@ def test_the_hallway_is_recognized_on_the_second_lap(shared, tmp_path):
     extract_here(folder, tmp_path)
     build_index(tmp_path)
     held, sift = Index(tmp_path), Sift()
-    asked = sorted(folder.glob("*.jpg"))[::3]  # all: benchmarks/lookup.py
+    asked = sorted(folder.glob("*.jpg"))[::3]
     few = FindConfig(candidates=8)
     right = sum(is_again(path, held.find(sift(read_image(path)), few)) for path in asked)
     print(f"\n{right} of {len(asked)} photographs of the hallway")
