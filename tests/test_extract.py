@@ -1,7 +1,6 @@
 """Many images into one table, whatever happens meanwhile."""
 
 import json
-import os
 import resource
 import signal
 import subprocess
@@ -14,12 +13,13 @@ import pytest
 import zarr
 
 import extracting
+from dying import deadly
 from extracting import SIFT, check_complete, check_whole, extract_here, photographs
 from saccade import attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import Here, Processes
-from saccade.batch.shards import Report, Shard
+from saccade.batch.shards import Shard
 from saccade.batch.sources import Item
 from saccade.batch.store import LEFTOVERS
 from saccade.errors import ConfigError, OutputError
@@ -152,13 +152,6 @@ def test_processes_find_the_same_as_one(folder, tmp_path):
     extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), size=3)
     two = check_whole(tmp_path / "2")
     assert all(two[name].equals(rows) for name, rows in check_whole(tmp_path / "1").items())
-
-
-def deadly(shard):
-    """What kills the process that works on the fourth shard."""
-    if shard.name == "3":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return Report(done=1, rows=int(shard.name))
 
 
 def test_a_shard_that_kills_its_process_costs_no_other():

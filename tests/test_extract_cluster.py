@@ -1,12 +1,12 @@
 """The same job on Dask: a scheduler and two workers, each a process of its own."""
 
-import json
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -17,52 +17,39 @@ distributed = pytest.importorskip("distributed")
 IMAGES = 30
 
 
-def start(program, *words):
-    """A process of Dask's."""
-    command = [sys.executable, "-m", f"distributed.cli.dask_{program}", "--no-dashboard", *words]
-    return subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-
-
 @pytest.fixture
 def cluster(tmp_path):
-    """Address of a scheduler, and the processes of its two workers."""
-    file = ("--scheduler-file", str(tmp_path / "scheduler.json"))
-    scheduler = start("scheduler", "--port", "0", "--host", "127.0.0.1", *file)
-    one = ("--nthreads", "1", "--no-nanny", *file)
-    workers = [start("worker", *one) for _ in range(2)]
-    try:
-        while not (tmp_path / "scheduler.json").exists():
-            assert scheduler.poll() is None
-            time.sleep(0.01)
-        address = json.loads((tmp_path / "scheduler.json").read_text())["address"]
+    """Address of a scheduler, and the number of the process of one of its two workers."""
+    command = [sys.executable, str(Path(__file__).with_name("dask_cluster.py")), tmp_path]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, text=True, **pipes) as process:
+        address, first, _ = process.stdout.readline().split()
         with distributed.Client(address, set_as_default=False) as client:
             client.wait_for_workers(2)
-        yield address, workers
-    finally:
-        for process in (*workers, scheduler):
-            process.kill()
-            process.wait()
+        yield address, int(first)
+        process.stdin.close()
 
 
 def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):
-    address, workers = cluster
+    address, worker = cluster
     source, out = tmp_path / "photos", tmp_path / "out"
     photographs(source, IMAGES)
+
+    killed = threading.Event()
 
     def kill_one():
         while len(list((out / "images").glob("*"))) < 5:
             time.sleep(0.01)
-        os.kill(workers[0].pid, signal.SIGKILL)
+        os.kill(worker, signal.SIGKILL)
+        killed.set()
 
-    killer = threading.Thread(target=kill_one, daemon=True)
-    killer.start()
+    threading.Thread(target=kill_one, daemon=True).start()
     code, printed, err = run(
         "extract", source, "--out", out, "--scheduler", address, "--shard", 1, "--json"
     )
-    killer.join(1)
     assert code == 0, err
     assert f'"images": {IMAGES}' in printed
-    assert workers[0].wait(5) == -signal.SIGKILL
+    assert killed.wait(1)
     check_complete(source, out)
 
 

@@ -144,7 +144,7 @@ def _start(workers: int) -> ProcessPoolExecutor:
         context: Any = multiprocessing.get_context("spawn")
     else:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["saccade.batch.shards"])
+        context.set_forkserver_preload(["saccade.batch.shards", "saccade._jit"])
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # a process to a core is what is wanted
     return ProcessPoolExecutor(workers, context, initializer=_prepare)

@@ -23,6 +23,8 @@ def workers_for(source: Source) -> int:
         source: the largest of its first, middle and last image counts.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    if len(source) == 1 or cores == 1:
+        return 1
     pixels = max(_pixels(source, number) for number in (0, len(source) // 2, len(source) - 1))
     room = available_memory()
     fit = max(room // (BASE + TO_A_PIXEL * pixels), 1) if room else cores or 1

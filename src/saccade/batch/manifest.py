@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from saccade.batch.job import Job
 from saccade.batch.shards import RECORDS, read_record
 from saccade.batch.store import Store
-from saccade.batch.tables import ERRORS, parquet_options
+from saccade.batch.tables import ERRORS, batch_of, parquet_options
 from saccade.errors import ConfigError
 
 MANIFEST = "manifest.json"
@@ -84,7 +84,8 @@ def write_errors(store: Store, lost: Sequence[tuple[str, str]]) -> Totals:
         lost: images whose results could not be written, and why.
     """
     images = rows = errors = shards = 0
-    batches = [pa.Table.from_pylist([{"image": name, "error": why} for name, why in lost], ERRORS)]
+    unwritten = [{"image": name, "error": why} for name, why in lost]
+    batches = [pa.Table.from_batches([batch_of(unwritten, ERRORS)])]
     for record in records(store):
         wrong = record.filter(record["error"].is_valid()).select(ERRORS.names)
         if len(wrong):

@@ -18,7 +18,7 @@ from saccade.batch.maps import read_map, writing_maps
 from saccade.batch.reading import decoded, digest_of, read_content
 from saccade.batch.sources import Item
 from saccade.batch.store import Store, open_store
-from saccade.batch.tables import RECORD, parquet_options
+from saccade.batch.tables import RECORD, batch_of, parquet_options, texts
 from saccade.errors import OutputError, SaccadeError
 
 RECORDS = "images"
@@ -134,11 +134,12 @@ def _write(
         for item in todo:
             row, product = _one(job, item)
             if product is not None:
-                write(item.name, pa.table(product.rows), product.map)
+                write(item.name, pa.Table.from_batches([product.rows]), product.map)
             made.append(row)
     records = [{name: row[name] for name in RECORD.names} for row in [*kept.values(), *made]]
+    rows = pa.Table.from_batches([batch_of(records, RECORD)])
     with store.writing(f"{RECORDS}/{shard.file}") as path:
-        pq.write_table(pa.Table.from_pylist(records, RECORD), path, **parquet_options(RECORD))
+        pq.write_table(rows, path, **parquet_options(RECORD))
     return made
 
 
@@ -181,8 +182,8 @@ def _writing(job: Job, store: Store, shard: Shard) -> Iterator[Any]:
         def write(name: str, rows: pa.Table, values: Any) -> None:
             if values is not None:
                 file, array = add_map(name, values)
-                rows = rows.set_column(1, "file", pa.array([file], pa.string()))
-                rows = rows.set_column(2, "array", pa.array([array], pa.string()))
+                rows = rows.set_column(1, "file", texts([file]))
+                rows = rows.set_column(2, "array", texts([array]))
             waiting.append(rows)
             if sum(map(len, waiting)) >= ROWS_AT_ONCE:
                 flush()

@@ -1,5 +1,6 @@
 """The rows of the tables, and how they are packed into Parquet files."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cv2
@@ -69,7 +70,7 @@ def point_table(name: str, found: Keypoints | Regions, *, exact: bool) -> pa.Rec
     packed = np.ascontiguousarray(descriptors).reshape(-1, ENTRIES)
     return pa.RecordBatch.from_arrays(
         [
-            pa.repeat(name, len(points)),
+            _repeated(name, len(points)),
             *(column(each, np.float32) for each in columns + boxes),
             column(points.octave, np.int8),
             pa.FixedSizeBinaryArray.from_buffers(
@@ -96,7 +97,7 @@ def fixation_table(name: str, path: Scanpath) -> pa.RecordBatch:
     columns = (*path.xy.T, path.time, path.saliency)
     return pa.RecordBatch.from_arrays(
         [
-            pa.repeat(name, n),
+            _repeated(name, n),
             column(np.arange(1, n + 1), np.int16),
             *(column(each, np.float32) for each in columns),
         ],
@@ -123,8 +124,7 @@ def map_row(name: str, file: str, array: str, values: Float32Array, shape: Any) 
     x = (column + 0.5) * shape[1] / values.shape[1] - 0.5
     y = (row + 0.5) * shape[0] / values.shape[0] - 0.5
     cells = [name, file, array, *values.shape, x, y, values.max(), values.mean()]
-    arrays = [pa.array([cell], each.type) for cell, each in zip(cells, MAP_ROWS, strict=True)]
-    return pa.RecordBatch.from_arrays(arrays, schema=MAP_ROWS)
+    return batch_of([dict(zip(MAP_ROWS.names, cells, strict=True))], MAP_ROWS)
 
 
 RECORD = pa.schema(
@@ -172,6 +172,42 @@ def column(values: npt.NDArray[Any], dtype: npt.DTypeLike) -> pa.Array:
     packed = np.ascontiguousarray(values, dtype)
     kind = pa.from_numpy_dtype(packed.dtype)
     return pa.Array.from_buffers(kind, len(packed), [None, pa.py_buffer(packed)])
+
+
+def texts(values: Sequence[str | None]) -> pa.Array:
+    """A column of text, from its buffers: all that takes Python objects would load pandas."""
+    packed = [(value or "").encode() for value in values]
+    offsets = np.cumsum([0, *map(len, packed)], dtype=np.int32)
+    buffers = [_validity(values), pa.py_buffer(offsets), pa.py_buffer(b"".join(packed))]
+    return pa.Array.from_buffers(pa.string(), len(values), buffers)
+
+
+def _repeated(value: str, n: int) -> pa.Array:
+    packed = value.encode()
+    offsets = np.arange(n + 1, dtype=np.int32) * len(packed)
+    return pa.Array.from_buffers(
+        pa.string(), n, [None, pa.py_buffer(offsets), pa.py_buffer(packed * n)]
+    )
+
+
+def batch_of(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.RecordBatch:
+    """Rows of text and numbers; what a row lacks, or has as None, is a null."""
+    arrays = []
+    for field in schema:
+        cells = [row.get(field.name) for row in rows]
+        if pa.types.is_string(field.type):
+            arrays.append(texts(cells))
+        else:
+            filled = [0 if cell is None else cell for cell in cells]
+            packed = pa.py_buffer(np.array(filled, field.type.to_pandas_dtype()))
+            arrays.append(pa.Array.from_buffers(field.type, len(cells), [_validity(cells), packed]))
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _validity(cells: Sequence[Any]) -> pa.Buffer:
+    """A bit for every cell that has a value."""
+    valid = np.array([cell is not None for cell in cells], bool)
+    return pa.py_buffer(np.packbits(valid, bitorder="little"))
 
 
 def to_multiples(values: Float32Array, parts: int) -> Float32Array:
