@@ -4,6 +4,8 @@
 - two workers against one, beside what two independent loops gain at the same time on this machine
 - memory: the peak of a run over 1000 and over 10000 small images
 - start: from the command to its end on one image, against a script that only detects
+- lookup: how often the right image is first (`--only lookup --pairs DIR --hallway DIR`)
+- constants: what the arithmetic of docs/extract.md multiplies by millions
 """
 
 import argparse
@@ -21,13 +23,18 @@ import numpy as np
 
 from saccade.batch import Job, extract, open_source, shards, tables
 from saccade.batch.engines import Here, Processes
+from saccade.batch.export import read_points
+from saccade.batch.index import Found, Index, build_index
 from saccade.keypoints.sift_config import SiftConfig
 
 JOB = Job("sift", SiftConfig())
 BARE = "import sys, saccade; saccade.Sift(threads=1)(saccade.read_image(sys.argv[1]))"
+LAP, NEAR = 40, 2
 PEAK = """
 import resource, sys
 from saccade.batch import Job, extract, open_source
+from saccade.batch.export import read_points
+from saccade.batch.index import Found, Index, build_index
 from saccade.batch.engines import Here
 from saccade.keypoints.sift_config import SiftConfig
 extract(open_source(sys.argv[1]), Job("sift", SiftConfig()), sys.argv[2], Here())
@@ -169,12 +176,70 @@ def start(folder: Path, runs: int) -> None:
     print(f"start: {command - script:.2f} s are the command's")
 
 
+def lookup(pairs: Path, hallway: Path) -> None:
+    """Every image is asked for in a data set of all, itself left out.
+
+    Right is another of its sequence; of the hallway, which is walked twice in laps of `LAP`
+    photographs, the first that is of the other lap must be at most `NEAR` from the same place.
+    """
+    for name, source, right in (
+        ("sequences", f"{pairs}/*/*.png", of_its_sequence),
+        ("hallway", str(hallway), of_its_place),
+    ):
+        with tempfile.TemporaryDirectory() as out:
+            extract(open_source(source), JOB, out, Here())
+            build_index(out)
+            held = Index(out)
+            asked = [each.image for each in read_points(out)]
+            points = {each.image: each.points for each in read_points(out)}
+            count = sum(right(image, held.find(points[image], without=image)) for image in asked)
+            empty = sum(not len(points[image]) for image in asked)
+        print(f"lookup: {name} {count} of {len(asked)}, {empty} without points", flush=True)
+
+
+def of_its_sequence(image: str, found: list[Found]) -> bool:
+    return bool(found) and Path(found[0].image).parent == Path(image).parent
+
+
+def of_its_place(image: str, found: list[Found]) -> bool:
+    apart = (abs(int(Path(each.image).stem) - int(Path(image).stem)) for each in found)
+    first = next((each for each in apart if each > LAP / 2), None)
+    return first is not None and min(first % LAP, -first % LAP) <= NEAR
+
+
+def constants(folder: Path) -> None:
+    """Bytes of a record and of a name, the time of a second run and of a task of Dask's."""
+    source, count = open_source(str(folder)), len(list(folder.iterdir()))
+    with tempfile.TemporaryDirectory() as out:
+        made = extract(source, JOB, out, Here(), size=256).totals
+        again = seconds(lambda: extract(source, JOB, out, Here(), size=256))
+        record = sum(path.stat().st_size for path in Path(out, "images").iterdir())
+        most = build_index(out, 500)["points"]
+        index = sum(path.stat().st_size for path in Path(out, "index").iterdir())
+    print(f"record: {record / count:.0f} bytes an image")
+    print(f"nothing to do: {1e3 * again / count:.2f} ms an image")
+    print(f"index: {index / most:.0f} bytes a point, {most} of {made.rows} points")
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(1, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        tasks = 2000
+        client.gather(client.map(abs, range(100), pure=False))
+        took = seconds(lambda: client.gather(client.map(abs, range(tasks), pure=False)))
+    print(f"Dask: {1e3 * took / tasks:.2f} ms a task that does nothing")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of sequences with 1.png")
+    parser.add_argument("--hallway", type=Path, help="folder of photographs of two laps")
     parser.add_argument("--images", type=int, default=96)
     parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--only", choices=("overhead", "workers", "memory", "start"))
+    parser.add_argument(
+        "--only", choices=("overhead", "workers", "memory", "start", "lookup", "constants")
+    )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -184,7 +249,10 @@ def main() -> None:
             "workers": lambda: workers(folder),
             "memory": memory,
             "start": lambda: start(folder, options.runs),
+            "constants": lambda: constants(folder),
         }
+        if options.pairs and options.hallway:
+            parts["lookup"] = lambda: lookup(options.pairs, options.hallway)
         for part, measure in parts.items():
             if options.only in (None, part):
                 measure()

@@ -13,15 +13,15 @@ from extracting import extract_here, photographs
 
 async def schedule(file):
     """Run a scheduler, and write its address to a file."""
-    async with distributed.Scheduler(host="127.0.0.1", port=0, dashboard=False) as scheduler:
+    async with distributed.Scheduler(host="127.0.0.1", port=0, dashboard_address=":0") as scheduler:
         Path(f"{file}.new").write_text(scheduler.address)
         Path(f"{file}.new").rename(file)
         await scheduler.finished()
 
 
-async def work(address):
+async def work(address, folder):
     """Run a worker until it is killed."""
-    async with distributed.Worker(address, nthreads=1, dashboard=False) as worker:
+    async with distributed.Worker(address, nthreads=1, local_directory=folder) as worker:
         await worker.finished()
 
 
@@ -43,7 +43,7 @@ def start(folder):
     children = [forked(schedule(file))]
     while not file.exists():
         signal.sigtimedwait([], 0.01)
-    children += [forked(work(file.read_text())) for _ in range(2)]
+    children += [forked(work(file.read_text(), folder)) for _ in range(2)]
     print(file.read_text(), *children[1:], flush=True)
     sys.stdin.read()
     for child in children:

@@ -25,7 +25,7 @@ from saccade.batch.store import LEFTOVERS
 from saccade.errors import ConfigError, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 
-IMAGES = 24
+IMAGES = 15
 KILLS = 20
 
 
@@ -129,7 +129,7 @@ def test_a_full_disk_is_told(folder, tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (6 << 10, before[1]))
     try:
-        result = extract_here(folder, tmp_path, size=8)
+        result = extract_here(folder, tmp_path, size=5)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     errors = pq.read_table(tmp_path / "errors.parquet").to_pandas()
@@ -238,7 +238,7 @@ def test_ctrl_c_finishes_what_has_begun_and_says_how_to_go_on(folder, run, tmp_p
         patched.setattr(extraction, "extract_shard", interrupted)
         code, printed, err = run(*words, "--json")
     assert code == 130
-    assert "stopped after 3 of 24 images; give the same command to go on" in err
+    assert "stopped after 3 of 15 images; give the same command to go on" in err
     assert json.loads(printed)["complete"] is False
     assert not json.loads((tmp_path / "out" / "manifest.json").read_text())["complete"]
     assert len(check_whole(tmp_path / "out")) == 3

@@ -32,9 +32,9 @@ def export(
 ) -> None:
     """Write extracted points in the format of another program.
 
-    One file for all images: colmap (a database), hdf5 (as hloc reads it). One for
-    each image, in a folder: csv (no descriptors), opencv (YAML that cv::FileStorage
-    reads: keypoints and descriptors).
+    One file for all images: colmap (a database), hdf5 (as hloc reads it). A file
+    for each image, in a folder: csv (no descriptors), opencv (keypoints and
+    descriptors as YAML, for cv::FileStorage).
     """
     from saccade.cli.output import print_json, print_table
     from saccade.extras import import_optional

@@ -84,10 +84,9 @@ def extract(
 ) -> None:
     """Extract features of many images into a Parquet data set.
 
-    The data set opens in DuckDB, Polars and pandas as it is (docs/extract.md). A run
-    that was cut off goes on when the same command is given again, and images that came since or
-    have changed are done too; the others are left alone. Images that cannot be
-    read are listed in errors.parquet, and the exit code is 1 then.
+    DuckDB, Polars and pandas open it as it is (docs/extract.md). The same command
+    given again goes on where it was cut off, and does images that are new or have
+    changed. What cannot be read is listed in errors.parquet; exit code 1 then.
 
     Ctrl-C lets the shards that have begun finish; pressed twice it ends at once.
     """

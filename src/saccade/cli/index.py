@@ -46,11 +46,11 @@ def find(
     ] = 15,
     as_json: Json = False,
 ) -> None:
-    """List the images of a data set that show the same thing as IMAGE, the surest first.
+    """List the images that show the same thing as IMAGE, the surest first.
 
-    The points of IMAGE are found as those of the data set were. Images with similar
-    points are candidates; then it is counted how many matches agree on one
-    geometry of the two views. The exit code is 1 where no image has enough.
+    The points of IMAGE are found as those of the data set were. Images with
+    similar points are candidates; of each it is counted how many matches agree on
+    one geometry of the two views. The exit code is 1 where no image has enough.
     """
     from saccade.batch.index import FindConfig, Index
     from saccade.cli.output import print_json, print_table, say
