@@ -30,6 +30,7 @@ from saccade.keypoints.sift_config import SiftConfig
 JOB = Job("sift", SiftConfig())
 BARE = "import sys, saccade; saccade.Sift(threads=1)(saccade.read_image(sys.argv[1]))"
 LAP, NEAR = 40, 2
+PARTS = ("overhead", "workers", "memory", "start", "constants", "lookup")
 PEAK = """
 import resource, sys
 from saccade.batch import Job, extract, open_source
@@ -251,6 +252,8 @@ def main() -> None:
             "start": lambda: start(folder, options.runs),
             "constants": lambda: constants(folder),
         }
+        if options.only == "lookup" and not (options.pairs and options.hallway):
+            parser.error("lookup: expected --pairs and --hallway")
         if options.pairs and options.hallway:
             parts["lookup"] = lambda: lookup(options.pairs, options.hallway)
         for part, measure in parts.items():
