@@ -129,7 +129,7 @@ def test_a_full_disk_is_told(folder, tmp_path):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (6 << 10, before[1]))
     try:
-        result = extract_here(folder, tmp_path, size=5)
+        result = extract_here(folder, tmp_path, size=8)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     errors = pq.read_table(tmp_path / "errors.parquet").to_pandas()
