@@ -21,11 +21,15 @@ SHORT = 2.0
 def check_ground(drive: Drive, look: Look) -> list[Finding]:
     """Pitch, roll and height, by the truth if it is known, and else by the images."""
     if drive.truth_off_plane is not None and drive.truth is not None:
-        return _by_truth(drive.truth_off_plane, drive.truth.pose)
+        known = drive.truth.time
+        there = (known >= drive.time[0]) & (known <= drive.time[-1])
+        return _by_truth(drive.truth_off_plane[there], drive.truth.pose[there])
     return _by_images(drive, look)
 
 
 def _by_truth(lift: FloatArray, pose: FloatArray) -> list[Finding]:
+    if len(lift) == 0:
+        return []
     tilt = np.abs(lift[:, 1:] - np.median(lift[:, 1:], 0)).max(1)
     findings = _tilted(float(np.quantile(tilt, 0.95)), "by the truth")
     rise = float(np.ptp(lift[:, 0]))
