@@ -53,8 +53,8 @@ def drive(
     In --out appear the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the map (landmarks.csv; map.npz with descriptors), what was
     seen of which landmark when (sightings.csv), a picture (map.png), a
-    film (drive.mp4) and a still of it (drive.png), and the settings with the
-    figures (run.json).
+    film (drive.mp4) and a still of it (drive.png), a page to scrub through
+    time and click (report.html), and the settings with the figures (run.json).
 
     A run that was interrupted goes on from its last checkpoint.
     """
@@ -123,6 +123,7 @@ def map_drive(
     import saccade
     from saccade import visual
     from saccade.cli.drive_files import figures, write_film, write_pictures, write_tables
+    from saccade.cli.drive_report import write_report
     from saccade.cli.output import resumable, write_text
     from saccade.slam import Checkpoint, Recorder
 
@@ -146,8 +147,11 @@ def map_drive(
             settings,
             lambda done, of: watch("film", done, of),
         )
+    numbers = figures(recorded, result)
+    shown = recorder.snapshots, result, numbers
+    files["report"] = write_report(out / "report.html", recorded, *shown)
     row = {
-        **figures(recorded, result),
+        **numbers,
         "remarks": list(result.remarks),
         "version": saccade.__version__,
         "seed": settings.seed,

@@ -67,7 +67,8 @@ def slam(
     In --out appear the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the landmarks with theirs (landmarks.csv), every innovation
     (innovations.csv), pictures (map.png, innovations.png), a film (map.mp4),
-    and the settings with the figures (run.json).
+    a page to scrub through time and click (report.html), and the settings
+    with the figures (run.json).
 
     A run that was interrupted goes on from its last checkpoint.
     """
@@ -157,6 +158,7 @@ def map_log(
     import saccade
     from saccade.cli.output import write_text
     from saccade.cli.slam_files import figures, write_film, write_pictures, write_tables
+    from saccade.cli.slam_report import write_report
     from saccade.errors import LogError
     from saccade.extras import import_optional
     from saccade.slam import Checkpoint, Recorder, dead_reckon
@@ -181,8 +183,12 @@ def map_log(
         )
     if rrd is not None:
         files["rrd"] = save_rrd(rrd, log.name, snapshots, log.time, reckoned)
+    numbers = figures(log, result, smoothed)
+    files["report"] = write_report(
+        out / "report.html", log, result, smoothed, snapshots, facts(numbers)
+    )
     row = {
-        **figures(log, result, smoothed),
+        **numbers,
         "version": saccade.__version__,
         "seed": None,  # nothing is drawn at random
         "settings": asdict(settings),

@@ -1,0 +1,221 @@
+"""The report in a real browser: it loads, switches, scrubs, and is fit to be read by anyone."""
+
+import re
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from saccade.slam import EkfSlam
+from saccade.types import MapSnapshot, Trajectory
+from saccade.viewing.page import Section
+from saccade.viewing.report import report_page
+from saccade.viewing.report_map import (
+    Ground,
+    Sightings,
+    doubt_charts,
+    innovation_charts,
+    map_part,
+)
+
+CHROMIUM = Path("/usr/bin/chromium")
+EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+LANDMARKS = np.array([[0.0, 0.0], [8.0, 4.0], [4.0, 4.0]])
+STEPS = 12
+TO = "\N{EN DASH}"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser at {CHROMIUM}")
+    flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=flags)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """Opens a page from disk; at the end nothing may have gone wrong in it."""
+    troubles, pages = [], []
+
+    def open_page(text, **how):
+        file = tmp_path / "report.html"
+        file.write_text(text, encoding="utf-8")
+        page = browser.new_page(**how)
+        pages.append(page)
+        page.set_default_timeout(10_000)
+        page.on("console", lambda message: troubles.append(message.text))
+        page.on("pageerror", lambda error: troubles.append(str(error)))
+        page.on("dialog", lambda dialog: troubles.append(dialog.message))
+        page.on("request", lambda request: seen.append(request.url))
+        seen = []
+        page.goto(file.as_uri())
+        page.wait_for_selector("html[data-ready]")
+        others = [url for url in seen if url != file.as_uri() and not url.startswith("data:")]
+        assert not others
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+    assert not troubles
+
+
+def _drive():
+    """A robot that passes three landmarks; one of them comes late, and one goes."""
+    time = np.arange(STEPS, dtype=float)
+    pose = np.stack([time * 0.7, np.ones(STEPS), np.zeros(STEPS)], 1)
+    spread = np.tile(np.diag([0.01, 0.02, 0.001]), (STEPS, 1, 1))
+    names = {
+        step: [0, 1] if step < 4 else [0, 1, 2] if step < 8 else [1, 2] for step in range(STEPS)
+    }
+    snapshots = [
+        MapSnapshot(
+            step=step,
+            path=pose[step : step + 1],
+            covariance=spread[step],
+            landmarks=LANDMARKS[names[step]],
+            landmark_covariance=np.tile(np.eye(2) * 0.04, (len(names[step]), 1, 1)),
+            seen=np.array([0]),
+            names=np.array(names[step]),
+        )
+        for step in range(STEPS)
+    ]
+    return Trajectory(time, pose, spread), snapshots
+
+
+def _map_page(name="a map"):
+    estimate, snapshots = _drive()
+    rng = np.random.default_rng(2)
+    k = 200
+    innovation = rng.normal(size=(k, 2))
+    charts = innovation_charts(
+        np.linspace(0, STEPS - 1, k),
+        innovation,
+        np.tile(np.eye(2), (k, 1, 1)),
+        np.square(innovation).sum(1),
+        (1.5, 2.5),
+        20,
+    )
+    picture = np.full((30, 40, 3), 128, np.uint8)
+    part = map_part(
+        Section(name, name, facts={name: name}),
+        estimate,
+        snapshots,
+        Sightings(
+            np.array([0, 1, 2, 3, 5, 8, 9]),
+            np.array([1, 1, 1, 0, 2, 1, 1]),
+            np.full((7, 2), 12.0),
+            np.array([0, 1, 1, 0, 0, 2, 1]),
+        ),
+        [*charts, *doubt_charts(estimate, estimate)],
+        Ground({"odometry": estimate, "truth": estimate}),
+        lambda step: picture if step % 2 == 0 else None,
+    )
+    return report_page(name, name, [part])
+
+
+def _scrub(page, step):
+    page.locator("input[type=range]").fill(str(step))
+
+
+def _pixels(page):
+    page.wait_for_timeout(80)
+    return page.locator("canvas.ground").screenshot()
+
+
+def test_names_are_words_and_nothing_else(opened):
+    text = _map_page(EVIL)
+    page = opened(text)
+    assert page.title() == EVIL
+    assert page.locator("h1").inner_text() == EVIL
+    assert page.locator("img").count() == 0
+    assert escape(EVIL) in text
+    assert text.count("</script>") == len(re.findall("<script", text))
+
+
+def test_a_map_is_scrubbed_and_played(opened):
+    page = opened(_map_page())
+    part, now = page.locator(".part"), page.locator("output")
+    assert part.get_attribute("data-step") == "11"
+    _scrub(page, 2)
+    assert part.get_attribute("data-step") == "2"
+    assert now.inner_text() == "2.0 s · 2 landmarks"
+    early = _pixels(page)
+    _scrub(page, 7)
+    assert now.inner_text() == "7.0 s · 3 landmarks"
+    assert _pixels(page) != early
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_selector(".part[data-step='11']")
+    page.wait_for_selector("button[aria-label=Play]")
+
+
+def test_a_click_on_a_landmark_shows_when_it_was_seen(opened):
+    page = opened(_map_page(), viewport={"width": 1200, "height": 900})
+    canvas = page.locator("canvas.ground")
+    box = canvas.bounding_box()
+    wide, high = 8.0, 3.0  # metres, of all that is there at the end
+    scale = 0.92 * min(box["width"] / wide, box["height"] / high)
+    at = (LANDMARKS[1] - [4, 2.5]) * [scale, -scale] + [box["width"] / 2, box["height"] / 2]
+    canvas.click(position={"x": float(at[0]), "y": float(at[1])})
+    detail = page.locator(".detail")
+    assert detail.locator("h3").inner_text() == "Landmark 1"
+    assert "Seen 5 times. At 8.00, 4.00 m" in detail.inner_text()
+    assert detail.locator(".run").all_inner_texts() == [f"0{TO}2", f"8{TO}9"]
+    assert detail.locator(".thumb").all_inner_texts() == ["frame 0", "frame 2", "frame 8"]
+    detail.get_by_role("button", name=f"0{TO}2").click()
+    assert page.locator(".part").get_attribute("data-step") == "0"
+    canvas.click(position={"x": 3, "y": 3})
+    assert page.locator(".part").get_attribute("data-landmark") == "-1"
+
+
+def test_a_map_is_moved_and_switched_by_key(opened):
+    page = opened(_map_page())
+    canvas = page.locator("canvas.ground")
+    canvas.focus()
+    before = _pixels(page)
+    for key in ("+", "ArrowLeft", "ArrowUp"):
+        canvas.press(key)
+        assert _pixels(page) != before
+    canvas.press("0")
+    assert _pixels(page) == before
+    for box in page.locator(".layers input").all():
+        box.focus()
+        page.keyboard.press("Space")
+        assert not box.is_checked()
+    canvas.focus()
+    assert _pixels(page) != before
+
+
+def test_a_click_on_a_chart_goes_to_that_time(opened):
+    page = opened(_map_page())
+    over = page.locator(".u-over").first
+    width = over.bounding_box()["width"]
+    over.click(position={"x": width / 2, "y": 40})
+    assert page.locator(".part").get_attribute("data-step") in ("5", "6")
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_everyone_can_read_it(opened, scheme, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
+    page = opened(_map_page(), color_scheme=scheme, viewport={"width": width, "height": 800})
+    page.locator("select").select_option("1")
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_a_landmark_keeps_its_name_when_others_go():
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    for bearing in range(4):
+        ekf.augment(np.array([2.0, bearing]), np.eye(2) * 0.01)
+    ekf.remove(np.array([1]))
+    ekf.remove(np.array([0]))
+    ekf.augment(np.array([2.0, 5.0]), np.eye(2) * 0.01)
+    assert ekf.names.tolist() == [2, 3, 4]
