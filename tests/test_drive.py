@@ -190,16 +190,6 @@ def test_a_calibration_of_other_images_is_told(drive):
         visual.run(replace(drive, camera=camera))
 
 
-@pytest.mark.parametrize("selection", ["strength", "range", "contrast", "symmetry"])
-def test_landmarks_are_chosen_as_asked(drive, selection):
-    some = drive.until(5)
-    chosen = visual.run(some, VisualConfig(selection=selection, new_per_frame=2, in_view=8))
-    other = visual.run(some, VisualConfig(new_per_frame=2, in_view=8))
-    first, random = (r.meetings.xy[r.meetings.frame == 0] for r in (chosen, other))
-    assert len(first) == len(random) == 8
-    assert not np.array_equal(first, random)
-
-
 def test_settings_outside_their_range_are_refused():
     with pytest.raises(ConfigError, match="gate: expected a probability between 0 and 1"):
         VisualConfig(gate=1.0)
@@ -248,19 +238,6 @@ def test_drive_says_what_is_no_drive(run, tmp_path):
     code, _, err = run("drive", tmp_path / "nowhere")
     assert code == 2
     assert "nowhere: expected a camera drive, found no such file or folder" in err
-
-
-def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
-    words = ("evaluate", "selection", "--budget", 1, "--seeds", 1, "--frames", 8, "--out", "kept")
-    code, out, _ = run(*words, "--choice", "random", "--json")
-    assert code == 0
-    kept = next((tmp_path / "kept").iterdir())
-    before = kept.stat().st_mtime_ns
-    code, again, _ = run(*words, "--choice", "random", "--choice", "strength", "--json")
-    assert kept.stat().st_mtime_ns == before
-    rows = json.loads(again)["rows"]
-    assert rows[0] == json.loads(out)["rows"][0]
-    assert [row["choice"] for row in rows] == ["random", "strength"]
 
 
 @pytest.mark.shared

@@ -1,5 +1,7 @@
 """Bags as ROS 1 and 2 write them, made with rosbags' own writers."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer as Writer1
@@ -168,6 +170,13 @@ def test_a_stereo_bag(bag):
     np.testing.assert_allclose(drive.control, [[0.2, 0, 0]] * 5, atol=1e-6)
     np.testing.assert_allclose(drive.start, [1, 2, 0], atol=1e-6)
     np.testing.assert_allclose(drive.truth.at(drive.time)[:, 0], 1 + 0.16 * np.arange(FRAMES))
+
+
+def test_a_bag_is_read_by_any_thread(bag):
+    drive = load_drive("auto", bag(stereo))
+    with ThreadPoolExecutor(1) as other:
+        np.testing.assert_array_equal(other.submit(drive.load, 3).result().image, pictures()[0, 3])
+    np.testing.assert_array_equal(drive.load(5).image, pictures()[0, 5])
 
 
 def test_a_bag_with_depth_and_colours(bag):

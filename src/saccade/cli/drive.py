@@ -36,7 +36,8 @@ def drive(
     selection: Annotated[
         str | None,
         typer.Option(
-            help="Which points become landmarks: strength, random, range, contrast or symmetry."
+            help="Which points become landmarks: strength, random, range, contrast, symmetry, "
+            "proven, proven-range or proven-spread."
         ),
     ] = None,
     landmarks: Annotated[int | None, typer.Option(min=1, help="In the map at most.")] = None,

@@ -1,42 +1,57 @@
 """`saccade evaluate selection`: which choice of landmarks makes the best map."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from saccade.cli.options import Json
+from saccade.cli.selection_runs import CHOICES, SCORES, Series
 
 if TYPE_CHECKING:
-    from saccade.frames import Drive
-    from saccade.visual import VisualConfig
+    from saccade.types import FloatArray
 
-CHOICES = {
-    "strength": {"selection": "strength"},
-    "random": {"selection": "random"},
-    "range": {"selection": "range"},
-    "contrast": {"selection": "contrast"},
-    "symmetry": {"selection": "symmetry"},
-    "must": {"detector": "must", "selection": "strength"},
-    "symroid": {"detector": "symroid", "selection": "strength"},
+SHOWN = {
+    "found_again": ("again %", 100.0, 1),
+    "association_precision": ("right %", 100.0, 1),
+    "ate_m": ("ATE m", 1.0, 3),
+    "inside_3sigma": ("3 sigma %", 100.0, 1),
+    "landmarks": ("map", 1.0, 0),
 }
-"""What is compared: SIFT chosen in five ways, and two other detectors by strength."""
-SCORES = ("found_again", "association_precision", "ate_m", "end_m", "inside_3sigma", "landmarks")
-"""Columns of the table."""
+"""Heading, factor and decimals of the columns of the tables."""
+TITLES = {
+    "found_again": "found again [%]",
+    "association_precision": "associations right [%]",
+    "ate_m": "ATE [m]",
+    "inside_3sigma": "inside 3 sigma [%]",
+    "landmarks": "landmarks in the map",
+}
+"""The same in the figure."""
+REFERENCE = "random"
+"""The choice with which the others are compared."""
+
+
+class Axes(NamedTuple):
+    """What the runs differ by."""
+
+    drive: list[str]
+    budget: list[int]
+    choice: list[str]
+    seed: list[int]
 
 
 def selection(
     drives: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[SEQUENCE]...",
-            help="Recorded drives with truth, driven out and back; none for the simulator.",
+            metavar="[SEQUENCE]...", help="Recorded drives with truth, driven out and back."
         ),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for what is made; runs in it are kept.")
     ] = Path("saccade-selection"),
+    simulator: Annotated[bool, typer.Option(help="Also drive round a simulated ring.")] = True,
     budgets: Annotated[
         list[int] | None,
         typer.Option("--budget", min=1, help="New landmarks per frame; may be repeated."),
@@ -45,116 +60,154 @@ def selection(
         list[str] | None, typer.Option("--choice", help=f"{', '.join(CHOICES)}; may be repeated.")
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Runs of each, with other noise.")] = 5,
-    frames: Annotated[int, typer.Option(min=8, help="Of each drive.")] = 600,
+    first_seed: Annotated[int, typer.Option(min=0, help="Of them.")] = 0,
+    frames: Annotated[int, typer.Option(min=8, help="Of each drive, at most.")] = 300,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes that drive at a time.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Choose landmarks in several ways, at equal budgets, and see which maps are best.
 
-    Found again: share of the times that a landmark should have been in view after it was out of
-    sight, and was recognized. Means over the seeds with 95 % bootstrap intervals. Each run is
-    kept in --out: an evaluation that was interrupted goes on, and more seeds add to it.
+    Again: share of the times that a landmark should have been in view after it was out of sight,
+    and was recognized. Right: share of the recognized that were what they were taken for. 3 sigma:
+    share of the frames at which the true place is in the ellipse of three sigma. Map: landmarks at
+    the end. Means over the seeds, with half of their 95 % bootstrap intervals. At the end all
+    choices are compared with a random one: the mean of their places by ATE and by what was found
+    again, and both as multiples of what it had.
+
+    In --out appears a figure, selection.png. Each run is kept there: an evaluation that was
+    interrupted goes on, and more seeds add to it.
     """
-    from saccade.cli.output import print_json, print_table, tracked
+    from saccade.cli.output import print_json, say
+    from saccade.cli.selection_runs import run_all
     from saccade.errors import require
 
-    wanted = choices or list(CHOICES)
+    wanted = list(dict.fromkeys(choices or CHOICES))
     for each in wanted:
         require(each in CHOICES, "choice", f"one of {', '.join(CHOICES)}", each)
-    sources: list[Path | None] = [*drives] if drives else [None]
-    runs = [
-        (source, budget, choice, seed)
+    sources = [*([None] if simulator else []), *(drives or [])]
+    require(len(sources) > 0, "sequence", "one at least where the simulator is left out", "none")
+    limits, numbers = list(dict.fromkeys(budgets or [1, 2, 4, 8])), range(seeds)
+    series = [
+        Series(source, first_seed + number, frames, tuple(limits), tuple(wanted))
+        for number in numbers
         for source in sources
-        for budget in budgets or [1, 2, 4, 8]
-        for choice in wanted
-        for seed in range(seeds)
     ]
-    found = [
-        _kept(out, source, budget, choice, seed, frames)
-        for source, budget, choice, seed in tracked(runs, "driving", len(runs))
-    ]
-    rows = list(_summaries(found))
+    worlds = list(dict.fromkeys(each.world for each in series))
+    axes = Axes(worlds, limits, wanted, [first_seed + number for number in numbers])
+    tables = _tables(run_all(series, out, jobs), axes)
+    picture = _drawn(out / "selection.png", tables, axes)
+    overall = _overall(tables, wanted)
     if as_json:
-        print_json({"frames": frames, "seeds": seeds, "rows": rows})
-        return
-    columns = ["", "budget", *(name.replace("_", " ") for name in SCORES)]
-    shown = [
-        [row["choice"], str(row["budget"]), *map(_shown, map(row.get, SCORES))] for row in rows
-    ]
-    print_table("landmarks chosen, mean and 95 % interval", columns, shown)
+        rows = list(_rows(tables, axes))
+        print_json({"frames": frames, "seeds": axes.seed, "rows": rows, "overall": overall})
+    else:
+        _print_tables(tables, axes)
+        _print_overall(overall)
+    say(f"wrote {picture}")
 
 
-def _kept(
-    out: Path, source: Path | None, budget: int, choice: str, seed: int, frames: int
-) -> dict[str, Any]:
-    """One run, read where it was made before."""
-    import json
-
-    from saccade.cli.output import write_text
-
-    name = "simulator" if source is None else source.resolve().name
-    path = out / f"{name}-{frames}-{budget}-{choice}-{seed}.json"
-    if path.exists():
-        kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return kept
-    row = {"drive": name, "budget": budget, "choice": choice, "seed": seed}
-    row |= _scored(_opened(source, seed, frames), _settings(budget, choice, seed))
-    write_text(path, json.dumps(row, indent=2) + "\n")
-    return row
-
-
-def _opened(source: Path | None, seed: int, frames: int) -> "Drive":
-    from saccade import datasets
-    from saccade.evaluation.palindrome import PalindromeConfig, palindrome
-    from saccade.simulation import simulate_drive
-
-    if source is None:
-        return simulate_drive(seed=seed).until(frames)
-    return palindrome(datasets.load_drive("auto", source), PalindromeConfig(frames), seed)
-
-
-def _settings(budget: int, choice: str, seed: int) -> "VisualConfig":
-    from dataclasses import replace
-
-    from saccade.visual import VisualConfig
-
-    chosen: dict[str, Any] = CHOICES[choice]
-    return replace(VisualConfig(new_per_frame=budget, in_view=10**5, seed=seed), **chosen)
-
-
-def _scored(drive: "Drive", settings: "VisualConfig") -> dict[str, Any]:
-    from saccade import visual
-    from saccade.cli.drive_files import figures
-
-    row = figures(drive, visual.run(drive, settings))
-    looked = row["recognized"] + row["missed"]
-    row["found_again"] = row["recognized"] / looked if looked else None
-    return {name: row[name] for name in (*SCORES, "landmarks_seen", "ms_per_frame")}
-
-
-def _summaries(found: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Mean, low and high of each score over the seeds of one choice at one budget."""
+def _tables(rows: list[dict[str, Any]], axes: Axes) -> "dict[str, FloatArray]":
+    """Each score of all runs, (drives, budgets, choices, seeds), NaN where there is none."""
     import numpy as np
 
-    from saccade.evaluation.intervals import mean_interval
-
-    kinds = dict.fromkeys((row["drive"], row["budget"], row["choice"]) for row in found)
-    for drive, budget, choice in kinds:
-        same = [
-            r for r in found if (r["drive"], r["budget"], r["choice"]) == (drive, budget, choice)
-        ]
-        summary: dict[str, Any] = {"drive": drive, "budget": budget, "choice": choice}
+    tables = {name: np.full([len(each) for each in axes], np.nan) for name in SCORES}
+    for row in rows:
+        at = tuple(each.index(row[name]) for name, each in axes._asdict().items())
         for name in SCORES:
-            values = np.array([r[name] for r in same if r[name] is not None], float)[:, None]
-            if len(values) == 0:
-                summary[name] = None
-                continue
-            low, high = mean_interval(values, 0.95, seed=0)
-            summary[name] = [float(values.mean()), float(low[0]), float(high[0])]
-        yield summary
+            if row[name] is not None:
+                tables[name][at] = row[name]
+    return tables
 
 
-def _shown(score: list[float] | None) -> str:
+def _rows(tables: "dict[str, FloatArray]", axes: Axes) -> Iterator[dict[str, Any]]:
+    """Mean, low and high of each score of one choice at one budget; None where there is none."""
+    from itertools import product
+
+    import numpy as np
+
+    from saccade.evaluation.choices import means
+
+    found = {name: means(table) for name, table in tables.items()}
+    ranges = [range(len(each)) for each in axes[:3]]
+    for w, b, c in product(*ranges):
+        row: dict[str, Any] = {
+            "drive": axes.drive[w],
+            "budget": axes.budget[b],
+            "choice": axes.choice[c],
+        }
+        for name, mean in found.items():
+            there = bool(np.isfinite(mean[w, b, c, 0]))
+            row[name] = mean[w, b, c].tolist() if there else None
+        yield row
+
+
+def _overall(tables: "dict[str, FloatArray]", choices: Sequence[str]) -> list[dict[str, Any]]:
+    """The choices over all drives and budgets, the best first."""
+    import numpy as np
+
+    from saccade.cli.slam_files import finite
+    from saccade.evaluation.choices import mean_ranks, ratios
+
+    ranks = [mean_ranks(tables["ate_m"], False), mean_ranks(tables["found_again"], True)]
+    rank = np.mean(ranks, axis=0)
+    rows = [{"choice": choice, "place": float(rank[i])} for i, choice in enumerate(choices)]
+    if REFERENCE in choices:
+        for name in ("ate_m", "found_again"):
+            ratio = ratios(tables[name], choices.index(REFERENCE))
+            for row, values in zip(rows, ratio.tolist(), strict=True):
+                row[f"{name}_ratio"] = [finite(value) for value in values]
+    return sorted(rows, key=lambda row: row["place"])
+
+
+def _print_tables(tables: "dict[str, FloatArray]", axes: Axes) -> None:
+    from saccade.cli.output import print_table
+
+    rows = list(_rows(tables, axes))
+    columns = ["", *(heading for heading, _, _ in SHOWN.values())]
+    for drive in axes.drive:
+        for budget in axes.budget:
+            here = [row for row in rows if (row["drive"], row["budget"]) == (drive, budget)]
+            shown = [
+                [row["choice"], *(_shown(row[name], *SHOWN[name][1:]) for name in SHOWN)]
+                for row in here
+            ]
+            print_table(f"{drive}, {budget} new per frame", columns, shown)
+
+
+def _print_overall(overall: list[dict[str, Any]]) -> None:
+    from saccade.cli.output import print_table
+
+    columns = ["", "mean place"]
+    shown = [[row["choice"], f"{row['place']:.2f}"] for row in overall]
+    if "ate_m_ratio" in overall[0]:
+        columns += ["ATE, times", "found again, times"]
+        for line, row in zip(shown, overall, strict=True):
+            for name in ("ate_m_ratio", "found_again_ratio"):
+                mean, low, high = row[name]
+                line.append("-" if mean is None else f"{mean:.2f} [{low:.2f} {high:.2f}]")
+    print_table(f"all drives and budgets, against {REFERENCE}", columns, shown)
+
+
+def _shown(score: list[float] | None, factor: float, decimals: int) -> str:
+    """Mean and half of its interval."""
     if score is None:
-        return ""
-    mean, low, high = score
-    return f"{mean:.3f} [{low:.3f} {high:.3f}]"
+        return "-"
+    mean, low, high = (factor * value for value in score)
+    return f"{mean:.{decimals}f} ±{(high - low) / 2:.{decimals}f}"
+
+
+def _drawn(path: Path, tables: "dict[str, FloatArray]", axes: Axes) -> Path:
+    import numpy as np
+
+    from saccade.evaluation.choices import means
+    from saccade.viewing import save_figure
+    from saccade.viewing.choices import Panel, choice_figure
+
+    panels = [
+        Panel(TITLES[name], factor * means(tables[name]), 100.0 if factor == 100 else np.inf)
+        for name, (_, factor, _) in SHOWN.items()
+    ]
+    order = [axes.choice.index(row["choice"]) for row in _overall(tables, axes.choice)]
+    usual = axes.choice.index(REFERENCE) if REFERENCE in axes.choice else None
+    figure = choice_figure(panels, axes.drive, axes.budget, axes.choice, order, usual)
+    return save_figure(figure, path)

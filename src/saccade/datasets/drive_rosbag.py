@@ -20,9 +20,11 @@ messages' headers, from the first image on. Without odometry nothing is known of
 
 import weakref
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from posixpath import commonpath
+from threading import local
 from typing import Any
 
 import numpy as np
@@ -61,16 +63,29 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self._own = path, local()
+        self._own.reader = self._opened()
+        self._readers = [self._own.reader]
+        weakref.finalize(self, _close, self._readers)
+
+    @property
+    def reader(self) -> Any:
+        """This thread's: a ROS 2 bag is a database, and those do not change threads."""
+        if not hasattr(self._own, "reader"):
+            self._own.reader = self._opened()
+            self._readers.append(self._own.reader)
+        return self._own.reader
+
+    def _opened(self) -> Any:
         highlevel = import_optional("rosbags.highlevel", "ros")
         typesys = import_optional("rosbags.typesys", "ros")
         default = typesys.get_typestore(typesys.Stores.LATEST)
         try:
-            self.reader = highlevel.AnyReader([path], default_typestore=default)
-            self.reader.open()
+            reader = highlevel.AnyReader([self.path], default_typestore=default)
+            reader.open()
         except Exception as error:  # rosbags raises what the broken bytes happen to provoke
-            raise DriveError(f"{path}: expected a ROS bag: {_first_line(error)}") from error
-        weakref.finalize(self, self.reader.close)
+            raise DriveError(f"{self.path}: expected a ROS bag: {_first_line(error)}") from error
+        return reader
 
     def topics(self, types: Sequence[str]) -> list[str]:
         """Names of the topics of some types, those with messages, in their order."""
@@ -120,6 +135,12 @@ class Bag:
                 f"{self.path}, {connection.topic}: expected {connection.msgtype}: "
                 f"{_first_line(error)}"
             ) from error
+
+
+def _close(readers: list[Any]) -> None:
+    for reader in readers:
+        with suppress(Exception):  # a database of another thread closes when it is forgotten
+            reader.close()
 
 
 @dataclass(frozen=True, eq=False)

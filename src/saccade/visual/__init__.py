@@ -3,5 +3,6 @@
 from saccade.visual.config import VisualConfig
 from saccade.visual.pipeline import Pipeline, run
 from saccade.visual.result import Meetings, VisualResult
+from saccade.visual.senses import Memory
 
-__all__ = ["Meetings", "Pipeline", "VisualConfig", "VisualResult", "run"]
+__all__ = ["Meetings", "Memory", "Pipeline", "VisualConfig", "VisualResult", "run"]

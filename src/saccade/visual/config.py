@@ -5,7 +5,16 @@ from typing import Literal
 
 from saccade.errors import require
 
-SELECTIONS = ("strength", "random", "range", "contrast", "symmetry")
+SELECTIONS = (
+    "strength",
+    "random",
+    "range",
+    "contrast",
+    "symmetry",
+    "proven",
+    "proven-range",
+    "proven-spread",
+)
 """How the points that become landmarks may be chosen."""
 DETECTORS = ("sift", "must", "symroid")
 """What finds them."""
@@ -17,12 +26,22 @@ class VisualConfig:
 
     detector: Literal["sift", "must", "symroid"] = "sift"
     """What finds points that may become landmarks."""
-    selection: Literal["strength", "random", "range", "contrast", "symmetry"] = "random"
-    """Which of them do: the strongest, any, those whose range is known best, those that are the
-    most salient by contrast or by symmetry."""
+    selection: Literal[
+        "strength",
+        "random",
+        "range",
+        "contrast",
+        "symmetry",
+        "proven",
+        "proven-range",
+        "proven-spread",
+    ] = "proven-range"
+    """Which of them do: the strongest, any, those whose range is known best, the most salient by
+    contrast or by symmetry, or those that were known again most surely while they were followed;
+    of these with a sure range, or far from other landmarks in the image."""
     new_per_frame: int = 8
     """Landmarks that a frame may add, on average."""
-    in_view: int = 40
+    in_view: int = 20
     """Landmarks that are followed at a time; where as many are, none is added."""
     landmarks: int = 500
     """That the map holds at most."""

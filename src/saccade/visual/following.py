@@ -1,5 +1,6 @@
 """Points followed from frame to frame, and from the left image to the right one."""
 
+from collections.abc import Callable
 from typing import TypeAlias
 
 import cv2
@@ -64,8 +65,18 @@ def follow(
     return np.asarray(there, np.float32), np.asarray(ok)
 
 
+Follow = Callable[
+    [ByteArray, ByteArray, Float32Array, Float32Array | None], tuple[Float32Array, BoolArray]
+]
+"""What `follow` is, and what may stand for it."""
+
+
 def disparities(
-    left: ByteArray, right: ByteArray, xy: Float32Array, expected: FloatArray
+    left: ByteArray,
+    right: ByteArray,
+    xy: Float32Array,
+    expected: FloatArray,
+    follow: Follow = follow,
 ) -> FloatArray:
     """How many pixels further left points lie in the right image of a rectified rig.
 
@@ -74,6 +85,7 @@ def disparities(
         right: of the other image.
         xy: (k, 2) pixels in the left.
         expected: (k,) where to begin; NaN where nothing is known.
+        follow: what finds points of one image in another.
 
     Returns:
         (k,) pixels; NaN where a point was not found, or not at its height.

@@ -24,7 +24,7 @@ from saccade.visual.camera import (
     range_bearing,
 )
 from saccade.visual.config import VisualConfig
-from saccade.visual.following import ByteArray, disparities, follow, gray_bytes
+from saccade.visual.following import ByteArray, Follow, disparities, follow, gray_bytes
 from saccade.visual.motion import Motion, Prior, motion_between, paired
 from saccade.visual.ranging import depth_at, first_disparities, stereo_depth_sigma
 
@@ -80,6 +80,10 @@ class Followed:
     """(k, 128) how each looked there."""
     again: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
     """(k,) whether it was recognized there, after it had been out of sight."""
+    rehearsed: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) times that it was looked for by its looks alone while it was followed."""
+    proven: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) how many of them found it where it was."""
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -128,7 +132,13 @@ def look(frame: Frame, camera: Camera) -> View:
 
 
 def track(
-    camera: Camera, before: View, now: View, followed: Followed, prior: Prior, config: VisualConfig
+    camera: Camera,
+    before: View,
+    now: View,
+    followed: Followed,
+    prior: Prior,
+    config: VisualConfig,
+    follow: Follow = follow,
 ) -> tuple[Followed, Motion | None]:
     """Find the followed points again, those that move as the robot does.
 
@@ -139,6 +149,7 @@ def track(
         followed: points of `before`.
         prior: the control that is expected.
         config: how far pixels and depths can be trusted.
+        follow: what finds points of one image in another.
 
     Returns:
         The points of `now`, with their depth where it is measured there, and the motion that
@@ -150,10 +161,10 @@ def track(
         here, xy = followed[old], given.xy[new].astype(np.float32)
         depth = depth_of(camera, given.disparity[new])
     elif now.left is not None and before.left is not None:
-        xy, found = follow(before.left, now.left, followed.xy)
+        xy, found = follow(before.left, now.left, followed.xy, None)
         found &= is_inside(camera, xy, BORDER)
         here, xy = followed[found], xy[found]
-        depth = _depth_again(camera, now, xy, here.depth)
+        depth = _depth_again(camera, now, xy, here.depth, follow)
     else:
         return Followed(), None
     sigma = depth_deviation(camera, depth, config)
@@ -289,6 +300,8 @@ class Detector:
             points.response,
             points.descriptors,
             np.zeros(len(points), np.bool_),
+            np.zeros(len(points), np.int64),
+            np.zeros(len(points), np.int64),
         )
 
     def _depths(self, camera: Camera, view: View, points: Keypoints) -> FloatArray:
@@ -303,13 +316,15 @@ class Detector:
         return np.full(len(points), np.nan)
 
 
-def _depth_again(camera: Camera, view: View, xy: Float32Array, before: FloatArray) -> FloatArray:
+def _depth_again(
+    camera: Camera, view: View, xy: Float32Array, before: FloatArray, follow: Follow
+) -> FloatArray:
     if view.frame.depth is not None:
         return depth_at(view.frame.depth, xy)
     if view.left is None or view.right is None:
         return np.full(len(xy), np.nan)
     expected = camera.fx * camera.baseline / before
-    return depth_of(camera, disparities(view.left, view.right, xy, expected))
+    return depth_of(camera, disparities(view.left, view.right, xy, expected, follow))
 
 
 def _undescribed(xy: FloatArray) -> Keypoints:

@@ -92,7 +92,7 @@ class VisualMap:
             self._drift.heard(turned, seconds, float(noise))
             if not motion.with_prior:
                 self._compare(self._odometry[0], motion)
-                taken = joined(taken, self._odometry)
+                taken = joined(taken, (self._odometry[0], self._odometry[1] + unsure))
         self.ekf.predict(*taken)
 
     def along_road(self, motion: Motion, road: RoadMotion) -> Motion:

@@ -20,12 +20,10 @@ from saccade.visual.frontend import (
     Followed,
     View,
     bearing_alone,
-    look,
     observe,
     tells_depth,
     track,
 )
-from saccade.visual.glance import Glancing
 from saccade.visual.mapping import VisualMap
 from saccade.visual.motion import Motion, camera_motion
 from saccade.visual.recognition import (
@@ -34,12 +32,14 @@ from saccade.visual.recognition import (
     agreeing,
     keep_apart,
     look_alikes,
+    rehearsed,
     within_gate,
 )
 from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
 from saccade.visual.road import Road
-from saccade.visual.selection import attend, preference
+from saccade.visual.selection import preference
+from saccade.visual.senses import Memory, Senses
 from saccade.visual.triangulation import CameraWay
 
 
@@ -49,6 +49,7 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     *,
     recorder: Recorder | None = None,
+    memory: Memory | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> VisualResult:
     """Map a drive.
@@ -58,6 +59,7 @@ def run(
         config: how to look and to map.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
+        memory: of earlier runs over the same frames.
         checkpoint: where the run saves itself, and goes on if it was interrupted.
 
     Returns:
@@ -67,7 +69,7 @@ def run(
         DriveError: images that do not fit the calibration.
     """
     config = config or VisualConfig()
-    pipeline = Pipeline(drive, config)
+    pipeline = Pipeline(drive, config, memory)
     state = {**pipeline.state, "recorder": recorder}
     done = 0
     if checkpoint is not None:
@@ -94,15 +96,17 @@ class Pipeline:
     Args:
         drive: frames and odometry.
         config: how to look and to map.
+        memory: of earlier runs over the same frames.
     """
 
-    def __init__(self, drive: Drive, config: VisualConfig) -> None:
+    def __init__(self, drive: Drive, config: VisualConfig, memory: Memory | None = None) -> None:
         self.drive, self.config = drive, config
         self.followed = Followed()
         self.recording = Recording(drive)
         self.ranged = tells_depth(drive)
         self.world = VisualMap(drive, config, self.ranged)
-        self._glances = Ahead(Glancing(drive, config), len(drive), config.every)
+        self._senses = Senses(drive, config, memory)
+        self._glances = Ahead(self._senses.glance, len(drive), config.every)
         self._last = View(Frame(float(drive.time[0])))
         self._way = CameraWay()
         self._road = Road(drive.camera)
@@ -120,7 +124,7 @@ class Pipeline:
     def go_on_from(self, done: int) -> None:
         """Take up a drive whose state has been restored after so many frames."""
         if done > 0 and self.recording.sighted >= 0:
-            self._last = look(self.drive.load(self.recording.sighted), self.drive.camera)
+            self._last = self._senses.glance(self.recording.sighted).view
 
     def step(self, number: int) -> None:
         """Go on by one frame."""
@@ -151,7 +155,9 @@ class Pipeline:
         note, world, camera, config = self.recording, self.world, self.drive.camera, self.config
         expected = world.foretell(number)
         with note.timed("track"):
-            self.followed, motion = track(camera, self._last, view, self.followed, expected, config)
+            self.followed, motion = track(
+                camera, self._last, view, self.followed, expected, config, self._senses.follow
+            )
             note.moved(expected[0], motion)
         with note.timed("road"):
             if motion is not None and not self.ranged:
@@ -182,6 +188,8 @@ class Pipeline:
         """Find what is in view: landmarks that were lost from sight, and new ones."""
         note, world, config = self.recording, self.world, self.config
         with note.timed("associate"):
+            if config.selection.startswith("proven") and view.left is not None:
+                self.followed = rehearsed(self.followed, found, config.ratio)
             found = found[~_near(found, self.followed[self.followed.known], config.apart / 2)]
             pairs = self._recognize(found)
             known = replace(
@@ -198,8 +206,7 @@ class Pipeline:
             places = max(0, config.followed - len(self.followed))
             strongest = np.argsort(-new.response, kind="stable")[:places]
             self.followed = self.followed.joined(new[strongest])
-            image = view.frame.image
-            chosen = self._choose(number, None if image is None else attend(image, config))
+            chosen = self._choose(number, self._senses.attend(view, number))
         with note.timed("manage"):
             self._take_in(number, chosen)
 
@@ -210,10 +217,11 @@ class Pipeline:
         free = np.flatnonzero(useful & ~points.known)
         share = np.sqrt(seen.covariance[free, 0, 0]) / seen.z[free, 0]
         shape = (camera.height, camera.width)
-        order = free[preference(points.keypoints[free], share, saliency, shape, config, number)]
+        taken = points.xy[points.known]
+        order = free[preference(points[free], share, saliency, shape, taken, config, number)]
         places = max(0, config.in_view - int(points.known.sum()))
         count = min(config.new_per_frame * config.every, places)
-        return keep_apart(points.xy, order, points.xy[points.known], config.apart, count)
+        return keep_apart(points.xy, order, taken, config.apart, count)
 
     def _take_in(self, number: int, chosen: IntArray) -> None:
         """Make landmarks of some of the followed points, and keep to the budget."""

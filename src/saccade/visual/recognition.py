@@ -12,6 +12,7 @@ from saccade.slam.models import wrap
 from saccade.slam.outcomes import Expectation
 from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
 from saccade.visual.camera import Sightings
+from saccade.visual.frontend import Followed
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
@@ -21,6 +22,8 @@ TOLERANCE = 0.05
 """Share of the range by which landmarks may lie otherwise than they are seen together."""
 ASIDE = 0.02
 """The same where the range is what the map says, and the bearing alone is seen."""
+HERE = 4.0
+"""Pixels within which a point that is followed is found again where it is."""
 FEWEST = 4
 """Landmarks that must agree on one pose where several are met at a time."""
 
@@ -108,3 +111,20 @@ def keep_apart(
             near.append(xy[i])
             chosen.append(i)
     return np.asarray(chosen, np.int64)
+
+
+def rehearsed(followed: Followed, found: Followed, ratio: float) -> Followed:
+    """Followed points, looked for by their looks alone among what is found in the same frame.
+
+    Whoever is not known again while it is in plain sight will not be after it was lost.
+
+    Args:
+        followed: k points.
+        found: n points.
+        ratio: as that of `look_alikes`.
+    """
+    pairs = look_alikes(found.keypoints, followed.descriptor, ratio)
+    apart = np.hypot(*(found.xy[pairs[:, 0]] - followed.xy[pairs[:, 1]]).T)
+    proven = followed.proven.copy()
+    proven[pairs[apart < HERE, 1]] += 1
+    return replace(followed, rehearsed=followed.rehearsed + 1, proven=proven)
