@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from saccade.slam import EkfSlam
-from saccade.types import MapSnapshot, Trajectory
+from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section
 from saccade.viewing.report import report_page
+from saccade.viewing.report_image import image_part, match_part
 from saccade.viewing.report_map import (
     Ground,
     Sightings,
@@ -121,7 +122,7 @@ def _map_page(name="a map"):
 
 
 def _scrub(page, step):
-    page.locator("input[type=range]").fill(str(step))
+    page.locator(".player input").fill(str(step))
 
 
 def _pixels(page):
@@ -200,12 +201,92 @@ def test_a_click_on_a_chart_goes_to_that_time(opened):
     assert page.locator(".part").get_attribute("data-step") in ("5", "6")
 
 
+KEYPOINTS = Keypoints(
+    xy=np.array([[20, 30], [60, 10]], np.float32),
+    size=np.array([8, 20], np.float32),
+    angle=np.array([0, np.pi / 2], np.float32),
+    response=np.array([0.5, 0.25], np.float32),
+    octave=np.array([0, 1], np.int32),
+    descriptors=np.arange(256, dtype=np.uint8).reshape(2, 128),
+)
+
+
+def _image_page(name="an image"):
+    image = np.random.default_rng(1).random((60, 90, 3), np.float32)
+    maps = {"saliency": image[::4, ::4, 0], name: image[::8, ::8, 1]}
+    path = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.05, 0.1]), np.ones(2))
+    pairs = np.array([[0, 1], [1, 0]])
+    inliers = np.array([True, False])
+    parts = [
+        image_part(Section(name, name), image, maps, path, KEYPOINTS),
+        match_part(Section(name, name), (image, image), (KEYPOINTS, KEYPOINTS), pairs, inliers),
+    ]
+    return report_page(name, name, parts)
+
+
+def test_a_photograph_is_switched_and_its_scanpath_played(opened):
+    page = opened(_image_page())
+    heat = page.locator(".heat")
+    assert not heat.is_visible()
+    page.get_by_role("radio", name="saliency").check()
+    assert heat.is_visible()
+    first = heat.get_attribute("src")
+    page.get_by_role("radio", name="an image").check()
+    assert heat.get_attribute("src") != first
+    page.get_by_role("radio", name="none").check()
+    assert not heat.is_visible()
+    _scrub(page, 1)
+    assert page.locator("output").inner_text() == "fixation 1, 50 ms"
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_selector(".part[data-fixation='2']")
+
+
+def test_pointing_at_an_interest_point_shows_its_descriptor(opened):
+    page = opened(_image_page())
+    page.get_by_role("checkbox", name="interest points").check()
+    photo = page.locator(".photograph")
+    scale = photo.bounding_box()["width"] / 90
+    photo.hover(position={"x": 60 * scale, "y": 10 * scale})
+    detail = page.locator(".detail").first
+    facts = detail.locator("dd").all_inner_texts()
+    assert facts == ["60.0, 10.0 px", "20.0 px", "90\N{DEGREE SIGN}", "1", "0.250"]
+    assert detail.locator("canvas").is_visible()
+    page.get_by_role("spinbutton", name="Point").fill("1")
+    assert detail.locator("dd").nth(1).inner_text() == "8.0 px"
+
+
+def test_a_click_on_a_match_shows_it_alone(opened):
+    page = opened(_image_page(), viewport={"width": 1280, "height": 900})
+    canvas, detail = page.locator(".pair"), page.locator(".detail").last
+    scale = (canvas.bounding_box()["width"] - 6) / 180
+    canvas.click(position={"x": 20 * scale, "y": 30 * scale})
+    facts = detail.locator("dd").all_inner_texts()
+    apart = np.sqrt(128) * 128  # the two descriptors lie 128 apart in each number
+    expected = ["20.0, 30.0 px", "60.0, 10.0 px", "8.0 px and 20.0 px", f"{apart:.0f}"]
+    assert facts == [*expected, "yes, an inlier"]
+    page.get_by_role("spinbutton", name="Match").fill("2")
+    assert detail.locator("dd").last.inner_text() == "no"
+    page.get_by_role("checkbox", name="inliers").uncheck()
+    canvas.click(position={"x": 12, "y": 12})
+    assert page.locator(".part").last.get_attribute("data-match") == "-1"
+
+
+def test_names_on_the_page_of_an_image_are_words(opened):
+    page = opened(_image_page(EVIL))
+    assert page.title() == EVIL
+    assert page.get_by_text(EVIL).count() >= 5
+
+
+@pytest.mark.parametrize("make", [_map_page, _image_page])
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 @pytest.mark.parametrize("width", [1280, 390])
-def test_everyone_can_read_it(opened, scheme, width):
+def test_everyone_can_read_it(opened, make, scheme, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
-    page = opened(_map_page(), color_scheme=scheme, viewport={"width": width, "height": 800})
-    page.locator("select").select_option("1")
+    page = opened(make(), color_scheme=scheme, viewport={"width": width, "height": 800})
+    for number in page.locator("input[type=number]").all():
+        number.fill("1")
+    for landmarks in page.locator("select").all():
+        landmarks.select_option("1")
     found = axe.Axe().run(page)
     assert found.violations_count == 0, found.generate_report()
     assert page.evaluate("document.documentElement.scrollWidth") <= width

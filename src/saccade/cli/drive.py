@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from saccade.cli.album import Album
 from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from saccade.frames import Drive
     from saccade.visual import VisualConfig
 
+LEAD = "What a robot's camera saw on its way, and the map that came of it."
 Watch = Callable[[str, int, int], None]
 """Told what is being done, how much of it is, and how much there is."""
 
@@ -106,6 +108,7 @@ def map_drive(
     film: bool = True,
     pictures: int = 240,
     checkpoint: float = 10.0,
+    album: Album | None = None,
 ) -> dict[str, Any]:
     """Map a drive, write all that comes of it, give the row for run.json.
 
@@ -117,6 +120,7 @@ def map_drive(
         film: whether a film is made.
         pictures: in the film, at most.
         checkpoint: seconds between checkpoints.
+        album: takes the map, in the place of a report of its own.
     """
     import json
     from dataclasses import asdict
@@ -124,7 +128,7 @@ def map_drive(
     import saccade
     from saccade import visual
     from saccade.cli.drive_files import figures, write_film, write_pictures, write_tables
-    from saccade.cli.drive_report import write_report
+    from saccade.cli.drive_report import drive_part
     from saccade.cli.output import resumable, write_text
     from saccade.slam import Checkpoint, Recorder
 
@@ -149,8 +153,11 @@ def map_drive(
             lambda done, of: watch("film", done, of),
         )
     numbers = figures(recorded, result)
-    shown = recorder.snapshots, result, numbers
-    files["report"] = write_report(out / "report.html", recorded, *shown)
+    part = drive_part(recorded, recorder.snapshots, result, numbers)
+    own = Album(f"saccade drive: {recorded.name}", LEAD) if album is None else album
+    own.add(part)
+    if album is None:
+        files["report"] = own.write(out / "report.html")
     row = {
         **numbers,
         "remarks": list(result.remarks),

@@ -1,7 +1,6 @@
 """The report of `saccade drive`."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -11,38 +10,20 @@ if TYPE_CHECKING:
     from saccade.visual import VisualResult
 
 
-def write_report(
-    path: Path,
-    drive: "Drive",
-    snapshots: "Sequence[MapSnapshot]",
-    result: "VisualResult",
-    numbers: Mapping[str, Any],
-) -> Path:
-    """Write the page of a drive; returns where it is.
-
-    Args:
-        path: the page.
-        drive: what was mapped.
-        snapshots: of the map while it grew.
-        result: what came of it.
-        numbers: its figures, as in run.json.
-    """
-    from saccade.cli.output import write_text
-    from saccade.viewing.report import report_page
-
-    lead = "What a robot's camera saw on its way, and the map that came of it."
-    part = drive_part(drive, snapshots, result, numbers)
-    write_text(path, report_page(f"saccade drive: {drive.name}", lead, [part]))
-    return path
-
-
 def drive_part(
     drive: "Drive",
     snapshots: "Sequence[MapSnapshot]",
     result: "VisualResult",
     numbers: Mapping[str, Any],
 ) -> "Part":
-    """The map of a drive as a part of a report."""
+    """The map of a drive as a part of a report.
+
+    Args:
+        drive: what was mapped.
+        snapshots: of the map while it grew.
+        result: what came of it.
+        numbers: its figures, as in run.json.
+    """
     from saccade.cli.drive_files import pictures_of
     from saccade.viewing.page import Section
     from saccade.viewing.report_map import Ground, Sightings, doubt_charts, map_part

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from saccade.cli.album import Album
 from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
     from saccade.slam import Checkpoint, EkfConfig, Recorder, SlamResult, SmoothConfig, SmoothResult
     from saccade.types import LandmarkLog
 
+LEAD = "What a robot drove and saw, and the map that an extended Kalman filter makes of it."
 Watch = Callable[[str, int, int], None]
 """Told what is being done, how much of it is, and how much there is."""
 
@@ -138,6 +140,7 @@ def map_log(
     live: bool = False,
     rrd: Path | None = None,
     checkpoint: float = 10.0,
+    album: Album | None = None,
 ) -> dict[str, Any]:
     """Run the filter over a log, write all that comes of it, give the row for run.json.
 
@@ -151,6 +154,7 @@ def map_log(
         live: whether the rerun viewer is opened.
         rrd: a file for that viewer.
         checkpoint: seconds between checkpoints.
+        album: takes the map, in the place of a report of its own.
     """
     import json
     from dataclasses import asdict
@@ -158,7 +162,7 @@ def map_log(
     import saccade
     from saccade.cli.output import write_text
     from saccade.cli.slam_files import figures, write_film, write_pictures, write_tables
-    from saccade.cli.slam_report import write_report
+    from saccade.cli.slam_report import slam_part
     from saccade.errors import LogError
     from saccade.extras import import_optional
     from saccade.slam import Checkpoint, Recorder, dead_reckon
@@ -184,9 +188,11 @@ def map_log(
     if rrd is not None:
         files["rrd"] = save_rrd(rrd, log.name, snapshots, log.time, reckoned)
     numbers = figures(log, result, smoothed)
-    files["report"] = write_report(
-        out / "report.html", log, result, smoothed, snapshots, facts(numbers)
-    )
+    part = slam_part(log, result, smoothed, snapshots, facts(numbers))
+    own = Album(f"saccade slam: {log.name}", LEAD) if album is None else album
+    own.add(part)
+    if album is None:
+        files["report"] = own.write(out / "report.html")
     row = {
         **numbers,
         "version": saccade.__version__,

@@ -1,31 +1,12 @@
 """The report of `saccade slam`."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from saccade.slam import SlamResult, SmoothResult
     from saccade.types import IntArray, LandmarkLog, LandmarkMap, MapSnapshot
     from saccade.viewing.report import Part
-
-
-def write_report(
-    path: Path,
-    log: "LandmarkLog",
-    result: "SlamResult",
-    smoothed: "SmoothResult | None",
-    snapshots: "Sequence[MapSnapshot]",
-    facts: Mapping[str, str],
-) -> Path:
-    """Write the page of a run; returns where it is."""
-    from saccade.cli.output import write_text
-    from saccade.viewing.report import report_page
-
-    lead = "What a robot drove and saw, and the map that an extended Kalman filter makes of it."
-    part = slam_part(log, result, smoothed, snapshots, facts)
-    write_text(path, report_page(f"saccade slam: {log.name}", lead, [part]))
-    return path
 
 
 def slam_part(

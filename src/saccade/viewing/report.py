@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from io import BytesIO
 from typing import Any, Literal
 
@@ -20,6 +21,8 @@ from saccade.viewing.page import Section, section_html, web_file, whole_page
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
+    "image": ("image.js",),
+    "match": ("image.js", "match.js"),
 }
 """Of each kind of part, beside those of every page."""
 _PACKED = ("float32", "int32", "int16", "uint16", "uint8")
@@ -32,10 +35,24 @@ class Part:
 
     section: Section
     """Its heading, text, facts and links."""
-    kind: Literal["map"]
+    kind: Literal["map", "image", "match"]
     """Which script shows it."""
     data: Mapping[str, Any]
     """What that script is given: JSON, and arrays of numbers."""
+
+    @property
+    def letters(self) -> int:
+        """How long it is on the page."""
+        return len(self.html)
+
+    @cached_property
+    def html(self) -> str:
+        """As it stands on the page."""
+        text = json.dumps(_plain(self.data), separators=(",", ":"), allow_nan=False)
+        text = text.replace("<", "\\u003c")  # no word in it ends the element
+        inside = f'\n<div class="part" data-kind="{self.kind}">'
+        inside += f'<script type="application/json">{text}</script></div>\n'
+        return section_html(self.section, inside)
 
 
 def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
@@ -57,7 +74,7 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
     head += '<meta name="color-scheme" content="light dark">\n'
     head += "\n".join(f"<style>{style}</style>" for style in styles)
-    body = "\n".join(map(_part, parts)) + "\n"
+    body = "\n".join(part.html for part in parts) + "\n"
     body += "<noscript><p>What moves on this page needs JavaScript.</p></noscript>\n"
     body += "\n".join(f"<script>{script}</script>" for script in scripts)
     return whole_page(title, lead, body, head)
@@ -68,14 +85,6 @@ def jpeg(picture: npt.NDArray[np.uint8], quality: int = 80) -> str:
     with BytesIO() as file:
         Pillow.fromarray(picture).save(file, format="JPEG", quality=quality, optimize=True)
         return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
-
-
-def _part(part: Part) -> str:
-    text = json.dumps(_plain(part.data), separators=(",", ":"), allow_nan=False)
-    text = text.replace("<", "\\u003c")  # no word in it ends the element
-    inside = f'\n<div class="part" data-kind="{part.kind}">'
-    inside += f'<script type="application/json">{text}</script></div>\n'
-    return section_html(part.section, inside)
 
 
 def _plain(value: Any) -> Any:

@@ -14,11 +14,11 @@ from saccade.viewing.report import Part, jpeg
 
 MOST_POSES = 6000
 """Of each drive; of a longer one every so-manieth is kept."""
-MOST_DOTS = 4000
+MOST_DOTS = 3000
 """Of each chart."""
-MOST_ROWS = 45_000
+MOST_ROWS = 40_000
 """Landmarks in all snapshots together; where there are more, snapshots are left out."""
-MOST_SIGHTINGS = 120_000
+MOST_SIGHTINGS = 60_000
 MOST_PICTURES = 1_600_000
 """Letters for all the pictures of the camera."""
 WIDE = 280

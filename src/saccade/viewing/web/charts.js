@@ -31,14 +31,15 @@ function chart(data, picked) {
       stroke: colors.soft, grid: { stroke: colors.line, width: 1 }, ticks: { show: false },
       font: "12px system-ui, sans-serif",
     };
+    const whole = (_, ticks) => (data.logarithmic ? ticks.map(decade) : ticks);
     if (plot) plot.destroy();
     plot = new uPlot({
       width: Math.max(200, place.clientWidth), height: CHART_HEIGHT, series, bands,
       scales: { x: { time: false }, y: { distr: data.logarithmic ? 3 : 1 } },
       axes: [
         { ...axis, size: 28, values: (_, ticks) => ticks.map((each) => `${tick(each)} s`) },
-        { ...axis, size: 54, values: (_, ticks) => ticks.map(tick),
-          filter: (_, ticks) => (data.logarithmic ? ticks.map(decade) : ticks) },
+        { ...axis, size: 54, values: (_, ticks) => ticks.map(tick), filter: whole,
+          grid: { ...axis.grid, filter: whole } },
       ],
       legend: { show: false }, cursor: { y: false, points: { show: false }, drag: { x: true, y: false } },
       hooks: { draw: [drawMark] },
