@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from saccade.cli.album import Album
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section
@@ -19,6 +20,7 @@ from saccade.viewing.report_map import (
     innovation_charts,
     map_part,
 )
+from saccade.viewing.report_table import table_part
 
 CHROMIUM = Path("/usr/bin/chromium")
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
@@ -277,9 +279,24 @@ def test_names_on_the_page_of_an_image_are_words(opened):
     assert page.get_by_text(EVIL).count() >= 5
 
 
-@pytest.mark.parametrize("make", [_map_page, _image_page])
-@pytest.mark.parametrize("scheme", ["dark", "light"])
-@pytest.mark.parametrize("width", [1280, 390])
+def _table_page(name="a table"):
+    rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
+    return report_page(name, name, [table_part(Section(name, name), ["", "AUC"], rows)])
+
+
+def test_a_table_is_sorted_by_a_heading(opened):
+    page = opened(_table_page(EVIL))
+    cells = page.locator("tbody td")
+    page.get_by_role("button", name="AUC").click()
+    assert cells.all_inner_texts() == ["10.5", "9.25", "-1"]
+    page.get_by_role("button", name="AUC").click()
+    assert cells.all_inner_texts() == ["-1", "9.25", "10.5"]
+    page.get_by_role("button", name="name").click()
+    assert page.locator("tbody th").all_inner_texts() == [EVIL, "a", "b"]
+
+
+@pytest.mark.parametrize("make", [_map_page, _image_page, _table_page])
+@pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
 def test_everyone_can_read_it(opened, make, scheme, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
     page = opened(make(), color_scheme=scheme, viewport={"width": width, "height": 800})
@@ -300,3 +317,20 @@ def test_a_landmark_keeps_its_name_when_others_go():
     ekf.remove(np.array([0]))
     ekf.augment(np.array([2.0, 5.0]), np.eye(2) * 0.01)
     assert ekf.names.tolist() == [2, 3, 4]
+
+
+def test_what_does_not_fit_on_a_page_is_counted_and_not_made(tmp_path, monkeypatch):
+    made = []
+
+    def make():
+        made.append(table_part(Section("a heading", ""), ["", "b"], [["x" * 500, "1"]]))
+        return made[-1]
+
+    monkeypatch.setattr("saccade.cli.album.MOST", 2000)
+    album = Album("title", "Lead.")
+    for _ in range(9):
+        album.add(make)
+    assert sum(len(part.html) for part in made[:-1]) <= 2000
+    page = album.write(tmp_path / "report.html").read_text()
+    assert page.count("<section>") == len(album) == len(made) - 1
+    assert f"Lead. {9 - len(album)} more did not fit on this page." in page

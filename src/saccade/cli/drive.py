@@ -153,9 +153,8 @@ def map_drive(
             lambda done, of: watch("film", done, of),
         )
     numbers = figures(recorded, result)
-    part = drive_part(recorded, recorder.snapshots, result, numbers)
     own = Album(f"saccade drive: {recorded.name}", LEAD) if album is None else album
-    own.add(part)
+    own.add(lambda: drive_part(recorded, recorder.snapshots, result, numbers))
     if album is None:
         files["report"] = own.write(out / "report.html")
     row = {

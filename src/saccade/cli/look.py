@@ -164,7 +164,7 @@ def look_at(
         "arrays": str(arrays),
     }
     if album is not None:
-        album.add(_part(path, image, layers, fixated))
+        album.add(lambda: _part(path, image, layers, fixated))
     if film:
         played = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
         row["film"] = str(save_film(*scanpath_frames(image, fixated), played))

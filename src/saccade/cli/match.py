@@ -121,9 +121,8 @@ def match_images(
     table = out / "matches.csv"
     write_text(table, "\n".join([header, *lines]) + "\n")
     names = f"{first.name} and {second.name}"
-    part = match_part(Section(names, TEXT), images, keypoints, pairs, inliers)
     own = Album("saccade match", LEAD) if album is None else album
-    own.add(part)
+    own.add(lambda: match_part(Section(names, TEXT), images, keypoints, pairs, inliers))
     row: dict[str, Any] = {
         "first": str(first),
         "second": str(second),

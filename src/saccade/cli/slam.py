@@ -188,9 +188,8 @@ def map_log(
     if rrd is not None:
         files["rrd"] = save_rrd(rrd, log.name, snapshots, log.time, reckoned)
     numbers = figures(log, result, smoothed)
-    part = slam_part(log, result, smoothed, snapshots, facts(numbers))
     own = Album(f"saccade slam: {log.name}", LEAD) if album is None else album
-    own.add(part)
+    own.add(lambda: slam_part(log, result, smoothed, snapshots, facts(numbers)))
     if album is None:
         files["report"] = own.write(out / "report.html")
     row = {

@@ -47,7 +47,7 @@ def slam_part(
         "click a landmark to see from where it was seen; click a chart to go to that time."
     )
     return map_part(
-        Section("The map while it grows", text, facts=facts),
+        Section(f"The map of {log.name} while it grows", text, facts=facts),
         result.trajectory,
         snapshots,
         Sightings(

@@ -23,6 +23,7 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
     "image": ("image.js",),
     "match": ("image.js", "match.js"),
+    "table": ("table.js",),
 }
 """Of each kind of part, beside those of every page."""
 _PACKED = ("float32", "int32", "int16", "uint16", "uint8")
@@ -35,7 +36,7 @@ class Part:
 
     section: Section
     """Its heading, text, facts and links."""
-    kind: Literal["map", "image", "match"]
+    kind: Literal["map", "image", "match", "table"]
     """Which script shows it."""
     data: Mapping[str, Any]
     """What that script is given: JSON, and arrays of numbers."""

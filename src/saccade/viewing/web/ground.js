@@ -36,7 +36,7 @@ function plane(canvas, box, draw, clicked) {
     });
   }
   function fit() {
-    const wide = Math.max(box[2] - box[0], 1e-6), high = Math.max(box[3] - box[1], 1e-6);
+    const wide = Math.max(box[2] - box[0], 1), high = Math.max(box[3] - box[1], 1);
     scale = 0.92 * Math.min(canvas.clientWidth / wide, canvas.clientHeight / high);
     center = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
     redraw();
