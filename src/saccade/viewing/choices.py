@@ -63,7 +63,7 @@ def choice_figure(
     figure.legend(
         handles,
         list(map(str, budgets)),
-        title=LEGEND if reference is None else f"{LEGEND}; dashed: {choices[reference]}",
+        title=LEGEND if reference is None else f"{LEGEND}; dashed: {choices[reference]} over all",
         loc="outside lower center",
         title_fontsize=10,
         ncols=len(budgets),
