@@ -174,6 +174,7 @@ def _growing_map():
             landmarks=place[:n],
             landmark_covariance=np.tile(np.eye(2) * 0.04, (n, 1, 1)),
             seen=np.arange(n),
+            names=np.arange(n),
         )
         for step, n in ((4, 1), (9, 2))
     ]

@@ -266,6 +266,8 @@ class MapSnapshot:
     """(n, 2, 2) square metres."""
     seen: IntArray
     """(s,) rows of `landmarks` that were observed since the last snapshot."""
+    names: IntArray
+    """(n,) how many landmarks had been taken in before each: the same in every snapshot."""
 
     def __repr__(self) -> str:
         return f"MapSnapshot(pose {self.step}, {len(self.landmarks)} landmarks)"

@@ -5,8 +5,13 @@ from typing import Annotated, Any
 
 import typer
 
+from saccade.cli.album import Album
 from saccade.cli.options import Json
 
+LEAD = (
+    "An image goes in, attention says where to look, interest points say what to keep, "
+    "landmarks say where things are, and a map comes out."
+)
 FRAMES = 200
 """Of the simulated drive."""
 
@@ -26,13 +31,15 @@ def demo(
 
     from saccade.cli.output import print_json, print_table, say, write_text
 
+    album = Album("saccade demo", LEAD)
     with as_file(files("saccade") / "data") as data:
-        made = _make(data, out)
+        made = _make(data, out, album)
     looked, matched, mapped, driven = made.values()
+    report = album.write(out / "report.html")
     page = out / "index.html"
     write_text(page, _page(looked, matched, mapped, driven))
     if as_json:
-        print_json({"page": str(page), **made})
+        print_json({"page": str(page), "report": str(report), **made})
         return
     print_table(
         "saccade demo",
@@ -42,13 +49,14 @@ def demo(
             [matched["picture"], f"{matched['matches']} matches"],
             [mapped["files"]["picture"], f"{mapped['landmarks']} landmarks"],
             [driven["files"]["film"], f"{driven['landmarks']} landmarks by camera"],
+            [str(report), "to switch, scrub and click"],
             [str(page), "all of it"],
         ],
     )
     say(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
 
 
-def _make(data: Path, out: Path) -> dict[str, dict[str, Any]]:
+def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
     """The three systems and the whole, with a progress bar where someone watches."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -67,12 +75,13 @@ def _make(data: Path, out: Path) -> dict[str, dict[str, Any]]:
     with Progress(*columns, console=Console(stderr=True)) as progress:
         looking = progress.add_task("attention: where to look in a photograph", total=1)
         attention = Attention.named(Model.both, preset=None, config=None)
-        looked = look_at(data / "rocket.jpg", out / "look", attention, fixations=10)
+        looked = look_at(data / "rocket.jpg", out / "look", attention, fixations=10, album=album)
         progress.update(looking, completed=1)
 
         matching = progress.add_task("interest points: what two photographs share", total=1)
         pair = (data / "hallway_1.jpg", data / "hallway_2.jpg")
-        matched = match_images(*pair, out, Sift(load_settings("sift")), ratio=0.8, mutual=True)
+        sift = Sift(load_settings("sift"))
+        matched = match_images(*pair, out, sift, ratio=0.8, mutual=True, album=album)
         progress.update(matching, completed=1)
 
         mapping = progress.add_task("EKF-SLAM: a car in Victoria Park", total=None)
@@ -83,6 +92,7 @@ def _make(data: Path, out: Path) -> dict[str, dict[str, Any]]:
             load_settings("slam"),
             lambda _, done, total: progress.update(mapping, completed=done, total=total),
             film=False,
+            album=album,
         )
 
         driving = progress.add_task("all of it: a robot finds its way by its camera", total=None)
@@ -92,6 +102,7 @@ def _make(data: Path, out: Path) -> dict[str, dict[str, Any]]:
             load_settings("visual"),
             lambda _, done, total: progress.update(driving, completed=done, total=total),
             pictures=FRAMES // 4,
+            album=album,
         )
     return {"look": looked, "match": matched, "slam": mapped, "drive": driven}
 
@@ -106,6 +117,11 @@ def _page(
     from saccade.viewing import Picture, Section, html_page
 
     sections = [
+        Section(
+            "All of it, to be handled",
+            "Layers to switch, maps to scrub through time, landmarks and points to click.",
+            links=["report.html"],
+        ),
         Section(
             "Attention: where to look",
             "The contrast model looks for places that differ from their surroundings in intensity, "
@@ -175,6 +191,4 @@ def _page(
             links=[f"drive/{Path(path).name}" for path in driven["files"].values()],
         ),
     ]
-    lead = "An image goes in, attention says where to look, interest points say what to keep, "
-    lead += "landmarks say where things are, and a map comes out."
-    return html_page("saccade demo", lead, sections)
+    return html_page("saccade demo", LEAD, sections)

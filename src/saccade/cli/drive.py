@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from saccade.cli.album import Album
 from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from saccade.frames import Drive
     from saccade.visual import VisualConfig
 
+LEAD = "What a robot's camera saw on its way, and the map that came of it."
 Watch = Callable[[str, int, int], None]
 """Told what is being done, how much of it is, and how much there is."""
 
@@ -54,8 +56,8 @@ def drive(
     In --out appear the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the map (landmarks.csv; map.npz with descriptors), what was
     seen of which landmark when (sightings.csv), a picture (map.png), a
-    film (drive.mp4) and a still of it (drive.png), and the settings with the
-    figures (run.json).
+    film (drive.mp4) and a still of it (drive.png), a page to scrub through
+    time and click (report.html), and the settings with the figures (run.json).
 
     A run that was interrupted goes on from its last checkpoint.
     """
@@ -106,6 +108,7 @@ def map_drive(
     film: bool = True,
     pictures: int = 240,
     checkpoint: float = 10.0,
+    album: Album | None = None,
 ) -> dict[str, Any]:
     """Map a drive, write all that comes of it, give the row for run.json.
 
@@ -117,6 +120,7 @@ def map_drive(
         film: whether a film is made.
         pictures: in the film, at most.
         checkpoint: seconds between checkpoints.
+        album: takes the map, in the place of a report of its own.
     """
     import json
     from dataclasses import asdict
@@ -124,6 +128,7 @@ def map_drive(
     import saccade
     from saccade import visual
     from saccade.cli.drive_files import figures, write_film, write_pictures, write_tables
+    from saccade.cli.drive_report import drive_part
     from saccade.cli.output import resumable, write_text
     from saccade.slam import Checkpoint, Recorder
 
@@ -147,8 +152,13 @@ def map_drive(
             settings,
             lambda done, of: watch("film", done, of),
         )
+    numbers = figures(recorded, result)
+    own = Album(f"saccade drive: {recorded.name}", LEAD) if album is None else album
+    own.add(lambda: drive_part(recorded, recorder.snapshots, result, numbers))
+    if album is None:
+        files["report"] = own.write(out / "report.html")
     row = {
-        **figures(recorded, result),
+        **numbers,
         "remarks": list(result.remarks),
         "version": saccade.__version__,
         "seed": settings.seed,

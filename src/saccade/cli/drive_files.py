@@ -68,6 +68,19 @@ def write_pictures(out: Path, drive: "Drive", result: "VisualResult") -> dict[st
     return files
 
 
+def pictures_of(drive: "Drive") -> "Callable[[int], Image | None]":
+    """What gives the picture of a frame, or None where there is none."""
+    from saccade.errors import ImageError
+
+    def picture(number: int) -> "Image | None":
+        try:
+            return drive.load(number).image
+        except ImageError:
+            return None
+
+    return picture
+
+
 def write_film(
     path: Path,
     drive: "Drive",
@@ -82,16 +95,9 @@ def write_film(
     from saccade.attention.combined import attention_saliency
     from saccade.attention.contrast import contrast_saliency
     from saccade.attention.symmetry import symmetry_saliency
-    from saccade.errors import ImageError
     from saccade.files import whole_file
     from saccade.video import video_writer
     from saccade.viewing.drive_film import drive_frames
-
-    def picture(number: int) -> "Image | None":
-        try:
-            return drive.load(number).image
-        except ImageError:
-            return None
 
     def attention(image: "Image") -> "Float32Array":
         if settings.selection == "contrast":
@@ -102,7 +108,9 @@ def write_film(
 
     seen = result.meetings
     sighting = (seen.frame, seen.kind, seen.xy)
-    frames = drive_frames(snapshots, drive.time, result.odometry, picture, attention, sighting)
+    frames = drive_frames(
+        snapshots, drive.time, result.odometry, pictures_of(drive), attention, sighting
+    )
     files = {"film": path, "still": path.with_suffix(".png")}
     with video_writer(path, FILM_RATE) as write:
         for number, frame in enumerate(frames):

@@ -11,7 +11,7 @@ from saccade.cli.evaluate_consistency import consistency
 from saccade.cli.evaluate_features import features
 from saccade.cli.evaluate_places import places
 from saccade.cli.evaluate_selection import selection
-from saccade.cli.options import Json, Preset, Settings
+from saccade.cli.options import Json, Preset, Report, Settings
 
 evaluate = typer.Typer(
     help="Measure results against people, peers and truth.", no_args_is_help=True
@@ -48,6 +48,7 @@ def fixations(
         int, typer.Option(min=0, help="First fixations of each viewer that do not count.")
     ] = 1,
     per_image: Annotated[bool, typer.Option(help="Also show every image.")] = False,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Score saliency maps by where people looked.
@@ -57,11 +58,20 @@ def fixations(
     """
     from dataclasses import asdict
 
+    from saccade.cli.album import write_table_page
     from saccade.cli.output import print_json, print_table
 
     predict = _predictor(images, maps, model, preset, config)
     result = _score(images, fixations, predict, sigma, drop)
     mean, (low, high) = result.mean(), result.interval()
+    columns = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
+    rows = [_row("mean", mean), _row("95 % from", low), _row("to", high)]
+    each_image = [*map(_row, result.image, result.scores)]
+    label = maps or f"{model.value}, {preset or 'default'}"
+    title = f"{len(result.image)} images, {label}"
+    lead = "How well saliency maps foretell where people looked."
+    page = [*rows, *each_image]
+    write_table_page(report, "saccade evaluate fixations", lead, title, columns, page)
     if as_json:
         scores = {
             name: asdict(each) for name, each in zip(result.image, result.scores, strict=True)
@@ -70,12 +80,7 @@ def fixations(
             {"mean": asdict(mean), "low": asdict(low), "high": asdict(high), "images": scores}
         )
         return
-    columns = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
-    rows = [_row("mean", mean), _row("95 % from", low), _row("to", high)]
-    if per_image:
-        rows += map(_row, result.image, result.scores)
-    label = maps or f"{model.value}, {preset or 'default'}"
-    print_table(f"{len(result.image)} images, {label}", columns, rows)
+    print_table(title, columns, page if per_image else rows)
 
 
 def _row(name: str, scores: Any) -> list[str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from saccade.cli.options import Json, Settings
+from saccade.cli.options import Json, Report, Settings
 
 if TYPE_CHECKING:
     from saccade.simulation import WorldConfig
@@ -29,6 +29,7 @@ def consistency(
     ] = None,
     runs: Annotated[int, typer.Option(min=1, max=10000, help="Of each filter in each world.")] = 50,
     seed: Annotated[int, typer.Option(min=0, help="Of the noise of the first run.")] = 0,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Let filters loose on simulated worlds, association known, and weigh their errors.
@@ -40,6 +41,7 @@ def consistency(
     """
     from rich.progress import Progress
 
+    from saccade.cli.album import write_table_page
     from saccade.cli.output import messages, print_json, print_table
 
     worlds = _worlds(preset, config)
@@ -53,16 +55,19 @@ def consistency(
                 each: _scores(world, each, runs, seed, lambda: progress.advance(task))
                 for each in filters
             }
-    if as_json:
-        print_json({"runs": runs, "seed": seed, "worlds": results})
-        return
     columns = ["", "ANEES", "95 % band", "median", "RMSE m", "in band"]
     rows = [
         [f"{name}, {each}", *_cells(scores)]
         for name, of_world in results.items()
         for each, scores in of_world.items()
     ]
-    print_table(f"normalized squared error of the pose, {runs} runs each", columns, rows)
+    title = f"normalized squared error of the pose, {runs} runs each"
+    lead = "Whether filters know how wrong they are."
+    write_table_page(report, "saccade evaluate consistency", lead, title, columns, rows)
+    if as_json:
+        print_json({"runs": runs, "seed": seed, "worlds": results})
+        return
+    print_table(title, columns, rows)
 
 
 def _worlds(presets: list[str] | None, path: Path | None) -> "dict[str, WorldConfig]":

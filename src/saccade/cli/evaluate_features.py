@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from saccade.cli.detectors import NAMES, OURS, find_detector
-from saccade.cli.options import Json, Preset, Settings
+from saccade.cli.options import Json, Preset, Report, Settings
 
 SHOWN = {
     "found again": ("repeatability",),
@@ -51,6 +51,7 @@ def features(
     ] = 3.0,
     ratio: Annotated[float, typer.Option(min=0.01, max=1, help="Of the ratio test.")] = 0.8,
     per_sequence: Annotated[bool, typer.Option(help="Also show every sequence.")] = False,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Score interest points on pairs of images of one plane.
@@ -62,6 +63,7 @@ def features(
     contrast is low. A module:callable takes an (H, W, 3) image in [0, 1] and gives an object with
     xy and descriptors, the strongest first.
     """
+    from saccade.cli.album import write_table_page
     from saccade.cli.output import print_json, print_table
     from saccade.datasets.homography_pairs import homography_pairs
     from saccade.evaluation.disturbance import Disturbance
@@ -81,6 +83,11 @@ def features(
             for count, result in zip(counts, scored, strict=True):
                 words = [label, f"{count} points" if count else "", str(disturbance or "")]
                 results[", ".join(filter(None, words))] = result
+    title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
+    columns = ["", "points", *SHOWN]
+    lead = "How well interest points are found again and matched."
+    page = _rows(results, sequences)
+    write_table_page(report, "saccade evaluate features", lead, title, columns, _named(page))
     if as_json:
         print_json(
             {
@@ -91,14 +98,26 @@ def features(
             }
         )
         return
+    print_table(title, columns, page if per_sequence else _rows(results, []))
+
+
+def _rows(results: dict[str, Any], sequences: list[str]) -> list[list[str]]:
+    """Of each detector the mean and its interval, and the mean of some sequences."""
     rows = []
     for label, result in results.items():
         mean, (low, high) = result.mean(), result.interval()
         rows += [_row(label, mean), _row("  95 % from", low), _row("  to", high)]
-        if per_sequence:
-            rows += [_row(f"  {each}", result.of(each).mean()) for each in sequences]
-    title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
-    print_table(title, ["", "points", *SHOWN], rows)
+        rows += [_row(f"  {each}", result.of(each).mean()) for each in sequences]
+    return rows
+
+
+def _named(rows: list[list[str]]) -> list[list[str]]:
+    """Rows that say whose they are, in whatever order they are read."""
+    named, owner = [], ""
+    for name, *cells in rows:
+        owner = owner if name.startswith(" ") else name
+        named.append([f"{owner}, {name.strip()}" if name.startswith(" ") else name, *cells])
+    return named
 
 
 def _as_json(result: Any, sequences: list[str]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from saccade.cli.options import Images, Json
+from saccade.cli.options import Images, Json, Report
 
 NEIGHBORS = 2
 """Photographs before and after the right one that show the same place."""
@@ -17,6 +17,7 @@ def places(
     agreeing: Annotated[
         int, typer.Option(min=8, help="Matches that must agree on one geometry.")
     ] = 22,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Walk the same way several times, and recognize places seen before.
@@ -25,6 +26,7 @@ def places(
     if the place it is said to show is as many laps away, give or take two photographs.
     """
     from saccade import Sift, SiftConfig, read_image
+    from saccade.cli.album import write_table_page
     from saccade.cli.output import print_json, print_table, tracked
     from saccade.image import find_images
     from saccade.visual.places import Places, PlacesConfig
@@ -50,12 +52,13 @@ def places(
         "precision": right / len(found) if found else None,
         "recall": right / again if again else None,
     }
+    shown = [[name.replace("_", " "), _shown(value)] for name, value in row.items()]
+    lead = "Whether places are recognized that were seen before."
+    write_table_page(report, "saccade evaluate places", lead, "places", ["", "value"], shown)
     if as_json:
         print_json({**row, "pairs": found})
         return
-    print_table(
-        "places", ["", ""], [(name.replace("_", " "), _shown(v)) for name, v in row.items()]
-    )
+    print_table("places", ["", ""], shown)
 
 
 def _number(path: Any) -> tuple[int, str]:

@@ -2,12 +2,22 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from saccade.cli.album import Album
 from saccade.cli.attending import Attention, Model, ModelChoice, contrast_of, layers_of
 from saccade.cli.options import Json, Out, Preset, Settings
+
+if TYPE_CHECKING:
+    from saccade.types import Float32Array, Scanpath
+    from saccade.viewing.report import Part
+
+TEXT = (
+    "The map is laid over the photograph, the scanpath plays four times slower than the model; "
+    "point at an interest point to see its size, angle and descriptor."
+)
 
 
 class Inhibition(StrEnum):
@@ -41,8 +51,9 @@ def look(
 ) -> None:
     """Show where contrast and symmetry draw the eye: saliency, its parts and a scanpath.
 
-    For each image a picture (NAME.look.png) and the arrays (NAME.look.npz) appear in --out; for
-    each video a film (NAME.look.mp4) and the saliency of its frames (NAME.look.npz).
+    For each image a picture (NAME.look.png) and the arrays (NAME.look.npz) appear in --out, and
+    all of them on a page with layers to switch (report.html); for each video a film
+    (NAME.look.mp4) and the saliency of its frames (NAME.look.npz).
     """
     from saccade.cli.output import for_each_image, print_json, print_table
     from saccade.cli.watch import watch
@@ -59,13 +70,25 @@ def look(
         if is_video(path):
             return watch(path, out / f"{name}.look", attention, every)
         return look_at(
-            path, out / f"{name}.look", attention, fixations, by_shape=by_shape, film=scanpath_film
+            path,
+            out / f"{name}.look",
+            attention,
+            fixations,
+            by_shape=by_shape,
+            film=scanpath_film,
+            album=album,
         )
 
     paths = [path for source in images for path in find_images(source)]
-    rows = for_each_image(paths, out, look_or_watch)
+    album = Album(
+        "saccade look", "Where contrast and symmetry draw the eye, and what can be found again."
+    )
+    try:
+        rows = for_each_image(paths, out, look_or_watch)
+    finally:
+        report = album.write(out / "report.html") if len(album) else None
     if as_json:
-        print_json({"images": rows})
+        print_json({"images": rows, "report": None if report is None else str(report)})
         return
     for row in rows:
         if "frames" in row:
@@ -90,6 +113,7 @@ def look_at(
     *,
     by_shape: bool = False,
     film: bool = False,
+    album: Album | None = None,
 ) -> dict[str, Any]:
     """Look at one image: write `out`.png, `out`.npz and the film, give the row for --json.
 
@@ -100,6 +124,7 @@ def look_at(
         fixations: length of the scanpath.
         by_shape: whether inhibition of return covers objects rather than discs.
         film: whether the scanpath is also played.
+        album: takes the image with its layers, for a report.
     """
     from functools import partial
 
@@ -138,7 +163,21 @@ def look_at(
         "picture": str(picture),
         "arrays": str(arrays),
     }
+    if album is not None:
+        album.add(lambda: _part(path, image, layers, fixated))
     if film:
         played = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
         row["film"] = str(save_film(*scanpath_frames(image, fixated), played))
     return row
+
+
+def _part(
+    path: Path, image: "Float32Array", layers: "dict[str, Float32Array]", fixated: "Scanpath"
+) -> "Part":
+    """The image as a part of a report, with the strongest interest points of all over it."""
+    from saccade import Sift, SiftConfig
+    from saccade.viewing.page import Section
+    from saccade.viewing.report_image import MOST_POINTS, image_part
+
+    points = Sift(SiftConfig(max_keypoints=MOST_POINTS, spread=True))(image)
+    return image_part(Section(path.name, TEXT), image, layers, fixated, points)

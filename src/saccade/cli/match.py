@@ -6,12 +6,19 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from saccade.cli.album import Album
 from saccade.cli.detect import Most, Spread
 from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
     from saccade.keypoints.sift import Sift
     from saccade.keypoints.verification import Geometry
+
+LEAD = "Interest points that two photographs share."
+TEXT = (
+    "Lines join matched points, those that agree with one geometry and the others. "
+    "Click near the end of a line to see one match alone."
+)
 
 
 class Choice(StrEnum):
@@ -47,8 +54,9 @@ def match(
 
     Nearest neighbors with ratio test and mutual check; then which of them are
     inliers, that is agree with one geometry (OpenCV's USAC with MAGSAC; the
-    same every time). The picture (matches.png) and the list (matches.csv:
-    index, x and y in both images, and 1 for an inlier) appear in --out.
+    same every time). The picture (matches.png), a page to look at each of
+    them (report.html) and the list (matches.csv: index, x and y in both
+    images, and 1 for an inlier) appear in --out.
     """
     from saccade.cli.detectors import make_detector
     from saccade.cli.output import print_json, print_table
@@ -79,8 +87,12 @@ def match_images(
     mutual: bool,
     geometry: "Geometry | None" = "fundamental",
     tolerance: float = 2.0,
+    album: Album | None = None,
 ) -> dict[str, Any]:
-    """Match two images: write matches.png and .csv into `out`, give the row for --json."""
+    """Match two images: write matches.png and .csv into `out`, give the row for --json.
+
+    The report is written too, unless an album takes the images and their matches.
+    """
     import numpy as np
 
     from saccade.cli.output import write_text
@@ -88,6 +100,8 @@ def match_images(
     from saccade.keypoints.matching import match as match_keypoints
     from saccade.keypoints.verification import verify
     from saccade.viewing import match_figure, save_figure
+    from saccade.viewing.page import Section
+    from saccade.viewing.report_image import match_part
 
     images = (read_image(first), read_image(second))
     keypoints = (sift(images[0]), sift(images[1]))
@@ -106,6 +120,9 @@ def match_images(
         lines = [f"{line},{inlier:d}" for line, inlier in zip(lines, inliers, strict=True)]
     table = out / "matches.csv"
     write_text(table, "\n".join([header, *lines]) + "\n")
+    names = f"{first.name} and {second.name}"
+    own = Album("saccade match", LEAD) if album is None else album
+    own.add(lambda: match_part(Section(names, TEXT), images, keypoints, pairs, inliers))
     row: dict[str, Any] = {
         "first": str(first),
         "second": str(second),
@@ -115,6 +132,8 @@ def match_images(
         "picture": str(picture),
         "table": str(table),
     }
+    if album is None:
+        row["report"] = str(own.write(out / "report.html"))
     if verified is not None:
         matrix = None if verified.matrix is None else verified.matrix.tolist()
         row |= {

@@ -19,3 +19,6 @@ Settings = Annotated[
     Path | None,
     typer.Option("--config", "-c", help="A TOML file as `saccade config` prints it."),
 ]
+Report = Annotated[
+    Path | None, typer.Option("--report", help="Also write the table as a page (report.html).")
+]

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from saccade.cli.album import Album
 from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
     from saccade.slam import Checkpoint, EkfConfig, Recorder, SlamResult, SmoothConfig, SmoothResult
     from saccade.types import LandmarkLog
 
+LEAD = "What a robot drove and saw, and the map that an extended Kalman filter makes of it."
 Watch = Callable[[str, int, int], None]
 """Told what is being done, how much of it is, and how much there is."""
 
@@ -67,7 +69,8 @@ def slam(
     In --out appear the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the landmarks with theirs (landmarks.csv), every innovation
     (innovations.csv), pictures (map.png, innovations.png), a film (map.mp4),
-    and the settings with the figures (run.json).
+    a page to scrub through time and click (report.html), and the settings
+    with the figures (run.json).
 
     A run that was interrupted goes on from its last checkpoint.
     """
@@ -137,6 +140,7 @@ def map_log(
     live: bool = False,
     rrd: Path | None = None,
     checkpoint: float = 10.0,
+    album: Album | None = None,
 ) -> dict[str, Any]:
     """Run the filter over a log, write all that comes of it, give the row for run.json.
 
@@ -150,6 +154,7 @@ def map_log(
         live: whether the rerun viewer is opened.
         rrd: a file for that viewer.
         checkpoint: seconds between checkpoints.
+        album: takes the map, in the place of a report of its own.
     """
     import json
     from dataclasses import asdict
@@ -157,6 +162,7 @@ def map_log(
     import saccade
     from saccade.cli.output import write_text
     from saccade.cli.slam_files import figures, write_film, write_pictures, write_tables
+    from saccade.cli.slam_report import slam_part
     from saccade.errors import LogError
     from saccade.extras import import_optional
     from saccade.slam import Checkpoint, Recorder, dead_reckon
@@ -181,8 +187,13 @@ def map_log(
         )
     if rrd is not None:
         files["rrd"] = save_rrd(rrd, log.name, snapshots, log.time, reckoned)
+    numbers = figures(log, result, smoothed)
+    own = Album(f"saccade slam: {log.name}", LEAD) if album is None else album
+    own.add(lambda: slam_part(log, result, smoothed, snapshots, facts(numbers)))
+    if album is None:
+        files["report"] = own.write(out / "report.html")
     row = {
-        **figures(log, result, smoothed),
+        **numbers,
         "version": saccade.__version__,
         "seed": None,  # nothing is drawn at random
         "settings": asdict(settings),

@@ -83,8 +83,6 @@ def write_pictures(
     out: Path, log: "LandmarkLog", result: "SlamResult", smoothed: "SmoothResult | None"
 ) -> dict[str, Path]:
     """The map and the innovations; returns where each is."""
-    import numpy as np
-
     from saccade.slam.consistency import chi_square_band
     from saccade.viewing import innovation_figure, map_figure, save_figure
 
@@ -95,15 +93,13 @@ def write_pictures(
             best.trajectory,
             best.map,
             result.dead_reckoning,
-            truth=log.truth if _is_in_frame(log.truth) else None,
+            truth=log.truth if is_in_frame(log.truth) else None,
             landmark_truth=log.landmark_truth,
             filtered=None if smoothed is None else result.trajectory,
         ),
         files["picture"],
     )
-    consistency = result.consistency
-    corrected = int(np.isfinite(consistency.nis).sum())
-    window = int(np.clip(corrected // 50, 5, 500))
+    consistency, window = result.consistency, window_of(result)
     save_figure(
         innovation_figure(
             log.time[log.observation_pose],
@@ -116,6 +112,14 @@ def write_pictures(
         files["innovation_picture"],
     )
     return files
+
+
+def window_of(result: "SlamResult") -> int:
+    """Observations in the running mean of what a filter says of itself."""
+    import numpy as np
+
+    corrected = int(np.isfinite(result.consistency.nis).sum())
+    return int(np.clip(corrected // 50, 5, 500))
 
 
 def write_film(
@@ -187,7 +191,7 @@ def _distances(
 
     found: dict[str, float] = {}
     if log.truth is not None:
-        exact = _is_in_frame(log.truth)
+        exact = is_in_frame(log.truth)
         ending = "rmse_m" if exact else "gps_rmse_m"
         for name, drive in drives.items():
             rmse = position_rmse(drive, log.truth, keep=1.0 if exact else NEAREST)
@@ -198,6 +202,6 @@ def _distances(
     return {name: finite(value) for name, value in found.items()}
 
 
-def _is_in_frame(truth: "Trajectory | None") -> bool:
+def is_in_frame(truth: "Trajectory | None") -> bool:
     """Whether a truth has headings: what has none, as GPS, is not in the frame of the log."""
     return truth is not None and bool(isfinite(truth.pose[:, 2].sum()))

@@ -70,6 +70,8 @@ class EkfSlam:
         robot = check_vector("pose", pose, max(3, np.size(pose)))
         spread = check_covariance("covariance of the pose", covariance, len(robot))
         self._belief = new_belief(robot, spread, FIRST_CAPACITY)
+        self._names = np.zeros(0, np.int64)  # of the landmarks at the last removal
+        self._removed = 0
         self._belief.state[2] = wrapped(robot[2])
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
@@ -220,6 +222,9 @@ class EkfSlam:
         """
         for number in np.asarray(landmarks).tolist():
             check_landmark(number, len(self))
+        gone = np.unique(np.asarray(landmarks, np.int64))
+        self._names = np.delete(self.names, gone)
+        self._removed += len(gone)
         without(self._belief, np.asarray(landmarks, np.int64))
 
     def rescale(self, factor: float, about: FloatArray) -> None:
@@ -278,6 +283,12 @@ class EkfSlam:
     def odometry_bias(self) -> FloatArray | None:
         """(3,) as `wheels.BIASES` has them, None where they are no part of the state."""
         return self._robot[3:].copy() if self.is_compiled and len(self._robot) > 3 else None
+
+    @property
+    def names(self) -> IntArray:
+        """(n,) how many landmarks had been taken in before each; it stays as others go."""
+        since = np.arange(len(self._names) + self._removed, len(self) + self._removed)
+        return np.concatenate([self._names, since])
 
     @property
     def landmarks(self) -> FloatArray:

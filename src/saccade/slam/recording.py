@@ -48,6 +48,7 @@ class Recorder:
                 covariance=ekf.pose_covariance,
                 landmarks=ekf.landmarks,
                 landmark_covariance=ekf.landmark_covariances,
+                names=ekf.names,
                 seen=np.array(sorted(n for n in self._seen if n < len(ekf)), np.int64),
             )
         )

@@ -3,27 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
-
-_STYLE = """
-:root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --soft: #5b6570; --line: #d8dde3; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e8ebef; --paper: #14181d; --soft: #a3adb8; --line: #343b44; }
-}
-body { margin: 0 auto; max-width: 64rem; padding: 2rem 1.25rem 4rem; color: var(--ink);
-  background: var(--paper); font: 1rem/1.55 system-ui, sans-serif; }
-h1 { font-size: 1.9rem; margin: 0 0 .25rem; }
-h2 { font-size: 1.3rem; margin: 3rem 0 .25rem; border-top: 1px solid var(--line);
-  padding-top: 1.5rem; }
-p { max-width: 46rem; margin: .4rem 0 1rem; }
-.lead, figcaption { color: var(--soft); }
-figure { margin: 1rem 0; }
-img { max-width: 100%; height: auto; border-radius: 6px; background: #fff; }
-table { border-collapse: collapse; margin: 1rem 0; }
-th, td { text-align: left; padding: .3rem 1.5rem .3rem 0; border-bottom: 1px solid var(--line); }
-th { font-weight: 500; color: var(--soft); }
-td { font-variant-numeric: tabular-nums; }
-a { color: inherit; }
-"""
+from importlib.resources import files
 
 
 @dataclass(frozen=True)
@@ -51,19 +31,37 @@ class Section:
 
 def html_page(title: str, lead: str, sections: Sequence[Section]) -> str:
     """The page as text; every word of it is escaped."""
-    body = "\n".join(_section(section) for section in sections)
+    body = "\n".join(section_html(section) for section in sections)
+    return whole_page(title, lead, body, f"<style>{web_file('page.css')}</style>")
+
+
+def whole_page(title: str, lead: str, body: str, head: str) -> str:
+    """A page around HTML.
+
+    Args:
+        title: to be escaped.
+        lead: the first paragraph, to be escaped.
+        body: what follows it.
+        head: what stands in the head beside the title.
+    """
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
+        f"{head}\n<title>{escape(title)}</title>\n</head>\n<body>\n<main>\n"
         f'<h1>{escape(title)}</h1>\n<p class="lead">{escape(lead)}</p>\n{body}\n'
         "</main>\n</body>\n</html>\n"
     )
 
 
-def _section(section: Section) -> str:
+def web_file(name: str) -> str:
+    """The text of a style or a script that ships with the package."""
+    return (files("saccade.viewing") / "web" / name).read_text(encoding="utf-8")
+
+
+def section_html(section: Section, inside: str = "") -> str:
+    """A section as HTML, with more HTML behind its text."""
     parts = [
-        f"<section>\n<h2>{escape(section.heading)}</h2>\n<p>{escape(section.text)}</p>",
+        f"<section>\n<h2>{escape(section.heading)}</h2>\n<p>{escape(section.text)}</p>{inside}",
         *map(_picture, section.pictures),
     ]
     if section.facts:

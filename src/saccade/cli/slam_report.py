@@ -1,0 +1,67 @@
+"""The report of `saccade slam`."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from saccade.slam import SlamResult, SmoothResult
+    from saccade.types import IntArray, LandmarkLog, LandmarkMap, MapSnapshot
+    from saccade.viewing.report import Part
+
+
+def slam_part(
+    log: "LandmarkLog",
+    result: "SlamResult",
+    smoothed: "SmoothResult | None",
+    snapshots: "Sequence[MapSnapshot]",
+    facts: Mapping[str, str],
+) -> "Part":
+    """The map of a log as a part of a report."""
+    from saccade.cli.slam_files import is_in_frame, window_of
+    from saccade.slam.consistency import chi_square_band
+    from saccade.viewing.page import Section
+    from saccade.viewing.report_map import (
+        Ground,
+        Sightings,
+        doubt_charts,
+        innovation_charts,
+        map_part,
+    )
+
+    truth = log.truth if is_in_frame(log.truth) else None
+    drives = {"odometry": result.dead_reckoning}
+    drives |= {} if truth is None else {"truth": truth}
+    drives |= {} if smoothed is None else {"smoothed": smoothed.trajectory}
+    used = result.association >= 0
+    consistency, window = result.consistency, window_of(result)
+    charts = innovation_charts(
+        log.time[log.observation_pose],
+        result.innovation,
+        result.innovation_covariance,
+        consistency.nis,
+        chi_square_band(consistency.dof, window),
+        window,
+    )
+    text = (
+        "The ellipses enclose three standard deviations. Scrub through the drive or play it; "
+        "click a landmark to see from where it was seen; click a chart to go to that time."
+    )
+    return map_part(
+        Section(f"The map of {log.name} while it grows", text, facts=facts),
+        result.trajectory,
+        snapshots,
+        Sightings(
+            log.observation_pose[used],
+            _names_at_the_end(result.map, snapshots[-1])[result.association[used]],
+        ),
+        [*charts, *doubt_charts(result.trajectory, truth)],
+        Ground(drives, log.landmark_truth),
+    )
+
+
+def _names_at_the_end(landmarks: "LandmarkMap", last: "MapSnapshot") -> "IntArray":
+    """(n,) names of the landmarks of the map: those of the last snapshot that were kept."""
+    import numpy as np
+
+    apart = np.square(landmarks.xy[:, None] - last.landmarks).sum(2)  # 0 to what it was there
+    return last.names[apart.argmin(1)] if len(last.names) else np.zeros(len(landmarks), np.int64)

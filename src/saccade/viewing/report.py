@@ -1,0 +1,110 @@
+"""The report: one page that holds all it shows, to be looked at, scrubbed and clicked.
+
+It opens from disk, needs no network, and may load none: its policy allows the styles and the
+scripts that it holds, and pictures that are part of it.
+"""
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image as Pillow
+
+from saccade.viewing.page import Section, section_html, web_file, whole_page
+
+SCRIPTS: dict[str, tuple[str, ...]] = {
+    "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
+    "image": ("image.js",),
+    "match": ("image.js", "match.js"),
+    "table": ("table.js",),
+}
+"""Of each kind of part, beside those of every page."""
+_PACKED = ("float32", "int32", "int16", "uint16", "uint8")
+"""Kinds of numbers that a browser takes as they are in memory."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A section with something in it that can be handled."""
+
+    section: Section
+    """Its heading, text, facts and links."""
+    kind: Literal["map", "image", "match", "table"]
+    """Which script shows it."""
+    data: Mapping[str, Any]
+    """What that script is given: JSON, and arrays of numbers."""
+
+    @property
+    def letters(self) -> int:
+        """How long it is on the page."""
+        return len(self.html)
+
+    @cached_property
+    def html(self) -> str:
+        """As it stands on the page."""
+        text = json.dumps(_plain(self.data), separators=(",", ":"), allow_nan=False)
+        text = text.replace("<", "\\u003c")  # no word in it ends the element
+        inside = f'\n<div class="part" data-kind="{self.kind}">'
+        inside += f'<script type="application/json">{text}</script></div>\n'
+        return section_html(self.section, inside)
+
+
+def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
+    """The report as the text of one HTML file; every word of it is escaped.
+
+    Args:
+        title: of the page.
+        lead: its first paragraph.
+        parts: what it shows.
+    """
+    kinds = list(dict.fromkeys(part.kind for part in parts))
+    names = ["report.js", *dict.fromkeys(name for kind in kinds for name in SCRIPTS[kind])]
+    scripts = [web_file(name) for name in [*names, "start.js"]]
+    styles = [web_file(name) for name in ("page.css", "uPlot.min.css", "report.css")]
+    policy = (
+        "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'; "
+        f"style-src {_hashes(styles)}; script-src {_hashes(scripts)}"
+    )
+    head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+    head += '<meta name="color-scheme" content="light dark">\n'
+    head += "\n".join(f"<style>{style}</style>" for style in styles)
+    body = "\n".join(part.html for part in parts) + "\n"
+    body += "<noscript><p>What moves on this page needs JavaScript.</p></noscript>\n"
+    body += "\n".join(f"<script>{script}</script>" for script in scripts)
+    return whole_page(title, lead, body, head)
+
+
+def jpeg(picture: npt.NDArray[np.uint8], quality: int = 80) -> str:
+    """A picture (h, w) or (h, w, 3) in RGB as the address of a JPEG that holds it."""
+    with BytesIO() as file:
+        Pillow.fromarray(picture).save(file, format="JPEG", quality=quality, optimize=True)
+        return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON knows it; arrays are packed, what is not finite is null."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.name not in _PACKED:
+            whole = value.dtype.kind in "biu"
+            value = value.astype(np.int32 if whole else np.float32)
+        packed = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+        return {"type": value.dtype.name, "base64": base64.b64encode(packed.tobytes()).decode()}
+    if isinstance(value, Mapping):
+        return {str(name): _plain(each) for name, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value
+
+
+def _hashes(texts: Sequence[str]) -> str:
+    digests = (hashlib.sha256(text.encode()).digest() for text in texts)
+    return " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in digests)

@@ -1,0 +1,114 @@
+"""A photograph with layers to switch, and two of them with their matches, as parts of a report."""
+
+import base64
+from collections.abc import Mapping
+from io import BytesIO
+from typing import Any
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from PIL import Image as Pillow
+
+from saccade.types import Float32Array, IntArray, Keypoints, Scanpath
+from saccade.viewing.page import Section
+from saccade.viewing.report import Part, jpeg
+from saccade.viewing.style import HEAT
+
+LONGEST = 1200
+"""Pixels, of the longer side of a photograph in a report."""
+SMALL = 400
+"""The same where there are many."""
+MOST_POINTS = 400
+"""Interest points that are shown with their descriptors."""
+MOST_MATCHES = 5000
+
+
+def image_part(
+    section: Section,
+    image: Float32Array,
+    maps: Mapping[str, Float32Array],
+    path: Scanpath,
+    keypoints: Keypoints | None = None,
+    longest: int = LONGEST,
+) -> Part:
+    """A photograph, where it draws the eye, and its interest points.
+
+    Args:
+        section: heading, text, facts and links.
+        image: (H, W, 3) in [0, 1].
+        maps: by title; each (h, w), not negative.
+        path: fixations.
+        keypoints: the first `MOST_POINTS` of them are shown.
+        longest: pixels of the longer side in the report.
+    """
+    points = None if keypoints is None else keypoints[:MOST_POINTS]
+    data: dict[str, Any] = {
+        "image": _photograph(image, longest),
+        "maps": [{"name": name, "address": _heat(values)} for name, values in maps.items()],
+        "scanpath": {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency},
+    }
+    if points is not None:
+        data["points"] = {
+            "xy": points.xy.ravel(),
+            "size": points.size,
+            "angle": points.angle,
+            "response": points.response,
+            "octave": points.octave,
+        }
+        if points.descriptors is not None:
+            data["points"]["descriptor"] = points.descriptors.ravel()
+    return Part(section, "image", data)
+
+
+def match_part(
+    section: Section,
+    images: tuple[Float32Array, Float32Array],
+    keypoints: tuple[Keypoints, Keypoints],
+    pairs: IntArray,
+    inliers: npt.NDArray[np.bool_] | None = None,
+) -> Part:
+    """Two photographs and what they share.
+
+    Args:
+        section: heading, text, facts and links.
+        images: two (H, W, 3) in [0, 1].
+        keypoints: of each.
+        pairs: (m, 2) indices into the two.
+        inliers: (m,) which of them agree with one geometry; None where that was not asked.
+    """
+    every = slice(None, None, len(pairs) // MOST_MATCHES + 1)
+    shown = pairs[every]
+    data: dict[str, Any] = {
+        "images": [_photograph(image, LONGEST) for image in images],
+        "xy": np.hstack([keypoints[i].xy[shown[:, i]] for i in (0, 1)]).ravel(),
+        "size": np.stack([keypoints[i].size[shown[:, i]] for i in (0, 1)], 1).ravel(),
+    }
+    first, second = (each.descriptors for each in keypoints)
+    if first is not None and second is not None:
+        apart = first[shown[:, 0]].astype(np.float64) - second[shown[:, 1]]
+        data["distance"] = np.sqrt(np.square(apart).sum(1))
+    if inliers is not None:
+        data["inlier"] = inliers[every].astype(np.uint8)
+    return Part(section, "match", data)
+
+
+def _photograph(image: Float32Array, longest: int) -> dict[str, Any]:
+    height, width = image.shape[:2]
+    scale = min(1.0, longest / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    levels = np.asarray((small * 255).round().clip(0, 255), np.uint8)
+    return {"address": jpeg(levels, 82), "width": width, "height": height}
+
+
+def _heat(values: Float32Array) -> str:
+    """A map as the address of a PNG, from 0 to its maximum."""
+    scale = min(1.0, SMALL / max(values.shape))
+    size = (max(1, round(values.shape[1] * scale)), max(1, round(values.shape[0] * scale)))
+    small = cv2.resize(np.asarray(values, np.float32), size, interpolation=cv2.INTER_AREA)
+    colors = mpl.colormaps[HEAT](small / max(float(small.max()), 1e-12))[:, :, :3]
+    with BytesIO() as file:
+        Pillow.fromarray(np.asarray((colors * 255).round(), np.uint8)).save(file, format="PNG")
+        return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()

@@ -1,0 +1,22 @@
+"""A table that can be sorted, as a part of a report."""
+
+from collections.abc import Sequence
+
+from saccade.viewing.page import Section
+from saccade.viewing.report import Part
+
+
+def table_part(
+    section: Section, columns: Sequence[str], rows: Sequence[Sequence[str]], first: str = "name"
+) -> Part:
+    """A table of words and numbers.
+
+    Args:
+        section: heading, text, facts and links.
+        columns: their headings.
+        rows: one cell for each column; the first names the row.
+        first: the heading of the first column where it has none.
+    """
+    rows = [list(row) for row in rows]
+    data = {"title": section.heading, "columns": list(columns), "rows": rows, "first": first}
+    return Part(section, "table", data)

@@ -1,0 +1,112 @@
+"use strict";
+/* Two photographs, and lines between what they share. */
+
+kinds.match = (element, data) => {
+  const count = data.xy.length / 4;
+  const shown = { inliers: true, others: true };
+  let chosen = -1;
+  const canvas = make("canvas", {
+    class: "pair", role: "img", "aria-label": `Two photographs with ${count} matches`,
+  });
+  const detail = make("div", { class: "detail", "aria-live": "polite" });
+  const field = chooser("Match", count, (index) => choose(index));
+  const [left, right] = data.images.map((each) => {
+    const image = new Image();
+    image.addEventListener("load", draw);
+    image.src = each.address;
+    return { image, width: each.width, height: each.height };
+  });
+  const inlier = (i) => !data.inlier || data.inlier[i] === 1;
+
+  /** Where the two photographs lie: side by side, or one above the other where it is narrow. */
+  function layout() {
+    const wide = canvas.clientWidth, gap = 6;
+    if (wide < 560) {
+      const scales = [wide / left.width, wide / right.width];
+      return { scales, x: 0, y: left.height * scales[0] + gap, high: left.height * scales[0] + gap + right.height * scales[1] };
+    }
+    const scale = (wide - gap) / (left.width + right.width);
+    return { scales: [scale, scale], x: left.width * scale + gap, y: 0, high: Math.max(left.height, right.height) * scale };
+  }
+  const ends = (i, { scales, x, y }) => [
+    data.xy[4 * i] * scales[0], data.xy[4 * i + 1] * scales[0],
+    data.xy[4 * i + 2] * scales[1] + x, data.xy[4 * i + 3] * scales[1] + y,
+  ];
+
+  function draw() {
+    const place = layout();
+    canvas.style.height = `${place.high}px`;
+    const context = sized(canvas);
+    context.drawImage(left.image, 0, 0, left.width * place.scales[0], left.height * place.scales[0]);
+    context.drawImage(right.image, place.x, place.y, right.width * place.scales[1], right.height * place.scales[1]);
+    const lines = (wanted, color, dash) => {
+      context.setLineDash(dash);
+      context.strokeStyle = context.fillStyle = color;
+      context.lineWidth = 1;
+      context.globalAlpha = chosen < 0 ? 0.75 : 0.2;
+      context.beginPath();
+      for (let i = 0; i < count; i++) {
+        if (inlier(i) !== wanted) continue;
+        const [x1, y1, x2, y2] = ends(i, place);
+        context.moveTo(x1, y1);
+        context.lineTo(x2, y2);
+      }
+      context.stroke();
+      context.setLineDash([]);
+      context.globalAlpha = 1;
+    };
+    if (shown.others) lines(false, "#ff8a4c", [4, 4]);
+    if (shown.inliers) lines(true, "#2ce0a8", []);
+    if (chosen < 0) return;
+    const [x1, y1, x2, y2] = ends(chosen, place);
+    outlined(context, ON_PHOTO.chosen, 3, () => {
+      context.moveTo(x1, y1);
+      context.lineTo(x2, y2);
+      for (const [x, y] of [[x1, y1], [x2, y2]]) {
+        context.moveTo(x + 8, y);
+        context.arc(x, y, 8, 0, 2 * Math.PI);
+      }
+    });
+  }
+
+  function choose(index) {
+    chosen = index;
+    field.set(index);
+    element.dataset.match = index;
+    tell();
+    draw();
+  }
+  function tell() {
+    detail.replaceChildren();
+    if (chosen < 0) {
+      detail.append(make("p", { class: "hint" }, "Click near the end of a line to see one match alone."));
+      return;
+    }
+    const at = (i) => `${short(data.xy[4 * chosen + i], 1)}, ${short(data.xy[4 * chosen + i + 1], 1)} px`;
+    const rows = [["first", at(0)], ["second", at(2)],
+      ["sizes", `${short(data.size[2 * chosen], 1)} px and ${short(data.size[2 * chosen + 1], 1)} px`]];
+    if (data.distance) rows.push(["distance", short(data.distance[chosen], 0)]);
+    if (data.inlier) rows.push(["agrees", inlier(chosen) ? "yes, an inlier" : "no"]);
+    detail.append(factsOf(rows));
+  }
+  canvas.addEventListener("click", (event) => {
+    const edge = canvas.getBoundingClientRect(), place = layout();
+    const x = event.clientX - edge.left, y = event.clientY - edge.top;
+    let best = -1, least = FOUND;
+    for (let i = 0; i < count; i++) {
+      if (!shown[inlier(i) ? "inliers" : "others"]) continue;
+      const [x1, y1, x2, y2] = ends(i, place);
+      const apart = Math.min(Math.hypot(x1 - x, y1 - y), Math.hypot(x2 - x, y2 - y));
+      if (apart < least) [best, least] = [i, apart];
+    }
+    choose(best);
+  });
+  const redrawn = (key) => (on) => { shown[key] = on; draw(); };
+  const layers = [toggle(data.inlier ? "inliers" : "matches", "green", true, redrawn("inliers"))];
+  if (data.inlier) layers.push(toggle("other matches", "red", true, redrawn("others")));
+  element.append(make("div", { class: "stage" },
+    make("div", { class: "main" }, canvas, make("div", { class: "layers" }, ...layers)),
+    make("div", { class: "side" }, field.element, detail)));
+  new ResizeObserver(draw).observe(element);
+  tell();
+};
