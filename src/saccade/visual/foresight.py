@@ -120,6 +120,7 @@ class TurnDrift:
     rate: float = 0.0
     """Radians per second."""
     variance: float = 0.02**2
+    """Of the rate."""
 
     def taken_off(self, control: FloatArray, seconds: float) -> FloatArray:
         """A control (3,) by odometry without it; half of a turn happens before half of the way."""

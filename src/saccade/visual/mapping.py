@@ -19,6 +19,8 @@ from saccade.visual.road import WHITE, RoadMotion, Scale
 
 STRETCH = 1e-3
 """Share by which the map may be too large or too small; its scale is known ten times less well."""
+STILL = 0.02
+"""Standard deviation of the turn rate, in rad/s, that odometry may always be off by."""
 SHORTEST = 0.05
 """Metres of a step by which odometry and camera are compared."""
 
@@ -49,7 +51,7 @@ class VisualMap:
         self._drive, self._config = drive, config
         ahead, turn = config.acceleration
         self.plane = Plane(float(np.radians(config.tilt_sigma)))
-        self._drift = TurnDrift()
+        self._drift = TurnDrift(variance=STILL**2 + (drive.odometry_bias[1] * _speed(drive)) ** 2)
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
         self._foresight = Foresight(np.array([ahead, ahead / 4, turn]))
 
@@ -238,3 +240,9 @@ class VisualMap:
         common[:, 0, 0] = together * np.square(share * seen.z[:, 0])
         common[:, 1, 1] = together * np.radians(degrees) ** 2
         return seen.covariance + common
+
+
+def _speed(drive: Drive) -> float:
+    """Metres per second of the whole drive by its odometry."""
+    seconds = float(drive.time[-1] - drive.time[0])
+    return float(np.hypot(*drive.control[:, :2].T).sum()) / seconds if seconds > 0 else 0.0
