@@ -12,6 +12,7 @@ LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
     "landmarks say where things are, and a map comes out."
 )
+SEED = 1
 FRAMES = 200
 """Of the simulated drive."""
 
@@ -97,7 +98,7 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
 
         driving = progress.add_task("all of it: a robot finds its way by its camera", total=None)
         driven = map_drive(
-            simulate_drive(DriveConfig(frames=FRAMES, frames_per_lap=FRAMES // 2)),
+            simulate_drive(DriveConfig(frames=FRAMES, frames_per_lap=FRAMES // 2), SEED),
             out / "drive",
             load_settings("visual"),
             lambda _, done, total: progress.update(driving, completed=done, total=total),
