@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 
 from circle import simulate
+from interrupting import interrupt_at
 from saccade import slam
 from saccade.errors import ConfigError
 from saccade.slam import Checkpoint, EkfConfig, Recorder
-
-
-def _interrupt_at(pose):
-    def progress(done, total):
-        if done >= pose:
-            raise KeyboardInterrupt
-
-    return progress
 
 
 def _same(one, two):
@@ -44,7 +37,7 @@ def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, 
     whole = slam.run(log, config, recorder=films[0])
     checkpoint = Checkpoint(tmp_path / "run.npz", every=0.0)
     with pytest.raises(KeyboardInterrupt):
-        slam.run(log, config, _interrupt_at(pose), recorder=films[1], checkpoint=checkpoint)
+        slam.run(log, config, interrupt_at(pose), recorder=films[1], checkpoint=checkpoint)
     again = Checkpoint(tmp_path / "run.npz", every=0.0)
     resumed = slam.run(log, config, recorder=films[2], checkpoint=again)
     assert again.resumed == checkpoint.step >= pose
@@ -61,7 +54,7 @@ def test_a_run_that_is_interrupted_many_times_is_still_the_same(rng, tmp_path):
     whole = slam.run(log, config)
     for pose in range(5, 60, 9):
         with pytest.raises(KeyboardInterrupt):
-            slam.run(log, config, _interrupt_at(pose), checkpoint=Checkpoint(tmp_path / "c.npz", 0))
+            slam.run(log, config, interrupt_at(pose), checkpoint=Checkpoint(tmp_path / "c.npz", 0))
     _same(whole, slam.run(log, config, checkpoint=Checkpoint(tmp_path / "c.npz", 0)))
 
 
@@ -69,7 +62,7 @@ def test_another_run_does_not_go_on_from_it(rng, tmp_path, caplog):
     log, _, _ = simulate(rng, steps=30)
     path = tmp_path / "run.npz"
     with pytest.raises(KeyboardInterrupt):
-        slam.run(log, EkfConfig(), _interrupt_at(20), checkpoint=Checkpoint(path, 0))
+        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, 0))
     moved = dataclasses.replace(log, observation=log.observation + 1e-9)
     written = path.read_bytes()
     for other, config in (
@@ -87,7 +80,7 @@ def test_a_broken_checkpoint_is_said_and_left(rng, tmp_path, caplog, damage):
     log, _, _ = simulate(rng, steps=30)
     path = tmp_path / "run.npz"
     with pytest.raises(KeyboardInterrupt):
-        slam.run(log, EkfConfig(), _interrupt_at(20), checkpoint=Checkpoint(path, 0))
+        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, 0))
     path.write_bytes(damage(path.read_bytes()))
     _same(slam.run(log, checkpoint=Checkpoint(path)), slam.run(log))
     assert "no checkpoint, or a broken one; beginning anew" in caplog.text

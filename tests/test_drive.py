@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from interrupting import interrupt_at
 from saccade import datasets, visual
 from saccade.datasets.steps import Steps, joined
 from saccade.errors import ConfigError, DriveError, ImageError
@@ -70,13 +71,6 @@ def test_a_drive_that_is_interrupted_goes_on_to_the_same_bits(drive, tmp_path, r
         dark = replace(frame, image=np.zeros_like(frame.image), right=None)
         return dark if number in (11, 12) else frame if right else replace(frame, right=None)
 
-    def until(frame):
-        def progress(done, total):
-            if done == frame:
-                raise KeyboardInterrupt
-
-        return progress
-
     lens = drive.camera if right else replace(drive.camera, baseline=0.0)
     some = replace(changed(drive, seen), camera=lens).until(24)
     films = [Recorder(8), Recorder(8)]
@@ -84,7 +78,7 @@ def test_a_drive_that_is_interrupted_goes_on_to_the_same_bits(drive, tmp_path, r
     for frame in (1, 12, 17):
         recorder, kept = Recorder(8), Checkpoint(tmp_path / "c.npz", 0)
         with pytest.raises(KeyboardInterrupt):
-            visual.run(some, None, until(frame), recorder=recorder, checkpoint=kept)
+            visual.run(some, None, interrupt_at(frame), recorder=recorder, checkpoint=kept)
     kept = Checkpoint(tmp_path / "c.npz", 0)
     resumed = visual.run(some, recorder=films[1], checkpoint=kept)
     assert kept.resumed == 17

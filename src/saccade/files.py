@@ -13,11 +13,12 @@ VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 
 @contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its name when the block ends well.
+def whole_file(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
+    """A temporary path that takes the name of `path` when the block ends well.
 
     Args:
         path: the file to write; missing folders are made, an old file is replaced.
+        folder: where the temporary path is, on the same disk; beside `path` unless told otherwise.
 
     Yields:
         The path to write to; it has the same suffix as `path`.
@@ -27,17 +28,26 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".saccade-", suffix=path.suffix, dir=path.parent)
+        for each in (folder or path.parent, path.parent):
+            each.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            prefix=".saccade-", suffix=path.suffix, dir=folder or path.parent
+        )
         os.close(handle)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
     temporary = Path(name)
     try:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def reason_of(error: Exception) -> str:
+    """What is wrong, in the words of the operating system where it is its business."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if number else str(error) or type(error).__name__

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from saccade.batch.sources import Item, remote_system
-from saccade.batch.store import reason_of
 from saccade.errors import ImageError
+from saccade.files import reason_of
 from saccade.types import Image
 
 _open = threading.local()

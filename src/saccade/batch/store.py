@@ -1,6 +1,5 @@
 """The folder or bucket that results go to: files appear in it whole or not at all."""
 
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from typing import Any, Protocol
 
 from saccade.batch.sources import remote_system
 from saccade.errors import OutputError
+from saccade.files import reason_of, whole_file
 
 LEFTOVERS = ".partial"
 """Folder of files that are being written; hidden from those who read the data set."""
@@ -76,22 +76,8 @@ class Folder:
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """A temporary path; the file appears when the block ends well."""
-        path = self._root / name
-        temporary = None
-        try:
-            for folder in (self._root / LEFTOVERS, path.parent):
-                folder.mkdir(parents=True, exist_ok=True)
-            handle, made = tempfile.mkstemp(suffix=path.suffix, dir=self._root / LEFTOVERS)
-            os.close(handle)
-            temporary = Path(made)
+        with whole_file(self._root / name, self._root / LEFTOVERS) as temporary:
             yield temporary
-            temporary.chmod(0o644)
-            temporary.replace(path)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
-        finally:
-            if temporary is not None:
-                temporary.unlink(missing_ok=True)
 
     def remove(self, name: str) -> None:
         """Take a file away, if it is there."""
@@ -154,12 +140,6 @@ class Remote:
     def locked(self) -> Iterator[None]:
         """A bucket has no locks: who starts two runs at once does some work twice."""
         yield
-
-
-def reason_of(error: Exception) -> str:
-    """What is wrong, in the words of the operating system where it is its business."""
-    number = getattr(error, "errno", None)
-    return os.strerror(number) if number else str(error) or type(error).__name__
 
 
 def _lock(file: Any, place: str) -> None:

@@ -34,7 +34,7 @@ def from_pixels(camera: Camera, xy: FloatArray, depth: FloatArray) -> FloatArray
     Returns:
         (k, 3) metres ahead, to the left and up.
     """
-    return camera.place + (_directions(camera, xy) * depth[:, None]) @ camera.rotation.T
+    return camera.place + (directions(camera, xy) * depth[:, None]) @ camera.rotation.T
 
 
 def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -99,7 +99,7 @@ def range_bearing(
     across, down, along = (
         camera.rotation[:2, 0] / camera.fx,
         camera.rotation[:2, 1] / camera.fy,
-        (_directions(camera, xy) @ camera.rotation.T)[:, :2],
+        (directions(camera, xy) @ camera.rotation.T)[:, :2],
     )
     spread = np.stack(
         [
@@ -118,7 +118,7 @@ def some(seen: Sightings, index: npt.NDArray[Any]) -> Sightings:
     return Sightings(seen.z[index], seen.covariance[index], seen.height[index])
 
 
-def _directions(camera: Camera, xy: FloatArray) -> FloatArray:
+def directions(camera: Camera, xy: FloatArray) -> FloatArray:
     """(k, 3) in the camera's frame, one metre along the optical axis."""
     across, down = (xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy
     return np.stack([across, down, np.ones(len(xy))], 1)

@@ -1,11 +1,11 @@
 """How a drive is looked at and mapped."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias, get_args
 
 from saccade.errors import require
 
-SELECTIONS = (
+Selection: TypeAlias = Literal[
     "strength",
     "random",
     "range",
@@ -14,28 +14,20 @@ SELECTIONS = (
     "proven",
     "proven-range",
     "proven-spread",
-)
+]
 """How the points that become landmarks may be chosen."""
-DETECTORS = ("sift", "must", "symroid")
+DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
 """What finds them."""
+SELECTIONS, DETECTORS = get_args(Selection), get_args(DetectorName)
 
 
 @dataclass(frozen=True)
 class VisualConfig:
     """How camera frames and odometry become a map."""
 
-    detector: Literal["sift", "must", "symroid"] = "sift"
+    detector: DetectorName = "sift"
     """What finds points that may become landmarks."""
-    selection: Literal[
-        "strength",
-        "random",
-        "range",
-        "contrast",
-        "symmetry",
-        "proven",
-        "proven-range",
-        "proven-spread",
-    ] = "proven-range"
+    selection: Selection = "proven-range"
     """Which of them do: the strongest, any, those whose range is known best, the most salient by
     contrast or by symmetry, or those that were known again most surely while they were followed;
     of these with a sure range, or far from other landmarks in the image."""

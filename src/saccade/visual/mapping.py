@@ -162,14 +162,14 @@ class VisualMap:
         return self.ekf.landmark_covariances + scale
 
     def moved(self, number: int, before: FloatArray, told: int) -> None:
-        """Remember how the robot moved, once all that the frame showed is in.
+        """Remember how the robot moved, for `foretell`, once all that the frame showed is in.
 
         Args:
             number: of the frame.
             before: (3,) pose of the last one.
             told: sightings that said so.
         """
-        if number == 0:
+        if number == 0 or not self._ranged:
             return
         step = steps_between(np.stack([before, self.ekf.pose]))[0]
         blind = self._drive.control_covariance[number - 1]

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from saccade._jit import kernel
 from saccade.frames import Camera
 from saccade.types import Float32Array, FloatArray
+from saccade.visual.camera import directions
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Prior: TypeAlias = tuple[FloatArray, FloatArray]
@@ -277,9 +278,7 @@ def _first_guess(camera: Camera, pairs: Pairs) -> tuple[FloatArray, FloatArray] 
     known = pairs.sigma < 0.5 * pairs.inverse_depth
     if known.sum() < FEWEST:
         return None
-    focal = np.array([camera.fx, camera.fy])
-    flat = (pairs.before[known] - (camera.cx, camera.cy)) / focal
-    points = np.concatenate([flat, np.ones((len(flat), 1))], 1) / pairs.inverse_depth[known, None]
+    points = directions(camera, pairs.before[known]) / pairs.inverse_depth[known, None]
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     cv2.setRNGSeed(0)
     found, turn, shift, agree = cv2.solvePnPRansac(

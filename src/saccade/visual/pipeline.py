@@ -70,11 +70,10 @@ def run(
     """
     config = config or VisualConfig()
     pipeline = Pipeline(drive, config, memory)
-    state = {**pipeline.state, "recorder": recorder}
     done = 0
     if checkpoint is not None:
         data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
-        done = checkpoint.resume(drive, (config, *data), state)
+        done = checkpoint.resume(drive, (config, *data), {**pipeline.state, "recorder": recorder})
         pipeline.go_on_from(done)
     with side_by_side():
         for number in range(done, len(drive)):

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from saccade._jit import kernel
 from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray
+from saccade.visual.camera import directions
 from saccade.visual.following import ByteArray
 from saccade.visual.motion import Motion
 
@@ -64,8 +65,7 @@ class Road:
 
     def __init__(self, camera: Camera) -> None:
         self._camera, self._pixels = camera, _trapezoid(camera)
-        flat = (self._pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-        self._rays = np.concatenate([flat, np.ones((len(flat), 1))], 1)
+        self._rays = directions(camera, self._pixels.astype(np.float64))
 
     def motion(self, before: ByteArray, now: ByteArray, motion: Motion) -> RoadMotion | None:
         """How far the camera went between two images.

@@ -6,6 +6,7 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import Float32Array, FloatArray, IntArray
+from saccade.visual.camera import directions
 
 STEP_SHARE = 0.05
 """Standard deviation of the length of a step, as a share of it; over several steps it shrinks."""
@@ -57,8 +58,8 @@ class CameraWay:
         if len(frames) == 0:
             return np.zeros(0), np.zeros(0)
         R, t = self.since(frames)
-        here = _rays(camera, now)
-        there = (R @ _rays(camera, first)[:, :, None])[:, :, 0]
+        here = directions(camera, now.astype(np.float64))
+        there = (R @ directions(camera, first.astype(np.float64))[:, :, None])[:, :, 0]
         # depth here * here - depth there * there = t, by least squares
         a, b, c = ((u * v).sum(1) for u, v in ((here, here), (here, there), (there, there)))
         p, q = (here * t).sum(1), (there * t).sum(1)
@@ -72,9 +73,3 @@ class CameraWay:
         share = np.hypot(angle / np.maximum(sine, LEAST_PARALLAX), STEP_SHARE / np.sqrt(steps))
         known = meet & (depth > 0) & (other > 0)
         return np.where(known, depth, np.nan), np.where(known, depth * share, np.nan)
-
-
-def _rays(camera: Camera, xy: Float32Array) -> FloatArray:
-    """(k, 3) in the camera's frame, one metre along the optical axis."""
-    flat = (xy.astype(np.float64) - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
-    return np.concatenate([flat, np.ones((len(xy), 1))], 1)
