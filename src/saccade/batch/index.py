@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow.parquet as pq
 
 from saccade.batch.job import POINTS
 from saccade.batch.manifest import read_manifest
-from saccade.batch.shards import read_record
+from saccade.batch.shards import read_record, read_rows
 from saccade.batch.store import Folder
 from saccade.batch.tables import ENTRIES
 from saccade.errors import ConfigError, KeypointsError, require
@@ -230,8 +229,7 @@ def _kept(
     for file in store.names(what):
         counts = read_record(store, file, ["rows"])["rows"].to_numpy()
         starts = np.cumsum(counts) - counts
-        with store.open(f"{what}/{file}") as opened:
-            table = pq.read_table(opened, columns=["x", "y", "descriptor"])
+        table = read_rows(store, f"{what}/{file}", ["x", "y", "descriptor"])
         if len(table) != counts.sum():
             raise KeypointsError(f"{what}/{file}: expected {counts.sum()} rows, found {len(table)}")
         rank = np.arange(len(table)) - np.repeat(starts, counts)
