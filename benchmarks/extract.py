@@ -15,15 +15,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from importlib.resources import files
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source, shards, tables
 from saccade.batch.engines import Here, Processes
 from saccade.batch.export import read_points
+from saccade.batch.forking import begin_loading
 from saccade.batch.index import Found, Index, build_index
 from saccade.keypoints.sift_config import SiftConfig
 
@@ -33,6 +36,7 @@ LAP, NEAR = 40, 2
 PARTS = ("overhead", "workers", "memory", "start", "constants", "lookup")
 PEAK = """
 import resource, sys
+from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source
 from saccade.batch.export import read_points
 from saccade.batch.index import Found, Index, build_index
@@ -105,37 +109,40 @@ def overhead(folder: Path, runs: int) -> None:
     )
 
 
-def workers(folder: Path) -> None:
-    """One worker and two, and what two processes that share nothing gain."""
+def workers(folder: Path, runs: int) -> None:
+    """Two workers against one, in turns with loops that share nothing: what the machine allows."""
     source = open_source(str(folder))
-    took = {}
-    for count in (1, 2):
-        with tempfile.TemporaryDirectory() as out:
-            marks: list[float] = []
-            extract(
-                source,
-                JOB,
-                out,
-                Processes(count),
-                watch=lambda _, m=marks: m.append(time.perf_counter()),
+    paths = sorted(str(path) for path in folder.glob("*.jpg"))
+    rows = []
+    with ProcessPoolExecutor(2, begin_loading()) as pool:
+        list(pool.map(loop, [paths[:8]] * 4))  # all is loaded
+        for _ in range(runs):
+            times = []
+            for count in (1, 2):
+                loops = [paths[::2], paths[1::2]] if count == 2 else [paths]
+                times.append(seconds(lambda each=loops: list(pool.map(loop, each))))
+                with tempfile.TemporaryDirectory() as out:
+                    engine = Processes(count)
+                    times.append(seconds(lambda e=engine, o=out: extract(source, JOB, o, e)))
+            rows.append(times)
+            print(
+                "  loop, worker, two loops, two workers: {:.2f} {:.2f} {:.2f} {:.2f} s".format(
+                    *times
+                )
             )
-            skipped = 2 * count  # every worker has loaded what it needs
-            took[count] = (marks[-1] - marks[skipped - 1]) / (len(marks) - skipped)
-    script = (
-        "import sys, time\nfrom pathlib import Path\nimport cv2\n"
-        "from saccade import Sift, read_image\ncv2.setNumThreads(1)\nsift = Sift(threads=1)\n"
-        "paths = sorted(Path(sys.argv[1]).glob('*.jpg'))[:60]\n"
-        "[sift(read_image(p)) for p in paths[:5]]\nstart = time.perf_counter()\n"
-        "[sift(read_image(p)) for p in paths]\nprint(time.perf_counter() - start)\n"
-    )
-    alone = [float(subprocess.check_output([sys.executable, "-c", script, folder]))]
-    both = [
-        subprocess.Popen([sys.executable, "-c", script, folder], stdout=subprocess.PIPE, text=True)
-        for _ in range(2)
-    ]
-    together = [float(each.communicate()[0]) for each in both]
-    print(f"two workers: {took[1] / took[2]:.2f} times one")
-    print(f"two loops that share nothing: {2 * alone[0] / np.mean(together):.2f} times one")
+    loop1, worker1, loop2, worker2 = np.transpose(rows)
+    ceiling, gain = loop1 / loop2, worker1 / worker2
+    print(f"two workers: {np.median(gain):.2f} times one (median of {runs}, best {gain.max():.2f})")
+    print(f"two loops that share nothing: {np.median(ceiling):.2f} (best {ceiling.max():.2f})")
+    print(f"two workers over two loops: {np.median(loop2 / worker2):.2f}")
+
+
+def loop(paths: list[str]) -> None:
+    """Detect in every image, and throw away what is found."""
+    cv2.setNumThreads(1)
+    sift = Sift(threads=1)
+    for path in paths:
+        sift(read_image(path))
 
 
 def memory() -> None:
@@ -263,7 +270,7 @@ def main() -> None:
         photographs(folder, options.pairs, options.images)
         parts = {
             "overhead": lambda: overhead(folder, options.runs),
-            "workers": lambda: workers(folder),
+            "workers": lambda: workers(folder, options.runs),
             "memory": memory,
             "start": lambda: start(folder, options.runs),
             "constants": lambda: constants(folder),
