@@ -1,0 +1,41 @@
+"""What the site needs beside MkDocs: pictures made by the code, and formulas as MathML."""
+
+import re
+from html import unescape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+ROOT = Path(__file__).parents[2]
+OUTSIDE = re.compile(r'href="\.\./(src|examples|benchmarks|tests)/')
+
+
+def on_pre_build(config: Any) -> None:
+    """Make the pictures, as far as they are older than what they are made of."""
+    import sys
+
+    sys.path.insert(0, str(Path(__file__).parent))
+    from pictures import make_all
+
+    make_all(ROOT / "docs" / "pictures")
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Every formula as MathML: browsers set it without a script, and readers read it aloud."""
+    return FORMULA.sub(_formula, html)
+
+
+def on_post_build(config: Any) -> None:
+    """Ship the font that formulas are set in; it comes with ziamath, under the SIL licence."""
+    font = files("ziamath.fonts") / "STIXTwoMath-Regular.ttf"
+    (Path(config.site_dir) / "assets" / "STIXTwoMath.ttf").write_bytes(font.read_bytes())
+
+
+def _formula(found: re.Match[str]) -> str:
+    tag, kind, tex = found.groups()
+    display = "block" if kind == "[" else "inline"
+    mathml = convert(unescape(tex).strip(), display=display)
+    return f'<{tag} class="formula">{mathml}</{tag}>'
