@@ -2,15 +2,15 @@
 
 import re
 from html import unescape
-from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 from latex2mathml.converter import convert
 
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 ROOT = Path(__file__).parents[2]
-OUTSIDE = re.compile(r'href="\.\./(src|examples|benchmarks|tests)/')
 
 
 def on_pre_build(config: Any) -> None:
@@ -30,8 +30,9 @@ def on_page_content(html: str, **_: Any) -> str:
 
 def on_post_build(config: Any) -> None:
     """Ship the font that formulas are set in; it comes with ziamath, under the SIL licence."""
-    font = files("ziamath.fonts") / "STIXTwoMath-Regular.ttf"
-    (Path(config.site_dir) / "assets" / "STIXTwoMath.ttf").write_bytes(font.read_bytes())
+    (package,) = find_spec("ziamath").submodule_search_locations
+    font = Path(package) / "fonts" / "STIXTwoMath-Regular.ttf"
+    copyfile(font, Path(config.site_dir) / "assets" / "STIXTwoMath.ttf")
 
 
 def _formula(found: re.Match[str]) -> str:
