@@ -23,6 +23,13 @@ def on_pre_build(config: Any) -> None:
     make_all(ROOT / "docs" / "pictures")
 
 
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """The changelog of the repository, its links as seen from here."""
+    if page.file.src_uri != "changelog.md":
+        return markdown
+    return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
+
+
 def on_page_content(html: str, **_: Any) -> str:
     """Every formula as MathML: browsers set it without a script, and readers read it aloud."""
     return FORMULA.sub(_formula, html)
