@@ -1,4 +1,7 @@
-"""The pictures of the site: those of the examples, and those of the pages."""
+"""The pictures of the site: those of the examples, and those of the pages.
+
+`python docs/making/pictures.py` makes the one that the README shows.
+"""
 
 import hashlib
 import os
@@ -13,6 +16,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -66,6 +71,37 @@ def _state() -> str:
 def photo(name: str) -> np.ndarray:
     """One of the photographs that ship with the package."""
     return saccade.read_image(DATA / f"{name}.jpg")
+
+
+def story() -> Figure:
+    """The whole in four panels: where to look, what to keep, where things are."""
+    image = photo("astronaut")
+    maps = saccade.attention_saliency(image)
+    path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
+    points = saccade.Sift(saccade.SiftConfig(max_keypoints=120, spread=True))(image)
+    figure = Figure(figsize=(13, 3.35), layout="compressed", dpi=110)
+    panels = figure.subplots(1, 4)
+    panels[0].imshow(image)
+    draw_scanpath(panels[0], path)
+    picture_axes(panels[0], "an image, and where to look")
+    lit = viewing.attention.lit_by(image, maps.saliency)
+    panels[1].imshow(lit)
+    picture_axes(panels[1], "what attention leaves in the light")
+    panels[2].imshow(image)
+    draw_keypoints(panels[2], points)
+    picture_axes(panels[2], "what to keep")
+    _draw_park(panels[3])
+    picture_axes(panels[3], "where things are, and how sure that is")
+    return figure
+
+
+def _draw_park(axes: Axes) -> None:
+    _, run = _park()
+    outlines = viewing.maps.ellipse_outlines(run.map.xy, run.map.covariance)
+    axes.plot(*run.trajectory.pose[:, :2].T, color=BLUE, linewidth=0.9)
+    axes.add_collection(PolyCollection([*outlines], **viewing.maps.ELLIPSE))
+    axes.plot(*run.map.xy.T, ".", color="black", markersize=2.5)
+    axes.set_aspect("equal")
 
 
 def pyramid() -> Figure:
@@ -241,7 +277,7 @@ def interest_points() -> Figure:
     return figure
 
 
-def _draw_descriptor(axes: object, image: np.ndarray, point: "saccade.Keypoints") -> None:
+def _draw_descriptor(axes: Axes, image: np.ndarray, point: "saccade.Keypoints") -> None:
     """Sixteen stars of eight rays over the patch that they describe, turned upright."""
     side = 320
     scale = 6 * float(point.size[0]) / side  # twelve scales are the descriptor's side
@@ -336,6 +372,7 @@ def film_frame() -> Figure:
 
 
 PAGES: "dict[str, Callable[[], Figure]]" = {
+    "story": story,
     "pyramid": pyramid,
     "attention-steps": attention_steps,
     "promotion": promotion,
@@ -352,3 +389,6 @@ PAGES: "dict[str, Callable[[], Figure]]" = {
     "film": film_frame,
 }
 """By the name of the file."""
+
+if __name__ == "__main__":
+    viewing.save_figure(story(), ROOT / "docs" / "story.jpg")
