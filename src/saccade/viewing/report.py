@@ -21,8 +21,8 @@ from saccade.viewing.page import Section, section_html, web_file, whole_page
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
-    "image": ("image.js",),
-    "match": ("image.js", "match.js"),
+    "image": ("photo.js", "image.js"),
+    "match": ("photo.js", "match.js"),
     "table": ("table.js",),
 }
 """Of each kind of part, beside those of every page."""
@@ -49,10 +49,9 @@ class Part:
     @cached_property
     def html(self) -> str:
         """As it stands on the page."""
-        text = json.dumps(_plain(self.data), separators=(",", ":"), allow_nan=False)
-        text = text.replace("<", "\\u003c")  # no word in it ends the element
         inside = f'\n<div class="part" data-kind="{self.kind}">'
-        inside += f'<script type="application/json">{text}</script></div>\n'
+        data = script_data(self.data)
+        inside += f'<script type="application/json">{data}</script></div>\n'
         return section_html(self.section, inside)
 
 
@@ -70,7 +69,7 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     styles = [web_file(name) for name in ("page.css", "uPlot.min.css", "report.css")]
     policy = (
         "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'; "
-        f"style-src {_hashes(styles)}; script-src {_hashes(scripts)}"
+        f"style-src {hashes(styles)}; script-src {hashes(scripts)}"
     )
     head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
     head += '<meta name="color-scheme" content="light dark">\n'
@@ -88,6 +87,22 @@ def jpeg(picture: npt.NDArray[np.uint8], quality: int = 80) -> str:
         return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
 
 
+def as_json(data: Mapping[str, Any]) -> str:
+    """What a script of ours is given: JSON, and arrays of numbers packed in it."""
+    return json.dumps(_plain(data), separators=(",", ":"), allow_nan=False)
+
+
+def script_data(data: Mapping[str, Any]) -> str:
+    """The same inside of a script element: no word in it ends the element."""
+    return as_json(data).replace("<", "\\u003c")
+
+
+def hashes(texts: Sequence[str]) -> str:
+    """The sources of a Content-Security-Policy that allow scripts or styles of these texts."""
+    digests = (hashlib.sha256(text.encode()).digest() for text in texts)
+    return " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in digests)
+
+
 def _plain(value: Any) -> Any:
     """A value as JSON knows it; arrays are packed, what is not finite is null."""
     if isinstance(value, np.ndarray):
@@ -103,8 +118,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     return value
-
-
-def _hashes(texts: Sequence[str]) -> str:
-    digests = (hashlib.sha256(text.encode()).digest() for text in texts)
-    return " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in digests)
