@@ -6,7 +6,6 @@ Host is another). Neither gets in.
 """
 
 from collections.abc import Mapping
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
@@ -69,10 +68,8 @@ class Guard:
         if host not in self._hosts:
             return "this server answers to its own name only"
         origin = headers.get("origin")
-        if origin is not None:
-            parts = urlsplit(origin.lower())
-            if parts.scheme != "http" or parts.netloc != host:
-                return "another page asked"
+        if origin is not None and origin.lower() != f"http://{host}":
+            return "another page asked"
         followed = method == "GET" and headers.get("sec-fetch-mode") == "navigate"
         if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not followed:
             return "another page asked"

@@ -45,20 +45,12 @@ def image_part(
     """
     points = None if keypoints is None else keypoints[:MOST_POINTS]
     data: dict[str, Any] = {
-        "image": _photograph(image, longest),
-        "maps": [{"name": name, "address": _heat(values)} for name, values in maps.items()],
-        "scanpath": {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency},
+        "image": photograph(image, longest),
+        "maps": [{"name": name, "address": heat(values)} for name, values in maps.items()],
+        "scanpath": scanpath_data(path),
     }
     if points is not None:
-        data["points"] = {
-            "xy": points.xy.ravel(),
-            "size": points.size,
-            "angle": points.angle,
-            "response": points.response,
-            "octave": points.octave,
-        }
-        if points.descriptors is not None:
-            data["points"]["descriptor"] = points.descriptors.ravel()
+        data["points"] = points_data(points)
     return Part(section, "image", data)
 
 
@@ -81,7 +73,7 @@ def match_part(
     every = slice(None, None, len(pairs) // MOST_MATCHES + 1)
     shown = pairs[every]
     data: dict[str, Any] = {
-        "images": [_photograph(image, LONGEST) for image in images],
+        "images": [photograph(image) for image in images],
         "xy": np.hstack([keypoints[i].xy[shown[:, i]] for i in (0, 1)]).ravel(),
         "size": np.stack([keypoints[i].size[shown[:, i]] for i in (0, 1)], 1).ravel(),
     }
@@ -94,7 +86,27 @@ def match_part(
     return Part(section, "match", data)
 
 
-def _photograph(image: Float32Array, longest: int) -> dict[str, Any]:
+def scanpath_data(path: Scanpath) -> dict[str, Any]:
+    """Fixations as the script of an image takes them."""
+    return {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency}
+
+
+def points_data(points: Keypoints) -> dict[str, Any]:
+    """Interest points, likewise."""
+    data: dict[str, Any] = {
+        "xy": points.xy.ravel(),
+        "size": points.size,
+        "angle": points.angle,
+        "response": points.response,
+        "octave": points.octave,
+    }
+    if points.descriptors is not None:
+        data["descriptor"] = points.descriptors.ravel()
+    return data
+
+
+def photograph(image: Float32Array, longest: int = LONGEST) -> dict[str, Any]:
+    """A photograph (H, W, 3) in [0, 1] as a JPEG, and its size; `longest` is of its longer side."""
     height, width = image.shape[:2]
     scale = min(1.0, longest / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -103,7 +115,7 @@ def _photograph(image: Float32Array, longest: int) -> dict[str, Any]:
     return {"address": jpeg(levels, 82), "width": width, "height": height}
 
 
-def _heat(values: Float32Array) -> str:
+def heat(values: Float32Array) -> str:
     """A map as the address of a PNG, from 0 to its maximum."""
     scale = min(1.0, SMALL / max(values.shape))
     size = (max(1, round(values.shape[1] * scale)), max(1, round(values.shape[0] * scale)))

@@ -167,9 +167,12 @@ kinds.image = (element, data) => {
   const pointBox = toggle("interest points", "orange", false, (on) => { shown.points = on; draw(); }, "ring");
   const found = points && selection(element, "Point", points.size.length,
     "Point at an interest point to see its descriptor.", (index) => pointFacts(points, index), () => {
-      if (found.chosen >= 0 && !shown.points) pointBox.querySelector("input").click();
+      if (found.chosen >= 0) showPoints();
       draw();
     });
+  function showPoints() {
+    if (!shown.points) pointBox.querySelector("input").click();
+  }
   if (points) {
     const find = (event) => {
       if (!shown.points) return;
@@ -206,5 +209,5 @@ kinds.image = (element, data) => {
   }
   new ResizeObserver(draw).observe(canvas);
   change(data);
-  return { side, layers, change };
+  return { side, layers, change, showPoints };
 };
