@@ -115,8 +115,16 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
     },
 }
 """From, to and step of the slider of each number; a step of 0 is a factor, the same everywhere."""
-FIRST = 4
-"""Settings of a kind that are seen at once, with those that choose between words."""
+FIRST = {
+    "attention": ("contrast_weight", "symmetry_weight", "normalization"),
+    "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
+    "symmetry": ("kind", "outer", "sigma", "gain"),
+    "scanpath": ("inhibition_sigma", "inhibition_time_constant"),
+    "sift": ("contrast_threshold", "edge_ratio", "max_keypoints", "spread"),
+    "must": ("contrast_threshold", "reach", "falloff", "max_keypoints"),
+    "symroid": ("seed_threshold", "growth_threshold", "relative_to", "max_keypoints"),
+}
+"""Settings that are seen at once, in this order."""
 
 
 def controls() -> dict[str, Any]:
@@ -133,13 +141,13 @@ def _group(kind: str, title: str) -> dict[str, Any]:
 
     settings = load_settings(kind)
     own = [each.name for each in fields(settings) if not is_dataclass(getattr(settings, each.name))]
-    ranked = [*RANGES[kind], *(name for name in own if name not in RANGES[kind])]
+    ranked = [*FIRST[kind], *(name for name in own if name not in FIRST[kind])]
     help_of, hints = field_help(type(settings)), get_type_hints(type(settings))
     presets = {name: _values(kind, load_settings(kind, name)) for name in preset_names(kind)}
     return {
         "kind": kind,
         "title": title,
-        "first": FIRST,
+        "first": len(FIRST[kind]),
         "presets": presets,
         "fields": [
             {"name": name, "help": help_of.get(name, ""), **_input(kind, name, hints[name])}

@@ -30,7 +30,7 @@ function slider(field, heard) {
       heard(value);
     },
   });
-  const words = make("output", { class: "value" });
+  const words = make("span", { class: "value" });
   function tell(value) {
     words.textContent = plain(value);
     input.setAttribute("aria-valuetext", plain(value));
