@@ -192,7 +192,7 @@ kinds.image = (element, data) => {
     if (next.image) {
       image = next.image;
       photo.src = image.address;
-      box.style.aspectRatio = `${image.width} / ${image.height}`;
+      box.style.setProperty("--ratio", image.width / image.height);
     }
     if (next.maps) maps.renew(next.maps, next.map);
     if (next.points) {
