@@ -8,9 +8,10 @@ import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from io import BytesIO
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -26,6 +27,10 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
     "table": ("table.js",),
 }
 """Of each kind of part, beside those of every page."""
+MOST = 4_500_000
+"""Letters of a part, so that a page with it stays under 5 MB."""
+PICTURE = 1_300_000
+"""Letters of one picture, likewise."""
 _PACKED = ("float32", "int32", "int16", "uint16", "uint8")
 """Kinds of numbers that a browser takes as they are in memory."""
 
@@ -80,11 +85,35 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     return whole_page(title, lead, body, head)
 
 
+def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Section:
+    """A section that says what of it was left out.
+
+    Args:
+        section: heading, text, facts and links.
+        thinned: by what they are called, how many there were, and of how many one is kept.
+    """
+    notes = [
+        f"Of {count:,} {name} one in {stride} is on this page."
+        for name, (count, stride) in thinned.items()
+        if stride > 1
+    ]
+    return replace(section, text=" ".join([section.text, *notes]))
+
+
 def jpeg(picture: npt.NDArray[np.uint8], quality: int = 80) -> str:
-    """A picture (h, w) or (h, w, 3) in RGB as the address of a JPEG that holds it."""
+    """A picture (h, w) or (h, w, 3) in RGB as the address of a JPEG that holds it.
+
+    One of noise gets a lower quality, so that it has at most `PICTURE` letters.
+    """
     with BytesIO() as file:
         Pillow.fromarray(picture).save(file, format="JPEG", quality=quality, optimize=True)
-        return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
+        address = "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
+    return address if len(address) <= PICTURE or quality < 10 else jpeg(picture, quality // 2)
+
+
+def png_file(path: Path) -> str:
+    """The address of a PNG that holds what is in a file."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
 
 
 def as_json(data: Mapping[str, Any]) -> str:

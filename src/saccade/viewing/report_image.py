@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Mapping
+from functools import cache
 from io import BytesIO
 from typing import Any
 
@@ -13,7 +14,7 @@ from PIL import Image as Pillow
 
 from saccade.types import Float32Array, IntArray, Keypoints, Scanpath
 from saccade.viewing.page import Section
-from saccade.viewing.report import Part, jpeg
+from saccade.viewing.report import Part, jpeg, with_notes
 from saccade.viewing.style import HEAT
 
 LONGEST = 1200
@@ -70,8 +71,10 @@ def match_part(
         pairs: (m, 2) indices into the two.
         inliers: (m,) which of them agree with one geometry; None where that was not asked.
     """
-    every = slice(None, None, len(pairs) // MOST_MATCHES + 1)
+    stride = -(-len(pairs) // MOST_MATCHES) or 1
+    every = slice(None, None, stride)
     shown = pairs[every]
+    section = with_notes(section, {"matches": (len(pairs), stride)})
     data: dict[str, Any] = {
         "images": [photograph(image) for image in images],
         "xy": np.hstack([keypoints[i].xy[shown[:, i]] for i in (0, 1)]).ravel(),
@@ -120,7 +123,16 @@ def heat(values: Float32Array) -> str:
     scale = min(1.0, SMALL / max(values.shape))
     size = (max(1, round(values.shape[1] * scale)), max(1, round(values.shape[0] * scale)))
     small = cv2.resize(np.asarray(values, np.float32), size, interpolation=cv2.INTER_AREA)
-    colors = mpl.colormaps[HEAT](small / max(float(small.max()), 1e-12))[:, :, :3]
+    levels = np.asarray((small * (255 / max(float(small.max()), 1e-12))).round(), np.uint8)
+    picture = Pillow.fromarray(levels, "L")
+    picture.putpalette(_palette())
     with BytesIO() as file:
-        Pillow.fromarray(np.asarray((colors * 255).round(), np.uint8)).save(file, format="PNG")
+        picture.save(file, format="PNG")
         return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
+
+
+@cache
+def _palette() -> bytes:
+    """The 256 colors of a map."""
+    colors = mpl.colormaps[HEAT](np.arange(256))[:, :3]
+    return np.asarray((colors * 255).round(), np.uint8).tobytes()
