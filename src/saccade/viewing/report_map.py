@@ -127,11 +127,11 @@ def _map_part(
     letters = [len(source["address"]) for _, source in drawn]
     shown = _thinned(drawn, _stride(sum(letters), MOST_PICTURES * room))
     stretches = _stride(len(runs["name"]), MOST_RUNS * room)
-    dots = max((_stride(len(chart.time), MOST_DOTS) for chart in charts), default=1)
+    dots = max((len(chart.time) for chart in charts if chart.dots), default=0)
     notes = {
         "states of the map": (len(snapshots), every),
         "stretches in which a landmark was seen": (len(runs["name"]), stretches),
-        "values of the charts": (max((len(chart.time) for chart in charts), default=0), dots),
+        "innovations": (dots, _stride(dots, MOST_DOTS)),
     }
     drives = {"estimate": estimate, **ground.drives}
     data = {
