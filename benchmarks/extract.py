@@ -3,7 +3,7 @@
 - overhead: one process, 640x480, in shards as large as those of a job of 10000
 - two workers against one, beside what two independent loops gain at the same time on this machine
 - memory: the peak of a run over 1000 and over 10000 small images
-- start: from the command to its end on one image, against a script that only detects
+- start: from the command to the first image that is done, against a script that detects in one
 - lookup: how often the right image is first (`--only lookup --pairs DIR --hallway DIR`)
 - constants: what the arithmetic of docs/extract.md multiplies by millions
 """
@@ -15,15 +15,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from importlib.resources import files
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source, shards, tables
 from saccade.batch.engines import Here, Processes
 from saccade.batch.export import read_points
+from saccade.batch.forking import begin_loading
 from saccade.batch.index import Found, Index, build_index
 from saccade.keypoints.sift_config import SiftConfig
 
@@ -33,6 +36,7 @@ LAP, NEAR = 40, 2
 PARTS = ("overhead", "workers", "memory", "start", "constants", "lookup")
 PEAK = """
 import resource, sys
+from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source
 from saccade.batch.export import read_points
 from saccade.batch.index import Found, Index, build_index
@@ -105,37 +109,40 @@ def overhead(folder: Path, runs: int) -> None:
     )
 
 
-def workers(folder: Path) -> None:
-    """One worker and two, and what two processes that share nothing gain."""
+def workers(folder: Path, runs: int) -> None:
+    """Two workers against one, in turns with loops that share nothing: what the machine allows."""
     source = open_source(str(folder))
-    took = {}
-    for count in (1, 2):
-        with tempfile.TemporaryDirectory() as out:
-            marks: list[float] = []
-            extract(
-                source,
-                JOB,
-                out,
-                Processes(count),
-                watch=lambda _, m=marks: m.append(time.perf_counter()),
+    paths = sorted(str(path) for path in folder.glob("*.jpg"))
+    rows = []
+    with ProcessPoolExecutor(2, begin_loading()) as pool:
+        list(pool.map(loop, [paths[:8]] * 4))  # all is loaded
+        for _ in range(runs):
+            times = []
+            for count in (1, 2):
+                loops = [paths[::2], paths[1::2]] if count == 2 else [paths]
+                times.append(seconds(lambda each=loops: list(pool.map(loop, each))))
+                with tempfile.TemporaryDirectory() as out:
+                    engine = Processes(count)
+                    times.append(seconds(lambda e=engine, o=out: extract(source, JOB, o, e)))
+            rows.append(times)
+            print(
+                "  loop, worker, two loops, two workers: {:.2f} {:.2f} {:.2f} {:.2f} s".format(
+                    *times
+                )
             )
-            skipped = 2 * count  # every worker has loaded what it needs
-            took[count] = (marks[-1] - marks[skipped - 1]) / (len(marks) - skipped)
-    script = (
-        "import sys, time\nfrom pathlib import Path\nimport cv2\n"
-        "from saccade import Sift, read_image\ncv2.setNumThreads(1)\nsift = Sift(threads=1)\n"
-        "paths = sorted(Path(sys.argv[1]).glob('*.jpg'))[:60]\n"
-        "[sift(read_image(p)) for p in paths[:5]]\nstart = time.perf_counter()\n"
-        "[sift(read_image(p)) for p in paths]\nprint(time.perf_counter() - start)\n"
-    )
-    alone = [float(subprocess.check_output([sys.executable, "-c", script, folder]))]
-    both = [
-        subprocess.Popen([sys.executable, "-c", script, folder], stdout=subprocess.PIPE, text=True)
-        for _ in range(2)
-    ]
-    together = [float(each.communicate()[0]) for each in both]
-    print(f"two workers: {took[1] / took[2]:.2f} times one")
-    print(f"two loops that share nothing: {2 * alone[0] / np.mean(together):.2f} times one")
+    loop1, worker1, loop2, worker2 = np.transpose(rows)
+    ceiling, gain = loop1 / loop2, worker1 / worker2
+    print(f"two workers: {np.median(gain):.2f} times one (median of {runs}, best {gain.max():.2f})")
+    print(f"two loops that share nothing: {np.median(ceiling):.2f} (best {ceiling.max():.2f})")
+    print(f"two workers over two loops: {np.median(loop2 / worker2):.2f}")
+
+
+def loop(paths: list[str]) -> None:
+    """Detect in every image, and throw away what is found."""
+    cv2.setNumThreads(1)
+    sift = Sift(threads=1)
+    for path in paths:
+        sift(read_image(path))
 
 
 def memory() -> None:
@@ -156,25 +163,41 @@ def memory() -> None:
 
 
 def start(folder: Path, runs: int) -> None:
-    """One image, from nothing."""
-    one = sorted(folder.glob("*.jpg"))[0]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    """To the first image that is done, by the default of two cores and by one process.
+
+    With bytecode on disk, as pip leaves it.
+    """
+    some = folder / "some"
+    some.mkdir()
+    for path in sorted(folder.glob("*.jpg"))[:8]:
+        (some / path.name).write_bytes(path.read_bytes())
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
+    program = str(Path(sys.executable).with_name("saccade"))
+    command = [program, "extract", str(some), "--shard", "1", "--out"]
+    script = [sys.executable, "-c", BARE, str(some / "00000.jpg")]
     rows = []
-    for _ in range(runs):
+    for run in range(runs + 1):
         with tempfile.TemporaryDirectory() as out:
-            command = [str(Path(sys.executable).with_name("saccade")), "extract", str(one)]
             times = [
-                seconds(
-                    lambda w=words: subprocess.run(
-                        w, env=environment, check=True, capture_output=True
-                    )
-                )
-                for words in ([sys.executable, "-c", BARE, str(one)], [*command, "--out", out])
+                seconds(lambda: subprocess.run(script, env=environment, check=True)),
+                to_the_first([*command, f"{out}/2"], Path(out, "2"), environment),
+                to_the_first([*command, f"{out}/1", "--workers", "1"], Path(out, "1"), environment),
             ]
+        if run > 0:  # in the first, bytecode is written
             rows.append(times)
-    script, command = np.median(rows, axis=0)
-    print(f"start: {command:.2f} s for one image; a script that only detects {script:.2f} s")
-    print(f"start: {command - script:.2f} s are the command's")
+    bare, two, one = np.median(rows, axis=0)
+    print(f"start: a script that detects in one image {bare:.2f} s (median of {runs})")
+    for name, took in (("by default", two), ("--workers 1", one)):
+        print(f"start: the first record {name} {took:.2f} s: {took - bare:.2f} s more")
+
+
+def to_the_first(command: list[str], out: Path, environment: dict[str, str]) -> float:
+    """Seconds until the record of an image is there."""
+    start = time.perf_counter()
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL):
+        while not list(out.glob("images/part-*")):
+            time.sleep(0.005)
+        return time.perf_counter() - start
 
 
 def lookup(pairs: Path, hallway: Path) -> None:
@@ -247,7 +270,7 @@ def main() -> None:
         photographs(folder, options.pairs, options.images)
         parts = {
             "overhead": lambda: overhead(folder, options.runs),
-            "workers": lambda: workers(folder),
+            "workers": lambda: workers(folder, options.runs),
             "memory": memory,
             "start": lambda: start(folder, options.runs),
             "constants": lambda: constants(folder),

@@ -1,5 +1,6 @@
 """Small photographs, what is extracted of them, and processes that are killed at it."""
 
+import itertools
 import os
 import random
 import signal
@@ -71,21 +72,50 @@ def check_complete(source, out):
         assert recorded.content[name] == digest_of(path.read_bytes())
 
 
+def die_at_call(limit):
+    """kill -9 this process at its call of this number."""
+    calls = itertools.count(1)
+
+    def count(_frame, event, _argument):
+        if event.endswith("call") and next(calls) == limit:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.setprofile(count)
+
+
+def count_calls(work):
+    """How many calls this makes."""
+    calls = itertools.count()
+    sys.setprofile(lambda _frame, event, _argument: event.endswith("call") and next(calls))
+    work()
+    sys.setprofile(None)
+    return next(calls)
+
+
 def kill_many(source, out, kills):
-    """Begin as often as said, each time in a folder of its own, and kill -9 at a random moment."""
+    """Begin as often as said, each time in a folder of its own, and kill -9 at a random moment.
+
+    Half of the moments are calls of the work, which are the same however fast the machine is;
+    the other half are times, which come anywhere, in the midst of writing too.
+    """
     extract_here(source, out / "before")  # the children have all of it loaded
-    moments, took = random.Random(kills), 0.0
-    for number in range(kills + 1):
-        start = time.perf_counter()
+    start = time.perf_counter()
+    extract_here(source, out / "timed")
+    took = time.perf_counter() - start
+    calls = count_calls(lambda: extract_here(source, out / "counted"))
+    moments = random.Random(kills)
+    for number in range(1, kills + 1):
+        moment = moments.random()
         child = os.fork()
         if child == 0:
+            if number % 2:
+                die_at_call(int(moment * calls) + 1)
             extract_here(source, out / str(number))
             os._exit(0)
-        if number > 0:
-            time.sleep(moments.random() * took)
+        if number % 2 == 0:
+            time.sleep(moment * took)
             os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        took = took or time.perf_counter() - start
 
 
 if __name__ == "__main__":

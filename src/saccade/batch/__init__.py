@@ -10,8 +10,28 @@ What comes out is a folder of Parquet files:
     errors.parquet       the images that could not be done, and why; only if there are any
 """
 
-from saccade.batch.extraction import Extraction, extract
-from saccade.batch.job import Job
-from saccade.batch.sources import open_source
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from saccade.batch.extraction import Extraction, extract
+    from saccade.batch.job import Job
+    from saccade.batch.sources import open_source
+
+_HOME_OF = {
+    "Extraction": "extraction",
+    "Job": "job",
+    "extract": "extraction",
+    "open_source": "sources",
+}
 
 __all__ = ["Extraction", "Job", "extract", "open_source"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name when it is first used: workers load beside the one that hands out the work."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'saccade.batch' has no attribute {name!r}")
+    value = getattr(import_module(f"saccade.batch.{_HOME_OF[name]}"), name)
+    globals()[name] = value
+    return value

@@ -13,6 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from typing import Any, Protocol, TypeAlias
 
+from saccade.batch.forking import begin_loading
 from saccade.batch.shards import Report, Shard
 
 Work: TypeAlias = Callable[[Shard], Report]
@@ -140,14 +141,7 @@ def _one_by_one(work: Work, shards: list[Shard]) -> Iterator[Report]:
 
 def _start(workers: int) -> ProcessPoolExecutor:
     """Processes that are forked from one which has the libraries loaded, where that is possible."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        context: Any = multiprocessing.get_context("spawn")
-    else:
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["saccade.batch.shards", "saccade._jit"])
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # a process to a core is what is wanted
-    return ProcessPoolExecutor(workers, context, initializer=_prepare)
+    return ProcessPoolExecutor(workers, begin_loading(), initializer=_prepare)
 
 
 def _prepare() -> None:

@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import pyarrow.parquet as pq
 
 from saccade.batch.job import POINTS
 from saccade.batch.manifest import read_manifest, record_files
-from saccade.batch.shards import read_record
+from saccade.batch.shards import read_record, read_rows
 from saccade.batch.store import Store, open_store
 from saccade.batch.tables import ENTRIES
 from saccade.errors import ConfigError, OutputError
@@ -73,8 +72,7 @@ class Export(NamedTuple):
 
 
 def _shard(store: Store, what: str, file: str) -> Iterator[Extracted]:
-    with store.open(f"{what}/{file}") as opened:
-        table = pq.read_table(opened)
+    table = read_rows(store, f"{what}/{file}")
     xy = np.stack([table["x"].to_numpy(), table["y"].to_numpy()], axis=1)
     packed = table["descriptor"].combine_chunks()
     descriptors = np.frombuffer(packed.buffers()[1] or b"", np.uint8).reshape(-1, ENTRIES)

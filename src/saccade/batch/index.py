@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow.parquet as pq
 
 from saccade.batch.job import POINTS
 from saccade.batch.manifest import read_manifest
-from saccade.batch.shards import read_record
+from saccade.batch.shards import read_record, read_rows
 from saccade.batch.store import Folder
 from saccade.batch.tables import ENTRIES
 from saccade.errors import ConfigError, KeypointsError, require
@@ -230,8 +229,7 @@ def _kept(
     for file in store.names(what):
         counts = read_record(store, file, ["rows"])["rows"].to_numpy()
         starts = np.cumsum(counts) - counts
-        with store.open(f"{what}/{file}") as opened:
-            table = pq.read_table(opened, columns=["x", "y", "descriptor"])
+        table = read_rows(store, f"{what}/{file}", ["x", "y", "descriptor"])
         if len(table) != counts.sum():
             raise KeypointsError(f"{what}/{file}: expected {counts.sum()} rows, found {len(table)}")
         rank = np.arange(len(table)) - np.repeat(starts, counts)
@@ -245,15 +243,25 @@ def _empty(faiss: Any, store: Folder, what: str, most: int, count: int) -> Any:
     """An index of faiss's for `count` descriptors, which has learnt its cells from some."""
     if count < SMALL:
         return faiss.IndexFlatL2(ENTRIES)
-    cells = int(min(4 * count**0.5, count / TO_A_CELL))
+    cells = cells_for(count)
     share = min(LEARNT_FROM * cells / count, 1.0)
     chance = np.random.default_rng(0)
     some = [each[chance.random(len(each)) < share] for _, each in _kept(store, what, most)]
+    return empty_cells(faiss, cells, np.concatenate(some).astype(np.float32))
+
+
+def cells_for(count: int) -> int:
+    """How many cells `count` descriptors are sorted into."""
+    return int(min(4 * count**0.5, count / TO_A_CELL))
+
+
+def empty_cells(faiss: Any, cells: int, some: Float32Array) -> Any:
+    """An index of faiss's that has learnt its cells from some descriptors, (n, 128)."""
     centers = faiss.IndexFlatL2(ENTRIES)
     index = faiss.IndexIVFScalarQuantizer(
         centers, ENTRIES, cells, faiss.ScalarQuantizer.QT_8bit_direct, faiss.METRIC_L2, False
     )
     index.nprobe = PROBES
     index.own_fields = bool(centers.this.disown() is None)
-    index.train(np.concatenate(some).astype(np.float32))
+    index.train(some)
     return index

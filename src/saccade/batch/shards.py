@@ -81,10 +81,15 @@ def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> Rep
     return Report(len(todo), len(kept), sum(row["rows"] for row in made), failed)
 
 
+def read_rows(store: Store, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+    """What is in a Parquet file; Arrow's own `read_table` would load pandas."""
+    with store.open(name) as opened, pq.ParquetFile(opened) as file:
+        return file.read(columns)
+
+
 def read_record(store: Store, file: str, columns: Sequence[str] | None = None) -> pa.Table:
     """The record of a shard."""
-    with store.open(f"{RECORDS}/{file}") as opened:
-        return pq.read_table(opened, columns=columns)
+    return read_rows(store, f"{RECORDS}/{file}", columns)
 
 
 def kept_records(
@@ -194,5 +199,5 @@ def _writing(job: Job, store: Store, shard: Shard) -> Iterator[Any]:
 
 def _read_table(job: Job, store: Store, shard: Shard) -> tuple[pa.Table, Store | None]:
     """The table of an earlier run, and where its maps are if it has any."""
-    with store.open(f"{job.what}/{shard.file}") as opened:
-        return pq.read_table(opened), store if job.what in MAPS else None
+    table = read_rows(store, f"{job.what}/{shard.file}")
+    return table, store if job.what in MAPS else None

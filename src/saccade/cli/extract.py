@@ -1,5 +1,6 @@
 """`saccade extract`: features of many images, on one machine or on a cluster."""
 
+import os
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -92,6 +93,8 @@ def extract(
     """
     from saccade.extras import import_optional
 
+    if not (scheduler or cluster):
+        _begin_loading(source, workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
@@ -135,6 +138,16 @@ def extract(
     if result.totals.errors:
         say(f"{result.totals.errors} of {len(images)} images failed; see {out}/errors.parquet")
         raise typer.Exit(1)
+
+
+def _begin_loading(source: str, workers: int | None) -> None:
+    """Let workers load what they need while this process does: both take a second."""
+    from saccade.batch.forking import begin_loading
+    from saccade.files import IMAGE_SUFFIXES
+
+    one_image = source.lower().endswith(IMAGE_SUFFIXES) and Path(source).is_file()
+    if workers != 1 and os.cpu_count() != 1 and not one_image:
+        begin_loading("saccade.cli")
 
 
 @contextmanager
