@@ -78,6 +78,7 @@ def _root(
 ) -> None:
     logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)
     logging.getLogger("saccade").setLevel(logging.INFO)
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its list of fonts
 
 
 def main() -> None:
