@@ -215,9 +215,7 @@ def contrast_and_symmetry() -> Figure:
         "symmetry": saccade.symmetry_saliency(image).saliency,
     }
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-    for (left, right), (name, values) in zip(
-        figure.subplots(2, 2), models.items(), strict=True
-    ):
+    for (left, right), (name, values) in zip(figure.subplots(2, 2), models.items(), strict=True):
         left.imshow(image)
         draw_scanpath(left, saccade.scanpath(values, image.shape, fixations=5))
         picture_axes(left, f"five fixations by {name}")
