@@ -60,8 +60,9 @@ function boxOf(data, snapshots) {
     box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y);
     box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
   };
+  const end = data.snapshots.time[snapshots.length - 1] + 1e-4; // the truth may go on
   for (const drive of data.drives.filter((each) => each.name !== "odometry")) {
-    for (let i = 0; i < drive.xy.length; i += 2) add(drive.xy[i], drive.xy[i + 1]);
+    for (let i = 0; i < drive.time.length && drive.time[i] <= end; i++) add(drive.xy[2 * i], drive.xy[2 * i + 1]);
   }
   const last = snapshots.length - 1;
   for (let row = snapshots.first[last]; row < snapshots.first[last + 1]; row++) {
