@@ -173,4 +173,3 @@ def broken_array(values, chance: Random):
         changed.flat[chance.randrange(values.size)] = chance.choice((limits.min, limits.max))
         return changed
     return np.array(chance.choice(("text", 1.0, True)))
-

@@ -176,7 +176,9 @@ def _folder(folder: Path) -> None:
         cv2.imwrite(str(folder / "images" / f"{i}.png"), a_picture())
     _camera_file(folder)
     (folder / "times.txt").write_text("0.0\n0.1\n0.2\n")
-    (folder / "odometry.csv").write_text("time_s,ahead_mps,turn_radps\n0,1,0.1\n0.1,1,0.1\n0.2,1,0\n")
+    (folder / "odometry.csv").write_text(
+        "time_s,ahead_mps,turn_radps\n0,1,0.1\n0.1,1,0.1\n0.2,1,0\n"
+    )
     (folder / "groundtruth.tum").write_text("0 0 0 0 0 0 0 1\n0.2 1 0 0 0 0 0 1\n")
 
 
@@ -219,7 +221,9 @@ def _tracks(folder: Path) -> None:
 
 
 def _fixations(folder: Path) -> None:
-    (folder / "fixations.csv").write_text("image,viewer,index,x,y\na.png,1,0,3.5,4\na.png,1,1,9,9\n")
+    (folder / "fixations.csv").write_text(
+        "image,viewer,index,x,y\na.png,1,0,3.5,4\na.png,1,1,9,9\n"
+    )
 
 
 def _osie(folder: Path) -> None:
@@ -377,4 +381,3 @@ TARGETS = {
     "record": Target(_extracted, "out/images/part-0.parquet", _again),
     "tar": Target(_tar, "photos.tar", _untar),
 }
-
