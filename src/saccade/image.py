@@ -11,11 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import IMAGE_SUFFIXES
+from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE
 from saccade.types import Float32Array, Image
-
-LARGEST_IMAGE = 1 << 28
-"""Pixels; as float32 RGB they take 3 GB, and what is made of them several times that."""
 
 SILENT = 0
 """The least of OpenCV's levels of logging."""
@@ -94,16 +91,22 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
         try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         except cv2.error as error:
+            if "MAX_IMAGE" in str(error):
+                raise ImageError(_too_large(name, "more")) from error
             raise ImageError(f"{name}: cannot be decoded: {error.err}") from error
     if pixels is None:
         raise ImageError(f"{name}: expected an image (PNG, JPEG, TIFF, ...), found something else")
     height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
-        raise ImageError(
-            f"{name}: expected at most {LARGEST_IMAGE:,} pixels, found {width} x {height}; "
-            "make it smaller, or cut it up"
-        )
+        raise ImageError(_too_large(name, f"{width} x {height}"))
     return pixels
+
+
+def _too_large(name: str, found: str) -> str:
+    return (
+        f"{name}: expected at most {LARGEST_IMAGE:,} pixels, found {found}; "
+        "make it smaller, or cut it up"
+    )
 
 
 def find_images(source: str | Path) -> list[Path]:
