@@ -30,7 +30,7 @@ class Totals:
     """Images that have none."""
     shards: int = 0
     """Files of the table."""
-    others: int = 0
+    by_other_versions: int = 0
     """Images that another version of this package did."""
 
 
