@@ -17,7 +17,9 @@ def anchors_of(page: Path) -> set[str]:
 
 def prose_of(page: Path) -> str:
     """The page without its code."""
-    return re.sub(r"^( *)```.*?^\1```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.M)
+    return re.sub(
+        r"^( *)```.*?^\1```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.M
+    )
 
 
 def code_of(text: str) -> list[str]:

@@ -35,7 +35,9 @@ OF_KEYPOINTS = {
 """What holds when the code of a section has run."""
 OF_PAGES = {
     "image.md": lambda names: names["image"].shape == (427, 640, 3),
-    "attention.md": lambda names: len(names["path"]) == 10 and names["contrast"].saliency.max() == 1,
+    "attention.md": lambda names: (
+        len(names["path"]) == 10 and names["contrast"].saliency.max() == 1
+    ),
     "matching.md": lambda names: len(names["right"]) > 50,
     "exchange.md": lambda names: (
         len(names["database"].matches["left.jpg", "right.jpg"]) == len(names["pairs"]) > 50
