@@ -31,14 +31,15 @@ ROOMS = (
     *("drive_layouts", "drive_simulation", "visual_motion", "viewing", "cli", "odd_machines"),
 )
 """The tests that reach most of each room; all of them with `-- tests`."""
-TESTING = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100")
+TESTING = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3")
 
 
 def run_tests(session: nox.Session) -> None:
     """Run what was asked for, or the tests of `ROOMS`, and say with which libraries."""
     session.run("uv", "pip", "list", "--quiet", external=True)
     asked = session.posargs or [f"tests/test_{room}.py" for room in ROOMS]
-    session.run("pytest", "-q", *asked)
+    # Old libraries warn of what is new around them.
+    session.run("pytest", "-q", "-W", "ignore::DeprecationWarning", *asked)
 
 
 @nox.session(python=PYTHONS)

@@ -159,7 +159,7 @@ def promotion() -> Figure:
     even = sum(bump(10 + 14 * i, 10 + 13 * j, 0.8) for i in range(6) for j in range(4))
     odd = sum(bump(10 + 14 * i, 10 + 13 * j, 0.25) for i in range(6) for j in range(4))
     odd = odd + bump(52, 36, 0.75)
-    figure = Figure(figsize=(11, 2.9), layout="compressed", dpi=110)
+    figure = Figure(figsize=(11, 2.15), layout="compressed", dpi=110)
     panels = figure.subplots(1, 4)
     for pair, (name, values) in enumerate({"one place stands out": odd, "many do": even}.items()):
         promoted = normalize(values.astype(np.float32), "local-maxima")

@@ -30,7 +30,7 @@ class Totals:
     """Images that have none."""
     shards: int = 0
     """Files of the table."""
-    others: int = 0
+    by_other_versions: int = 0
     """Images that another version of this package did."""
 
 
@@ -41,7 +41,7 @@ def read_manifest(store: Store) -> dict[str, Any] | None:
             return dict(json.loads(file.read()))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise ConfigError(f"{store.place}/{MANIFEST}: cannot be read: {error}") from error
 
 

@@ -21,7 +21,7 @@ from saccade.batch.reading import decoded, digest_of, read_content
 from saccade.batch.sources import Item
 from saccade.batch.store import Store, open_store
 from saccade.batch.tables import RECORD, batch_of, parquet_options, texts
-from saccade.errors import OutputError, SaccadeError
+from saccade.errors import KeypointsError, OutputError, SaccadeError
 
 PREFIX, SUFFIX = "part-", ".parquet"
 RECORDS = "images"
@@ -85,9 +85,19 @@ def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> Rep
 
 
 def read_rows(store: Store, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """What is in a Parquet file; Arrow's own `read_table` would load pandas."""
-    with store.open(name) as opened, pq.ParquetFile(opened) as file:
-        return file.read(columns)
+    """What is in a Parquet file; Arrow's own `read_table` would load pandas.
+
+    Raises:
+        KeypointsError: it is broken.
+    """
+    with store.open(name) as opened:
+        try:
+            with pq.ParquetFile(opened) as file:
+                return file.read(columns)
+        except (pa.ArrowException, OSError) as error:
+            found = " ".join(str(error).split())
+            message = f"{store.place}/{name}: expected a table of `saccade extract`: {found}"
+            raise KeypointsError(message) from error
 
 
 def read_record(store: Store, file: str, columns: Sequence[str] | None = None) -> pa.Table:

@@ -168,8 +168,10 @@ def extract(
         _print(result, what.value, out)
     if result.problem is not None:
         say(result.problem)
-    if result.totals.others:
-        say(f"{result.totals.others} images were done by another version; --redo does them anew")
+    if result.totals.by_other_versions:
+        say(
+            f"{result.totals.by_other_versions} images were done by another version; --redo does them anew"
+        )
     if not result.complete:
         seen = result.done + result.same
         say(f"stopped after {seen} of {len(images)} images; give the same command to go on")
