@@ -44,7 +44,11 @@ def filter_compiled_ahead(log: Path) -> Iterator[Callable[[], None]]:
 
 
 def run_filter() -> None:
-    """Filter the log that the command line names, and thereby compile the filter."""
+    """Begin to filter the log that the command line names, and thereby compile the filter."""
     from saccade import datasets, slam
 
-    slam.run(datasets.load("victoria-park", Path(sys.argv[1])), slam.EkfConfig())
+    def stop(done: int, _: int) -> None:
+        if done > 0:
+            sys.exit()
+
+    slam.run(datasets.load("victoria-park", Path(sys.argv[1])), slam.EkfConfig(), stop)
