@@ -202,7 +202,10 @@ def _engine(
         raise ConfigError("cluster: expected --scheduler or --cluster, found both")
     if scheduler is not None or cluster is not None:
         from saccade.batch.cluster import batch_system, scheduler_at
+        from saccade.cli.output import say
 
+        if cluster is not None:
+            say(f"{jobs} {'job' if jobs == 1 else 'jobs'} of {cluster}: waiting for the first")
         where = scheduler_at(scheduler) if scheduler else batch_system(str(cluster), jobs)
         with where as engine:
             yield engine
