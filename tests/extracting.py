@@ -3,6 +3,7 @@
 import itertools
 import os
 import random
+import shutil
 import signal
 import sys
 import time
@@ -54,12 +55,18 @@ def check_whole(out, table="sift"):
     return rows
 
 
-def check_complete(source, out):
-    """Every image of a folder is there once, with the points that it has and no others."""
+def check_complete(source, out, gone=()):
+    """Every image of a folder is there once, with the points that it has and no others.
+
+    Args:
+        source: the folder.
+        out: what was made of it.
+        gone: names of images that it held before.
+    """
     rows = check_whole(out)
     recorded = pq.read_table(out / "images").to_pandas().set_index("image")
     paths = {path.name: path for path in source.iterdir()}
-    assert set(rows) == set(recorded.index) == set(paths)
+    assert set(rows) == set(recorded.index) == {*paths, *gone}
     assert {path.name for path in (out / "sift").iterdir()} == {
         path.name for path in (out / "images").iterdir()
     }
@@ -92,13 +99,22 @@ def count_calls(work):
     return next(calls)
 
 
-def kill_many(source, out, kills):
+def kill_many(source, out, kills, before=None):
     """Begin as often as said, each time in a folder of its own, and kill -9 at a random moment.
 
     Half of the moments are calls of the work, which are the same however fast the machine is;
     the other half are times, which come anywhere, in the midst of writing too.
+
+    Args:
+        source: the images.
+        out: folder of the folders.
+        kills: how often.
+        before: folder of earlier results, of which each begins with a copy.
     """
-    extract_here(source, out / "before")  # the children have all of it loaded
+    for name in ("loaded", "timed", "counted", *map(str, range(1, kills + 1))):
+        if before is not None:
+            shutil.copytree(before, out / name)
+    extract_here(source, out / "loaded")  # the children have all of it loaded
     start = time.perf_counter()
     extract_here(source, out / "timed")
     took = time.perf_counter() - start
@@ -119,4 +135,4 @@ def kill_many(source, out, kills):
 
 
 if __name__ == "__main__":
-    kill_many(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    kill_many(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), *map(Path, sys.argv[4:]))

@@ -12,13 +12,14 @@ import pytest
 import saccade
 
 SOURCE = Path(saccade.__file__).parent
-FOUNDATION = {"types", "frames", "errors", "files", "extras"}
+FOUNDATION = {"types", "frames", "errors", "files", "extras", "npz"}
 ALLOWED = {
     "errors": set(),
     "types": {"errors"},
     "frames": {"types", "errors"},
     "files": {"errors"},
     "extras": {"errors"},
+    "npz": {"errors"},
     "_jit": {"errors"},
     "image": {"types", "errors", "files"},
     "video": FOUNDATION | {"image"},
@@ -36,6 +37,7 @@ ALLOWED = {
     "exchange": FOUNDATION,
     "batch": FOUNDATION | {"image", "video", "attention", "keypoints", "exchange"},
     "viewing": FOUNDATION,
+    "serving": FOUNDATION | {"viewing"},
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""
 HEAVY = ("numba", "cv2", "scipy", "matplotlib")

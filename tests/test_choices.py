@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from saccade import visual
+from saccade import __version__, visual
 from saccade.evaluation.choices import mean_ranks, means, ratios
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual import Memory, VisualConfig
@@ -114,7 +114,7 @@ def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
     code, out, err = run(*words, "--choice", "random", "--json")
     assert code == 0
     assert "wrote kept/selection.png" in err
-    kept = next((tmp_path / "kept" / "runs").iterdir())
+    kept = next((tmp_path / "kept" / "runs" / __version__).iterdir())
     before = kept.stat().st_mtime_ns
     code, again, _ = run(*words, "--choice", "random", "--choice", "strength", "--json")
     assert kept.stat().st_mtime_ns == before

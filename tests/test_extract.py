@@ -124,6 +124,28 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, tmp_path
     check_complete(folder, out)
 
 
+def test_killed_while_images_are_done_anew_no_points_are_another_images(folder, tmp_path):
+    """The same where images have changed, one is new, and one is gone: its points stay."""
+    source, before, out = (tmp_path / name for name in ("photos", "before", "out"))
+    paths = photographs(source, IMAGES)
+    extract_here(source, before)
+    gone = check_whole(before)[paths[7].name]
+    for number in (1, 6, 8, 12):
+        paths[number].write_bytes(paths[(number + 5) % IMAGES].read_bytes())
+    paths[7].rename(source / "new.png")
+    killing = [sys.executable, extracting.__file__, source, out, str(KILLS), before]
+    subprocess.run(killing, check=True, timeout=100)
+    two = 0
+    for number in range(1, KILLS + 1):
+        records = [path.name for path in (out / str(number) / "images").iterdir()]
+        two += len({name[:23] for name in records}) < len(records)
+        extract_here(source, out / str(number))
+        kept = check_whole(out / str(number)).pop(paths[7].name)
+        assert kept.reset_index(drop=True).equals(gone.reset_index(drop=True))
+        check_complete(source, out / str(number), [paths[7].name])
+    assert two > 0
+
+
 def test_a_full_disk_is_told(folder, tmp_path):
     """No file may be larger than 6 KB: some of the points are, those of the records are not."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -183,7 +183,7 @@ def test_a_broken_table_is_named(tmp_path, text, words):
 
 def test_a_file_that_is_no_mat_is_named(tmp_path):
     (tmp_path / "fixations.mat").write_text("hello, this is no such file at all")
-    with pytest.raises(LogError, match="OSIE"):
+    with pytest.raises(LogError, match="expected a MATLAB file"):
         read_fixations(tmp_path / "fixations.mat")
 
 

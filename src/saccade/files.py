@@ -8,6 +8,8 @@ from pathlib import Path
 
 from saccade.errors import OutputError
 
+LARGEST_IMAGE = 1 << 28
+"""Pixels; as float32 RGB they take 3 GB, and what is made of them several times that."""
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 

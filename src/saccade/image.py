@@ -1,21 +1,24 @@
 """Reading, checking and converting images: the only file that knows image files."""
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image as Pillow
 
 from saccade.errors import ImageError
-from saccade.files import IMAGE_SUFFIXES
+from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE
 from saccade.types import Float32Array, Image
 
-LARGEST_IMAGE = 1 << 28
-"""Pixels; as float32 RGB they take 3 GB, and what is made of them several times that."""
+SILENT = 0
+"""The least of OpenCV's levels of logging."""
 
 OVERSHOOT = 1e-3
 """By how much a float image may leave [0, 1]; interpolation and rounding leave such traces."""
@@ -54,6 +57,29 @@ def decode_image(data: bytes, name: str) -> Float32Array:
     return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name)
 
 
+def size_in_header(data: bytes, name: str) -> tuple[int, int]:
+    """Width and height of a picture as its file says: none of it is decoded.
+
+    Args:
+        data: of any format that Pillow reads.
+        name: what an error message calls it.
+
+    Raises:
+        ImageError: not an image, or its header says that it is enormous.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of size: that is for who asks to judge
+            with Pillow.open(BytesIO(data)) as picture:
+                return picture.size
+    except Pillow.DecompressionBombError as error:
+        raise ImageError(f"{name}: the image is far too large") from error
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ImageError(
+            f"{name}: expected an image (PNG, JPEG, TIFF, ...), found something else"
+        ) from error
+
+
 def read_stored(path: str | Path) -> Image:
     """The picture in a file as the camera stored it: what a calibration speaks of.
 
@@ -77,6 +103,8 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:  # no name can hold a null
+        raise ImageError(f"{str(path)!r}: cannot be read: {error}") from error
 
 
 def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
@@ -89,16 +117,22 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
         try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
         except cv2.error as error:
+            if "MAX_IMAGE" in str(error):
+                raise ImageError(_too_large(name, "more")) from error
             raise ImageError(f"{name}: cannot be decoded: {error.err}") from error
     if pixels is None:
         raise ImageError(f"{name}: expected an image (PNG, JPEG, TIFF, ...), found something else")
     height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
-        raise ImageError(
-            f"{name}: expected at most {LARGEST_IMAGE:,} pixels, found {width} x {height}; "
-            "make it smaller, or cut it up"
-        )
+        raise ImageError(_too_large(name, f"{width} x {height}"))
     return pixels
+
+
+def _too_large(name: str, found: str) -> str:
+    return (
+        f"{name}: expected at most {LARGEST_IMAGE:,} pixels, found {found}; "
+        "make it smaller, or cut it up"
+    )
 
 
 def find_images(source: str | Path) -> list[Path]:
@@ -232,9 +266,10 @@ def _is_cut_short(data: bytes) -> bool:
 def quiet_opencv() -> Iterator[None]:
     """OpenCV says nothing on stderr meanwhile: what is wrong is said once, by us."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read once, at the first video
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    logging: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, 5
+    level = logging.getLogLevel()
+    logging.setLogLevel(SILENT)
     try:
         yield
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        logging.setLogLevel(level)

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from saccade.batch.job import Job
-from saccade.batch.shards import RECORDS, read_record
+from saccade.batch.shards import PREFIX, RECORDS, SUFFIX, read_record
 from saccade.batch.store import Store
 from saccade.batch.tables import ERRORS, batch_of, parquet_options
 from saccade.errors import ConfigError
@@ -41,7 +41,7 @@ def read_manifest(store: Store) -> dict[str, Any] | None:
             return dict(json.loads(file.read()))
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise ConfigError(f"{store.place}/{MANIFEST}: cannot be read: {error}") from error
 
 
@@ -120,8 +120,24 @@ def records(store: Store) -> Iterator[pa.Table]:
 
 
 def record_files(store: Store) -> list[str]:
-    """What the records are called."""
-    return [name for name in store.names(RECORDS) if name.endswith(".parquet")]
+    """What the records are called: of every shard that of its youngest generation."""
+    youngest: dict[str, int] = {}
+    for file in store.names(RECORDS):
+        if file.endswith(SUFFIX):
+            shard, generation = generation_of(file)
+            youngest[shard] = max(generation, youngest.get(shard, 0))
+    return sorted(f"{PREFIX}{name_of(*each)}{SUFFIX}" for each in youngest.items())
+
+
+def generation_of(file: str) -> tuple[str, int]:
+    """What the generations of a shard share in their names, and the number of this one."""
+    first, *others = file.removeprefix(PREFIX).removesuffix(SUFFIX).split("-")
+    return "-".join([first, *others[:1]]), int(others[1]) if others[1:] else 0
+
+
+def name_of(shard: str, generation: int) -> str:
+    """The name of a generation of a shard."""
+    return f"{shard}-{generation}" if generation else shard
 
 
 def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:

@@ -118,7 +118,8 @@ class Tar:
                     if each.isfile() and is_image(each.name)
                 )
         except (tarfile.TarError, EOFError) as error:
-            raise ImageError(f"{place}: expected a tar without compression: {error}") from error
+            found = " ".join(str(error).split())
+            raise ImageError(f"{place}: expected a tar without compression: {found}") from error
         return cls(place, prefix, members)
 
     def __len__(self) -> int:

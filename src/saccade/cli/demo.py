@@ -12,7 +12,7 @@ LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
     "landmarks say where things are, and a map comes out."
 )
-SEED, FRAMES = 1, 200
+SEED, FRAMES = 0, 200
 """Of the simulated drive."""
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from saccade import __version__
+
 if TYPE_CHECKING:
     from saccade.frames import Drive
     from saccade.visual import Memory, VisualConfig
@@ -53,8 +55,9 @@ class Series:
         return len(self.budgets) * len(self.choices)
 
     def path(self, out: Path, budget: int, choice: str) -> Path:
-        """Where a run is kept."""
-        return out / "runs" / f"{self.world}-{self.frames}-{budget}-{choice}-{self.seed}.json"
+        """Where a run is kept; another version makes its own."""
+        name = f"{self.world}-{self.frames}-{budget}-{choice}-{self.seed}.json"
+        return out / "runs" / __version__ / name
 
 
 def run_all(series: Sequence[Series], out: Path, jobs: int) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from saccade.datasets.text import LARGEST, in_order
 from saccade.errors import LogError
+from saccade.npz import read_arrays
 from saccade.types import FloatArray
 
 
@@ -19,15 +20,12 @@ class Archive:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                self.tables = {name: archive[name] for name in archive.files}
+            self.tables = read_arrays(path)
         except OSError as error:
             raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except MemoryError:
-            raise
-        except Exception as error:  # NumPy raises what the broken bytes happen to provoke
+        except ValueError as error:
             raise LogError(
-                f"{path}: expected an .npz of tables, found another file or a broken one"
+                f"{path}: expected an .npz of tables, found another file or a broken one: {error}"
             ) from error
 
     def __contains__(self, name: str) -> bool:

@@ -66,7 +66,7 @@ def read_calibration(path: Path) -> Calibration:
         values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise DriveError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise DriveError(f"{path}: expected TOML: {error}") from error
     optional = (
         *("baseline", "place", "rotation", "distortion"),

@@ -90,8 +90,10 @@ def read_mounting(path: Path) -> tuple[FloatArray, FloatArray]:
         LogError, DriveError: the file is broken, or has another matrix.
     """
     matrix = Archive(path).tables.get("cam_T_imu", np.zeros(0))
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise DriveError(f"{path}: expected cam_T_imu of shape (4, 4), found {matrix.shape}")
+    numbers = matrix.shape == (4, 4) and matrix.dtype.kind in "fiu"
+    if not numbers or not np.isfinite(matrix).all():
+        found = f"{matrix.dtype} of shape {matrix.shape}"
+        raise DriveError(f"{path}: expected cam_T_imu, finite and of shape (4, 4), found {found}")
     place = np.array([matrix[0, 3], matrix[1, 3], KITTI_HEIGHT])
     return place, np.ascontiguousarray(matrix[:3, :3].T)
 

@@ -106,9 +106,11 @@ def _camera(folder: Path, xy: FloatArray) -> Camera:
     calib = folder / "calib.npz"
     tables = Archive(calib).tables
     K, b = tables.get("K", np.zeros(0)), tables.get("b", np.zeros(0))
-    if K.shape != (3, 3) or b.size != 1:
+    numbers = K.dtype.kind in "fiu" and b.dtype.kind in "fiu"
+    if K.shape != (3, 3) or b.size != 1 or not numbers:
         raise DriveError(
-            f"{calib}: expected K of shape (3, 3) and a baseline b, found {K.shape} and {b.shape}"
+            f"{calib}: expected K of shape (3, 3) and a baseline b, found "
+            f"{K.dtype} {K.shape} and {b.dtype} {b.shape}"
         )
     place, rotation = read_mounting(calib)
     seen = np.ceil(xy.max(0)) + 1 if len(xy) else np.ones(2)

@@ -2,10 +2,10 @@
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from saccade.datasets.matlab import read_matlab
 from saccade.errors import LogError
 from saccade.types import FixationTable
 
@@ -66,24 +66,15 @@ def _row(row: dict[str, str], line: str) -> _Row:
 
 
 def _mat_rows(path: Path) -> list[_Row]:
-    from scipy.io import loadmat
-
+    held = read_matlab(path, ("fixations",))["fixations"]
     try:
-        images = loadmat(path, simplify_cells=True)["fixations"]
         return [
-            (str(image["img"]), viewer, index, float(x), float(y))
-            for image in _each(images)
-            for viewer, eye in enumerate(_each(image["subjects"]))
+            (image["img"], viewer, index, float(x), float(y))
+            for image in held
+            for viewer, eye in enumerate(image["subjects"])
             for index, (x, y) in enumerate(
-                zip(_each(eye["fix_x"]), _each(eye["fix_y"]), strict=True)
+                zip(eye["fix_x"].ravel(), eye["fix_y"].ravel(), strict=True)
             )
         ]
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # SciPy raises what the broken bytes happen to provoke
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError) as error:
         raise LogError(f"{path}: expected the fixations of OSIE, found another file") from error
-
-
-def _each(value: Any) -> Any:
-    """The items of a cell array, which SciPy hands over bare where there is only one."""
-    return np.atleast_1d(np.asarray(value, dtype=object)).tolist()

@@ -1,4 +1,4 @@
-"""Numbers from MATLAB files of version 5, every length checked.
+"""Numbers and words from MATLAB files of version 5, every length checked.
 
 SciPy reads more kinds of them, but a broken one can bring down its reader, and Python with it.
 """
@@ -16,10 +16,10 @@ from saccade.errors import LogError
 HEADER = 128
 LARGEST = 1 << 30
 """Bytes of an unpacked variable; more is a broken file."""
-DEEPEST = 4
-"""Cells within cells."""
+DEEPEST = 6
+"""Cells and structs within each other."""
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _NUMERIC = 1, range(6, 16)
+_CELL, _STRUCT, _CHAR, _NUMERIC = 1, 2, 4, range(6, 16)
 _TYPES = {
     1: "i1",
     2: "u1",
@@ -32,6 +32,7 @@ _TYPES = {
     12: "i8",
     13: "u8",
 }
+_TEXT = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 
 def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
@@ -39,10 +40,11 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
     Args:
         path: the file.
-        names: the variables, real numbers or cells of them.
+        names: the variables: real numbers, words, or cells and structs of them.
 
     Returns:
-        By name, an array of float64, or the list of a cell's arrays, column by column.
+        By name, an array of float64, a text, the list of what is in a cell, column by column, or
+        the fields of a struct by their names; a list of those where there are several.
 
     Raises:
         LogError: no such file, it is broken or of another version, or has no such variable.
@@ -128,10 +130,34 @@ def _variable(
         if len(cells) != prod(shape) or not all(cells):
             raise ValueError(f"{name} has other cells than its shape says")
         return {name: [value for cell in cells for value in cell.values()]}
-    if kind not in _NUMERIC:
+    if kind == _STRUCT and depth < DEEPEST:
+        found = _structs(elements, order, prod(shape), depth)
+        return {name: found[0] if len(found) == 1 else found}
+    if kind not in (*_NUMERIC, _CHAR):
         return {}
     stored, content = next(elements, (0, b""))
-    if stored not in _TYPES and prod(shape) > 0:
+    if stored not in (_TEXT if kind == _CHAR else _TYPES) and prod(shape) > 0:
         raise ValueError(f"{name} holds no numbers")
+    if kind == _CHAR:
+        return {name: content.decode(_TEXT.get(stored, "latin-1"), "replace").replace("\0", "")}
     values = np.frombuffer(content, order + _TYPES.get(stored, "u1"))
     return {name: values.astype(np.float64).reshape(shape, order="F")}
+
+
+def _structs(
+    elements: Iterator[tuple[int, bytes]], order: str, count: int, depth: int
+) -> list[dict[str, Any]]:
+    """The values of each by the names of their fields; what is no number or word is left out."""
+    (_, width), (_, packed) = (next(elements, (0, b"")) for _ in range(2))
+    if len(width) != 4 or (size := int(np.frombuffer(width, f"{order}i4")[0])) < 1:
+        raise ValueError("a struct without names")
+    ends = range(0, len(packed), size)
+    names = [packed[at : at + size].split(b"\0")[0].decode("ascii", "replace") for at in ends]
+    values = [_variable(matrix, order, None, depth + 1) for _, matrix in elements]
+    if len(values) != count * len(names):
+        raise ValueError("a struct has other fields than its shape says")
+    rows = (values[at : at + len(names)] for at in range(0, len(values), max(len(names), 1)))
+    return [
+        {name: held for name, each in zip(names, row, strict=True) for held in each.values()}
+        for row in rows
+    ]

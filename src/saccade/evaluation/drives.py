@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.evaluation.trajectory import position_rmse
 from saccade.frames import steps_between
@@ -11,8 +12,8 @@ from saccade.types import FloatArray, IntArray, Trajectory
 WITHIN = 11.829
 """Squared Mahalanobis distance on the plane that 99.73 % stay under: three sigma."""
 SAME_PLACE = 0.1
-"""Metres, and share of the range beside the deviation of it, within which two sightings are of
-one place."""
+"""Metres, and a tenth of it for each metre of range, by which two sightings of one place may be
+apart besides their deviations."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
 
 def same_places(
     frame: IntArray, landmark: IntArray, z: FloatArray, sigma: FloatArray, poses: FloatArray
-) -> FloatArray:
+) -> npt.NDArray[np.bool_]:
     """Whether each sighting is of the place that its landmark was first seen at.
 
     The truth says where the robot was, the sighting where it saw something from there.
@@ -64,21 +65,29 @@ def same_places(
         poses: (n, 3) true poses of the frames.
 
     Returns:
-        (k,) true where the two are as near as their deviations allow.
+        (k,) true where the two are as near as their deviations allow: along the line of sight that
+        of the range, which of far points is large, and across it that of the bearing.
     """
     here = poses[frame]
     beta = here[:, 2] + z[:, 1]
-    place = here[:, :2] + z[:, :1] * np.stack([np.cos(beta), np.sin(beta)], 1)
+    ray = np.stack([np.cos(beta), np.sin(beta)], 1)
+    place = here[:, :2] + z[:, :1] * ray
+    across = np.stack([-ray[:, 1], ray[:, 0]], 1)
+    axes = np.stack([ray * sigma[:, :1], across * z[:, :1] * sigma[:, 1:]], 1)
+    spread = axes.transpose(0, 2, 1) @ axes
     _, first, which = np.unique(landmark, return_index=True, return_inverse=True)
-    apart = np.hypot(*(place - place[first][which]).T)
-    spread = np.hypot(sigma[:, 0], z[:, 0] * sigma[:, 1])
-    allowed = 3 * np.hypot(spread, spread[first][which]) + SAME_PLACE * (1 + z[:, 0] / 10)
-    return np.asarray(apart < allowed)
+    alike = SAME_PLACE * (1 + z[:, 0] / 10) / np.sqrt(WITHIN)
+    spread = spread + spread[first][which] + np.square(alike)[:, None, None] * np.eye(2)
+    return _are_within(place - place[first][which], spread)
 
 
 def _inside(apart: FloatArray, covariance: FloatArray | None) -> float:
     if covariance is None or len(apart) < 2:
         return float("nan")
     spread = covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first pose is given
-    distance = np.einsum("ni,nij,nj->n", apart[1:], np.linalg.inv(spread), apart[1:])
-    return float((distance < WITHIN).mean())
+    return float(_are_within(apart[1:], spread).mean())
+
+
+def _are_within(apart: FloatArray, spread: FloatArray) -> npt.NDArray[np.bool_]:
+    """(n,) whether what is apart by (n, 2) is inside three sigma of covariances (n, 2, 2)."""
+    return np.asarray((apart * np.linalg.solve(spread, apart[..., None])[..., 0]).sum(1) < WITHIN)

@@ -23,6 +23,7 @@ from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
 
 CENTER = np.float32(0.5)
 """Of the first pixel."""
+TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
 MOST_IMAGES = 2147483647
 """By which COLMAP makes one number of the numbers of two images."""
 FOCAL_LENGTH = 1.2
@@ -99,6 +100,7 @@ def read_colmap(path: str | Path) -> ColmapFeatures:
         reading(path, "a COLMAP database", sqlite3.Error),
         closing(sqlite3.connect(place, uri=True)) as database,
     ):
+        _check_tables(database)
         images = {
             number: (name, (height, width))
             for number, name, height, width in database.execute(
@@ -187,6 +189,13 @@ def _add_points(pycolmap: Any, database: Any, number: int, points: Keypoints) ->
         database.write_descriptors(number, pycolmap.FeatureDescriptors(kind, points.descriptors))
 
 
+def _check_tables(database: sqlite3.Connection) -> None:
+    """A view in the place of one could go on for ever."""
+    for name, kind in database.execute("SELECT name, type FROM sqlite_master"):
+        if str(name).lower() in TABLES and kind != "table":
+            raise sqlite3.DataError(f"expected the table {name}, found a {kind}")
+
+
 def _blobs(
     database: sqlite3.Connection, table: str, key: str, dtype: type[np.generic]
 ) -> dict[int, npt.NDArray[Any]]:
@@ -195,6 +204,8 @@ def _blobs(
     little = np.dtype(dtype).newbyteorder("<")
     arrays = {}
     for number, rows, columns, data in found:
+        if not all(isinstance(each, int) for each in (number, rows, columns)) or rows < 0:
+            raise sqlite3.DataError(f"{table} of {number}: {rows} x {columns}")
         if len(data or b"") != rows * columns * little.itemsize:
             raise sqlite3.DataError(
                 f"{table} of {number}: {rows} x {columns} {np.dtype(dtype)} in {len(data)} bytes"

@@ -90,7 +90,7 @@ def reading(path: Path, expected: str, *errors: type[Exception]) -> Iterator[Non
     kinds: tuple[type[Exception], ...] = (OSError, *errors)
     try:
         yield
-    except KeypointsError:
+    except (KeypointsError, MemoryError):
         raise
     except kinds as error:
         raise KeypointsError(f"{path}: expected {expected}: {_one_line(error)}") from error

@@ -17,6 +17,7 @@ from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
 from saccade.files import whole_file
+from saccade.npz import check_unpacked
 from saccade.types import Float32Array, Keypoints
 
 QUANTUM = 512
@@ -66,12 +67,19 @@ def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
     path = Path(path)
     groups: list[str] = []
 
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and name.endswith("/keypoints"):
-            groups.append(name.removesuffix("/keypoints"))
+    unpacked = 0
 
-    with reading(path, "an HDF5 file"), h5py.File(path, "r") as file:
+    def visit(name: str, item: Any) -> None:
+        nonlocal unpacked
+        if isinstance(item, h5py.Dataset):
+            unpacked += item.nbytes
+            if name.endswith("/keypoints"):
+                groups.append(name.removesuffix("/keypoints"))
+
+    # The library raises what the broken bytes happen to provoke.
+    with reading(path, "an HDF5 file of features", Exception), h5py.File(path, "r") as file:
         file.visititems(visit)
+        check_unpacked(path.stat().st_size, unpacked)
         if len(file) and not groups:
             raise KeypointsError(f"{path}: expected groups with keypoints, found none")
         return {name: _points(f"{path}: {name}", file[name]) for name in groups}
@@ -95,12 +103,12 @@ def _datasets(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
 
 def _points(source: str, group: Any) -> Keypoints:
     def field(name: str) -> npt.NDArray[Any] | None:
-        return group[name][()] if name in group else None
+        return np.asarray(group[name][()]) if name in group else None
 
     scales, oris, rows = (field(each) for each in ("scales", "oris", "descriptors"))
     return keypoints_from(
         source,
-        group["keypoints"][()],
+        np.asarray(group["keypoints"][()]),
         None if scales is None else 2 * scales,
         None if oris is None else np.radians(oris.astype(np.float64)),
         field("scores"),

@@ -1,7 +1,5 @@
 """NumPy's .npz, one image to a file: the fields of `Keypoints` by their names."""
 
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +7,7 @@ import numpy as np
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import checked, keypoints_from, reading
 from saccade.files import whole_file
+from saccade.npz import read_arrays
 from saccade.types import Keypoints
 
 FIELDS = ("xy", "size", "angle", "response", "octave", "descriptors")
@@ -38,14 +37,9 @@ def read_npz(path: str | Path) -> Keypoints:
         KeypointsError: the file is missing, is something else, or holds no points.
     """
     path = Path(path)
-    broken = (zipfile.BadZipFile, zlib.error, EOFError, ValueError)
-    with reading(path, "a NumPy .npz file", *broken):
-        if not zipfile.is_zipfile(path):
-            raise KeypointsError(f"{path}: expected a NumPy .npz file, found something else")
-        with np.load(path, allow_pickle=False) as arrays:
-            if "xy" not in arrays:
-                found = ", ".join(arrays) or "nothing"
-                raise KeypointsError(f"{path}: expected an array xy, found {found}")
-            return keypoints_from(
-                str(path), **{name: arrays[name] for name in FIELDS if name in arrays}
-            )
+    with reading(path, "a NumPy .npz file", ValueError):
+        arrays = read_arrays(path)
+    if "xy" not in arrays:
+        found = ", ".join(arrays) or "nothing"
+        raise KeypointsError(f"{path}: expected an array xy, found {found}")
+    return keypoints_from(str(path), **{name: arrays[name] for name in FIELDS if name in arrays})

@@ -12,12 +12,15 @@ from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
 from saccade.files import whole_file
+from saccade.npz import check_unpacked
 from saccade.types import IntArray, Keypoints
 
 NUMBERS = ("x", "y", "size", "angle", "response")
 COLUMNS = ("image", *NUMBERS, "octave", "descriptor")
 ENTRIES = 128
 """Of a descriptor."""
+ROW = 64
+"""Bytes of the rest of a row, about."""
 NOTE = b"saccade"
 """Key of what the file says about itself, as JSON: the images, since one may have no points."""
 
@@ -72,7 +75,8 @@ def read_parquet(path: str | Path) -> dict[str, Keypoints]:
     pa = import_optional("pyarrow", "parquet")
     pq = import_optional("pyarrow.parquet", "parquet")
     path = Path(path)
-    with reading(path, "a Parquet file", pa.ArrowException):
+    with reading(path, "a Parquet file", pa.ArrowException, ValueError, AttributeError):
+        check_unpacked(*_sizes(pq, path))
         table = pq.read_table(path)
         missing = [name for name in COLUMNS if name not in table.column_names]
         if missing:
@@ -80,14 +84,21 @@ def read_parquet(path: str | Path) -> dict[str, Keypoints]:
         columns = {name: table[name].to_numpy() for name in (*NUMBERS, "octave")}
         described, descriptors = _descriptors(pa, table["descriptor"])
         images = table["image"].to_pylist()
-    listed = json.loads((table.schema.metadata or {}).get(NOTE, b"{}")).get("images", ())
-    rows: dict[str, list[int]] = {name: [] for name in listed}
+        listed = json.loads((table.schema.metadata or {}).get(NOTE, b"{}")).get("images", ())
+        rows: dict[str, list[int]] = {str(name): [] for name in listed}
     for row, name in enumerate(images):
         rows.setdefault(name, []).append(row)
     return {
         name: _points(f"{path}: {name}", np.array(those, np.int64), columns, described, descriptors)
         for name, those in rows.items()
     }
+
+
+def _sizes(pq: Any, path: Path) -> tuple[int, int]:
+    """Bytes of a file, or of a folder of files, and of their rows."""
+    files = sorted(path.glob("**/*.parquet")) if path.is_dir() else [path]
+    rows = sum(pq.read_metadata(file).num_rows for file in files)
+    return sum(file.stat().st_size for file in files), rows * (ENTRIES + ROW)
 
 
 def _schema(pa: Any) -> Any:

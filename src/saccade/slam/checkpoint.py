@@ -10,7 +10,6 @@ import json
 import logging
 import sys
 import time
-import zipfile
 from importlib.metadata import version
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, MethodType
@@ -20,9 +19,10 @@ import numpy as np
 
 from saccade.errors import ConfigError, LogError
 from saccade.files import whole_file
+from saccade.npz import read_arrays
 from saccade.types import FloatArray
 
-FORMAT = 2
+FORMAT = 3
 """Of the file; another one is not read."""
 _SCALARS = (bool, int, float, str)
 _PLAIN = (FunctionType, BuiltinFunctionType, MethodType, type)
@@ -113,7 +113,8 @@ class Checkpoint:
         )
         arrays = {str(number): array for number, array in enumerate(encoder.arrays)}
         with whole_file(self.path) as temporary:
-            np.savez(temporary, allow_pickle=False, text=np.array(text), **arrays)
+            seal = np.array(_seal(text, arrays))
+            np.savez(temporary, allow_pickle=False, text=np.array(text), seal=seal, **arrays)
         self.step = step
         self._last = time.monotonic()
 
@@ -229,15 +230,27 @@ def _identity(run: object) -> str:
 
 def _read(path: Path, identity: str) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            saved = json.loads(str(archive["text"]))
-            arrays = {name: archive[name] for name in archive.files}
+        arrays = read_arrays(path)
+        text = str(arrays.pop("text"))
+        saved = json.loads(text)
         known = (saved["format"], saved["identity"])
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        whole = saved["format"] != FORMAT or str(arrays.pop("seal")) == _seal(text, arrays)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise LogError(f"{path}: no checkpoint, or a broken one") from error
     if known != (FORMAT, identity):
         raise LogError(f"{path}: of another log, other settings or another version")
+    if not whole:
+        raise LogError(f"{path}: no checkpoint, or a broken one")
     return saved, arrays
+
+
+def _seal(text: str, arrays: dict[str, Any]) -> str:
+    """What tells that nothing was changed: kernels trust the shapes of what goes on."""
+    digest = hashlib.sha256(text.encode())
+    for name in sorted(arrays):
+        digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return digest.hexdigest()
 
 
 def _name(value: Any) -> str:

@@ -15,6 +15,7 @@ from saccade.slam.association import mahalanobis_squared
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.ekf import EkfSlam
 from saccade.slam.gating import DROPPED, NEW, drop_ambiguous, pair_mutual
+from saccade.slam.outcomes import Expectation
 from saccade.types import FloatArray, IntArray
 
 
@@ -45,7 +46,8 @@ class JointCompatibility:
         rows = np.flatnonzero((distance <= limit).any(1))
         if len(rows) > 1:
             columns = np.flatnonzero((distance <= limit).any(0))
-            v, S = _joint(ekf, z[rows], R[rows], columns)
+            expected, S = expect_together(ekf, columns)
+            v = ekf.sensor.difference(z[rows, None], expected)
             gates = np.array([chdtri(2 * (k + 1), 1 - self.gate) for k in range(len(rows))])
             best = np.full(len(rows), -1)
             near = distance[np.ix_(rows, columns)]
@@ -58,10 +60,16 @@ class JointCompatibility:
         """Nothing to remember: the map is in the filter."""
 
 
-def _joint(
-    ekf: EkfSlam, z: FloatArray, R: FloatArray, landmarks: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Innovations (m, c, 2) with c landmarks, and the covariance (2c, 2c) of what is expected."""
+def expect_together(ekf: EkfSlam, landmarks: IntArray) -> Expectation:
+    """What should be seen of some landmarks, and how its errors hang together.
+
+    Args:
+        ekf: the filter.
+        landmarks: (c,) their numbers.
+
+    Returns:
+        z (c, 2) and its covariance (2c, 2c), without that of the sensor.
+    """
     pose = ekf.state[: len(ekf.state) - 2 * len(ekf)]
     r, c = len(pose), len(landmarks)
     expected, H = ekf.sensor.observe(pose, ekf.landmarks[landmarks])
@@ -69,8 +77,8 @@ def _joint(
     J[..., :r] = H[..., :r]
     for k in range(c):
         J[k, :, r + 2 * k : r + 2 * k + 2] = H[k, :, r:]
-    flat = J.reshape(2 * c, -1)
-    return ekf.sensor.difference(z[:, None], expected), flat @ ekf.marginal(landmarks) @ flat.T
+    flat = J.reshape(2 * c, r + 2 * c)
+    return Expectation(expected, flat @ ekf.marginal(landmarks) @ flat.T)
 
 
 @kernel()

@@ -2,9 +2,11 @@
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 
 from saccade.frames import Drive, steps_between
 from saccade.slam.ekf import EkfSlam
+from saccade.slam.joint_compatibility import expect_together
 from saccade.slam.models import compose
 from saccade.slam.outcomes import Expectation
 from saccade.slam.retraction import INVARIANT
@@ -219,6 +221,20 @@ class VisualMap:
         """What should be seen of landmarks (k,)."""
         every = self.ekf.expect()
         return Expectation(every.z[rows], every.covariance[rows])
+
+    def innovations(self, rows: IntArray, seen: Sightings) -> tuple[FloatArray, FloatArray]:
+        """What k sightings say of landmarks (k,) beyond what is expected.
+
+        Returns:
+            (k, 2), and their covariance (2k, 2k) with what they get wrong together.
+        """
+        z, S = expect_together(self.ekf, rows)
+        share, degrees = self._config.common_sigma
+        common = np.zeros((2, 2 * len(rows)))
+        common[0, ::2], common[1, 1::2] = share * seen.z[:, 0], np.radians(degrees)
+        return self.ekf.sensor.difference(seen.z, z), (
+            S + common.T @ common + block_diag(*seen.covariance)
+        )
 
     def shrink(self, followed: IntArray, number: int) -> None:
         """Give up what is too much for the budget."""

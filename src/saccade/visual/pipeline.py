@@ -30,6 +30,7 @@ from saccade.visual.recognition import (
     ASIDE,
     TOLERANCE,
     agreeing,
+    borne_out,
     keep_apart,
     look_alikes,
     rehearsed,
@@ -250,7 +251,9 @@ class Pipeline:
         fits = useful & within_gate(seen, expected, height, config.gate)
         pairs, seen = pairs[fits], some(seen, fits)
         tolerance = TOLERANCE if self.ranged else ASIDE
-        pairs = pairs[agreeing(seen.z, world.ekf.landmarks[pairs[:, 1]], tolerance)]
+        alike = agreeing(seen.z, world.ekf.landmarks[pairs[:, 1]], tolerance)
+        pairs, seen = pairs[alike], some(seen, alike)
+        pairs = pairs[borne_out(*world.innovations(pairs[:, 1], seen), config.gate)]
         missed = rows[~np.isin(rows, pairs[:, 1])]
         world.landmarks.missed[missed] += 1
         self.recording.missed += len(missed)

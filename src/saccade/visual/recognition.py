@@ -87,6 +87,36 @@ def agreeing(z: FloatArray, places: FloatArray, tolerance: float = TOLERANCE) ->
     return best if best.sum() >= min(FEWEST, m) else np.zeros(m, np.bool_)
 
 
+def borne_out(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
+    """Which of some sightings the others bear out.
+
+    Those that fit together best are left after the one that the others contradict most has been
+    taken away, again and again. What one sighting should be by all others follows from the
+    inverse of the covariance of all.
+
+    Args:
+        v: (m, 2) innovations.
+        S: (2m, 2m) their covariance.
+        gate: probability with which a right one is borne out.
+
+    Returns:
+        (m,).
+    """
+    kept = np.arange(len(v))
+    while len(kept) > 1:
+        rows = (2 * kept[:, None] + (0, 1)).ravel()
+        Q = np.linalg.inv(S[np.ix_(rows, rows)])
+        i = np.arange(len(kept))
+        own = Q.reshape(len(kept), 2, -1, 2)[i, :, i]  # of each, given the others: inverted
+        missed = (Q @ v[kept].ravel()).reshape(-1, 2)
+        distance = normalized_squared(missed, own)
+        worst = int(distance.argmax())
+        if distance[worst] < chi_square_gate(2, gate):
+            break
+        kept = np.delete(kept, worst)
+    return np.isin(np.arange(len(v)), kept)
+
+
 def keep_apart(
     xy: Float32Array, order: IntArray, taken: Float32Array, apart: float, count: int
 ) -> IntArray:

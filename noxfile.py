@@ -1,0 +1,65 @@
+"""What is too slow for every change, each by one command: `uvx nox -s NAME`."""
+
+import nox
+
+nox.options.default_venv_backend = "uv"
+nox.options.sessions = []
+
+
+@nox.session
+def sbom(session: nox.Session) -> None:
+    """dist/sbom.json (CycloneDX) and dist/licenses.md of what `pip install saccade` installs."""
+    session.install(".")
+    python = f"{session.virtualenv.location}/bin/python"
+    session.run(
+        *("uvx", "--from", "cyclonedx-bom", "cyclonedx-py", "environment", python),
+        *("--pyproject", "pyproject.toml", "--output-file", "dist/sbom.json"),
+        external=True,
+    )
+    session.run(
+        *("uvx", "pip-licenses", "--python", python, "--format", "markdown", "--with-urls"),
+        *("--from", "mixed", "--output-file", "dist/licenses.md"),
+        external=True,
+    )
+
+
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")
+ROOMS = (
+    *("image", "pyramid", "contrast", "scanpath", "symmetry", "saliencytoolbox2", "edges"),
+    *("sift", "descriptor", "must", "symroid", "matching", "exchange", "cli_points"),
+    *("ekf", "run", "compressed", "association", "checkpoint", "matlab", "mrclam", "hard_logs"),
+    *("drive_layouts", "drive_simulation", "visual_motion", "viewing", "cli", "odd_machines"),
+)
+"""The tests that reach most of each room; all of them with `-- tests`."""
+TESTING = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3")
+
+
+def run_tests(session: nox.Session) -> None:
+    """Run what was asked for, or the tests of `ROOMS`, and say with which libraries."""
+    session.run("uv", "pip", "list", "--quiet", external=True)
+    asked = session.posargs or [f"tests/test_{room}.py" for room in ROOMS]
+    # Old libraries warn of what is new around them.
+    session.run("pytest", "-q", "-W", "ignore::DeprecationWarning", *asked)
+
+
+@nox.session(python=PYTHONS)
+def newest(session: nox.Session) -> None:
+    """The newest of everything, on every Python."""
+    session.install("--upgrade", ".", "--group", "dev")
+    run_tests(session)
+
+
+@nox.session(python=PYTHONS[0])
+def oldest(session: nox.Session) -> None:
+    """The oldest of everything that pyproject.toml allows."""
+    session.install("--resolution", "lowest-direct", ".[parquet,hdf5]", *TESTING)
+    run_tests(session)
+
+
+@nox.session(python=PYTHONS[1])
+@nox.parametrize("opencv", ["4", "5"])
+def opencv(session: nox.Session, opencv: str) -> None:
+    """Both of OpenCV's major versions."""
+    wanted = f"opencv-python-headless=={opencv}.*"
+    session.install("--upgrade", ".[parquet,hdf5]", wanted, *TESTING)
+    run_tests(session)

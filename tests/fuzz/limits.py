@@ -1,0 +1,41 @@
+"""How long reading a small file may take, and how much memory."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+SECONDS = 60
+"""Of a processor: the first file of a kind compiles what goes on with it."""
+MEMORY = 1 << 30
+"""Bytes that reading a small file may take at most."""
+
+
+@contextmanager
+def limited(seconds: int = SECONDS, memory: int = MEMORY) -> Iterator[None]:
+    """Fail where the block takes longer or more; memory is looked at on Linux alone."""
+
+    def stop(number, frame):
+        raise TimeoutError(f"took over {seconds} s")
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    begin = resident()
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+    taken = resident("VmHWM") - begin
+    assert taken < memory, f"took {taken >> 20} MB"
+
+
+def resident(which: str = "VmRSS") -> int:
+    """Bytes of memory of this process; "VmHWM" is the most since "VmRSS" was asked for."""
+    status = Path("/proc/self/status")
+    if not status.exists():
+        return 0
+    if which == "VmRSS":
+        Path("/proc/self/clear_refs").write_text("5")
+    (line,) = [line for line in status.read_text().splitlines() if line.startswith(which)]
+    return int(line.split()[1]) << 10
