@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import cv2
 import numpy as np
@@ -16,13 +17,14 @@ import zarr
 import extracting
 from dying import deadly
 from extracting import SIFT, check_complete, check_whole, extract_here, photographs
-from saccade import attention_saliency, read_image, scanpath
+from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import Here, Processes
-from saccade.batch.shards import Shard
+from saccade.batch.shards import Report, Shard
 from saccade.batch.sources import Item
 from saccade.batch.store import LEFTOVERS
+from saccade.cli.extract import Pace
 from saccade.errors import ConfigError, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 
@@ -65,6 +67,28 @@ def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
     result = extract_here(source, out)
     assert (result.done, result.same) == (3, 9)
     check_complete(source, out)
+
+
+def test_what_another_version_did_is_told_and_done_anew_on_request(run, tmp_path):
+    photographs(tmp_path / "photos", 4)
+    extract_here(tmp_path / "photos", tmp_path / "out", Job("sift", SiftConfig(), version="0.0.1"))
+    words = ("extract", "photos", "--out", "out", "--workers", 1, "--json")
+    photographs(tmp_path / "photos", 5)
+    code, printed, err = run(*words)
+    assert (code, json.loads(printed)["by_other_versions"]) == (0, 4)
+    assert "4 images were done by another version; --redo does them anew" in err
+    code, printed, err = run(*words, "--redo")
+    assert (code, err, json.loads(printed)["by_other_versions"]) == (0, "", 0)
+    assert set(pq.read_table(tmp_path / "out/images")["version"].to_pylist()) == {__version__}
+
+
+def test_the_pace_is_that_of_what_is_done_now():
+    pace = Pace(100)
+    assert pace.after(Report(same=40), time.monotonic()) == ""
+    start = pace.since
+    assert pace.after(Report(done=10), start + 5) == "2.0 images/s  0:00:25 left"
+    said = pace.after(Report(done=10, failed=1, lost=[("a", "why")]), start + 8)
+    assert said == "2.6 images/s  0:00:15 left  2 errors"
 
 
 def test_exact_points_are_exact(folder, tmp_path):
