@@ -169,9 +169,8 @@ def extract(
     if result.problem is not None:
         say(result.problem)
     if result.totals.by_other_versions:
-        say(
-            f"{result.totals.by_other_versions} images were done by another version; --redo does them anew"
-        )
+        others = result.totals.by_other_versions
+        say(f"{others} images were done by another version; --redo does them anew")
     if not result.complete:
         seen = result.done + result.same
         say(f"stopped after {seen} of {len(images)} images; give the same command to go on")
