@@ -5,6 +5,9 @@ what the code does with a file guide how it is broken.
 """
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 from random import Random
 
 import pytest
@@ -17,6 +20,7 @@ from fuzz.targets import TARGETS
 from refusals import result_or_refusal
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "12"))
+RUN = Path(__file__).parent / "fuzz" / "run.py"
 COMMANDS = {
     "look": ("bmp", "look {0}/a.bmp --json"),
     "detect": ("jpeg", "detect {0}/a.jpg -f npz -f csv"),
@@ -74,6 +78,20 @@ def test_a_command_ends_well_or_in_one_line(run, seeds, name, chance):
     assert code in (0, 1, 2), err
     assert code != 2 or "saccade: " in err
     assert "Traceback" not in err
+
+
+def test_files_broken_as_coverage_guides():
+    pytest.importorskip("atheris")
+    seconds = max(EXAMPLES // 2, 1)
+    done = subprocess.run(
+        [sys.executable, RUN, "npz", "camera-toml", "--seconds", str(seconds)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300 + seconds,
+    )
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count(": Done ") == 2
 
 
 @pytest.mark.parametrize("name", TARGETS)
