@@ -3,9 +3,11 @@
 import itertools
 import os
 import random
+import shutil
 import signal
 import sys
 import time
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,10 +15,11 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 
-from saccade import Sift, SiftConfig, read_image
+from saccade import Sift, SiftConfig
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import Here
 from saccade.batch.reading import digest_of
+from saccade.image import decode_image
 
 SIFT = Job("sift", SiftConfig())
 
@@ -40,36 +43,51 @@ def extract_here(source, out, job=SIFT, size=3, **options):
 
 def check_whole(out, table="sift"):
     """What is recorded is there, once; gives the rows of every image that has been done."""
-    rows = {}
-    for record in sorted((out / "images").glob("*")):
-        found = pq.read_table(out / table / record.name).to_pandas()
-        for row in pq.read_table(record).to_pylist():
+    rows, read = {}, set()
+    for path in sorted((out / "images").glob("*")):
+        found = pq.ParquetFile(out / table / path.name).read().to_pandas()
+        record = pq.ParquetFile(path).read().to_pylist()
+        ends = np.cumsum([0, *(row["rows"] for row in record)])
+        for row, first, end in zip(record, ends, ends[1:], strict=False):
             assert row["image"] not in rows, "twice"
-            rows[row["image"]] = found[found.image == row["image"]]
-            assert len(rows[row["image"]]) == row["rows"]
-            assert row["error"] is not None or row["rows"] is not None
-        assert set(found.image) <= set(rows)
+            rows[row["image"]] = found.iloc[first:end]
+        assert list(found.image) == [row["image"] for row in record for _ in range(row["rows"])]
+        read.add(path.name)
     for path in (out / table).glob("*"):
-        pq.read_table(path)
+        if path.name not in read:
+            pq.ParquetFile(path).read()
     return rows
 
 
-def check_complete(source, out):
-    """Every image of a folder is there once, with the points that it has and no others."""
+def check_complete(source, out, gone=()):
+    """Every image of a folder is there once, with the points that it has and no others.
+
+    Args:
+        source: the folder.
+        out: what was made of it.
+        gone: names of images that it held before.
+    """
     rows = check_whole(out)
     recorded = pq.read_table(out / "images").to_pandas().set_index("image")
     paths = {path.name: path for path in source.iterdir()}
-    assert set(rows) == set(recorded.index) == set(paths)
+    assert set(rows) == set(recorded.index) == {*paths, *gone}
     assert {path.name for path in (out / "sift").iterdir()} == {
         path.name for path in (out / "images").iterdir()
     }
     for name, path in paths.items():
-        points = Sift(threads=1)(read_image(path))
+        content = path.read_bytes()
+        points = points_of(content)
         assert len(rows[name]) == len(points)
         np.testing.assert_allclose(rows[name][["x", "y"]], points.xy, atol=0.5 / 256)
         described = np.frombuffer(b"".join(rows[name].descriptor), np.uint8).reshape(-1, 128)
         assert np.abs(described.astype(int) - points.descriptors).max(initial=0) <= 1
-        assert recorded.content[name] == digest_of(path.read_bytes())
+        assert recorded.content[name] == digest_of(content)
+
+
+@cache
+def points_of(content):
+    """What is in an image, by the detector itself."""
+    return Sift(threads=1)(decode_image(content, ""))
 
 
 def die_at_call(limit):
@@ -92,13 +110,22 @@ def count_calls(work):
     return next(calls)
 
 
-def kill_many(source, out, kills):
+def kill_many(source, out, kills, before=None):
     """Begin as often as said, each time in a folder of its own, and kill -9 at a random moment.
 
     Half of the moments are calls of the work, which are the same however fast the machine is;
     the other half are times, which come anywhere, in the midst of writing too.
+
+    Args:
+        source: the images.
+        out: folder of the folders.
+        kills: how often.
+        before: folder of earlier results, of which each begins with a copy.
     """
-    extract_here(source, out / "before")  # the children have all of it loaded
+    for name in ("loaded", "timed", "counted", *map(str, range(1, kills + 1))):
+        if before is not None:
+            shutil.copytree(before, out / name)
+    extract_here(source, out / "loaded")  # the children have all of it loaded
     start = time.perf_counter()
     extract_here(source, out / "timed")
     took = time.perf_counter() - start
@@ -119,4 +146,6 @@ def kill_many(source, out, kills):
 
 
 if __name__ == "__main__":
-    kill_many(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    source, out, kills, changed, changed_out, before = sys.argv[1:]
+    kill_many(Path(source), Path(out), int(kills))
+    kill_many(Path(changed), Path(changed_out), int(kills), Path(before))

@@ -38,6 +38,7 @@ ALLOWED = {
     "exchange": FOUNDATION,
     "batch": FOUNDATION | {"image", "video", "attention", "keypoints", "exchange"},
     "viewing": FOUNDATION,
+    "serving": FOUNDATION | {"viewing"},
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""
 HEAVY = ("numba", "cv2", "scipy", "matplotlib")

@@ -3,22 +3,23 @@
 import importlib.util
 import re
 from importlib.resources import files
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from conftest import ROOT
 from extracting import check_whole, extract_here, photographs
 from saccade.datasets import save_drive
 from saccade.datasets.camera_file import read_calibration
+from site_pages import PAGES, code_of
 from test_drive_writing import small_drive
 
-PAGE = (ROOT / "docs" / "keypoints.md").read_text(encoding="utf-8")
+DOCS = ROOT / "docs"
+PAGE = (DOCS / "keypoints.md").read_text(encoding="utf-8")
 SECTIONS = dict(zip(*[iter(re.split(r"^#+ (.+)$", PAGE, flags=re.MULTILINE)[1:])] * 2, strict=True))
-EXPECTED = {
+OF_KEYPOINTS = {
     "Interest points": lambda names: names["checked"].inliers.mean() > 0.6,
-    "Coming from OpenCV": lambda names: (
-        len(names["points"]) == len(names["keypoints"]) == 200 and len(names["described"]) > 100
-    ),
     "Coming from scikit-image": lambda names: (
         len(names["pairs"]) > 50 and names["described"].descriptors.any(axis=1).all()
     ),
@@ -30,36 +31,86 @@ EXPECTED = {
         and len(names["fast"]) < 0.6 * len(names["plain"])
         and len(names["strongest"]) == len(names["spread"]) == 200
     ),
-    "Verification": lambda names: len(names["right"]) > 50,
-    "Exchange": lambda names: (
-        len(names["database"].matches["left.jpg", "right.jpg"]) == len(names["pairs"]) > 50
-    ),
 }
 """What holds when the code of a section has run."""
+OF_PAGES = {
+    "image.md": lambda names: names["image"].shape == (427, 640, 3),
+    "attention.md": lambda names: (
+        len(names["path"]) == 10 and names["contrast"].saliency.max() == 1
+    ),
+    "matching.md": lambda names: len(names["right"]) > 50,
+    "exchange.md": lambda names: (
+        len(names["database"].matches["left.jpg", "right.jpg"]) == len(names["pairs"]) > 50
+    ),
+    "viewing.md": lambda names: Path("points.png").stat().st_size > 100_000,
+    "drive-simulation.md": lambda names: (
+        names["frame"].image.shape == (240, 320)
+        and len(names["log"].truth) == len(names["log"].time)
+    ),
+    "coming-from/opencv.md": lambda names: (
+        len(names["points"]) == len(names["keypoints"]) == 200
+        and len(names["described"]) > 100
+        and np.allclose(names["points"][0].pt, names["keypoints"].xy[0])
+        and names["mask"].sum() > 50 < names["checked"].inliers.sum()
+    ),
+    "coming-from/colmap.md": lambda names: (
+        len(names["described"]) == len(names["theirs"]) > 100
+        and names["database"].shapes[names["one"]] == names["shapes"][names["one"]][:2]
+    ),
+    "coming-from/saliencytoolbox.md": lambda names: len(names["path"]) == 10,
+    "coming-from/mrpt.md": lambda names: (
+        len(names["run"].map) == 151 and len(names["ekf"]) == 1 and names["innovation"].nis < 6
+    ),
+    "coming-from/pythonrobotics.md": lambda names: (
+        len(names["run"].map) == 1 and names["run"].trajectory.pose[-1, 2] > 0.4
+    ),
+}
+"""The same of whole pages, whose blocks are run one after the other."""
 
 
-def code_of(section):
-    return re.findall(r"```python\n(.*?)```", section, re.DOTALL)
-
-
-def test_every_section_with_code_is_run():
-    assert {name for name, text in SECTIONS.items() if code_of(text)} == EXPECTED.keys()
-
-
-@pytest.mark.parametrize("name", EXPECTED)
-def test_the_code_of_a_section_runs(name, tmp_path, monkeypatch):
-    blocks = code_of(SECTIONS[name])
-    for library in re.findall(r"(?:import|from) (skimage|pycolmap)", "".join(blocks)):
+def run_code(text, folder):
+    """The names that the code leaves, run in a folder with photographs and a log."""
+    blocks = code_of(text)
+    for library in re.findall(r"^(?:import|from) (skimage|pycolmap)", "\n".join(blocks), re.M):
         if importlib.util.find_spec(library) is None:
             pytest.skip(f"{library}, the peer, is not installed")
     data = files("saccade") / "data"
-    for number, photo in enumerate(("left.jpg", "right.jpg"), 1):
-        (tmp_path / photo).write_bytes((data / f"hallway_{number}.jpg").read_bytes())
-    monkeypatch.chdir(tmp_path)
+    (folder / "photos").mkdir()
+    for number, name in enumerate(("left.jpg", "right.jpg"), 1):
+        photo = (data / f"hallway_{number}.jpg").read_bytes()
+        (folder / name).write_bytes(photo)
+        (folder / "photos" / name).write_bytes(photo)
+    (folder / "photo.jpg").write_bytes((data / "rocket.jpg").read_bytes())
+    (folder / "victoria_park.txt").write_bytes((data / "victoria_park.txt").read_bytes())
     names = {}
     for block in blocks:
         exec(block, names)
-    assert EXPECTED[name](names)
+    return names
+
+
+def test_every_section_with_code_is_run():
+    assert {name for name, text in SECTIONS.items() if code_of(text)} == OF_KEYPOINTS.keys()
+
+
+def test_every_page_with_code_is_run():
+    """The others have tests of their own; that of the README is also the home page's."""
+    with_code = {page for page in PAGES if code_of(page.read_text(encoding="utf-8"))}
+    elsewhere = {"index", "keypoints", "symmetry", "drives", "extract", "slam", "system"}
+    named = {DOCS / name for name in OF_PAGES} | {DOCS / f"{name}.md" for name in elsewhere}
+    assert with_code == named
+    assert code_of((DOCS / "index.md").read_text()) == code_of((ROOT / "README.md").read_text())
+
+
+@pytest.mark.parametrize("name", OF_KEYPOINTS)
+def test_the_code_of_a_section_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert OF_KEYPOINTS[name](run_code(SECTIONS[name], tmp_path))
+
+
+@pytest.mark.parametrize("name", OF_PAGES)
+def test_the_code_of_a_page_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert OF_PAGES[name](run_code((DOCS / name).read_text(encoding="utf-8"), tmp_path))
 
 
 def test_the_code_of_the_page_on_symmetry_runs(tmp_path, monkeypatch):

@@ -4,10 +4,14 @@ import re
 from importlib.resources import files
 
 from conftest import ROOT
+from site_pages import anchors_of
+
+NUMBER = r"(?<![\w.])\d*\.?\d+(?![\w.]\d)"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_five_lines_of_python_run(tmp_path, monkeypatch):
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     data = files("saccade") / "data"
     (tmp_path / "photo.jpg").write_bytes((data / "rocket.jpg").read_bytes())
     (tmp_path / "victoria_park.txt").write_bytes((data / "victoria_park.txt").read_bytes())
@@ -20,6 +24,21 @@ def test_the_five_lines_of_python_run(tmp_path, monkeypatch):
 
 
 def test_every_link_of_the_readme_leads_somewhere():
-    links = re.findall(r"\]\(([^)]+)\)", (ROOT / "README.md").read_text())
+    links = re.findall(r"\]\(([^)]+)\)", README)
     assert links
-    assert all((ROOT / link).exists() for link in links)
+    for link in links:
+        place, _, anchor = link.partition("#")
+        assert (ROOT / place).exists(), link
+        assert not anchor or anchor in anchors_of(ROOT / place), link
+
+
+def test_the_readme_fits_a_screen():
+    assert len(README.splitlines()) <= 60
+
+
+def test_every_figure_of_the_table_says_how_it_was_measured():
+    measured = set(re.findall(NUMBER, (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")))
+    table = "".join(line for line in README.splitlines() if line.startswith("| "))
+    figures = set(re.findall(NUMBER, table))
+    assert len(figures) > 25
+    assert figures <= measured

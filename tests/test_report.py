@@ -2,7 +2,6 @@
 
 import re
 from html import escape
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,23 +21,10 @@ from saccade.viewing.report_map import (
 )
 from saccade.viewing.report_table import table_part
 
-CHROMIUM = Path("/usr/bin/chromium")
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 LANDMARKS = np.array([[0.0, 0.0], [8.0, 4.0], [4.0, 4.0]])
 STEPS = 12
 TO = "\N{EN DASH}"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if not CHROMIUM.exists():
-        pytest.skip(f"no browser at {CHROMIUM}")
-    flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=flags)
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture

@@ -1,14 +1,17 @@
 """Reading, checking and converting images: the only file that knows image files."""
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image as Pillow
 
 from saccade.errors import ImageError
 from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE
@@ -52,6 +55,29 @@ def decode_image(data: bytes, name: str) -> Float32Array:
     """
     bgr = _decode(data, name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name)
+
+
+def size_in_header(data: bytes, name: str) -> tuple[int, int]:
+    """Width and height of a picture as its file says: none of it is decoded.
+
+    Args:
+        data: of any format that Pillow reads.
+        name: what an error message calls it.
+
+    Raises:
+        ImageError: not an image, or its header says that it is enormous.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of size: that is for who asks to judge
+            with Pillow.open(BytesIO(data)) as picture:
+                return picture.size
+    except Pillow.DecompressionBombError as error:
+        raise ImageError(f"{name}: the image is far too large") from error
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ImageError(
+            f"{name}: expected an image (PNG, JPEG, TIFF, ...), found something else"
+        ) from error
 
 
 def read_stored(path: str | Path) -> Image:

@@ -6,7 +6,13 @@ from functools import partial
 
 from saccade.batch.engines import Engine
 from saccade.batch.job import Job
-from saccade.batch.manifest import Totals, check_manifest, write_errors, write_manifest
+from saccade.batch.manifest import (
+    Totals,
+    check_manifest,
+    last_totals,
+    write_errors,
+    write_manifest,
+)
 from saccade.batch.planning import Plan, remove_orphans
 from saccade.batch.shards import Report, Shard, extract_shard
 from saccade.batch.sources import Source
@@ -70,7 +76,7 @@ def extract(
         check_manifest(store, job, redo=redo)
         remove_orphans(store, job)
         plan = Plan.of(source, store, size)
-        write_manifest(store, job, name, Totals(), complete=False)
+        write_manifest(store, job, name, last_totals(store), complete=False)
         work = partial(extract_shard, job, out, redo=redo)
         for report in engine.run(work, _until(stopped, plan.shards(store))):
             done += report.done
@@ -80,7 +86,7 @@ def extract(
         complete = not stopped()
         try:
             remove_orphans(store, job)
-            totals = write_errors(store, lost)
+            totals = write_errors(store, job, lost)
             write_manifest(store, job, name, totals, complete=complete)
         except OutputError as error:
             totals, problem = Totals(errors=len(lost)), str(error)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.batch.job import POINTS
-from saccade.batch.manifest import read_manifest
+from saccade.batch.manifest import read_manifest, record_files
 from saccade.batch.shards import read_record, read_rows
 from saccade.batch.store import Folder
 from saccade.batch.tables import ENTRIES
@@ -194,7 +194,7 @@ def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
         found = "no manifest.json" if manifest is None else manifest["what"]
         raise ConfigError(f"{folder}: expected extracted points, found {found}")
     what, place = manifest["what"], Path(folder) / FOLDER
-    images, first, count = _layout(store, what, most)
+    images, first, count = _layout(store, most)
     vectors = _empty(faiss, store, what, most, count)
     with (
         whole_file(place / "places.npy") as places_path,
@@ -219,10 +219,10 @@ def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
     return {"images": len(images), "points": count}
 
 
-def _layout(store: Folder, what: str, most: int) -> tuple[list[str], list[int], int]:
+def _layout(store: Folder, most: int) -> tuple[list[str], list[int], int]:
     """The images that have points, the first row of each in the index, and how many rows."""
     images, first, count = [], [], 0
-    for file in store.names(what):
+    for file in record_files(store):
         for row in read_record(store, file, ["image", "rows"]).to_pylist():
             if row["rows"]:
                 images.append(row["image"])
@@ -235,7 +235,7 @@ def _kept(
     store: Folder, what: str, most: int
 ) -> Iterator[tuple[Float32Array, npt.NDArray[np.uint8]]]:
     """Places and descriptors of the strongest points of every image, shard by shard."""
-    for file in store.names(what):
+    for file in record_files(store):
         counts = read_record(store, file, ["rows"])["rows"].to_numpy()
         starts = np.cumsum(counts) - counts
         table = read_rows(store, f"{what}/{file}", ["x", "y", "descriptor"])

@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from saccade.batch.job import Job
-from saccade.batch.shards import RECORDS, read_record
+from saccade.batch.shards import PREFIX, RECORDS, SUFFIX, read_record
 from saccade.batch.store import Store
 from saccade.batch.tables import ERRORS, batch_of, parquet_options
 from saccade.errors import ConfigError
@@ -31,6 +31,8 @@ class Totals:
     """Images that have none."""
     shards: int = 0
     """Files of the table."""
+    by_other_versions: int = 0
+    """Images that another version of this package did."""
 
 
 def read_manifest(store: Store) -> dict[str, Any] | None:
@@ -67,6 +69,12 @@ def check_manifest(store: Store, job: Job, *, redo: bool) -> None:
             )
 
 
+def last_totals(store: Store) -> Totals:
+    """What the manifest says of the last run that came to its end."""
+    found = read_manifest(store) or {}
+    return Totals(*(found.get(field.name, 0) for field in fields(Totals)))
+
+
 def write_manifest(store: Store, job: Job, source: str, totals: Totals, *, complete: bool) -> None:
     """Say what made the folder, of what, and how far it is."""
     told = {
@@ -83,14 +91,15 @@ def write_manifest(store: Store, job: Job, source: str, totals: Totals, *, compl
         path.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
 
 
-def write_errors(store: Store, lost: Sequence[tuple[str, str]]) -> Totals:
+def write_errors(store: Store, job: Job, lost: Sequence[tuple[str, str]]) -> Totals:
     """Gather the images with an error in one file, if there are any; and count all.
 
     Args:
         store: with the records of every shard.
+        job: whose version counts as this one.
         lost: images whose results could not be written, and why.
     """
-    images = rows = errors = shards = 0
+    images = rows = errors = shards = others = 0
     unwritten = [{"image": name, "error": why} for name, why in lost]
     batches = [pa.Table.from_batches([batch_of(unwritten, ERRORS)])]
     for record in records(store):
@@ -101,13 +110,14 @@ def write_errors(store: Store, lost: Sequence[tuple[str, str]]) -> Totals:
         errors += len(wrong)
         images += len(record) - len(wrong)
         rows += sum(record["rows"].to_pylist())
+        others += sum(version != job.version for version in record["version"].to_pylist())
     found = pa.concat_tables(batches)
     if len(found):
         with store.writing(ERROR_FILE) as path:
             pq.write_table(found, path, **parquet_options(ERRORS))
     else:
         store.remove(ERROR_FILE)
-    return Totals(images, rows, errors + len(lost), shards)
+    return Totals(images, rows, errors + len(lost), shards, others)
 
 
 def records(store: Store) -> Iterator[pa.Table]:
@@ -117,8 +127,24 @@ def records(store: Store) -> Iterator[pa.Table]:
 
 
 def record_files(store: Store) -> list[str]:
-    """What the records are called."""
-    return [name for name in store.names(RECORDS) if name.endswith(".parquet")]
+    """What the records are called: of every shard that of its youngest generation."""
+    youngest: dict[str, int] = {}
+    for file in store.names(RECORDS):
+        if file.endswith(SUFFIX):
+            shard, generation = generation_of(file)
+            youngest[shard] = max(generation, youngest.get(shard, 0))
+    return sorted(f"{PREFIX}{name_of(*each)}{SUFFIX}" for each in youngest.items())
+
+
+def generation_of(file: str) -> tuple[str, int]:
+    """What the generations of a shard share in their names, and the number of this one."""
+    first, *others = file.removeprefix(PREFIX).removesuffix(SUFFIX).split("-")
+    return "-".join([first, *others[:1]]), int(others[1]) if others[1:] else 0
+
+
+def name_of(shard: str, generation: int) -> str:
+    """The name of a generation of a shard."""
+    return f"{shard}-{generation}" if generation else shard
 
 
 def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:

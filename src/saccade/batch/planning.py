@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from saccade.batch.job import Job
-from saccade.batch.manifest import record_files
-from saccade.batch.shards import RECORDS, Shard, read_record
+from saccade.batch.job import MAPS, Job
+from saccade.batch.manifest import generation_of, name_of, record_files
+from saccade.batch.shards import RECORDS, Shard, read_record, read_rows
 from saccade.batch.sources import Item, Source
 from saccade.batch.store import Store
 
@@ -55,7 +55,8 @@ class Plan:
             names = read_record(store, file, ["image"])["image"].to_pylist()
             numbers = [self.source.find(name) for name in names]
             items = [self.source[number] for number in numbers if number is not None]
-            yield Shard(file.removeprefix("part-").removesuffix(".parquet"), items, known=True)
+            shard, generation = generation_of(file)
+            yield Shard(name_of(shard, generation + 1), items, before=file)
         for first in range(0, len(self.source), self.size):
             block = range(first, min(first + self.size, len(self.source)))
             items = [item for item in map(self.source.__getitem__, block) if self._is_new(item)]
@@ -69,11 +70,18 @@ class Plan:
 
 
 def remove_orphans(store: Store, job: Job) -> None:
-    """Take away what a run that was cut off left without a record."""
-    recorded = set(store.names(RECORDS))
+    """Take away what a run that was cut off left without a record, and older generations."""
+    recorded = set(record_files(store))
+    for file in store.names(RECORDS):
+        if file not in recorded:
+            store.remove(f"{RECORDS}/{file}")
     for file in store.names(job.what):
         if file not in recorded:
-            store.remove(f"{job.what}/{file}")
+            name = f"{job.what}/{file}"
+            maps = read_rows(store, name, ["file"])["file"].unique() if job.what in MAPS else []
+            for each in maps:
+                store.remove(str(each))
+            store.remove(name)
 
 
 def shard_name(first: int, items: list[Item]) -> str:

@@ -2,6 +2,8 @@
 
 A shard counts as done when its record is there, which is written last. One that was
 interrupted before leaves at most a table without a record: the next run takes it away.
+What is done anew of a shard makes another one beside it, a generation younger, so that at no
+moment a record tells of a table that it was not written for.
 """
 
 import time
@@ -21,6 +23,7 @@ from saccade.batch.store import Store, open_store
 from saccade.batch.tables import RECORD, batch_of, parquet_options, texts
 from saccade.errors import KeypointsError, OutputError, SaccadeError
 
+PREFIX, SUFFIX = "part-", ".parquet"
 RECORDS = "images"
 """Folder of the records, a row for every image."""
 ROWS_AT_ONCE = 1 << 16
@@ -31,15 +34,15 @@ class Shard(NamedTuple):
     """Images that share a file."""
 
     name: str
-    """It follows from the names of its images: done again, a shard takes its own place."""
+    """It follows from the names of its images, and from the generation."""
     items: Sequence[Item]
-    known: bool = False
-    """Whether there is a record of it."""
+    before: str | None = None
+    """The record of the generation before, if there is one."""
 
     @property
     def file(self) -> str:
         """What it is called in every folder."""
-        return f"part-{self.name}.parquet"
+        return f"{PREFIX}{self.name}{SUFFIX}"
 
 
 class Report(NamedTuple):
@@ -67,7 +70,7 @@ def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> Rep
         redo: whether what another version or configuration made is made anew.
     """
     store = open_store(place)
-    before = read_record(store, shard.file).to_pylist() if shard.known else []
+    before = read_record(store, shard.before).to_pylist() if shard.before else []
     kept = kept_records(job, before, shard, redo)
     todo = [item for item in shard.items if item.name not in kept]
     failed = sum(row["error"] is not None for row in kept.values())
@@ -141,7 +144,8 @@ def _write(
     """Write the table and the record of a shard; gives the rows of what was done now."""
     with _writing(job, store, shard) as write:
         if kept:
-            table, maps = _read_table(job, store, shard)
+            table = read_rows(store, f"{job.what}/{shard.before}")
+            maps = store if job.what in MAPS else None
             for name, row in kept.items():
                 rows = table.slice(row["first"], row["rows"])
                 write(name, rows, read_map(maps, rows) if maps and row["rows"] else None)
@@ -205,9 +209,3 @@ def _writing(job: Job, store: Store, shard: Shard) -> Iterator[Any]:
 
         yield write
         flush()
-
-
-def _read_table(job: Job, store: Store, shard: Shard) -> tuple[pa.Table, Store | None]:
-    """The table of an earlier run, and where its maps are if it has any."""
-    table = read_rows(store, f"{job.what}/{shard.file}")
-    return table, store if job.what in MAPS else None

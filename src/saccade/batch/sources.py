@@ -202,7 +202,8 @@ def open_source(source: str, every: int = 1) -> Source:
         source: a folder, whose images are taken but not those of folders in it; a pattern such
             as `photos/**/*.jpg`; a list with a path or URL on each line (.txt); an image; a
             video; a tar without compression; or the URL of any of them but the video, such as
-            `s3://bucket/photos`. What a pattern names may be tars and videos.
+            `s3://bucket/photos`. What a pattern names may be tars and videos; one that ends in
+            `*` takes nothing else.
         every: of a video, take one frame of so many.
 
     Raises:
@@ -217,7 +218,8 @@ def open_source(source: str, every: int = 1) -> Source:
         raise ImageError(f"{source}: cannot be read: {reason}") from error
     if not len(found):
         expected = ", ".join(IMAGE_SUFFIXES)
-        raise ImageError(f"{source}: expected images ({expected}), found none")
+        deeper = f"; for those of its folders: '{source}/**/*'" if Path(source).is_dir() else ""
+        raise ImageError(f"{source}: expected images ({expected}), found none{deeper}")
     return found
 
 
@@ -265,13 +267,21 @@ def _local(source: str, every: int) -> Source:
         root = _before_signs(source)
         found = Path(root).glob(source.removeprefix(root))
         names = [each.relative_to(root).as_posix() for each in found if not each.is_dir()]
-        return _mixed(sorted(names), root, every)
+        return _mixed(sorted(_meant(names, source)), root, every)
     if not path.exists():
         raise ImageError(f"{source}: cannot be read: no such file or folder")
     if source.lower().endswith(LIST_SUFFIXES):
         return Listed.of(_lines(path), str(path.parent))
     folder = source[: source.rfind("/") + 1]
     return _mixed([path.name], folder, every)
+
+
+def _meant(names: Sequence[str], pattern: str) -> Sequence[str]:
+    """Of what a pattern names: all if it says how names end, otherwise what may hold images."""
+    suffixes = (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES, TAR_SUFFIX)
+    if not pattern.endswith("*"):
+        return names
+    return [name for name in names if name.lower().endswith(suffixes)]
 
 
 def _before_signs(pattern: str) -> str:
@@ -308,7 +318,7 @@ def _remote(url: str) -> Source:
     scheme = url.partition("://")[0]
     if any(sign in path for sign in SIGNS):
         base = _before_signs(path).rstrip("/")
-        found = system.glob(path)
+        found = _meant(system.glob(path), path)
     elif path.lower().endswith((TAR_SUFFIX, *IMAGE_SUFFIXES)):
         base, found = path.rpartition("/")[0], [path]
     elif path.lower().endswith(LIST_SUFFIXES):

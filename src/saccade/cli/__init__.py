@@ -23,6 +23,7 @@ from saccade.cli.extract import extract
 from saccade.cli.index import find, index
 from saccade.cli.look import look
 from saccade.cli.match import match
+from saccade.cli.serve import serve
 from saccade.cli.simulate import simulate
 from saccade.cli.slam import slam
 from saccade.errors import OutputError, SaccadeError
@@ -53,6 +54,7 @@ app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
 app.command(epilog="Example: saccade check kitti/07")(check)
 app.command(epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
 app.command(epilog="Example: saccade drive KITTI/07 --out mapped")(drive)
+app.command(epilog="Example: saccade serve --port 8014")(serve)
 app.command(epilog="Example: saccade demo --out saccade-demo")(demo)
 app.add_typer(evaluate, name="evaluate")
 app.add_typer(simulate, name="simulate")

@@ -10,6 +10,9 @@ if TYPE_CHECKING:
 MOST = 4_700_000
 """Letters of all parts together; the page stays under 5 MB."""
 
+SORTED = "Click a heading to sort by it, and once more for the other way round."
+"""What is said of a table."""
+
 
 class Album:
     """Parts of one report, as many as there is room for; the first is always kept.
@@ -78,6 +81,5 @@ def write_table_page(
     if path is None:
         return
     album = Album(command, lead)
-    text = "Click a heading to sort by it, and once more for the other way round."
-    album.add(lambda: table_part(Section(title, text), columns, rows))
+    album.add(lambda: table_part(Section(title, SORTED), columns, rows))
     album.write(path)

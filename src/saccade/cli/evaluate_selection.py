@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from saccade.cli.options import Json
+from saccade.cli.options import Json, Report
 from saccade.cli.selection_runs import CHOICES, SCORES, Series
 
 if TYPE_CHECKING:
@@ -28,8 +28,11 @@ TITLES = {
     "landmarks": "landmarks in the map",
 }
 """The same in the figure."""
+HEADINGS = [heading for heading, _, _ in SHOWN.values()]
 REFERENCE = "random"
 """The choice with which the others are compared."""
+OVERALL = f"all drives and budgets, against {REFERENCE}"
+LEAD = "Which landmarks to keep: the maps that each choice makes, at equal budgets."
 
 
 class Axes(NamedTuple):
@@ -63,6 +66,7 @@ def selection(
     first_seed: Annotated[int, typer.Option(min=0, help="Of them.")] = 0,
     frames: Annotated[int, typer.Option(min=8, help="Of each drive, at most.")] = 300,
     jobs: Annotated[int, typer.Option(min=1, help="Processes that drive at a time.")] = 1,
+    report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Choose landmarks in several ways, at equal budgets, and see which maps are best.
@@ -77,7 +81,7 @@ def selection(
     In --out appears a figure, selection.png. Each run is kept there: an evaluation that was
     interrupted goes on, and more seeds add to it.
     """
-    from saccade.cli.output import print_json, say
+    from saccade.cli.output import print_json, print_table, say
     from saccade.cli.selection_runs import run_all
     from saccade.errors import require
 
@@ -96,13 +100,13 @@ def selection(
     axes = Axes(worlds, limits, wanted, [first_seed + number for number in numbers])
     tables = _tables(run_all(series, out, jobs), axes)
     picture = _drawn(out / "selection.png", tables, axes)
-    overall = _overall(tables, wanted)
+    overall, rows = _overall(tables, wanted), list(_rows(tables, axes))
+    _write_page(report, picture, overall, rows)
     if as_json:
-        rows = list(_rows(tables, axes))
         print_json({"frames": frames, "seeds": axes.seed, "rows": rows, "overall": overall})
     else:
-        _print_tables(tables, axes)
-        _print_overall(overall)
+        _print_tables(rows, axes)
+        print_table(OVERALL, *_overall_table(overall))
     say(f"wrote {picture}")
 
 
@@ -159,24 +163,22 @@ def _overall(tables: "dict[str, FloatArray]", choices: Sequence[str]) -> list[di
     return sorted(rows, key=lambda row: row["place"])
 
 
-def _print_tables(tables: "dict[str, FloatArray]", axes: Axes) -> None:
+def _print_tables(rows: Sequence[dict[str, Any]], axes: Axes) -> None:
     from saccade.cli.output import print_table
 
-    rows = list(_rows(tables, axes))
-    columns = ["", *(heading for heading, _, _ in SHOWN.values())]
     for drive in axes.drive:
         for budget in axes.budget:
             here = [row for row in rows if (row["drive"], row["budget"]) == (drive, budget)]
-            shown = [
-                [row["choice"], *(_shown(row[name], *SHOWN[name][1:]) for name in SHOWN)]
-                for row in here
-            ]
-            print_table(f"{drive}, {budget} new per frame", columns, shown)
+            shown = [[row["choice"], *_scores(row)] for row in here]
+            print_table(f"{drive}, {budget} new per frame", ["", *HEADINGS], shown)
 
 
-def _print_overall(overall: list[dict[str, Any]]) -> None:
-    from saccade.cli.output import print_table
+def _scores(row: dict[str, Any]) -> list[str]:
+    return [_shown(row[name], *SHOWN[name][1:]) for name in SHOWN]
 
+
+def _overall_table(overall: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """Headings and cells of the choices over all drives and budgets."""
     columns = ["", "mean place"]
     shown = [[row["choice"], f"{row['place']:.2f}"] for row in overall]
     if "ate_m_ratio" in overall[0]:
@@ -185,7 +187,38 @@ def _print_overall(overall: list[dict[str, Any]]) -> None:
             for name in ("ate_m_ratio", "found_again_ratio"):
                 mean, low, high = row[name]
                 line.append("-" if mean is None else f"{mean:.2f} [{low:.2f} {high:.2f}]")
-    print_table(f"all drives and budgets, against {REFERENCE}", columns, shown)
+    return columns, shown
+
+
+def _write_page(
+    path: Path | None,
+    picture: Path,
+    overall: list[dict[str, Any]],
+    rows: Sequence[dict[str, Any]],
+) -> None:
+    """All of it as a page, the figure among it; None writes nothing."""
+    from saccade.cli.album import SORTED, Album
+    from saccade.viewing.page import Picture, Section
+    from saccade.viewing.report import png_file
+    from saccade.viewing.report_table import table_part
+
+    if path is None:
+        return
+    figure = Picture(
+        png_file(picture),
+        "Each score of each choice over the budgets, with intervals; the tables say the same",
+        "Means over the seeds, with 95 % bootstrap intervals.",
+    )
+    every = [[row["choice"], row["drive"], str(row["budget"]), *_scores(row)] for row in rows]
+    columns = ["", "drive", "new per frame", *HEADINGS]
+    album = Album("saccade evaluate selection", LEAD)
+    album.add(
+        lambda: table_part(Section(OVERALL, SORTED, [figure]), *_overall_table(overall), "choice")
+    )
+    album.add(
+        lambda: table_part(Section("every drive and budget", SORTED), columns, every, "choice")
+    )
+    album.write(path)
 
 
 def _shown(score: list[float] | None, factor: float, decimals: int) -> str:

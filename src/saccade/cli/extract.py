@@ -2,8 +2,10 @@
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from datetime import timedelta
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +17,7 @@ from saccade.cli.options import Json, Preset, Settings
 if TYPE_CHECKING:
     from saccade.batch import Extraction
     from saccade.batch.engines import Engine
+    from saccade.batch.shards import Report
     from saccade.batch.sources import Source
 
 
@@ -40,6 +43,8 @@ class MapFormat(StrEnum):
 KINDS = {What.SALIENCY: "attention", What.SCANPATH: "attention"}
 """Of the configuration, as `saccade config` calls it, where that is another name."""
 INTERRUPTED = 130
+WHERE = "Where the work is done"
+"""Heading of options."""
 
 
 def extract(
@@ -50,38 +55,70 @@ def extract(
             help="A folder, a quoted pattern, a list (.txt), a video, a tar, or a URL of them.",
         ),
     ],
-    what: Annotated[What, typer.Option(help="What to extract.")] = What.SIFT,
+    what: Annotated[
+        What,
+        typer.Option(metavar="KIND", help=f"What to extract: {', '.join(What)}."),
+    ] = What.SIFT,
     out: Annotated[
-        str, typer.Option("--out", "-o", help="Folder or URL for the data set.")
+        str, typer.Option("--out", "-o", metavar="DIR", help="Folder or URL for the data set.")
     ] = "saccade-extract",
     preset: Preset = None,
     config: Settings = None,
-    fixations: Annotated[int, typer.Option(min=1, help="Length of a scanpath.")] = 10,
+    fixations: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Of a scanpath: how many.")
+    ] = 10,
     maps: Annotated[
-        MapFormat, typer.Option(help="Of saliency: float16 Zarr, or 16-bit PNG.")
+        MapFormat, typer.Option(help="Files of maps: float16 Zarr, or 16-bit PNG.")
     ] = MapFormat.ZARR,
     exact: Annotated[
         bool, typer.Option("--exact", help="Keep all bits of points: a third more bytes.")
     ] = False,
-    every: Annotated[int, typer.Option(min=1, help="Of a video, take one frame of so many.")] = 1,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; the default suits cores and memory.")
-    ] = None,
-    size: Annotated[
-        int | None, typer.Option("--shard", min=1, help="Images to a file; up to 256 by default.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Work on a Dask cluster: tcp://host:8786.")
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(help="Work in jobs of a batch system, through Dask: slurm, pbs ..."),
-    ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="With --cluster: how many jobs.")] = 1,
+    every: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Of a video, take one frame of N.")
+    ] = 1,
     redo: Annotated[
         bool, typer.Option("--redo", help="Do anew what other settings or another version made.")
     ] = False,
     as_json: Json = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Processes; the default suits cores and memory.",
+            rich_help_panel=WHERE,
+        ),
+    ] = None,
+    size: Annotated[
+        int | None,
+        typer.Option(
+            "--shard",
+            min=1,
+            metavar="N",
+            help="Images to a file; up to 256 by default.",
+            rich_help_panel=WHERE,
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="A Dask cluster: tcp://host:8786.", rich_help_panel=WHERE
+        ),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SYSTEM",
+            help="Jobs of a batch system, through Dask: slurm, pbs, sge, lsf, htcondor or oar.",
+            rich_help_panel=WHERE,
+        ),
+    ] = None,
+    jobs: Annotated[
+        int,
+        typer.Option(
+            min=1, metavar="N", help="With --cluster: how many jobs.", rich_help_panel=WHERE
+        ),
+    ] = 1,
 ) -> None:
     """Extract features of many images into a Parquet data set.
 
@@ -98,7 +135,7 @@ def extract(
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
-    from saccade.cli.output import print_json, say
+    from saccade.cli.output import print_json, resumable, say
     from saccade.cli.settings import load_settings
 
     job = Job(
@@ -109,7 +146,7 @@ def extract(
         maps=maps.value,
     )
     images = open_source(source, every)
-    with ExitStack() as stack:
+    with resumable(Path(out) / "manifest.json"), ExitStack() as stack:
         engine = stack.enter_context(_engine(images, workers, scheduler, cluster, jobs))
         stopped = stack.enter_context(_stopping())
         watch = stack.enter_context(_watching(len(images)))
@@ -131,10 +168,13 @@ def extract(
         _print(result, what.value, out)
     if result.problem is not None:
         say(result.problem)
+    others = result.totals.by_other_versions
+    if others:
+        say(f"{others} images were done by another version; --redo does them anew")
     if not result.complete:
         seen = result.done + result.same
         say(f"stopped after {seen} of {len(images)} images; give the same command to go on")
-        raise typer.Exit(INTERRUPTED)
+        raise SystemExit(INTERRUPTED)
     if result.totals.errors:
         say(f"{result.totals.errors} of {len(images)} images failed; see {out}/errors.parquet")
         raise typer.Exit(1)
@@ -161,7 +201,10 @@ def _engine(
         raise ConfigError("cluster: expected --scheduler or --cluster, found both")
     if scheduler is not None or cluster is not None:
         from saccade.batch.cluster import batch_system, scheduler_at
+        from saccade.cli.output import say
 
+        if cluster is not None:
+            say(f"{jobs} {'job' if jobs == 1 else 'jobs'} of {cluster}: waiting for the first")
         where = scheduler_at(scheduler) if scheduler else batch_system(str(cluster), jobs)
         with where as engine:
             yield engine
@@ -192,6 +235,35 @@ def _stopping() -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, before)
 
 
+class Pace:
+    """How fast the work goes; what had been done before passes too quickly to count.
+
+    Args:
+        total: images.
+    """
+
+    def __init__(self, total: int) -> None:
+        self.seen = 0
+        """Images of which a report has come."""
+        self.since = time.monotonic()
+        """When the first began that is done now."""
+        self._total = total
+        self._before = self._errors = 0
+
+    def after(self, report: "Report", now: float) -> str:
+        """Images per second, time left and errors so far, when a report has come."""
+        self.seen += report.done + report.same + len(report.lost)
+        self._errors += report.failed + len(report.lost)
+        if self.seen == self._before + report.same:
+            self._before, self.since = self.seen, now
+        rate = (self.seen - self._before) / max(now - self.since, 1e-3)
+        parts = [f"{self._errors:,} errors"] if self._errors else []
+        if rate > 0:
+            left = timedelta(seconds=round((self._total - self.seen) / rate))
+            parts = [f"{rate:.1f} images/s", f"{left} left", *parts]
+        return "  ".join(parts)
+
+
 @contextmanager
 def _watching(total: int) -> Iterator[Any]:
     """What shows the progress: images per second, time left and errors; only on a terminal."""
@@ -201,32 +273,16 @@ def _watching(total: int) -> Iterator[Any]:
     if not console.is_terminal:
         yield lambda report: None
         return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[errors]}"),
-    )
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[said]}"))
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("", total=total, rate="", errors="")
-        errors = 0
+        task = progress.add_task("", total=total, said="starting")
+        pace = Pace(total)
 
         def watch(report: Any) -> None:
-            nonlocal errors
-            errors += report.failed + len(report.lost)
-            progress.advance(task, report.done + report.same + len(report.lost))
-            (shown,) = progress.tasks
-            rate = f"{shown.speed:.1f} images/s" if shown.speed else ""
-            progress.update(task, rate=rate, errors=f"{errors} errors" if errors else "")
+            said = pace.after(report, time.monotonic())
+            progress.update(task, completed=pace.seen, said=said)
 
         yield watch
 

@@ -13,7 +13,7 @@ def index(
         Path, typer.Argument(metavar="DIR", help="A data set of points, as extract made it.")
     ],
     points: Annotated[
-        int, typer.Option(min=1, help="Of each image at most; the strongest.")
+        int, typer.Option(min=1, metavar="N", help="Of each image at most; the strongest.")
     ] = 1000,
     as_json: Json = False,
 ) -> None:
@@ -39,10 +39,12 @@ def find(
     folder: Annotated[
         Path, typer.Option("--in", metavar="DIR", help="A data set with an index.")
     ] = Path("saccade-extract"),
-    top: Annotated[int, typer.Option(min=1, help="Images to list.")] = 10,
-    candidates: Annotated[int, typer.Option(min=1, help="Images whose geometry is checked.")] = 30,
+    top: Annotated[int, typer.Option(min=1, metavar="N", help="Images to list.")] = 10,
+    candidates: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Images whose geometry is checked.")
+    ] = 30,
     agreeing: Annotated[
-        int, typer.Option(min=8, help="Matches that must agree on one geometry.")
+        int, typer.Option(min=8, metavar="N", help="Matches that must agree on one geometry.")
     ] = 15,
     as_json: Json = False,
 ) -> None:

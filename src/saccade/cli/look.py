@@ -12,6 +12,7 @@ from saccade.cli.options import Json, Out, Preset, Settings
 
 if TYPE_CHECKING:
     from saccade.types import Float32Array, Scanpath
+    from saccade.viewing import Section
     from saccade.viewing.report import Part
 
 TEXT = (
@@ -136,7 +137,7 @@ def look_at(
     from saccade.errors import ImageError
     from saccade.formats import FORMATS
     from saccade.image import read_image
-    from saccade.viewing import attention_figure, save_figure, save_film, scanpath_frames
+    from saccade.viewing import Section, attention_figure, save_figure, save_film, scanpath_frames
 
     image = read_image(path)
     try:
@@ -165,7 +166,8 @@ def look_at(
         "arrays": str(arrays),
     }
     if album is not None:
-        album.add(lambda: _part(path, image, layers, fixated))
+        text = "" if len(album) else TEXT
+        album.add(lambda: _part(Section(path.name, text), image, layers, fixated))
     if film:
         played = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
         row["film"] = str(save_film(*scanpath_frames(image, fixated), played))
@@ -173,12 +175,14 @@ def look_at(
 
 
 def _part(
-    path: Path, image: "Float32Array", layers: "dict[str, Float32Array]", fixated: "Scanpath"
+    section: "Section",
+    image: "Float32Array",
+    layers: "dict[str, Float32Array]",
+    fixated: "Scanpath",
 ) -> "Part":
     """The image as a part of a report, with the strongest interest points of all over it."""
     from saccade import Sift, SiftConfig
-    from saccade.viewing.page import Section
     from saccade.viewing.report_image import MOST_POINTS, image_part
 
     points = Sift(SiftConfig(max_keypoints=MOST_POINTS, spread=True))(image)
-    return image_part(Section(path.name, TEXT), image, layers, fixated, points)
+    return image_part(section, image, layers, fixated, points)

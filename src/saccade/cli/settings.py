@@ -24,6 +24,8 @@ KINDS = {
 """Where the configuration of each kind lives."""
 
 DEFAULT = "default"
+LARGEST = 1 << 1023
+"""Whole number that a float can hold."""
 
 
 def load_settings(kind: str, preset: str | None = None, path: Path | None = None) -> Any:
@@ -133,7 +135,7 @@ def _like(value: Any, model: Any, name: str) -> Any:
         return _changed(model, value, name)
     if isinstance(model, tuple) and isinstance(value, list):
         return tuple(_like(each, model[0], name) if model else each for each in value)
-    if type(model) is float and type(value) is int:
+    if type(model) is float and type(value) is int and abs(value) <= LARGEST:
         return float(value)
     if model is not None and type(value) is not type(model):
         raise ConfigError(f"{name}: expected {type(model).__name__}, found {value!r}")

@@ -3,13 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 
 import cv2
-import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 
 from saccade.types import Float32Array, FloatArray, Image, IntArray, MapSnapshot, Trajectory
 from saccade.viewing.map_film import HEIGHT, map_frames
-from saccade.viewing.style import HEAT
 
 LEFT = 640
 """Pixels; the width of what the camera sees."""
@@ -106,6 +104,6 @@ def _write(
 def _heated(picture: npt.NDArray[np.uint8], saliency: Float32Array) -> npt.NDArray[np.uint8]:
     size = (picture.shape[1], picture.shape[0])
     strong = cv2.resize(saliency, size, interpolation=cv2.INTER_LINEAR).clip(0, 1)
-    heat = mpl.colormaps[HEAT](strong)[:, :, :3] * 255
-    mixed = (1 - SHADE) * picture + SHADE * heat
-    return np.asarray(mixed.round(), np.uint8)
+    levels = np.asarray((strong * 255).round(), np.uint8)
+    heat = cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS)[:, :, ::-1]
+    return np.asarray(cv2.addWeighted(picture, 1 - SHADE, heat, SHADE, 0), np.uint8)

@@ -1,8 +1,8 @@
 """One plain page that shows pictures and figures; opens from disk, needs no network."""
 
+import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from importlib.resources import files
 
 
@@ -51,6 +51,11 @@ def whole_page(title: str, lead: str, body: str, head: str) -> str:
         f'<h1>{escape(title)}</h1>\n<p class="lead">{escape(lead)}</p>\n{body}\n'
         "</main>\n</body>\n</html>\n"
     )
+
+
+def escape(text: str) -> str:
+    """Words as HTML; what of a file's name is no text is shown as a question mark."""
+    return html.escape(text.encode(errors="replace").decode())
 
 
 def web_file(name: str) -> str:

@@ -8,9 +8,10 @@ import base64
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from io import BytesIO
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -21,11 +22,15 @@ from saccade.viewing.page import Section, section_html, web_file, whole_page
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
-    "image": ("image.js",),
-    "match": ("image.js", "match.js"),
+    "image": ("photo.js", "image.js"),
+    "match": ("photo.js", "match.js"),
     "table": ("table.js",),
 }
 """Of each kind of part, beside those of every page."""
+MOST = 4_500_000
+"""Letters of a part, so that a page with it stays under 5 MB."""
+PICTURE = 1_300_000
+"""Letters of one picture, likewise."""
 _PACKED = ("float32", "int32", "int16", "uint16", "uint8")
 """Kinds of numbers that a browser takes as they are in memory."""
 
@@ -49,10 +54,9 @@ class Part:
     @cached_property
     def html(self) -> str:
         """As it stands on the page."""
-        text = json.dumps(_plain(self.data), separators=(",", ":"), allow_nan=False)
-        text = text.replace("<", "\\u003c")  # no word in it ends the element
         inside = f'\n<div class="part" data-kind="{self.kind}">'
-        inside += f'<script type="application/json">{text}</script></div>\n'
+        data = script_data(self.data)
+        inside += f'<script type="application/json">{data}</script></div>\n'
         return section_html(self.section, inside)
 
 
@@ -70,7 +74,7 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     styles = [web_file(name) for name in ("page.css", "uPlot.min.css", "report.css")]
     policy = (
         "default-src 'none'; img-src data:; base-uri 'none'; form-action 'none'; "
-        f"style-src {_hashes(styles)}; script-src {_hashes(scripts)}"
+        f"style-src {hashes(styles)}; script-src {hashes(scripts)}"
     )
     head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
     head += '<meta name="color-scheme" content="light dark">\n'
@@ -81,11 +85,51 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     return whole_page(title, lead, body, head)
 
 
+def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Section:
+    """A section that says what of it was left out.
+
+    Args:
+        section: heading, text, facts and links.
+        thinned: by what they are called, how many there were, and of how many one is kept.
+    """
+    notes = [
+        f"Of {count:,} {name} one in {stride} is on this page."
+        for name, (count, stride) in thinned.items()
+        if stride > 1
+    ]
+    return replace(section, text=" ".join([section.text, *notes]))
+
+
 def jpeg(picture: npt.NDArray[np.uint8], quality: int = 80) -> str:
-    """A picture (h, w) or (h, w, 3) in RGB as the address of a JPEG that holds it."""
+    """A picture (h, w) or (h, w, 3) in RGB as the address of a JPEG that holds it.
+
+    One of noise gets a lower quality, so that it has at most `PICTURE` letters.
+    """
     with BytesIO() as file:
         Pillow.fromarray(picture).save(file, format="JPEG", quality=quality, optimize=True)
-        return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
+        address = "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
+    return address if len(address) <= PICTURE or quality < 10 else jpeg(picture, quality // 2)
+
+
+def png_file(path: Path) -> str:
+    """The address of a PNG that holds what is in a file."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def as_json(data: Mapping[str, Any]) -> str:
+    """What a script of ours is given: JSON, and arrays of numbers packed in it."""
+    return json.dumps(_plain(data), separators=(",", ":"), allow_nan=False)
+
+
+def script_data(data: Mapping[str, Any]) -> str:
+    """The same inside of a script element: no word in it ends the element."""
+    return as_json(data).replace("<", "\\u003c")
+
+
+def hashes(texts: Sequence[str]) -> str:
+    """The sources of a Content-Security-Policy that allow scripts or styles of these texts."""
+    digests = (hashlib.sha256(text.encode()).digest() for text in texts)
+    return " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in digests)
 
 
 def _plain(value: Any) -> Any:
@@ -103,8 +147,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     return value
-
-
-def _hashes(texts: Sequence[str]) -> str:
-    digests = (hashlib.sha256(text.encode()).digest() for text in texts)
-    return " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in digests)

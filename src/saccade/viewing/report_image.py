@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Mapping
+from functools import cache
 from io import BytesIO
 from typing import Any
 
@@ -13,7 +14,7 @@ from PIL import Image as Pillow
 
 from saccade.types import Float32Array, IntArray, Keypoints, Scanpath
 from saccade.viewing.page import Section
-from saccade.viewing.report import Part, jpeg
+from saccade.viewing.report import Part, jpeg, with_notes
 from saccade.viewing.style import HEAT
 
 LONGEST = 1200
@@ -45,20 +46,12 @@ def image_part(
     """
     points = None if keypoints is None else keypoints[:MOST_POINTS]
     data: dict[str, Any] = {
-        "image": _photograph(image, longest),
-        "maps": [{"name": name, "address": _heat(values)} for name, values in maps.items()],
-        "scanpath": {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency},
+        "image": photograph(image, longest),
+        "maps": [{"name": name, "address": heat(values)} for name, values in maps.items()],
+        "scanpath": scanpath_data(path),
     }
     if points is not None:
-        data["points"] = {
-            "xy": points.xy.ravel(),
-            "size": points.size,
-            "angle": points.angle,
-            "response": points.response,
-            "octave": points.octave,
-        }
-        if points.descriptors is not None:
-            data["points"]["descriptor"] = points.descriptors.ravel()
+        data["points"] = points_data(points)
     return Part(section, "image", data)
 
 
@@ -78,10 +71,12 @@ def match_part(
         pairs: (m, 2) indices into the two.
         inliers: (m,) which of them agree with one geometry; None where that was not asked.
     """
-    every = slice(None, None, len(pairs) // MOST_MATCHES + 1)
+    stride = -(-len(pairs) // MOST_MATCHES) or 1
+    every = slice(None, None, stride)
     shown = pairs[every]
+    section = with_notes(section, {"matches": (len(pairs), stride)})
     data: dict[str, Any] = {
-        "images": [_photograph(image, LONGEST) for image in images],
+        "images": [photograph(image) for image in images],
         "xy": np.hstack([keypoints[i].xy[shown[:, i]] for i in (0, 1)]).ravel(),
         "size": np.stack([keypoints[i].size[shown[:, i]] for i in (0, 1)], 1).ravel(),
     }
@@ -94,7 +89,27 @@ def match_part(
     return Part(section, "match", data)
 
 
-def _photograph(image: Float32Array, longest: int) -> dict[str, Any]:
+def scanpath_data(path: Scanpath) -> dict[str, Any]:
+    """Fixations as the script of an image takes them."""
+    return {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency}
+
+
+def points_data(points: Keypoints) -> dict[str, Any]:
+    """Interest points, likewise."""
+    data: dict[str, Any] = {
+        "xy": points.xy.ravel(),
+        "size": points.size,
+        "angle": points.angle,
+        "response": points.response,
+        "octave": points.octave,
+    }
+    if points.descriptors is not None:
+        data["descriptor"] = points.descriptors.ravel()
+    return data
+
+
+def photograph(image: Float32Array, longest: int = LONGEST) -> dict[str, Any]:
+    """A photograph (H, W, 3) in [0, 1] as a JPEG, and its size; `longest` is of its longer side."""
     height, width = image.shape[:2]
     scale = min(1.0, longest / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -103,12 +118,21 @@ def _photograph(image: Float32Array, longest: int) -> dict[str, Any]:
     return {"address": jpeg(levels, 82), "width": width, "height": height}
 
 
-def _heat(values: Float32Array) -> str:
+def heat(values: Float32Array) -> str:
     """A map as the address of a PNG, from 0 to its maximum."""
     scale = min(1.0, SMALL / max(values.shape))
     size = (max(1, round(values.shape[1] * scale)), max(1, round(values.shape[0] * scale)))
     small = cv2.resize(np.asarray(values, np.float32), size, interpolation=cv2.INTER_AREA)
-    colors = mpl.colormaps[HEAT](small / max(float(small.max()), 1e-12))[:, :, :3]
+    levels = np.asarray((small * (255 / max(float(small.max()), 1e-12))).round(), np.uint8)
+    picture = Pillow.fromarray(levels, "L")
+    picture.putpalette(_palette())
     with BytesIO() as file:
-        Pillow.fromarray(np.asarray((colors * 255).round(), np.uint8)).save(file, format="PNG")
+        picture.save(file, format="PNG")
         return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
+
+
+@cache
+def _palette() -> bytes:
+    """The 256 colors of a map."""
+    colors = mpl.colormaps[HEAT](np.arange(256))[:, :3]
+    return np.asarray((colors * 255).round(), np.uint8).tobytes()

@@ -10,7 +10,7 @@ import numpy as np
 from saccade.types import FloatArray, Image, IntArray, LandmarkMap, MapSnapshot, Trajectory
 from saccade.viewing.maps import SIGMAS
 from saccade.viewing.page import Section
-from saccade.viewing.report import Part, jpeg
+from saccade.viewing.report import MOST, Part, jpeg, with_notes
 
 MOST_POSES = 6000
 """Of each drive; of a longer one every so-manieth is kept."""
@@ -18,11 +18,20 @@ MOST_DOTS = 3000
 """Of each chart."""
 MOST_ROWS = 40_000
 """Landmarks in all snapshots together; where there are more, snapshots are left out."""
-MOST_SIGHTINGS = 60_000
+MOST_RUNS = 60_000
+"""Stretches in which a landmark was seen without a gap."""
+MOST_PIXELS = 50_000
+"""Places of landmarks in the pictures of the camera."""
+GAP = 2
+"""Poses between two sightings of one stretch, at most."""
+MOST_SHOWN = 160
+"""Pictures of the camera."""
 MOST_PICTURES = 1_600_000
 """Letters for all the pictures of the camera."""
 WIDE = 280
 """Pixels, of a picture of the camera."""
+ROOMS = (1.0, 0.7, 0.4, 0.2)
+"""Shares of these numbers that are tried until the part is small enough."""
 
 
 @dataclass(frozen=True)
@@ -90,22 +99,53 @@ def map_part(
         ground: what else is drawn.
         picture: gives what the camera saw at a pose, or None.
     """
+    drawn = [] if picture is None else _pictures([each.step for each in snapshots], picture)
+    runs = _runs(sightings, estimate.time - estimate.time[0])
+    for room in ROOMS:
+        part = _map_part(section, estimate, snapshots, sightings, charts, ground, drawn, runs, room)
+        if part.letters <= MOST:
+            break
+    return part
+
+
+def _map_part(
+    section: Section,
+    estimate: Trajectory,
+    snapshots: Sequence[MapSnapshot],
+    sightings: Sightings,
+    charts: Sequence[Chart],
+    ground: Ground,
+    drawn: Sequence[tuple[int, dict[str, Any]]],
+    runs: Mapping[str, FloatArray | IntArray],
+    room: float,
+) -> Part:
+    """The part with a share `room` of what it may hold at most."""
     start = float(estimate.time[0])
     rows = sum(len(each.landmarks) for each in snapshots)
-    kept = _thinned(snapshots, -(-rows // MOST_ROWS) or 1)
-    shown = [] if picture is None else _pictures([each.step for each in kept], picture)
+    every = _stride(rows, MOST_ROWS * room)
+    kept = _thinned(snapshots, every)
+    letters = [len(source["address"]) for _, source in drawn]
+    shown = _thinned(drawn, _stride(sum(letters), MOST_PICTURES * room))
+    stretches = _stride(len(runs["name"]), MOST_RUNS * room)
+    dots = max((len(chart.time) for chart in charts if chart.dots), default=0)
+    notes = {
+        "states of the map": (len(snapshots), every),
+        "stretches in which a landmark was seen": (len(runs["name"]), stretches),
+        "innovations": (dots, _stride(dots, MOST_DOTS)),
+    }
     drives = {"estimate": estimate, **ground.drives}
     data = {
         "sigmas": SIGMAS,
         "drives": [_drive(name, drive, start) for name, drive in drives.items()],
         "snapshots": _snapshots(kept, estimate.time - start),
-        "sightings": _sightings(sightings, estimate.time - start, [at for at, _ in shown]),
+        "runs": {name: values[::stretches] for name, values in runs.items()},
+        "pixels": _pixels(sightings, [at for at, _ in shown], MOST_PIXELS * room),
         "pictures": [{"step": at, "source": source} for at, source in shown],
         "charts": [_chart(chart, start) for chart in charts],
     }
     if ground.landmark_truth is not None:
         data["truth"] = ground.landmark_truth.xy.ravel()
-    return Part(section, "map", data)
+    return Part(with_notes(section, notes), "map", data)
 
 
 def doubt_charts(estimate: Trajectory, truth: Trajectory | None) -> list[Chart]:
@@ -204,6 +244,11 @@ def _thinned(items: Sequence[Any], stride: int) -> list[Any]:
     return list(items[::-1][::stride][::-1])
 
 
+def _stride(count: int, most: float) -> int:
+    """Of how many one is kept, so that at most so many are."""
+    return max(1, -(-count // max(1, int(most))))
+
+
 def _drive(name: str, drive: Trajectory, start: float) -> dict[str, Any]:
     at = np.array(_thinned(range(len(drive)), len(drive) // MOST_POSES + 1), np.int64)
     return {"name": name, "time": drive.time[at] - start, "xy": drive.pose[at, :2].ravel()}
@@ -228,25 +273,42 @@ def _snapshots(snapshots: Sequence[MapSnapshot], time: FloatArray) -> dict[str, 
     }
 
 
-def _sightings(sightings: Sightings, time: FloatArray, pictured: Sequence[int]) -> dict[str, Any]:
-    """Steps and names of all of them; pixels of those in the pictures."""
-    at = np.arange(0, len(sightings.step), len(sightings.step) // MOST_SIGHTINGS + 1)
-    step = sightings.step[at]
-    data: dict[str, Any] = {"step": step, "time": time[step], "name": sightings.name[at]}
-    if sightings.xy is not None and sightings.kind is not None:
-        there = np.flatnonzero(np.isin(sightings.step, pictured))
-        data["pixels"] = {
-            "step": sightings.step[there],
-            "name": sightings.name[there],
-            "kind": sightings.kind[there].astype(np.uint8),
-            "xy": sightings.xy[there].ravel(),
-        }
-    return data
+def _runs(sightings: Sightings, time: FloatArray) -> dict[str, FloatArray | IntArray]:
+    """The stretches in which each landmark was seen: first and last pose, and how often."""
+    order = np.lexsort((sightings.step, sightings.name))
+    name, step = sightings.name[order], sightings.step[order]
+    once = np.ones(len(name), np.bool_)
+    once[1:] = (np.diff(name) != 0) | (np.diff(step) != 0)
+    name, step = name[once], step[once]
+    begins = np.ones(len(name), np.bool_)
+    begins[1:] = (np.diff(name) != 0) | (np.diff(step) > GAP)
+    first = np.flatnonzero(begins)
+    count = np.diff(np.append(first, len(name)))
+    return {
+        "name": name[first],
+        "first": step[first],
+        "last": step[first + count - 1],
+        "count": count,
+        "time": time[step[first]],
+    }
+
+
+def _pixels(sightings: Sightings, pictured: Sequence[int], most: float) -> dict[str, Any] | None:
+    """Where landmarks are in the pictures."""
+    if sightings.xy is None or sightings.kind is None:
+        return None
+    there = np.flatnonzero(np.isin(sightings.step, pictured))
+    there = there[:: _stride(len(there), most)]
+    return {
+        "step": sightings.step[there],
+        "name": sightings.name[there],
+        "kind": sightings.kind[there].astype(np.uint8),
+        "xy": sightings.xy[there].ravel(),
+    }
 
 
 def _chart(chart: Chart, start: float) -> dict[str, Any]:
-    stride = len(chart.time) // MOST_DOTS + 1
-    every = slice(None, None, stride)
+    every = slice(None, None, _stride(len(chart.time), MOST_DOTS))
     data: dict[str, Any] = {
         "title": chart.title,
         "unit": chart.unit,
@@ -270,13 +332,10 @@ def _pictures(
 ) -> list[tuple[int, dict[str, Any]]]:
     """Small pictures of some poses, as many as there is room for."""
     made: list[tuple[int, dict[str, Any]]] = []
-    stride = max(1, -(-len(steps) // 160))
-    for step in _thinned(steps, stride):
+    for step in _thinned(steps, _stride(len(steps), MOST_SHOWN)):
         image = picture(step)
         if image is not None:
             made.append((step, _small(image)))
-    while sum(len(each["address"]) for _, each in made) > MOST_PICTURES:
-        made = _thinned(made, 2)
     return made
 
 

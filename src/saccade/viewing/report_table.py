@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 
 from saccade.viewing.page import Section
-from saccade.viewing.report import Part
+from saccade.viewing.report import Part, with_notes
+
+MOST_LETTERS = 3_000_000
+"""Of all cells."""
 
 
 def table_part(
@@ -18,5 +21,8 @@ def table_part(
         first: the heading of the first column where it has none.
     """
     rows = [list(row) for row in rows]
+    letters = sum(len(cell) + 3 for row in rows for cell in row)
+    stride = -(-letters // MOST_LETTERS) or 1
+    section, rows = with_notes(section, {"rows": (len(rows), stride)}), rows[::stride]
     data = {"title": section.heading, "columns": list(columns), "rows": rows, "first": first}
     return Part(section, "table", data)

@@ -52,10 +52,7 @@ function plane(canvas, box, draw, clicked) {
     center = [center[0] - x / scale, center[1] + y / scale];
     redraw();
   }
-  const at = (event) => {
-    const edge = canvas.getBoundingClientRect();
-    return [event.clientX - edge.left, event.clientY - edge.top];
-  };
+  const at = (event) => placeIn(canvas, event);
 
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);

@@ -2,42 +2,16 @@
 /* A photograph with layers: maps, the scanpath played in time, interest points. */
 
 const SLOWER = 4; // times that a scanpath is played slower than the model
-const FOUND = 18; // pixels within which a point is found
-
-/** A field to choose one of `count` things by number; `heard` is told -1 for none. */
-function chooser(word, count, heard) {
-  const field = make("input", {
-    type: "number", min: 1, max: count, placeholder: "none",
-    oninput: () => heard(field.value === "" ? -1 : Math.min(count, Math.max(1, field.value)) - 1),
-  });
-  return {
-    element: make("label", { class: "choose" }, `${word} `, field, ` of ${count}`),
-    set(index) { field.value = index < 0 ? "" : index + 1; },
-  };
-}
 
 /** The point nearest to a place, -1 where none is near. */
-function nearest(xy, stride, x, y, reach, offset = 0) {
+function nearest(xy, x, y, reach) {
   let best = -1, least = reach;
-  for (let i = offset, n = 0; i < xy.length; i += stride, n++) {
+  for (let i = 0; i < xy.length; i += 2) {
     const apart = Math.hypot(xy[i] - x, xy[i + 1] - y);
-    if (apart < least) [best, least] = [n, apart];
+    if (apart < least) [best, least] = [i / 2, apart];
   }
   return best;
 }
-
-/** A line that is seen on any photograph. */
-function outlined(context, color, width, draw) {
-  for (const [stroke, wide] of [["#000", width + 2], [color, width]]) {
-    context.strokeStyle = stroke;
-    context.lineWidth = wide;
-    context.beginPath();
-    draw();
-    context.stroke();
-  }
-}
-
-const ON_PHOTO = { path: "#e69f00", point: "#ffd166", chosen: "#56d4ff" };
 
 function drawScanpath(context, path, upTo, scale) {
   const at = (i) => [path.xy[2 * i] * scale, path.xy[2 * i + 1] * scale];
@@ -104,26 +78,80 @@ function drawDescriptor(canvas, values, colors) {
   context.stroke();
 }
 
-/** Names and values as a list. */
-function factsOf(rows) {
-  return make("dl", {}, ...rows.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
+/** What is said of a point. */
+function pointFacts(points, index) {
+  const facts = factsOf([
+    ["place", `${short(points.xy[2 * index], 1)}, ${short(points.xy[2 * index + 1], 1)} px`],
+    ["size", `${short(points.size[index], 1)} px`],
+    ["angle", `${short((points.angle[index] * 180) / Math.PI, 0)}°`],
+    ["octave", String(points.octave[index])],
+    ["response", points.response[index].toPrecision(3)],
+  ]);
+  if (!points.descriptor) return [facts];
+  const star = make("canvas", {
+    class: "descriptor", role: "img",
+    "aria-label": `Descriptor of point ${index + 1}: 16 histograms of 8 directions`,
+  });
+  star.draw = () => drawDescriptor(
+    star, points.descriptor.subarray(128 * index, 128 * index + 128), palette());
+  return [facts, star];
 }
 
+/** Which map is laid over the photograph, and how strongly. */
+function mapChoice(element, heat) {
+  const group = `map-${Math.random().toString(36).slice(2)}`;
+  const strength = make("input", {
+    type: "range", min: 10, max: 100, value: 75,
+    oninput: () => { heat.style.opacity = strength.value / 100; },
+  });
+  heat.style.opacity = 0.75;
+  const box = make("fieldset");
+  let shown = "none", maps = [];
+  function show(name) {
+    const found = maps.find((each) => each.name === name);
+    shown = found ? name : "none";
+    heat.hidden = !found;
+    if (found) heat.src = found.address;
+    element.dataset.map = shown;
+  }
+  const choice = (name) => {
+    const radio = make("input", { type: "radio", name: group, value: name, onchange: () => show(name) });
+    return make("label", { class: "toggle" }, radio, name);
+  };
+  return {
+    element: box,
+    /** Offer these maps; the one that is shown stays shown. */
+    renew(next, wanted = shown) {
+      const names = (all) => all.map((each) => each.name).join();
+      if (!box.hasChildNodes() || names(next) !== names(maps)) {
+        box.replaceChildren(make("legend", {}, "Map"), choice("none"),
+          ...next.map((each) => choice(each.name)),
+          make("label", { class: "toggle" }, "strength ", strength));
+      }
+      maps = next;
+      show(wanted);
+      for (const radio of box.querySelectorAll("input[type=radio]")) radio.checked = radio.value === shown;
+    },
+  };
+}
+
+/**
+ * Shows `data.image`, its `maps`, `scanpath` and, if there are any, `points`; `data.map` is the map
+ * to begin with. What it returns can change all of them, and has a side to put more into.
+ */
 kinds.image = (element, data) => {
-  const { scanpath: path, points } = data;
+  let { image, scanpath: path, points } = data;
   const shown = { path: true, points: false };
   let fixation = path.time.length;
-  let chosen = -1;
-  const photo = make("img", { class: "photo", src: data.image.address, alt: "The photograph" });
+  const photo = make("img", { class: "photo", alt: "The photograph" });
   const heat = make("img", { class: "heat", alt: "", hidden: true });
   const canvas = make("canvas", { class: "over", "aria-hidden": "true" });
   const box = make("div", { class: "photograph" }, photo, heat, canvas);
-  box.style.aspectRatio = `${data.image.width} / ${data.image.height}`;
-  const scale = () => canvas.clientWidth / data.image.width;
+  const scale = () => canvas.clientWidth / image.width;
 
   function draw() {
     const context = sized(canvas);
-    if (points && shown.points) drawPoints(context, points, chosen, scale());
+    if (points && shown.points) drawPoints(context, points, found.chosen, scale());
     if (shown.path) drawScanpath(context, path, fixation, scale());
   }
   const play = player("Fixation", path.time.length + 1,
@@ -135,77 +163,51 @@ kinds.image = (element, data) => {
     element.dataset.fixation = step;
     draw();
   }
-
-  const group = `map-${Math.random().toString(36).slice(2)}`;
-  const choice = (name, address, on) => {
-    const radio = make("input", { type: "radio", name: group, onchange: () => {
-      heat.hidden = address === null;
-      if (address !== null) heat.src = address;
-      element.dataset.map = name;
-    } });
-    radio.checked = on;
-    return make("label", { class: "toggle" }, radio, name);
-  };
-  const strength = make("input", {
-    type: "range", min: 10, max: 100, value: 75,
-    oninput: () => { heat.style.opacity = strength.value / 100; },
-  });
-  heat.style.opacity = 0.75;
-  const maps = make("fieldset", {}, make("legend", {}, "Map"),
-    choice("none", null, true), ...data.maps.map((each) => choice(each.name, each.address, false)),
-    make("label", { class: "toggle" }, "strength ", strength));
-
-  const detail = make("div", { class: "detail", "aria-live": "polite" });
-  const pointField = points ? chooser("Point", points.size.length, (index) => choose(index)) : null;
-  function choose(index) {
-    chosen = index;
-    if (index >= 0 && !shown.points) pointBox.querySelector("input").click();
-    pointField.set(index);
-    element.dataset.point = index;
-    tell();
-    draw();
-  }
-  function tell() {
-    detail.replaceChildren();
-    if (chosen < 0) {
-      detail.append(make("p", { class: "hint" }, "Point at an interest point to see its descriptor."));
-      return;
-    }
-    detail.append(factsOf([
-      ["place", `${short(points.xy[2 * chosen], 1)}, ${short(points.xy[2 * chosen + 1], 1)} px`],
-      ["size", `${short(points.size[chosen], 1)} px`],
-      ["angle", `${short((points.angle[chosen] * 180) / Math.PI, 0)}°`],
-      ["octave", String(points.octave[chosen])],
-      ["response", points.response[chosen].toPrecision(3)],
-    ]));
-    if (points.descriptor) {
-      const star = make("canvas", {
-        class: "descriptor", role: "img",
-        "aria-label": `Descriptor of point ${chosen + 1}: 16 histograms of 8 directions`,
-      });
-      detail.append(star);
-      drawDescriptor(star, points.descriptor.subarray(128 * chosen, 128 * chosen + 128), palette());
-    }
-  }
+  const maps = mapChoice(element, heat);
   const pointBox = toggle("interest points", "orange", false, (on) => { shown.points = on; draw(); }, "ring");
+  const found = points && selection(element, "Point", points.size.length,
+    "Point at an interest point to see its descriptor.", (index) => pointFacts(points, index), () => {
+      if (found.chosen >= 0) showPoints();
+      draw();
+    });
+  function showPoints() {
+    if (!shown.points) pointBox.querySelector("input").click();
+  }
   if (points) {
     const find = (event) => {
       if (!shown.points) return;
-      const edge = canvas.getBoundingClientRect();
-      const index = nearest(points.xy, 2, (event.clientX - edge.left) / scale(),
-        (event.clientY - edge.top) / scale(), FOUND / scale());
-      if (index >= 0 && index !== chosen) choose(index);
+      const [x, y] = placeIn(canvas, event);
+      const index = nearest(points.xy, x / scale(), y / scale(), FOUND / scale());
+      if (index >= 0 && index !== found.chosen) found.choose(index);
     };
     box.addEventListener("pointermove", find);
     box.addEventListener("pointerdown", find);
   }
-  const side = make("div", { class: "side" }, maps);
-  if (points) side.append(pointField.element, detail);
+  const side = make("div", { class: "side" }, maps.element, ...(points ? found.nodes : []));
   const layers = make("div", { class: "layers" },
     toggle("scanpath", "orange", true, (on) => { shown.path = on; draw(); }), ...(points ? [pointBox] : []));
   element.append(make("div", { class: "stage" }, make("div", { class: "main" }, box, play.element, layers), side));
+
+  function change(next) {
+    if (next.image) {
+      image = next.image;
+      photo.src = image.address;
+      box.style.setProperty("--ratio", image.width / image.height);
+    }
+    if (next.maps) maps.renew(next.maps, next.map);
+    if (next.points) {
+      points = next.points;
+      found.renew(points.size.length);
+    }
+    if (next.scanpath) {
+      const all = fixation === path.time.length;
+      path = next.scanpath;
+      play.renew(path.time.length + 1);
+      fixation = all ? path.time.length : Math.min(fixation, path.time.length);
+    }
+    show(fixation);
+  }
   new ResizeObserver(draw).observe(canvas);
-  onTheme(tell);
-  tell();
-  show(fixation);
+  change(data);
+  return { side, layers, change, showPoints };
 };

@@ -60,8 +60,9 @@ function boxOf(data, snapshots) {
     box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y);
     box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
   };
+  const end = data.snapshots.time[snapshots.length - 1] + 1e-4; // the truth may go on
   for (const drive of data.drives.filter((each) => each.name !== "odometry")) {
-    for (let i = 0; i < drive.xy.length; i += 2) add(drive.xy[i], drive.xy[i + 1]);
+    for (let i = 0; i < drive.time.length && drive.time[i] <= end; i++) add(drive.xy[2 * i], drive.xy[2 * i + 1]);
   }
   const last = snapshots.length - 1;
   for (let row = snapshots.first[last]; row < snapshots.first[last + 1]; row++) {
@@ -156,17 +157,6 @@ function drawLandmarks(context, view, snapshots, number, shown, chosen, sigmas, 
   }
 }
 
-/** The steps of a landmark as runs [first, last] without a gap of over two usual ones. */
-function runsOf(steps) {
-  const runs = [];
-  for (const step of steps) {
-    const last = runs[runs.length - 1];
-    if (last && step - last[1] <= 2) last[1] = step;
-    else runs.push([step, step]);
-  }
-  return runs;
-}
-
 /** A picture of the camera on a canvas with the landmarks that it shows. */
 function drawPicture(canvas, entry, pixels, name, colors) {
   const context = sized(canvas);
@@ -220,10 +210,10 @@ kinds.map = (element, data) => {
   const pictures = picturesOf(data, () => drawCamera());
   const camera = pictures.length ? pictureCanvas(pictures[0], "What the camera saw") : null;
   const detail = make("div", { class: "detail", "aria-live": "polite" });
-  const steps = stepsByName(data.sightings);
+  const runs = runsByName(data.runs);
   const list = make("select", { "aria-label": "Landmark", onchange: () => choose(Number(list.value)) },
     make("option", { value: -1 }, "none"),
-    ...[...steps.keys()].sort((a, b) => a - b).map((each) => make("option", { value: each }, String(each))));
+    ...[...runs.keys()].sort((a, b) => a - b).map((each) => make("option", { value: each }, String(each))));
 
   function draw(context, view) {
     const colors = palette(), time = data.snapshots.time[number];
@@ -252,7 +242,7 @@ kinds.map = (element, data) => {
     const step = data.snapshots.step[number];
     let entry = pictures[0];
     for (const each of pictures) if (each.step <= step) entry = each;
-    drawPicture(camera, entry, data.sightings.pixels, -1, palette());
+    drawPicture(camera, entry, data.pixels, -1, palette());
     for (const each of detail.querySelectorAll("canvas")) each.draw();
   }
 
@@ -282,7 +272,7 @@ kinds.map = (element, data) => {
   }
   function choose(next) {
     name = next;
-    list.value = steps.has(name) ? name : -1;
+    list.value = runs.has(name) ? name : -1;
     element.dataset.landmark = name;
     tell();
     ground.redraw();
@@ -293,9 +283,10 @@ kinds.map = (element, data) => {
       detail.append(make("p", { class: "hint" }, "Click a landmark to see when it was seen."));
       return;
     }
-    const own = steps.get(name) || [];
+    const own = runs.get(name) || [];
+    const count = own.reduce((sum, each) => sum + each.count, 0);
     const row = snapshots.rowOf(name, number);
-    const times = own.length === 1 ? "once" : `${own.length} times`;
+    const times = count === 1 ? "once" : `${count} times`;
     detail.append(make("h3", {}, `Landmark ${name}`));
     let words = own.length ? `Seen ${times}.` : "Not in the map at the end: what was seen of it is not kept.";
     if (row >= 0) {
@@ -304,19 +295,17 @@ kinds.map = (element, data) => {
       words += ` At ${short(x)}, ${short(y)} m, ${data.sigmas} sigma ${short(data.sigmas * wide, 3)} m.`;
     }
     detail.append(make("p", {}, words));
-    const runs = runsOf(own.map((each) => each[0]));
-    const timeOf = new Map(own);
-    const buttons = runs.slice(0, MOST_BUTTONS).map(([from, to]) => make(
-      "button", { type: "button", class: "run", onclick: () => showTime(timeOf.get(from)) },
-      from === to ? String(from) : `${from}–${to}`));
+    const buttons = own.slice(0, MOST_BUTTONS).map(({ first, last, time }) => make(
+      "button", { type: "button", class: "run", onclick: () => showTime(time) },
+      first === last ? String(first) : `${first}–${last}`));
     if (buttons.length) {
       detail.append(make("p", { class: "label" }, pictures.length ? "In the frames" : "From the poses"), make("div", { class: "runs" }, ...buttons));
     }
-    if (runs.length > MOST_BUTTONS) detail.append(make("p", {}, `and ${runs.length - MOST_BUTTONS} times more`));
+    if (own.length > MOST_BUTTONS) detail.append(make("p", {}, `and ${own.length - MOST_BUTTONS} times more`));
     detail.append(gallery());
   }
   function gallery() {
-    const pixels = data.sightings.pixels;
+    const pixels = data.pixels;
     const box = make("div", { class: "gallery" });
     if (!pixels || !pictures.length) return box;
     const there = new Set();
@@ -370,15 +359,12 @@ kinds.map = (element, data) => {
   show(number);
 };
 
-/** Of each landmark, its sightings as [step, time]. */
-function stepsByName(sightings) {
+/** Of each landmark, the stretches in which it was seen. */
+function runsByName(runs) {
   const found = new Map();
-  sightings.name.forEach((name, i) => {
+  runs.name.forEach((name, i) => {
     if (!found.has(name)) found.set(name, []);
-    const own = found.get(name);
-    if (!own.length || own[own.length - 1][0] !== sightings.step[i]) {
-      own.push([sightings.step[i], sightings.time[i]]);
-    }
+    found.get(name).push({ first: runs.first[i], last: runs.last[i], count: runs.count[i], time: runs.time[i] });
   });
   return found;
 }

@@ -4,12 +4,11 @@
 kinds.match = (element, data) => {
   const count = data.xy.length / 4;
   const shown = { inliers: true, others: true };
-  let chosen = -1;
   const canvas = make("canvas", {
     class: "pair", role: "img", "aria-label": `Two photographs with ${count} matches`,
   });
-  const detail = make("div", { class: "detail", "aria-live": "polite" });
-  const field = chooser("Match", count, (index) => choose(index));
+  const one = selection(element, "Match", count,
+    "Click near the end of a line to see one match alone.", factsAbout, () => draw());
   const [left, right] = data.images.map((each) => {
     const image = new Image();
     image.addEventListener("load", draw);
@@ -43,7 +42,7 @@ kinds.match = (element, data) => {
       context.setLineDash(dash);
       context.strokeStyle = context.fillStyle = color;
       context.lineWidth = 1;
-      context.globalAlpha = chosen < 0 ? 0.75 : 0.2;
+      context.globalAlpha = one.chosen < 0 ? 0.75 : 0.2;
       context.beginPath();
       for (let i = 0; i < count; i++) {
         if (inlier(i) !== wanted) continue;
@@ -57,6 +56,7 @@ kinds.match = (element, data) => {
     };
     if (shown.others) lines(false, "#ff8a4c", [4, 4]);
     if (shown.inliers) lines(true, "#2ce0a8", []);
+    const { chosen } = one;
     if (chosen < 0) return;
     const [x1, y1, x2, y2] = ends(chosen, place);
     outlined(context, ON_PHOTO.chosen, 3, () => {
@@ -69,29 +69,16 @@ kinds.match = (element, data) => {
     });
   }
 
-  function choose(index) {
-    chosen = index;
-    field.set(index);
-    element.dataset.match = index;
-    tell();
-    draw();
-  }
-  function tell() {
-    detail.replaceChildren();
-    if (chosen < 0) {
-      detail.append(make("p", { class: "hint" }, "Click near the end of a line to see one match alone."));
-      return;
-    }
-    const at = (i) => `${short(data.xy[4 * chosen + i], 1)}, ${short(data.xy[4 * chosen + i + 1], 1)} px`;
+  function factsAbout(index) {
+    const at = (i) => `${short(data.xy[4 * index + i], 1)}, ${short(data.xy[4 * index + i + 1], 1)} px`;
     const rows = [["first", at(0)], ["second", at(2)],
-      ["sizes", `${short(data.size[2 * chosen], 1)} px and ${short(data.size[2 * chosen + 1], 1)} px`]];
-    if (data.distance) rows.push(["distance", short(data.distance[chosen], 0)]);
-    if (data.inlier) rows.push(["agrees", inlier(chosen) ? "yes, an inlier" : "no"]);
-    detail.append(factsOf(rows));
+      ["sizes", `${short(data.size[2 * index], 1)} px and ${short(data.size[2 * index + 1], 1)} px`]];
+    if (data.distance) rows.push(["distance", short(data.distance[index], 0)]);
+    if (data.inlier) rows.push(["agrees", inlier(index) ? "yes, an inlier" : "no"]);
+    return [factsOf(rows)];
   }
   canvas.addEventListener("click", (event) => {
-    const edge = canvas.getBoundingClientRect(), place = layout();
-    const x = event.clientX - edge.left, y = event.clientY - edge.top;
+    const [x, y] = placeIn(canvas, event), place = layout();
     let best = -1, least = FOUND;
     for (let i = 0; i < count; i++) {
       if (!shown[inlier(i) ? "inliers" : "others"]) continue;
@@ -99,14 +86,13 @@ kinds.match = (element, data) => {
       const apart = Math.min(Math.hypot(x1 - x, y1 - y), Math.hypot(x2 - x, y2 - y));
       if (apart < least) [best, least] = [i, apart];
     }
-    choose(best);
+    one.choose(best);
   });
   const redrawn = (key) => (on) => { shown[key] = on; draw(); };
   const layers = [toggle(data.inlier ? "inliers" : "matches", "green", true, redrawn("inliers"))];
   if (data.inlier) layers.push(toggle("other matches", "red", true, redrawn("others")));
   element.append(make("div", { class: "stage" },
     make("div", { class: "main" }, canvas, make("div", { class: "layers" }, ...layers)),
-    make("div", { class: "side" }, field.element, detail)));
+    make("div", { class: "side" }, ...one.nodes)));
   new ResizeObserver(draw).observe(element);
-  tell();
 };

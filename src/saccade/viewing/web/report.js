@@ -61,6 +61,12 @@ function sized(canvas) {
   return context;
 }
 
+/** Where on an element an event was, in CSS pixels. */
+function placeIn(element, event) {
+  const edge = element.getBoundingClientRect();
+  return [event.clientX - edge.left, event.clientY - edge.top];
+}
+
 /** A switch with a swatch of the color that it stands for. */
 function toggle(word, color, on, heard, shape = "line") {
   const box = make("input", { type: "checkbox", onchange: () => heard(box.checked) });
@@ -111,6 +117,12 @@ function player(name, count, period, shown) {
       words.textContent = text;
     },
     stop,
+    /** There are as many steps as this. */
+    renew(next) {
+      stop();
+      count = next;
+      slider.max = count - 1;
+    },
   };
 }
 

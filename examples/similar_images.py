@@ -1,0 +1,34 @@
+"""Which photograph shows the same place? Extract, index, find."""
+
+from importlib.resources import files
+from pathlib import Path
+from shutil import copy
+
+import saccade
+from saccade.batch import Job, extract, open_source
+from saccade.batch.engines import Here
+from saccade.batch.index import Index, build_index
+from saccade.viewing import match_figure, save_figure
+
+data = Path(str(files("saccade") / "data"))
+photos = Path("photos")
+photos.mkdir(exist_ok=True)
+for photo in data.glob("*.jpg"):
+    if photo.name != "hallway_2.jpg":
+        copy(photo, photos)
+
+config = saccade.SiftConfig(max_keypoints=300)
+print(extract(open_source("photos"), Job("sift", config), "features", Here()).totals)
+build_index("features")
+
+query = saccade.read_image(data / "hallway_2.jpg")
+points = saccade.Sift(config)(query)
+found = Index("features").find(points)
+for image, agreeing, similarity in found[:3]:
+    print(f"{image:16} {agreeing:3} matches agree on one geometry, similarity {similarity:.1f}")
+
+best = saccade.read_image(photos / found[0].image)
+there = saccade.Sift(config)(best)
+pairs = saccade.match(points, there)
+inliers = saccade.verify(points, there, pairs).inliers
+save_figure(match_figure((query, best), (points, there), pairs, inliers), "similar_images.png")

@@ -1,0 +1,65 @@
+"""Every example runs, says what it found, and leaves its picture."""
+
+import re
+import runpy
+
+import cv2
+import pytest
+
+from conftest import ROOT
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def numbers(text):
+    return [float(each) for each in re.findall(r"\d+(?:\.\d+)?", text)]
+
+
+def matching(said):
+    matches, right = numbers(said.splitlines()[-1])[:2]
+    return right > 0.8 * matches > 80
+
+
+def landmark_slam(said):
+    standard, invariant, odometry = (numbers(line) for line in said.splitlines()[-3:])
+    return standard[1] > 6 > invariant[1] > 2 and odometry[0] > 2 * invariant[0]
+
+
+def drive(said):
+    by_camera, odometry, again = (numbers(line)[0] for line in said.splitlines()[-3:])
+    return by_camera < 0.2 < 1 < odometry and again > 20
+
+
+FOUND = {
+    "drive": drive,
+    "landmark_slam": landmark_slam,
+    "matching": matching,
+    "regions": lambda said: "Regions(12 regions)" in said,
+    "saliency": lambda said: said.count(" ms  at (") == 8,
+    "scanpath": lambda said: all(numbers(line)[0] > 0.95 for line in said.splitlines()),
+    "similar_images": lambda said: said.splitlines()[1].startswith("hallway_1.jpg"),
+    "symmetry": lambda said: said.count("pyramid levels") == 4,
+}
+"""What each must say."""
+
+
+def test_there_is_a_check_of_every_example():
+    assert [example.stem for example in EXAMPLES] == sorted(FOUND)
+    assert len(EXAMPLES) == 8
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)
+def test_the_example_runs(example, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(example), run_name="__main__")
+    said = capsys.readouterr().out
+    assert FOUND[example.stem](said), said
+    assert cv2.imread(f"{example.stem}.png").std() > 10
+    assert 15 <= len(example.read_text().splitlines()) <= 42
+
+
+def test_the_gallery_shows_every_example():
+    gallery = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    for example in EXAMPLES:
+        assert f'--8<-- "examples/{example.name}"' in gallery
+        assert f"](pictures/{example.stem}.png)" in gallery
