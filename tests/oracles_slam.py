@@ -82,13 +82,14 @@ class DenseInvariantEkf(DenseEkf):
         self.P = back @ (Pi - W @ S @ W.T) @ back.T
 
     def moved(self, xi):
-        """Every point by the exponential of xi."""
-        corrected = self.s + xi
-        for i in [0, *range(3, len(self.s), 2)]:
-            generator = np.zeros((3, 3))
-            generator[:2, :2] = xi[2] * QUARTER_TURN
-            generator[:2, 2] = xi[i : i + 2]
-            corrected[i : i + 2] = (expm(generator) @ [*self.s[i : i + 2], 1])[:2]
+        """Every point by the exponential of xi: of one matrix with a column for each."""
+        corrected, shifts = self.s + xi, np.delete(xi, 2).reshape(-1, 2).T
+        generator = np.zeros((2 + shifts.shape[1],) * 2)
+        generator[:2] = np.hstack([xi[2] * QUARTER_TURN, shifts])
+        moves = expm(generator)[:2]
+        points = np.delete(self.s, 2).reshape(-1, 2)
+        moved = points @ moves[:, :2].T + moves[:, 2:].T
+        corrected[[0, 1, *range(3, len(self.s))]] = moved.ravel()
         return corrected
 
 

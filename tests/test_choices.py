@@ -1,6 +1,7 @@
 """Which points become landmarks, and how choices are compared."""
 
 import json
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -121,6 +122,20 @@ def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
     rows = json.loads(again)["rows"]
     assert rows[0] == json.loads(out)["rows"][0]
     assert [row["choice"] for row in rows] == ["random", "strength"]
-    code, table, _ = run(*words, "--choice", "random", "--choice", "strength")
+    code, table, _ = run(
+        *words, "--choice", "random", "--choice", "strength", "--report", "kept/report.html"
+    )
     assert "all drives and budgets, against random" in table
+    page = (tmp_path / "kept" / "report.html").read_text()
+    overall, every = (
+        json.loads(each)
+        for each in re.findall(r'<script type="application/json">(.*?)</script>', page)
+    )
+    assert {row[0] for row in overall["rows"]} == {"random", "strength"}
+    assert [row[:3] for row in every["rows"]] == [
+        [name, "simulator", "1"] for name in ("random", "strength")
+    ]
+    for row in every["rows"]:  # the page says what the terminal does
+        assert all(cell in table for cell in row[3:])
+    assert 'src="data:image/png;base64,' in page
     assert run(*words, "--no-simulator")[0] == 2

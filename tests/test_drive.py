@@ -57,6 +57,17 @@ def test_landmarks_met_again_are_the_same(drive, mapped):
     assert right[seen.kind == 0].all()
 
 
+def test_innovations_are_kept_of_what_was_met_again(mapped):
+    seen = mapped.meetings
+    there = np.isfinite(seen.innovation).all(1)
+    assert np.isfinite(seen.innovation_covariance[there]).all()
+    assert there[seen.kind == 2].all()
+    assert not there[seen.kind == 0].any()
+    sigma = np.sqrt(np.diagonal(seen.innovation_covariance[there], axis1=1, axis2=2))
+    assert (np.abs(seen.innovation[there]) < 3 * sigma).mean() > 0.97  # of a right filter 0.997
+    assert (sigma > seen.sigma[there]).all()  # what is seen, and what is known of the place
+
+
 def test_a_run_is_repeated_to_the_bit(drive):
     some = drive.until(12)
     first, second = visual.run(some), visual.run(some)

@@ -80,7 +80,7 @@ def test_every_setting_is_tried():
 
 
 @given(st.fixed_dictionaries({}, optional=valid), st.sampled_from(sorted(IMAGES)))
-@settings(max_examples=150)
+@settings(max_examples=60)
 @example({"border": 2, "contrast_threshold": 0.0, "edge_ratio": 1e300, "intervals": 16}, "noise")
 @example({"border": 2, "contrast_threshold": 0.0, "candidate_fraction": 0.0}, "square")
 @example({"kernel_radius": 1.0}, "texture")
@@ -96,7 +96,7 @@ def test_valid_settings_give_points(values, image):
     st.dictionaries(st.sampled_from([*WHOLE, *REAL]), whole | real, min_size=1, max_size=4),
     st.sampled_from(sorted(IMAGES)),
 )
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_any_numbers_give_points_or_one_line(values, image):
     try:
         config = SiftConfig(**values)

@@ -70,6 +70,12 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
     return compile_lazily
 
 
+def is_to_compile(function: Callable[..., Any]) -> bool:
+    """Whether a kernel is still to be compiled, and will be cached then."""
+    file = getattr(getattr(function, "_cache", None), "_cache_file", None)
+    return file is not None and not file._load_index()
+
+
 def _watch_folder(dispatcher: Any, folder: Path) -> None:
     """Let a cache be stale when any file of the folder changed; Numba looks at one file only."""
     file = dispatcher._cache._cache_file

@@ -62,6 +62,7 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from saccade import datasets
+    from saccade.cli.ahead import filter_compiled_ahead
     from saccade.cli.attending import Attention, Model
     from saccade.cli.drive import map_drive
     from saccade.cli.look import look_at
@@ -72,7 +73,11 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
     from saccade.simulation import DriveConfig, simulate_drive
 
     columns = (TextColumn("{task.description:<44}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    victoria_park = data / "victoria_park.txt"
+    with (
+        filter_compiled_ahead(victoria_park) as wait,
+        Progress(*columns, console=Console(stderr=True)) as progress,
+    ):
         looking = progress.add_task("attention: where to look in a photograph", total=1)
         attention = Attention.named(Model.both, preset=None, config=None)
         looked = look_at(data / "rocket.jpg", out / "look", attention, fixations=10, album=album)
@@ -85,7 +90,8 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
         progress.update(matching, completed=1)
 
         mapping = progress.add_task("EKF-SLAM: a car in Victoria Park", total=None)
-        log = datasets.load("victoria-park", data / "victoria_park.txt")
+        log = datasets.load("victoria-park", victoria_park)
+        wait()
         mapped = map_log(
             log,
             out,

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from saccade.frames import Drive
     from saccade.types import MapSnapshot
     from saccade.viewing.report import Part
+    from saccade.viewing.report_map import Chart
     from saccade.visual import VisualResult
 
 
@@ -40,10 +41,27 @@ def drive_part(
         result.trajectory,
         snapshots,
         Sightings(seen.frame, seen.landmark, seen.xy, seen.kind),
-        doubt_charts(result.trajectory, drive.truth),
+        [*_innovations(result), *doubt_charts(result.trajectory, drive.truth)],
         Ground(drives),
         pictures_of(drive),
     )
+
+
+def _innovations(result: "VisualResult") -> "list[Chart]":
+    """What the sightings that corrected the map said beyond what was expected."""
+    import numpy as np
+
+    from saccade.cli.slam_files import window_of
+    from saccade.slam.consistency import chi_square_band
+    from saccade.viewing.report_map import innovation_charts
+
+    seen = result.meetings
+    again = np.isfinite(seen.innovation).all(1)
+    v, S = seen.innovation[again], seen.innovation_covariance[again]
+    nis = np.einsum("ki,kij,kj->k", v, np.linalg.inv(S), v)
+    window = window_of(nis)
+    time = result.trajectory.time[seen.frame[again]]
+    return innovation_charts(time, v, S, nis, chi_square_band(2, window), window)
 
 
 def _facts(numbers: Mapping[str, Any]) -> dict[str, str]:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from saccade.slam import SlamResult, SmoothResult
-    from saccade.types import LandmarkLog, LandmarkMap, MapSnapshot, Trajectory
+    from saccade.types import FloatArray, LandmarkLog, LandmarkMap, MapSnapshot, Trajectory
 
 FILM_RATE = 24
 """Frames per second."""
@@ -99,7 +99,7 @@ def write_pictures(
         ),
         files["picture"],
     )
-    consistency, window = result.consistency, window_of(result)
+    consistency, window = result.consistency, window_of(result.consistency.nis)
     save_figure(
         innovation_figure(
             log.time[log.observation_pose],
@@ -114,11 +114,15 @@ def write_pictures(
     return files
 
 
-def window_of(result: "SlamResult") -> int:
-    """Observations in the running mean of what a filter says of itself."""
+def window_of(nis: "FloatArray") -> int:
+    """Observations in the running mean of what a filter says of itself.
+
+    Args:
+        nis: of each, NaN where it corrected nothing.
+    """
     import numpy as np
 
-    corrected = int(np.isfinite(result.consistency.nis).sum())
+    corrected = int(np.isfinite(nis).sum())
     return int(np.clip(corrected // 50, 5, 500))
 
 

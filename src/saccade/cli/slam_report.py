@@ -33,7 +33,7 @@ def slam_part(
     drives |= {} if truth is None else {"truth": truth}
     drives |= {} if smoothed is None else {"smoothed": smoothed.trajectory}
     used = result.association >= 0
-    consistency, window = result.consistency, window_of(result)
+    consistency, window = result.consistency, window_of(result.consistency.nis)
     charts = innovation_charts(
         log.time[log.observation_pose],
         result.innovation,

@@ -222,6 +222,20 @@ class VisualMap:
         every = self.ekf.expect()
         return Expectation(every.z[rows], every.covariance[rows])
 
+    def surprise(
+        self, seen: Sightings, expected: Expectation, again: npt.NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """What each of k sightings says beyond what is expected of its landmark.
+
+        Returns:
+            (k, 2), and its covariance (k, 2, 2); NaN for those not seen again, which correct
+            nothing.
+        """
+        innovation = self.ekf.sensor.difference(seen.z, expected.z)
+        S = expected.covariance + self._covariance(seen, 1)
+        innovation[~again], S[~again] = np.nan, np.nan
+        return innovation, S
+
     def innovations(self, rows: IntArray, seen: Sightings) -> tuple[FloatArray, FloatArray]:
         """What k sightings say of landmarks (k,) beyond what is expected.
 

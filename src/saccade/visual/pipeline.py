@@ -11,6 +11,7 @@ import numpy.typing as npt
 from saccade.frames import Drive, Frame
 from saccade.pyramid import FloatMap
 from saccade.slam.checkpoint import Checkpoint
+from saccade.slam.outcomes import Expectation
 from saccade.slam.recording import Recorder
 from saccade.types import FloatArray, IntArray
 from saccade.visual.ahead import Ahead, side_by_side
@@ -293,11 +294,13 @@ class Pipeline:
         return np.flatnonzero(inside)
 
     def _meet(self, number: int, kind: int, points: Followed) -> None:
-        rows = self.world.landmarks.rows(points.landmark)
-        seen, useful = self._sighted(points, self.world.expect(rows).z[:, 0])
+        expected = self.world.expect(self.world.landmarks.rows(points.landmark))
+        seen, useful = self._sighted(points, expected.z[:, 0])
         points, seen = points[useful], some(seen, useful)
+        expected = Expectation(expected.z[useful], expected.covariance[useful])
+        surprise = self.world.surprise(seen, expected, points.again)
         self.world.meet(points.landmark, seen, points.again, number)
-        self.recording.meetings(number, kind, points.landmark, points.xy, seen)
+        self.recording.meetings(number, kind, points.landmark, points.xy, seen, surprise)
 
 
 def _near(points: Followed, others: Followed, apart: float) -> npt.NDArray[np.bool_]:

@@ -67,13 +67,20 @@ class Recording:
         return (*self.remarks[:NAMED], f"{more} more frames could not be used")
 
     def meetings(
-        self, number: int, kind: int, landmark: IntArray, xy: Float32Array, seen: Sightings
+        self,
+        number: int,
+        kind: int,
+        landmark: IntArray,
+        xy: Float32Array,
+        seen: Sightings,
+        surprise: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
-        """Note k sightings of one frame."""
+        """Note k sightings of one frame, and their innovations with covariances if any."""
         k = len(landmark)
         sigma = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
         named = np.full(k, number), landmark, np.full(k, kind)
-        self._meetings.append((*named, xy.astype(np.float64), seen.z, sigma))
+        surprise = surprise or (np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan))
+        self._meetings.append((*named, xy.astype(np.float64), seen.z, sigma, *surprise))
         if len(self._meetings) == PIECES:
             self._meetings = [tuple(self._columns())]
 
@@ -93,7 +100,6 @@ class Recording:
     def result(self, world: VisualMap) -> VisualResult:
         """All of it."""
         time = self.drive.time[: len(self._pose)]
-        frame, landmark, kind, xy, z, sigma = self._columns()
         reckoned = [self.drive.start]
         for control in self.drive.control[: len(time) - 1]:
             reckoned.append(compose(reckoned[-1], control)[0])
@@ -105,7 +111,7 @@ class Recording:
             map=LandmarkMap(known.id, world.ekf.landmarks, world.landmark_covariances, known.seen),
             descriptors=known.descriptor,
             height=known.height,
-            meetings=Meetings(frame, landmark, kind, xy, z, sigma),
+            meetings=Meetings(*self._columns()),
             tilt=np.array(self._tilt),
             missed=self.missed,
             seconds=dict(self.seconds),
@@ -116,5 +122,6 @@ class Recording:
     def _columns(self) -> list[npt.NDArray[Any]]:
         if not self._meetings:
             none = np.zeros(0, np.int64)
-            return [none, none, none, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2))]
+            pairs = [np.zeros((0, 2))] * 4
+            return [none, none, none, *pairs, np.zeros((0, 2, 2))]
         return [np.concatenate(column) for column in zip(*self._meetings, strict=True)]

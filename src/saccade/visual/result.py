@@ -25,6 +25,10 @@ class Meetings:
     """(k, 2) range in metres, bearing in radians."""
     sigma: FloatArray
     """(k, 2) standard deviations of `z`."""
+    innovation: FloatArray
+    """(k, 2) `z` without what the filter expected; NaN where it corrected nothing."""
+    innovation_covariance: FloatArray
+    """(k, 2, 2) of them, as the filter expected; likewise."""
 
     def __len__(self) -> int:
         return len(self.frame)
