@@ -2,6 +2,7 @@
 
 import base64
 import re
+import socket
 import threading
 import time
 from importlib.resources import files
@@ -129,6 +130,9 @@ def test_a_photograph_is_dropped_set_and_copied(opened):
     expect(serve).to_have_attribute("data-found", str(before))
     assert "points = saccade.Sift()(image)" in pre.first.inner_text()
     assert sift.get_by_role("button", name="Reset").is_disabled()
+    copy = page.locator(".snippet button").first
+    copy.click()
+    expect(copy).to_have_text(re.compile("Copied|Selected"))
 
 
 def test_layers_models_and_detectors_are_switched(opened):
@@ -167,6 +171,28 @@ def test_the_scanpath_is_played_and_lengthened(opened):
     page.wait_for_selector(".part[data-fixation='3']")
     _slide(page, "inhibition_sigma", 0.2)
     expect(page.locator("pre").first).to_contain_text("inhibition_sigma=0.2")
+
+
+def test_what_nobody_waits_for_any_more_is_not_begun(served):
+    bench, address = served
+    place = ("127.0.0.1", int(address.rsplit(":", 1)[1].strip("/")))
+    photo = bench.open((DATA / "horse.jpg").read_bytes(), "horse.jpg")["photo"]
+    body = f'{{"photo": "{photo}", "fixations": 1, "model": "contrast"}}'
+    words = f"POST /look HTTP/1.1\r\nHost: {place[0]}:{place[1]}\r\nContent-Length: {len(body)}"
+    bench.looks, bench.pause = 0, 0.4
+    try:
+        with socket.create_connection(place) as first, socket.create_connection(place) as last:
+            first.sendall(f"{words}\r\n\r\n{body}".encode())
+            for _ in range(6):
+                with socket.create_connection(place) as gone:
+                    gone.sendall(f"{words}\r\n\r\n{body}".encode())
+                    time.sleep(0.02)  # for it to be read before they leave
+            last.sendall(f"{words}\r\n\r\n{body}".encode())
+            answers = [each.recv(12) for each in (first, last)]
+    finally:
+        bench.pause = 0.0
+    assert answers == [b"HTTP/1.1 200"] * 2
+    assert bench.looks == 2
 
 
 def test_a_slider_that_moves_quickly_is_not_followed_everywhere(opened, served):
