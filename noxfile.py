@@ -23,6 +23,21 @@ def sbom(session: nox.Session) -> None:
     )
 
 
+@nox.session
+def fuzz(session: nox.Session) -> None:
+    """Break files for ten minutes, at random and as coverage guides."""
+    session.install(".", "--group", "dev")
+    session.run("pytest", "-q", "tests/test_fuzz.py", env={"FUZZ_EXAMPLES": "200"})
+    session.run("python", "tests/fuzz/run.py", "--seconds", "600")
+
+
+@nox.session
+def mutation(session: nox.Session) -> None:
+    """What share of small changes the tests notice: `-- slam --count 150 --seed 1`."""
+    session.install(".", "--group", "dev", "cosmic-ray")
+    session.run("python", "tests/mutation/run.py", *session.posargs)
+
+
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 ROOMS = (
     *("image", "pyramid", "contrast", "scanpath", "symmetry", "saliencytoolbox2", "edges"),

@@ -6,6 +6,7 @@
 - start: from the command to the first image that is done, against a script that detects in one
 - lookup: how often the right image is first (`--only lookup --pairs DIR --hallway DIR`)
 - constants: what the arithmetic of docs/extract.md multiplies by millions
+- thousand: the command on 1000 photographs, to check that arithmetic
 """
 
 import argparse
@@ -33,7 +34,7 @@ from saccade.keypoints.sift_config import SiftConfig
 JOB = Job("sift", SiftConfig())
 BARE = "import sys, saccade; saccade.Sift(threads=1)(saccade.read_image(sys.argv[1]))"
 LAP, NEAR = 40, 2
-PARTS = ("overhead", "workers", "memory", "start", "constants", "lookup")
+PARTS = ("overhead", "workers", "memory", "start", "constants", "thousand", "lookup")
 PEAK = """
 import resource, sys
 from saccade import Sift, read_image
@@ -255,15 +256,27 @@ def constants(folder: Path) -> None:
     print(f"Dask: {1e3 * took / tasks:.2f} ms a task that does nothing")
 
 
+def thousand() -> None:
+    """The command on 1000 photographs: what the arithmetic says of them, and what they take."""
+    with tempfile.TemporaryDirectory() as name:
+        source, out = Path(name, "photographs"), Path(name, "out")
+        source.mkdir()
+        photographs(source, None, 1000)
+        program = str(Path(sys.executable).with_name("saccade"))
+        words = [program, "extract", str(source), "--out", str(out)]
+        took = seconds(lambda: subprocess.run(words, check=True, stdout=subprocess.DEVNULL))
+        sizes = [path.stat().st_size for path in out.rglob("part-*")]
+    print(f"1000 photographs: {took:.0f} s on {os.cpu_count()} cores, start and all")
+    print(f"1000 photographs: {sum(sizes) / 1e6:.1f} MB in {len(sizes)} files")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of sequences with 1.png")
     parser.add_argument("--hallway", type=Path, help="folder of photographs of two laps")
     parser.add_argument("--images", type=int, default=96)
     parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument(
-        "--only", choices=("overhead", "workers", "memory", "start", "lookup", "constants")
-    )
+    parser.add_argument("--only", choices=PARTS)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -274,6 +287,7 @@ def main() -> None:
             "memory": memory,
             "start": lambda: start(folder, options.runs),
             "constants": lambda: constants(folder),
+            "thousand": thousand,
         }
         if options.only == "lookup" and not (options.pairs and options.hallway):
             parser.error("lookup: expected --pairs and --hallway")

@@ -5,7 +5,7 @@ from saccade.evaluation.drives import score_drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.viewing import map_figure, save_figure
 
-drive = simulate_drive(DriveConfig(frames=100, frames_per_lap=50), seed=1)
+drive = simulate_drive(DriveConfig(frames=120, frames_per_lap=60), seed=1)
 run = visual.run(drive)
 print(run)
 

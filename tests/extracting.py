@@ -7,6 +7,7 @@ import shutil
 import signal
 import sys
 import time
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -14,10 +15,11 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 
-from saccade import Sift, SiftConfig, read_image
+from saccade import Sift, SiftConfig
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import Here
 from saccade.batch.reading import digest_of
+from saccade.image import decode_image
 
 SIFT = Job("sift", SiftConfig())
 
@@ -41,17 +43,19 @@ def extract_here(source, out, job=SIFT, size=3, **options):
 
 def check_whole(out, table="sift"):
     """What is recorded is there, once; gives the rows of every image that has been done."""
-    rows = {}
-    for record in sorted((out / "images").glob("*")):
-        found = pq.read_table(out / table / record.name).to_pandas()
-        for row in pq.read_table(record).to_pylist():
+    rows, read = {}, set()
+    for path in sorted((out / "images").glob("*")):
+        found = pq.ParquetFile(out / table / path.name).read().to_pandas()
+        record = pq.ParquetFile(path).read().to_pylist()
+        ends = np.cumsum([0, *(row["rows"] for row in record)])
+        for row, first, end in zip(record, ends, ends[1:], strict=False):
             assert row["image"] not in rows, "twice"
-            rows[row["image"]] = found[found.image == row["image"]]
-            assert len(rows[row["image"]]) == row["rows"]
-            assert row["error"] is not None or row["rows"] is not None
-        assert set(found.image) <= set(rows)
+            rows[row["image"]] = found.iloc[first:end]
+        assert list(found.image) == [row["image"] for row in record for _ in range(row["rows"])]
+        read.add(path.name)
     for path in (out / table).glob("*"):
-        pq.read_table(path)
+        if path.name not in read:
+            pq.ParquetFile(path).read()
     return rows
 
 
@@ -71,12 +75,19 @@ def check_complete(source, out, gone=()):
         path.name for path in (out / "images").iterdir()
     }
     for name, path in paths.items():
-        points = Sift(threads=1)(read_image(path))
+        content = path.read_bytes()
+        points = points_of(content)
         assert len(rows[name]) == len(points)
         np.testing.assert_allclose(rows[name][["x", "y"]], points.xy, atol=0.5 / 256)
         described = np.frombuffer(b"".join(rows[name].descriptor), np.uint8).reshape(-1, 128)
         assert np.abs(described.astype(int) - points.descriptors).max(initial=0) <= 1
-        assert recorded.content[name] == digest_of(path.read_bytes())
+        assert recorded.content[name] == digest_of(content)
+
+
+@cache
+def points_of(content):
+    """What is in an image, by the detector itself."""
+    return Sift(threads=1)(decode_image(content, ""))
 
 
 def die_at_call(limit):
@@ -135,4 +146,6 @@ def kill_many(source, out, kills, before=None):
 
 
 if __name__ == "__main__":
-    kill_many(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), *map(Path, sys.argv[4:]))
+    source, out, kills, changed, changed_out, before = sys.argv[1:]
+    kill_many(Path(source), Path(out), int(kills))
+    kill_many(Path(changed), Path(changed_out), int(kills), Path(before))

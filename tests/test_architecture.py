@@ -12,7 +12,7 @@ import pytest
 import saccade
 
 SOURCE = Path(saccade.__file__).parent
-FOUNDATION = {"types", "frames", "errors", "files", "extras", "npz"}
+FOUNDATION = {"types", "frames", "errors", "files", "extras", "npz", "formats"}
 ALLOWED = {
     "errors": set(),
     "types": {"errors"},
@@ -20,6 +20,7 @@ ALLOWED = {
     "files": {"errors"},
     "extras": {"errors"},
     "npz": {"errors"},
+    "formats": set(),
     "_jit": {"errors"},
     "image": {"types", "errors", "files"},
     "video": FOUNDATION | {"image"},

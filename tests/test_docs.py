@@ -155,3 +155,6 @@ def test_the_code_of_the_page_on_many_images_runs(tmp_path, monkeypatch):
     assert names["failed"].fetchall() == []
     assert len(names["large"]) == sum((each["size"] > 8).sum() for each in rows.values())
     assert names["descriptors"].shape == (len(names["photo"]), 128)
+    every = np.concatenate([each.descriptors for each in names["keypoints"].values()])
+    for form in ("of_all", "as_array"):
+        np.testing.assert_array_equal(sorted(names[form].tolist()), sorted(every.tolist()))

@@ -258,7 +258,7 @@ def test_nothing_is_pickled(rng, tmp_path):
     exchange.write_npz(tmp_path / "points.npz", points)
     with np.load(tmp_path / "points.npz", allow_pickle=False) as arrays:
         assert {name: arrays[name].dtype.kind for name in arrays} == {
-            "xy": "f", "size": "f", "angle": "f", "response": "f", "octave": "i"
+            "xy": "f", "size": "f", "angle": "f", "response": "f", "octave": "i", "format": "i"
         }  # fmt: skip
     np.savez(tmp_path / "bad.npz", xy=np.array([{}], object))
     with pytest.raises(KeypointsError, match=r"bad\.npz: expected a NumPy \.npz file"):

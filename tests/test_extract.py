@@ -2,9 +2,11 @@
 
 import json
 import resource
+import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import cv2
 import numpy as np
@@ -15,18 +17,21 @@ import zarr
 import extracting
 from dying import deadly
 from extracting import SIFT, check_complete, check_whole, extract_here, photographs
-from saccade import attention_saliency, read_image, scanpath
+from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import Here, Processes
-from saccade.batch.shards import Shard
+from saccade.batch.shards import Report, Shard
 from saccade.batch.sources import Item
 from saccade.batch.store import LEFTOVERS
+from saccade.cli.extract import Pace
 from saccade.errors import ConfigError, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 
 IMAGES = 15
 KILLS = 20
+GONE = 7
+"""Number of an image."""
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +67,28 @@ def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
     result = extract_here(source, out)
     assert (result.done, result.same) == (3, 9)
     check_complete(source, out)
+
+
+def test_what_another_version_did_is_told_and_done_anew_on_request(run, tmp_path):
+    photographs(tmp_path / "photos", 4)
+    extract_here(tmp_path / "photos", tmp_path / "out", Job("sift", SiftConfig(), version="0.0.1"))
+    words = ("extract", "photos", "--out", "out", "--workers", 1, "--json")
+    photographs(tmp_path / "photos", 5)
+    code, printed, err = run(*words)
+    assert (code, json.loads(printed)["by_other_versions"]) == (0, 4)
+    assert "4 images were done by another version; --redo does them anew" in err
+    code, printed, err = run(*words, "--redo")
+    assert (code, err, json.loads(printed)["by_other_versions"]) == (0, "", 0)
+    assert set(pq.read_table(tmp_path / "out/images")["version"].to_pylist()) == {__version__}
+
+
+def test_the_pace_is_that_of_what_is_done_now():
+    pace = Pace(100)
+    assert pace.after(Report(same=40), time.monotonic()) == ""
+    start = pace.since
+    assert pace.after(Report(done=10), start + 5) == "2.0 images/s  0:00:25 left"
+    said = pace.after(Report(done=10, failed=1, lost=[("a", "why")]), start + 8)
+    assert said == "2.6 images/s  0:00:15 left  2 errors"
 
 
 def test_exact_points_are_exact(folder, tmp_path):
@@ -108,13 +135,28 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
     check_complete(source, out)
 
 
-def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, tmp_path):
-    """kill -9 at twenty random moments of a run; each time a second run ends what it began."""
-    killing = [sys.executable, extracting.__file__, folder, tmp_path, str(KILLS)]
-    subprocess.run(killing, check=True, timeout=100)
+@pytest.fixture(scope="module")
+def killed(folder, tmp_path_factory):
+    """What runs left that kill -9 ended at twenty random moments: `out`, and `changed`.
+
+    In the source of the second some images have changed since `before`, one is new, one is gone.
+    """
+    root = tmp_path_factory.mktemp("killed")
+    paths = photographs(root / "photos", IMAGES)
+    extract_here(root / "photos", root / "before")
+    for number in (1, 6, 8, 12):
+        paths[number].write_bytes(paths[(number + 5) % IMAGES].read_bytes())
+    paths[GONE].rename(root / "photos" / "new.png")
+    words = [folder, root / "out", str(KILLS), root / "photos", root / "changed", root / "before"]
+    subprocess.run([sys.executable, extracting.__file__, *words], check=True, timeout=100)
+    return root
+
+
+def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, killed):
+    """A second run ends what the one that was killed began."""
     unfinished = 0
     for number in range(1, KILLS + 1):
-        out = tmp_path / str(number)
+        out = killed / "out" / str(number)
         done = len(check_whole(out))
         unfinished += 0 < done < IMAGES
         result = extract_here(folder, out)
@@ -124,25 +166,18 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, tmp_path
     check_complete(folder, out)
 
 
-def test_killed_while_images_are_done_anew_no_points_are_another_images(folder, tmp_path):
-    """The same where images have changed, one is new, and one is gone: its points stay."""
-    source, before, out = (tmp_path / name for name in ("photos", "before", "out"))
-    paths = photographs(source, IMAGES)
-    extract_here(source, before)
-    gone = check_whole(before)[paths[7].name]
-    for number in (1, 6, 8, 12):
-        paths[number].write_bytes(paths[(number + 5) % IMAGES].read_bytes())
-    paths[7].rename(source / "new.png")
-    killing = [sys.executable, extracting.__file__, source, out, str(KILLS), before]
-    subprocess.run(killing, check=True, timeout=100)
+def test_killed_while_images_are_done_anew_no_points_are_another_images(killed):
+    """The same where images have changed; the points of the one that is gone stay."""
+    gone = check_whole(killed / "before")[f"{GONE:03d}.png"]
     two = 0
     for number in range(1, KILLS + 1):
-        records = [path.name for path in (out / str(number) / "images").iterdir()]
+        out = killed / "changed" / str(number)
+        records = [path.name for path in (out / "images").iterdir()]
         two += len({name[:23] for name in records}) < len(records)
-        extract_here(source, out / str(number))
-        kept = check_whole(out / str(number)).pop(paths[7].name)
+        extract_here(killed / "photos", out)
+        kept = check_whole(out).pop(f"{GONE:03d}.png")
         assert kept.reset_index(drop=True).equals(gone.reset_index(drop=True))
-        check_complete(source, out / str(number), [paths[7].name])
+        check_complete(killed / "photos", out, [f"{GONE:03d}.png"])
     assert two > 0
 
 
@@ -160,6 +195,27 @@ def test_a_full_disk_is_told(folder, tmp_path):
     assert len(check_whole(tmp_path)) == IMAGES - len(errors) > 0
     extract_here(folder, tmp_path)
     check_complete(folder, tmp_path)
+
+
+def test_a_disk_that_is_full_until_there_is_room_again(folder, tmp_path):
+    """A file system of 48 KB, which only a superuser may make."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=48k", "none", disk]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        result = extract_here(folder, disk / "out", Job("sift", SiftConfig(), exact=True))
+        errors = pq.read_table(disk / "out" / "errors.parquet").to_pandas()
+        assert 0 < result.totals.errors == len(errors) < IMAGES
+        assert errors.error.str.contains("cannot be written: No space left on device").all()
+        assert len(check_whole(disk / "out")) == IMAGES - len(errors)
+        subprocess.run(["mount", "-o", "remount,size=1m", disk], check=True)
+        result = extract_here(folder, disk / "out", Job("sift", SiftConfig(), exact=True))
+        assert (result.totals.errors, result.done) == (0, len(errors))
+        assert len(check_whole(disk / "out")) == IMAGES
+    finally:
+        subprocess.run(["umount", disk], check=True)
 
 
 def test_only_one_run_at_a_time(folder, tmp_path):

@@ -5,6 +5,9 @@ what the code does with a file guide how it is broken.
 """
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 from random import Random
 
 import pytest
@@ -16,7 +19,22 @@ from fuzz.mutations import broken
 from fuzz.targets import TARGETS
 from refusals import result_or_refusal
 
-EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "15"))
+EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "12"))
+RUN = Path(__file__).parent / "fuzz" / "run.py"
+COMMANDS = {
+    "look": ("bmp", "look {0}/a.bmp --json"),
+    "detect": ("jpeg", "detect {0}/a.jpg -f npz -f csv"),
+    "match": ("tiff", "match {0}/a.tif {0}/a.tif"),
+    "slam": ("log-csv", "slam {0}/log.csv --json"),
+    "convert": ("g2o", "convert {0}/log.g2o there.csv"),
+    "check": ("kitti-odometry", "check {0}"),
+    "drive": ("folder-times", "drive {0}"),
+    "extract": ("tar", "extract {0}/photos.tar --what sift --out there --workers 1"),
+    "index": ("manifest", "index {0}/out"),
+    "export": ("record", "export {0}/out --format csv --out there"),
+    "settings": ("settings", "look {0}/sift.toml --config {0}/sift.toml"),
+}
+"""By name: the target whose file is broken, and a command that reads it."""
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +60,38 @@ def test_a_broken_file_is_read_or_refused(seeds, name, chance):
             result_or_refusal(lambda: target.read(folder))
     finally:
         (folder / target.file).write_bytes(good)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@settings(max_examples=max(EXAMPLES // 6, 1), suppress_health_check=list(HealthCheck))
+@given(chance=st.randoms(use_true_random=True))
+def test_a_command_ends_well_or_in_one_line(run, seeds, name, chance):
+    target, words = TARGETS[COMMANDS[name][0]], COMMANDS[name][1]
+    folder = seeds / COMMANDS[name][0]
+    good = (folder / target.file).read_bytes()
+    (folder / target.file).write_bytes(broken(target.file, good, Random(chance.random())))
+    try:
+        with limited():
+            code, _, err = run(*words.format(folder).split())
+    finally:
+        (folder / target.file).write_bytes(good)
+    assert code in (0, 1, 2), err
+    assert code != 2 or "saccade: " in err
+    assert "Traceback" not in err
+
+
+def test_files_broken_as_coverage_guides():
+    pytest.importorskip("atheris")
+    seconds = max(EXAMPLES // 2, 1)
+    done = subprocess.run(
+        [sys.executable, RUN, "npz", "camera-toml", "--seconds", str(seconds)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300 + seconds,
+    )
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count(": Done ") == 2
 
 
 @pytest.mark.parametrize("name", TARGETS)

@@ -35,6 +35,11 @@ def on_page_content(html: str, **_: Any) -> str:
     return FORMULA.sub(_formula, html)
 
 
+def on_post_page(output: str, **_: Any) -> str:
+    """Name the theme's search for those who hear the page."""
+    return output.replace('class="md-search"', 'class="md-search" aria-label="Search"')
+
+
 def on_post_build(config: Any) -> None:
     """Ship the font that formulas are set in; it comes with ziamath, under the SIL licence."""
     (package,) = find_spec("ziamath").submodule_search_locations

@@ -1,4 +1,4 @@
-"""The pictures of the site: those of the examples, and those of the pages.
+"""Make the pictures of the site: those of the examples, and those of the pages.
 
 `python docs/making/pictures.py` makes the one that the README shows.
 """
@@ -7,32 +7,16 @@ import hashlib
 import os
 import runpy
 import sys
-from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import redirect_stdout
-from dataclasses import replace
-from importlib.resources import files
 from io import StringIO
+from multiprocessing import get_context
 from pathlib import Path
 
-import cv2
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-
-import saccade
-from saccade import datasets, slam, viewing
-from saccade.attention.normalize import normalize
-from saccade.frames import Frame
-from saccade.pyramid import halve
-from saccade.simulation import DriveConfig, LightConfig, simulate_drive
-from saccade.viewing.attention import draw_scanpath
-from saccade.viewing.keypoints import draw_keypoints
-from saccade.viewing.style import BLUE, HEAT, ORANGE, figure_for, picture_axes
+from figures import PAGES, story
+from saccade.viewing import save_figure
 
 ROOT = Path(__file__).parents[2]
-DATA = Path(str(files("saccade") / "data"))
 
 
 def make_all(folder: Path) -> None:
@@ -41,10 +25,12 @@ def make_all(folder: Path) -> None:
     stamp = folder / "made-of.txt"
     state = _state()
     if not stamp.exists() or stamp.read_text() != state:
-        for example in sorted((ROOT / "examples").glob("*.py")):
-            run_example(example, folder)
-        for name, draw in PAGES.items():
-            viewing.save_figure(draw(), folder / f"{name}.png")
+        examples = sorted((ROOT / "examples").glob("*.py"))
+        with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+            made = [pool.submit(run_example, example, folder) for example in examples]
+            made += [pool.submit(draw_page, name, folder) for name in PAGES]
+        for each in made:
+            each.result()
         stamp.write_text(state)
 
 
@@ -60,6 +46,11 @@ def run_example(example: Path, folder: Path) -> None:
     (folder / f"{example.stem}.txt").write_text(said.getvalue(), encoding="utf-8")
 
 
+def draw_page(name: str, folder: Path) -> None:
+    """Draw a picture of the pages."""
+    save_figure(PAGES[name](), folder / f"{name}.png")
+
+
 def _state() -> str:
     made_of = hashlib.sha256(sys.version.encode())
     for place in ("src", "examples", "docs/making"):
@@ -68,325 +59,5 @@ def _state() -> str:
     return made_of.hexdigest()
 
 
-def photo(name: str) -> np.ndarray:
-    """One of the photographs that ship with the package."""
-    return saccade.read_image(DATA / f"{name}.jpg")
-
-
-def story() -> Figure:
-    """The whole in four panels: where to look, what to keep, where things are."""
-    image = photo("astronaut")
-    maps = saccade.attention_saliency(image)
-    path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
-    points = saccade.Sift(saccade.SiftConfig(max_keypoints=120, spread=True))(image)
-    figure = Figure(figsize=(13, 3.35), layout="compressed", dpi=110)
-    panels = figure.subplots(1, 4)
-    panels[0].imshow(image)
-    draw_scanpath(panels[0], path)
-    picture_axes(panels[0], "an image, and where to look")
-    lit = viewing.attention.lit_by(image, maps.saliency)
-    panels[1].imshow(lit)
-    picture_axes(panels[1], "what attention leaves in the light")
-    panels[2].imshow(image)
-    draw_keypoints(panels[2], points)
-    picture_axes(panels[2], "what to keep")
-    _draw_park(panels[3])
-    picture_axes(panels[3], "where things are, and how sure that is")
-    return figure
-
-
-def _draw_park(axes: Axes) -> None:
-    _, run = _park()
-    outlines = viewing.maps.ellipse_outlines(run.map.xy, run.map.covariance)
-    axes.plot(*run.trajectory.pose[:, :2].T, color=BLUE, linewidth=0.9)
-    axes.add_collection(PolyCollection([*outlines], **viewing.maps.ELLIPSE))
-    axes.plot(*run.map.xy.T, ".", color="black", markersize=2.5)
-    axes.set_aspect("equal")
-
-
-def pyramid() -> Figure:
-    """Levels of a pyramid in their true proportions, and what one level differs from the next."""
-    image = photo("rocket")
-    height, width = image.shape[:2]
-    sheet = np.ones((height, width + width // 2 + 8, 3), np.float32)
-    sheet[:, :width] = image
-    level, top = image, 0
-    for _ in range(5):
-        level = halve(level)
-        h, w = level.shape[:2]
-        sheet[top : top + h, width + 8 : width + 8 + w] = level
-        top += h + 1
-    figure = figure_for(sheet.shape[1], height, columns=1, rows=1, panel=8)
-    axes = figure.subplots()
-    axes.imshow(sheet)
-    picture_axes(axes, "levels 0 to 5: each half as wide and half as high as the one before")
-    return figure
-
-
-def attention_steps() -> Figure:
-    """From a photograph to its saliency, in the order of A.1 to A.14."""
-    image = photo("rocket")
-    maps = saccade.contrast_saliency(image)
-    path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
-    shown = {
-        "intensity (A.11)": maps.intensity,
-        "color (A.12)": maps.color,
-        "orientation (A.13)": maps.orientation,
-        "saliency (A.14)": maps.saliency,
-    }
-    height, width = image.shape[:2]
-    figure = figure_for(width, height, columns=3, rows=2, panel=4)
-    panels = figure.subplots(2, 3).ravel()
-    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-    panels[0].imshow(image)
-    picture_axes(panels[0], "image")
-    for axes, (title, values) in zip(panels[1:5], shown.items(), strict=True):
-        axes.imshow(values, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
-        picture_axes(axes, title)
-    panels[5].imshow(image)
-    draw_scanpath(panels[5], path)
-    picture_axes(panels[5], "scanpath")
-    return figure
-
-
-def promotion() -> Figure:
-    """What N makes of a map with one peak and of a map with many."""
-    rows, columns = np.mgrid[0:60, 0:90]
-
-    def bump(x: float, y: float, height: float) -> np.ndarray:
-        return height * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 3.0**2))
-
-    even = sum(bump(10 + 14 * i, 10 + 13 * j, 0.8) for i in range(6) for j in range(4))
-    odd = sum(bump(10 + 14 * i, 10 + 13 * j, 0.25) for i in range(6) for j in range(4))
-    odd = odd + bump(52, 36, 0.75)
-    figure = Figure(figsize=(11, 2.15), layout="compressed", dpi=110)
-    panels = figure.subplots(1, 4)
-    for pair, (name, values) in enumerate({"one place stands out": odd, "many do": even}.items()):
-        promoted = normalize(values.astype(np.float32), "local-maxima")
-        for axes, shown, title in (
-            (panels[2 * pair], values, name),
-            (panels[2 * pair + 1], promoted, f"after N: at most {promoted.max():.2f}"),
-        ):
-            axes.imshow(shown, cmap=HEAT, vmin=0, vmax=1)
-            picture_axes(axes, title)
-    return figure
-
-
-def presets() -> Figure:
-    """The same photograph under every preset of the contrast model."""
-    image = photo("coffee")
-    height, width = image.shape[:2]
-    figure = figure_for(width, height, columns=3, rows=2, panel=3.8)
-    panels = figure.subplots(2, 3).ravel()
-    panels[0].imshow(image)
-    picture_axes(panels[0], "image")
-    config = saccade.ContrastConfig
-    for axes, (name, each) in zip(
-        panels[1:],
-        {
-            "default": config(),
-            "kootstra2010": config.kootstra2010(),
-            "itti1998": config.itti1998(),
-            "saliencytoolbox2": config.saliencytoolbox2(),
-        }.items(),
-        strict=False,
-    ):
-        values = saccade.contrast_saliency(image, each).saliency
-        axes.imshow(values, cmap=HEAT, vmin=0, extent=(0, width, height, 0))
-        picture_axes(axes, name)
-    panels[5].set_axis_off()
-    return figure
-
-
-def eye() -> Figure:
-    """The pairs about one pupil."""
-    image = photo("chelsea")[60:170, 110:250]
-    around = saccade.symmetric_pairs(image, (62, 51), within=6)[:60]
-    return viewing.pair_figure(image, [around])
-
-
-def contrast_and_symmetry() -> Figure:
-    """Where each of the two models looks in the same face."""
-    image = photo("chelsea")
-    height, width = image.shape[:2]
-    figure = figure_for(width, height, columns=2, rows=2, panel=4.6)
-    models = {
-        "contrast": saccade.contrast_saliency(image).saliency,
-        "symmetry": saccade.symmetry_saliency(image).saliency,
-    }
-    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-    for (left, right), (name, values) in zip(figure.subplots(2, 2), models.items(), strict=True):
-        left.imshow(image)
-        draw_scanpath(left, saccade.scanpath(values, image.shape, fixations=5))
-        picture_axes(left, f"five fixations by {name}")
-        right.imshow(values, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
-        picture_axes(right, name)
-    return figure
-
-
-def must() -> Figure:
-    """Twenty points of MUST with the pairs that made them."""
-    from saccade.cli.explaining import what_made
-
-    image, find = photo("chelsea"), saccade.Must(saccade.MustConfig(max_keypoints=20))
-    return viewing.pair_figure(image, what_made(find, image, find(image)))
-
-
-def symmetric_regions() -> Figure:
-    """Twelve regions of SymRoID."""
-    image = photo("chelsea")
-    find = saccade.SymRoid(saccade.SymRoidConfig(max_keypoints=12))
-    return viewing.region_figure(image, find(image))
-
-
-def differences() -> Figure:
-    """Planes of a scale space, and their differences (B.1 to B.3)."""
-    gray = cv2.cvtColor(photo("chelsea"), cv2.COLOR_RGB2GRAY)
-    sigmas = [1.6 * 2 ** (i / 3) for i in range(5)]
-    planes = [cv2.GaussianBlur(gray, (0, 0), sigma) for sigma in sigmas]
-    figure = figure_for(gray.shape[1], gray.shape[0], columns=4, rows=2, panel=3)
-    panels = figure.subplots(2, 4)
-    for column in range(4):
-        panels[0, column].imshow(planes[column], cmap="gray", vmin=0, vmax=1)
-        picture_axes(panels[0, column], f"L at σ = {sigmas[column]:.2f} px")
-        difference = planes[column + 1] - planes[column]
-        panels[1, column].imshow(difference, cmap="PuOr", vmin=-0.08, vmax=0.08)
-        picture_axes(panels[1, column], f"D: L({sigmas[column + 1]:.2f}) − L({sigmas[column]:.2f})")
-    return figure
-
-
-def interest_points() -> Figure:
-    """Points with sizes and directions, and the descriptor of one."""
-    image = photo("coffee")
-    points = saccade.Sift(saccade.SiftConfig(max_keypoints=150))(image)
-    figure = Figure(figsize=(11.5, 4.6), layout="compressed", dpi=110)
-    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
-    left.imshow(image)
-    draw_keypoints(left, points)
-    picture_axes(left, f"the {len(points)} strongest points: size and direction")
-    one = int(np.argmin(abs(points.size - 22)))
-    _draw_descriptor(right, image, points[one : one + 1])
-    (x, y), side = points.xy[one].tolist(), 6 * float(points.size[one])
-    degrees = np.degrees(float(points.angle[one]))
-    corner = x - side / 2, y - side / 2
-    box = Rectangle(corner, side, side, angle=degrees, rotation_point=(x, y))
-    box.set(fill=False, color=BLUE, linewidth=1.5)
-    left.add_patch(box)
-    return figure
-
-
-def _draw_descriptor(axes: Axes, image: np.ndarray, point: "saccade.Keypoints") -> None:
-    """Sixteen stars of eight rays over the patch that they describe, turned upright."""
-    side = 320
-    scale = 6 * float(point.size[0]) / side  # twelve scales are the descriptor's side
-    angle = float(point.angle[0])
-    turn = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    shift = point.xy[0] - turn @ np.full(2, side / 2)
-    patch = cv2.warpAffine(
-        image, np.c_[turn, shift], (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    )
-    axes.imshow(viewing.symmetry.faded(patch), cmap="gray", vmin=0, vmax=1)
-    values = point.descriptors.reshape(4, 4, 8) / point.descriptors.max()
-    for row, column, bin_ in np.ndindex(4, 4, 8):
-        x, y = (column + 0.5) * side / 4, (row + 0.5) * side / 4
-        length = values[row, column, bin_] * side / 9
-        direction = bin_ * np.pi / 4
-        axes.plot(
-            [x, x + length * np.cos(direction)],
-            [y, y + length * np.sin(direction)],
-            color=ORANGE,
-            linewidth=2,
-            solid_capstyle="round",
-        )
-    for line in range(1, 4):
-        axes.axhline(line * side / 4, color=BLUE, linewidth=0.8)
-        axes.axvline(line * side / 4, color=BLUE, linewidth=0.8)
-    picture_axes(axes, "a descriptor: 4 × 4 subregions, 8 directions each")
-
-
-def _park() -> "tuple[saccade.LandmarkLog, slam.SlamResult]":
-    if not _PARK:
-        log = datasets.load("victoria-park", DATA / "victoria_park.txt")
-        _PARK.append((log, slam.run(log)))
-    return _PARK[0]
-
-
-_PARK: "list[tuple[saccade.LandmarkLog, slam.SlamResult]]" = []
-
-
-def park() -> Figure:
-    """Victoria Park."""
-    _, run = _park()
-    return viewing.map_figure(run.trajectory, run.map, run.dead_reckoning)
-
-
-def innovations() -> Figure:
-    """Whether the filter was as sure as it might be, in the park."""
-    from saccade.slam.consistency import chi_square_band
-
-    log, run = _park()
-    time = log.time[log.observation_pose]
-    band = chi_square_band(2, 50)
-    return viewing.innovation_figure(time, run.consistency.nis, 2, 50, band, run.trajectory)
-
-
-def simulated_frames() -> Figure:
-    """Three places of the ring, its depth, mirrored posters, and dusk."""
-    plain = DriveConfig(color=True, depth=True)
-    drive = simulate_drive(plain, seed=3)
-    dusk = LightConfig(noise=5, brightness=0.35, vignetting=0.4)
-    there = drive.load(140)
-    shown = {
-        "frame 20": drive.load(20).image,
-        "frame 140": there.image,
-        "frame 260": drive.load(260).image,
-        "the depth of frame 140": there.depth,
-        "posters that are symmetric": _ring(plain, mirrored=True).image,
-        "the light of the preset dark": _ring(plain, light=dusk).image,
-    }
-    figure = figure_for(320, 240, columns=3, rows=2, panel=3.6)
-    for axes, (title, picture) in zip(figure.subplots(2, 3).ravel(), shown.items(), strict=True):
-        axes.imshow(picture, cmap=HEAT)
-        picture_axes(axes, title)
-    return figure
-
-
-def _ring(config: DriveConfig, **changed: object) -> Frame:
-    return simulate_drive(replace(config, **changed), seed=3).load(140)
-
-
-def film_frame() -> Figure:
-    """One frame of the film of a scanpath."""
-    image = photo("rocket")
-    maps = saccade.attention_saliency(image)
-    path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
-    frames = viewing.scanpath_frames(image, path)[0][1:5]
-    height, width = frames[0].shape[:2]
-    figure = figure_for(width, height, columns=len(frames), rows=1, panel=3.2)
-    for axes, frame in zip(figure.subplots(1, len(frames)), frames, strict=True):
-        axes.imshow(frame)
-        picture_axes(axes, "")
-    return figure
-
-
-PAGES: "dict[str, Callable[[], Figure]]" = {
-    "story": story,
-    "pyramid": pyramid,
-    "attention-steps": attention_steps,
-    "promotion": promotion,
-    "presets": presets,
-    "eye": eye,
-    "contrast-and-symmetry": contrast_and_symmetry,
-    "must": must,
-    "symmetric-regions": symmetric_regions,
-    "differences": differences,
-    "interest-points": interest_points,
-    "park": park,
-    "innovations": innovations,
-    "simulated-frames": simulated_frames,
-    "film": film_frame,
-}
-"""By the name of the file."""
-
 if __name__ == "__main__":
-    viewing.save_figure(story(), ROOT / "docs" / "story.jpg")
+    save_figure(story(), ROOT / "docs" / "story.jpg")

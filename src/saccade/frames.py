@@ -56,7 +56,8 @@ class Camera:
         placed = self.place.shape == (3,) and bool(np.isfinite(self.place).all())
         require(placed, "place", "three numbers in metres", self.place.tolist())
         turns = self.rotation.shape == (3, 3) and bool(
-            np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() < 1e-3
+            np.abs(self.rotation).max() < 2  # so that no product is infinite
+            and np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() < 1e-3
             and np.linalg.det(self.rotation) > 0
         )
         require(turns, "rotation", "a rotation matrix (3, 3)", self.rotation.tolist())

@@ -16,6 +16,8 @@ SYSTEMS = {
     "oar": "OARCluster",
 }
 """Batch systems, and what dask-jobqueue calls them."""
+A_JOB = {"cores": 1, "memory": "2GB"}
+"""What a job asks for where dask-jobqueue's file of settings does not say."""
 PATIENCE = 20.0
 """Seconds in which a scheduler must answer."""
 
@@ -51,10 +53,13 @@ def batch_system(name: str, jobs: int) -> Iterator[Cluster]:
     if name not in SYSTEMS:
         raise ConfigError(f"cluster: expected one of {', '.join(SYSTEMS)}, found {name!r}")
     jobqueue = import_optional("dask_jobqueue", "cluster")
+    dask = import_optional("dask", "cluster")
     distributed = import_optional("distributed", "cluster")
     with ExitStack() as stack:
+        set_there = dask.config.get(f"jobqueue.{name}", {})
+        asked = {each: value for each, value in A_JOB.items() if set_there.get(each) is None}
         try:
-            cluster = stack.enter_context(getattr(jobqueue, SYSTEMS[name])())
+            cluster = stack.enter_context(getattr(jobqueue, SYSTEMS[name])(**asked))
             cluster.scale(jobs=jobs)
         except (OSError, RuntimeError, ValueError) as error:
             raise ConfigError(f"cluster: {name} cannot be used: {error}") from error

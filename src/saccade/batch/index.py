@@ -24,6 +24,7 @@ from saccade.batch.tables import ENTRIES
 from saccade.errors import ConfigError, KeypointsError, require
 from saccade.extras import import_optional
 from saccade.files import whole_file
+from saccade.formats import FORMATS, check_format
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
 from saccade.types import Float32Array, IntArray, Keypoints
@@ -85,9 +86,16 @@ class Index:
             told = json.loads((place / "images.json").read_text(encoding="utf-8"))
             vectors = str(place / "vectors.faiss")
             self._vectors = self._faiss.read_index(vectors, self._faiss.IO_FLAG_MMAP)
-            self._places = np.load(place / "places.npy", mmap_mode="r")
-        except (OSError, ValueError, RuntimeError) as error:
+            self._places = np.load(place / "places.npy", mmap_mode="r", allow_pickle=False)
+            version = told.get("format")
+            absent = {"what", "settings", "most", "images", "first"} - set(told)
+        except (OSError, ValueError, RuntimeError, AttributeError) as error:
             raise ConfigError(f"{folder}: expected an index; make one: saccade index") from error
+        check_format("index", version, place / "images.json", ConfigError)
+        if absent:
+            raise ConfigError(
+                f"{place / 'images.json'}: expected {min(absent)!r} in it, found none"
+            )
         self.what: str = told["what"]
         """What made the points."""
         self.settings: dict[str, Any] = told["settings"]
@@ -200,6 +208,7 @@ def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
         np.save(places_path, np.concatenate([np.zeros((0, 2), np.float32), *places]))
         faiss.write_index(vectors, str(vectors_path))
         told = {
+            "format": FORMATS["index"],
             "what": what,
             "settings": manifest["configuration"]["settings"],
             "most": most,

@@ -13,6 +13,7 @@ from saccade.batch.shards import PREFIX, RECORDS, SUFFIX, read_record
 from saccade.batch.store import Store
 from saccade.batch.tables import ERRORS, batch_of, parquet_options
 from saccade.errors import ConfigError
+from saccade.formats import FORMATS, check_format
 
 MANIFEST = "manifest.json"
 ERROR_FILE = "errors.parquet"
@@ -38,11 +39,16 @@ def read_manifest(store: Store) -> dict[str, Any] | None:
     """What is in the manifest; None where there is none."""
     try:
         with store.open(MANIFEST) as file:
-            return dict(json.loads(file.read()))
+            told = dict(json.loads(file.read()))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, RecursionError) as error:
         raise ConfigError(f"{store.place}/{MANIFEST}: cannot be read: {error}") from error
+    check_format("extraction", told.get("format"), f"{store.place}/{MANIFEST}", ConfigError)
+    if not isinstance(told.get("configuration"), dict) or "what" not in told:
+        expected = "expected what `saccade extract` writes, found other names"
+        raise ConfigError(f"{store.place}/{MANIFEST}: {expected}")
+    return told
 
 
 def check_manifest(store: Store, job: Job, *, redo: bool) -> None:
@@ -72,6 +78,7 @@ def last_totals(store: Store) -> Totals:
 def write_manifest(store: Store, job: Job, source: str, totals: Totals, *, complete: bool) -> None:
     """Say what made the folder, of what, and how far it is."""
     told = {
+        "format": FORMATS["extraction"],
         "saccade": job.version,
         "what": job.what,
         "configuration": job.described(),

@@ -39,7 +39,7 @@ class Series:
     def moving(self) -> npt.NDArray[np.bool_]:
         """(k,) whether the robot drives, rather than stands or turns on the spot."""
         length = np.hypot(self.odometry[:, 0], self.odometry[:, 1])
-        return np.asarray(length > 0.3 * np.quantile(length, 0.9))
+        return np.asarray(length > 0.3 * (np.quantile(length, 0.9) if len(length) else 0.0))
 
 
 def series_of(drive: Drive, look: Look) -> Series:

@@ -130,6 +130,7 @@ def map_drive(
     from saccade.cli.drive_files import figures, write_film, write_pictures, write_tables
     from saccade.cli.drive_report import drive_part
     from saccade.cli.output import resumable, write_text
+    from saccade.formats import FORMATS
     from saccade.slam import Checkpoint, Recorder
 
     recorder, kept = Recorder(pictures), Checkpoint(out / "checkpoint.npz", checkpoint)
@@ -160,6 +161,7 @@ def map_drive(
     row = {
         **numbers,
         "remarks": list(result.remarks),
+        "format": FORMATS["run"],
         "version": saccade.__version__,
         "seed": settings.seed,
         "settings": asdict(settings),

@@ -22,6 +22,7 @@ def write_tables(out: Path, result: "VisualResult") -> dict[str, Path]:
     from saccade.cli.output import write_arrays
     from saccade.cli.slam_files import pose_table
     from saccade.datasets import write_landmarks, write_table, write_tum
+    from saccade.formats import FORMATS
 
     files = {
         "trajectory": out / "trajectory.tum",
@@ -36,6 +37,7 @@ def write_tables(out: Path, result: "VisualResult") -> dict[str, Path]:
     write_arrays(
         files["map"],
         {
+            "format": FORMATS["map"],
             "id": result.map.id,
             "xy": result.map.xy,
             "covariance": result.map.covariance,

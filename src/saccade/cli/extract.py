@@ -168,8 +168,8 @@ def extract(
         _print(result, what.value, out)
     if result.problem is not None:
         say(result.problem)
-    if result.totals.by_other_versions:
-        others = result.totals.by_other_versions
+    others = result.totals.by_other_versions
+    if others:
         say(f"{others} images were done by another version; --redo does them anew")
     if not result.complete:
         seen = result.done + result.same
@@ -201,7 +201,10 @@ def _engine(
         raise ConfigError("cluster: expected --scheduler or --cluster, found both")
     if scheduler is not None or cluster is not None:
         from saccade.batch.cluster import batch_system, scheduler_at
+        from saccade.cli.output import say
 
+        if cluster is not None:
+            say(f"{jobs} {'job' if jobs == 1 else 'jobs'} of {cluster}: waiting for the first")
         where = scheduler_at(scheduler) if scheduler else batch_system(str(cluster), jobs)
         with where as engine:
             yield engine
@@ -233,21 +236,27 @@ def _stopping() -> Iterator[list[int]]:
 
 
 class Pace:
-    """How fast the work goes; what had been done before passes too quickly to count."""
+    """How fast the work goes; what had been done before passes too quickly to count.
+
+    Args:
+        total: images.
+    """
 
     def __init__(self, total: int) -> None:
         self.seen = 0
+        """Images of which a report has come."""
+        self.since = time.monotonic()
+        """When the first began that is done now."""
         self._total = total
-        self._errors = 0
-        self._since = (time.monotonic(), 0)
+        self._before = self._errors = 0
 
     def after(self, report: "Report", now: float) -> str:
         """Images per second, time left and errors so far, when a report has come."""
         self.seen += report.done + report.same + len(report.lost)
         self._errors += report.failed + len(report.lost)
-        if not report.done:
-            self._since = (now, self.seen)
-        rate = (self.seen - self._since[1]) / max(now - self._since[0], 1e-3)
+        if self.seen == self._before + report.same:
+            self._before, self.since = self.seen, now
+        rate = (self.seen - self._before) / max(now - self.since, 1e-3)
         parts = [f"{self._errors:,} errors"] if self._errors else []
         if rate > 0:
             left = timedelta(seconds=round((self._total - self.seen) / rate))

@@ -135,6 +135,7 @@ def look_at(
     from saccade.attention.scanpath import scanpath
     from saccade.cli.output import write_arrays
     from saccade.errors import ImageError
+    from saccade.formats import FORMATS
     from saccade.image import read_image
     from saccade.viewing import Section, attention_figure, save_figure, save_film, scanpath_frames
 
@@ -154,7 +155,7 @@ def look_at(
         "scanpath_time": fixated.time,
         "scanpath_saliency": fixated.saliency,
     }
-    write_arrays(arrays, layers | scanpath_arrays)
+    write_arrays(arrays, layers | scanpath_arrays | {"format": FORMATS["look"]})
     table = np.column_stack([fixated.xy, fixated.time, fixated.saliency])
     row = {
         "image": str(path),

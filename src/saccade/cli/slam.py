@@ -165,6 +165,7 @@ def map_log(
     from saccade.cli.slam_report import slam_part
     from saccade.errors import LogError
     from saccade.extras import import_optional
+    from saccade.formats import FORMATS
     from saccade.slam import Checkpoint, Recorder, dead_reckon
     from saccade.viewing.live import LiveMap, save_rrd
 
@@ -194,6 +195,7 @@ def map_log(
         files["report"] = own.write(out / "report.html")
     row = {
         **numbers,
+        "format": FORMATS["run"],
         "version": saccade.__version__,
         "seed": None,  # nothing is drawn at random
         "settings": asdict(settings),

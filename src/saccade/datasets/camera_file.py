@@ -81,7 +81,7 @@ def read_calibration(path: Path) -> Calibration:
     numbers = {name: _numbers(path, name, value) for name, value in values.items()}
     try:
         return _calibration(numbers)
-    except (ConfigError, ValueError, IndexError) as error:
+    except (ConfigError, TypeError, ValueError, IndexError) as error:
         raise DriveError(f"{path}: {error}") from error
 
 

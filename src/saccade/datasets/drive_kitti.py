@@ -94,6 +94,7 @@ def read_mounting(path: Path) -> tuple[FloatArray, FloatArray]:
     if not numbers or not np.isfinite(matrix).all():
         found = f"{matrix.dtype} of shape {matrix.shape}"
         raise DriveError(f"{path}: expected cam_T_imu, finite and of shape (4, 4), found {found}")
+    matrix = matrix.astype(np.float64)
     place = np.array([matrix[0, 3], matrix[1, 3], KITTI_HEIGHT])
     return place, np.ascontiguousarray(matrix[:3, :3].T)
 

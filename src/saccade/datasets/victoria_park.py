@@ -25,6 +25,8 @@ VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.06, turn=0.06, drift=0.0125)
 VICTORIA_PARK_BIAS = (0.05, 0.02, 0.02)
 """See `LandmarkLog.odometry_bias`; a steering angle that is off by a degree turns the car by
 0.006 rad a metre."""
+FASTEST, LATEST = 1e6, 1e15
+"""Metres a second, and milliseconds, that no car has seen."""
 VICTORIA_PARK_SENSOR = (0.2, 0.015)
 """Standard deviations of range (m) and bearing (rad) of a tree: its trunk is no point."""
 
@@ -65,15 +67,17 @@ def read_victoria_park(
         return read_isam(path)
     held = read_matlab(path, ("time", "u", "TLsr", "zt"))
     time, at = _ascending(path, "time", held["time"]), _ascending(path, "TLsr", held["TLsr"])
-    u = np.asarray(held["u"], np.float64)
+    u = _array(path, "u", held["u"])
     scans = held["zt"]
     if u.shape != (2, len(time)) or len(scans) != len(at) or len(at) == 0:
         raise LogError(
             f"{path}: expected u of shape (2, {len(time)}) and {len(at)} scans in zt, "
             f"found {u.shape} and {len(scans)}"
         )
-    if not np.isfinite(u).all():
-        raise LogError(f"{path}: expected finite speeds and steering angles in u, found NaN")
+    if not (np.abs(u) < FASTEST).all():
+        raise LogError(
+            f"{path}: expected speeds and steering angles under {FASTEST:g} in u, found others"
+        )
     speed, turn_rate = center_motion(u[0], u[1])
     control, control_covariance = integrate(time, speed, turn_rate, at, odometry_noise)
     trees = [_trees(path, number, scan) for number, scan in enumerate(scans)]
@@ -115,15 +119,22 @@ def center_motion(speed: FloatArray, steering: FloatArray) -> tuple[FloatArray, 
     return center, center * np.tan(steering) / WHEEL_BASE
 
 
+def _array(path: Path, name: str, values: object) -> FloatArray:
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise LogError(f"{path}: expected numbers in {name}, found something else") from error
+
+
 def _ascending(path: Path, name: str, values: object) -> FloatArray:
-    time = np.asarray(values, np.float64).ravel()
-    if not np.isfinite(time).all() or (np.diff(time) < 0).any():
+    time = _array(path, name, values).ravel()
+    if not (np.abs(time) < LATEST).all() or (np.diff(time) < 0).any():
         raise LogError(f"{path}: expected {name} to be finite and ascending, found that it is not")
     return time
 
 
 def _trees(path: Path, number: int, scan: object) -> FloatArray:
-    found = np.asarray(scan, np.float64)
+    found = _array(path, f"scan {number}", scan)
     if found.size == 0:
         return np.empty((0, 2))
     if found.ndim != 2 or len(found) != 3 or not np.isfinite(found).all():
@@ -158,7 +169,7 @@ def _gps(path: Path) -> Trajectory | None:
         return None
     held = read_matlab(path, ("timeGps", "La_m", "Lo_m"))
     time = _ascending(path, "timeGps", held["timeGps"]) / 1000
-    x, y = (np.asarray(held[name], np.float64).ravel() for name in ("Lo_m", "La_m"))
+    x, y = (_array(path, name, held[name]).ravel() for name in ("Lo_m", "La_m"))
     if len(x) != len(time) or len(y) != len(time) or not np.isfinite(x + y).all():
         raise LogError(f"{path}: expected one finite place for each of the {len(time)} times")
     return Trajectory(time, np.stack([x, y, np.full(len(time), np.nan)], 1))

@@ -17,9 +17,12 @@ from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
 from saccade.files import whole_file
+from saccade.formats import FORMATS, check_format
 from saccade.npz import check_unpacked
 from saccade.types import Float32Array, Keypoints
 
+NOTE = "saccade_format"
+"""Attribute with the version of files that are ours."""
 QUANTUM = 512
 """Of a unit descriptor in 8 bits, in files that do not say."""
 
@@ -43,6 +46,7 @@ def write_hdf5(
     """
     h5py = import_optional("h5py", "hdf5")
     with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs[NOTE] = FORMATS["points"]
         for name, points in keypoints.items():
             group = file.create_group(check_name(name))
             for field, values in _datasets(checked(name, points)).items():
@@ -78,6 +82,8 @@ def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
 
     # The library raises what the broken bytes happen to provoke.
     with reading(path, "an HDF5 file of features", Exception), h5py.File(path, "r") as file:
+        if NOTE in file.attrs:
+            check_format("points", file.attrs[NOTE].tolist(), path, KeypointsError)
         file.visititems(visit)
         check_unpacked(path.stat().st_size, unpacked)
         if len(file) and not groups:

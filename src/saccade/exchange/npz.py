@@ -7,6 +7,7 @@ import numpy as np
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import checked, keypoints_from, reading
 from saccade.files import whole_file
+from saccade.formats import FORMATS, check_format
 from saccade.npz import read_arrays
 from saccade.types import Keypoints
 
@@ -27,7 +28,8 @@ def write_npz(path: str | Path, keypoints: Keypoints) -> None:
     fields = vars(checked(str(path), keypoints))
     arrays = {name: values for name, values in fields.items() if values is not None}
     with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        version = np.array(FORMATS["points"])
+        np.savez_compressed(file, allow_pickle=False, format=version, **arrays)
 
 
 def read_npz(path: str | Path) -> Keypoints:
@@ -39,6 +41,8 @@ def read_npz(path: str | Path) -> Keypoints:
     path = Path(path)
     with reading(path, "a NumPy .npz file", ValueError):
         arrays = read_arrays(path)
+    if "format" in arrays:
+        check_format("points", arrays["format"].tolist(), path, KeypointsError)
     if "xy" not in arrays:
         found = ", ".join(arrays) or "nothing"
         raise KeypointsError(f"{path}: expected an array xy, found {found}")

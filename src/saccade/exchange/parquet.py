@@ -12,6 +12,7 @@ from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
 from saccade.files import whole_file
+from saccade.formats import FORMATS, check_format
 from saccade.npz import check_unpacked
 from saccade.types import IntArray, Keypoints
 
@@ -41,7 +42,9 @@ def to_arrow(keypoints: Mapping[str, Keypoints]) -> Any:
     """
     pa = import_optional("pyarrow", "parquet")
     parts = [_part(pa, name, points) for name, points in keypoints.items()]
-    schema = _schema(pa).with_metadata({NOTE: json.dumps({"images": list(keypoints)})})
+    schema = _schema(pa).with_metadata(
+        {NOTE: json.dumps({"images": list(keypoints), "format": FORMATS["points"]})}
+    )
     return pa.Table.from_batches(parts, schema) if parts else schema.empty_table()
 
 
@@ -84,7 +87,9 @@ def read_parquet(path: str | Path) -> dict[str, Keypoints]:
         columns = {name: table[name].to_numpy() for name in (*NUMBERS, "octave")}
         described, descriptors = _descriptors(pa, table["descriptor"])
         images = table["image"].to_pylist()
-        listed = json.loads((table.schema.metadata or {}).get(NOTE, b"{}")).get("images", ())
+        told = json.loads((table.schema.metadata or {}).get(NOTE, b"{}"))
+        check_format("points", told.get("format"), path, KeypointsError)
+        listed = told.get("images", ())
         rows: dict[str, list[int]] = {str(name): [] for name in listed}
     for row, name in enumerate(images):
         rows.setdefault(name, []).append(row)

@@ -19,10 +19,11 @@ import numpy as np
 
 from saccade.errors import ConfigError, LogError
 from saccade.files import whole_file
+from saccade.formats import FORMATS
 from saccade.npz import read_arrays
 from saccade.types import FloatArray
 
-FORMAT = 3
+FORMAT = FORMATS["checkpoint"]
 """Of the file; another one is not read."""
 _SCALARS = (bool, int, float, str)
 _PLAIN = (FunctionType, BuiltinFunctionType, MethodType, type)

@@ -1,0 +1,154 @@
+"""What the first release wrote is read, what a later one writes is refused."""
+
+import ast
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import saccade
+from fuzz.targets import a_log, points
+from refusals import refuses
+from saccade import SiftConfig, exchange, slam
+from saccade.batch.index import Index
+from saccade.batch.manifest import read_manifest
+from saccade.batch.store import Folder
+from saccade.cli.settings import load_settings
+from saccade.datasets import load
+from saccade.datasets.camera_file import read_calibration
+from saccade.errors import ConfigError, KeypointsError
+from saccade.formats import FORMATS
+
+FIRST = Path(__file__).parent / "data" / "release-0.1"
+LOADS = ("load", "savez", "savez_compressed", "read_array")
+SOURCE = Path(saccade.__file__).parent
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv", "h5", "parquet"])
+def test_points_of_the_first_release(suffix):
+    read = {
+        "npz": exchange.read_npz,
+        "csv": exchange.read_csv,
+        "h5": lambda path: exchange.read_hdf5(path)["a.png"],
+        "parquet": lambda path: exchange.read_parquet(path)["a.png"],
+    }[suffix]
+    found, expected = read(FIRST / f"points.{suffix}"), points()
+    for name in ("xy", "size", "angle", "response", "octave"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-6)
+    if suffix != "csv":
+        np.testing.assert_array_equal(found.descriptors, expected.descriptors)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.g2o", "log.isam", "log.graph"])
+def test_logs_of_the_first_release(name):
+    found, expected = load("auto", FIRST / name), a_log()
+    np.testing.assert_allclose(found.control, expected.control, atol=1e-9)
+    np.testing.assert_allclose(found.observation, expected.observation, atol=1e-9)
+    _, numbers = np.unique(found.landmark, return_inverse=True)
+    np.testing.assert_array_equal(numbers, expected.landmark)
+
+
+def test_settings_of_the_first_release():
+    assert load_settings("sift", path=FIRST / "sift.toml") == SiftConfig.lowe2004()
+    assert read_calibration(FIRST / "camera.toml").camera.baseline == 0.2
+
+
+def test_an_extraction_and_an_index_of_the_first_release(run, tmp_path):
+    shutil.copytree(FIRST / "extracted", tmp_path / "extracted")
+    index = Index(tmp_path / "extracted")
+    assert index.images == ["disk.png"]
+    assert len(index.points_of(0)) >= 1
+    code, out, err = run(
+        *("extract", FIRST / "photos", "--what", "sift", "--out", "extracted"),
+        *("--workers", "1", "--json"),
+    )
+    assert code == 0, err
+    assert json.loads(out)["already_done"] == 1
+
+
+def newer_points(folder, kind):
+    """A file of points that a later release has written."""
+    path = folder / f"points.{kind}"
+    shutil.copy(FIRST / f"points.{kind}", path)
+    if kind == "npz":
+        with np.load(path) as arrays:
+            np.savez(path, **{**arrays, "format": np.array(FORMATS["points"] + 1)})
+    elif kind == "h5":
+        with h5py.File(path, "a") as file:
+            file.attrs["saccade_format"] = FORMATS["points"] + 1
+    else:
+        table = pq.read_table(path)
+        note = json.dumps({"images": ["a.png"], "format": FORMATS["points"] + 1})
+        pq.write_table(table.replace_schema_metadata({"saccade": note}), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "read"),
+    [
+        ("npz", exchange.read_npz),
+        ("h5", exchange.read_hdf5),
+        ("parquet", exchange.read_parquet),
+    ],
+)
+def test_points_of_a_later_release_are_refused(tmp_path, kind, read):
+    path = newer_points(tmp_path, kind)
+    with refuses(KeypointsError, str(path), "a later version of saccade has written it"):
+        read(path)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "index/images.json"])
+def test_a_folder_of_a_later_release_is_refused(tmp_path, name):
+    shutil.copytree(FIRST / "extracted", tmp_path / "extracted")
+    path = tmp_path / "extracted" / name
+    path.write_text(json.dumps({**json.loads(path.read_text()), "format": 99}))
+    with refuses(ConfigError, name, "found 99: a later version of saccade has written it"):
+        if name == "manifest.json":
+            read_manifest(Folder(str(tmp_path / "extracted")))
+        else:
+            Index(tmp_path / "extracted")
+
+
+def test_a_checkpoint_that_was_changed_or_is_of_another_version_is_said(tmp_path, caplog):
+    path = tmp_path / "run.npz"
+    slam.run(a_log(), checkpoint=slam.Checkpoint(path, 0))
+    with np.load(path) as saved:
+        arrays = dict(saved)
+    changed = {name: values for name, values in arrays.items() if values.dtype.kind == "f"}
+    name = max(changed, key=lambda each: changed[each].size)
+    told = json.loads(str(arrays["text"]))
+    for word, odd in (
+        ("broken", {name: changed[name][:-1]}),
+        ("another version", {"text": np.array(json.dumps({**told, "format": 99}))}),
+    ):
+        caplog.clear()
+        np.savez(path, **{**arrays, **odd})
+        slam.run(a_log(), checkpoint=slam.Checkpoint(path))
+        assert word in caplog.text
+
+
+@pytest.mark.parametrize("command", ["slam"])
+def test_results_say_their_format(run, tmp_path, command):
+    assert run(command, FIRST / "log.csv", "-o", "out", "--json")[0] == 0
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["format"] == FORMATS["run"]
+
+
+def test_nothing_is_ever_unpickled():
+    """No module that does is imported; NumPy is told not to wherever it loads or saves."""
+    loads = 0
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [each.name for each in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            barred = {"pickle", "cloudpickle", "dill", "joblib", "marshal", "shelve"}
+            assert not {name.split(".")[0] for name in names} & barred, path
+            called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+            if called.startswith("np.") and called.endswith(LOADS):
+                told = {word.arg: ast.unparse(word.value) for word in node.keywords}
+                assert told.get("allow_pickle") == "False", f"{path}:{node.lineno}"
+                loads += 1
+    assert loads >= 6
