@@ -200,7 +200,9 @@ def test_names_of_logs_are_words_on_their_pages(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", NAMES)
 def test_names_in_tables_and_plain_pages_are_words(name, tmp_path):
     page = tmp_path / "report.html"
-    write_table_page(page, name, name, name, ["", name], [[name, name]])
+    more = [(name, [name], [[name]]), ("none", ["a"], [])]
+    write_table_page(page, name, name, name, ["", name], [[name, name]], more)
+    assert page.read_text().count("<section>") == 2
     assert _is_harmless(page, name)
     data = re.search(r'<script type="application/json">(.*?)</script>', page.read_text())[1]
     assert json.loads(data)["rows"] == [[name, name]]

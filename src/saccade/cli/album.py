@@ -1,6 +1,7 @@
 """The parts of a report, gathered by what makes them."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,8 +65,9 @@ def write_table_page(
     title: str,
     columns: Sequence[str],
     rows: Sequence[Sequence[str]],
+    more: Sequence[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = (),
 ) -> None:
-    """Write a table as a report; None writes nothing.
+    """Write a table, or some, as a report; None writes nothing.
 
     Args:
         path: the page.
@@ -74,6 +76,7 @@ def write_table_page(
         title: of the table.
         columns: their headings.
         rows: one cell for each column.
+        more: title, columns and rows of further tables; one without rows is left out.
     """
     from saccade.viewing.page import Section
     from saccade.viewing.report_table import table_part
@@ -81,5 +84,6 @@ def write_table_page(
     if path is None:
         return
     album = Album(command, lead)
-    album.add(lambda: table_part(Section(title, SORTED), columns, rows))
+    for name, heads, cells in [(title, columns, rows), *(each for each in more if each[2])]:
+        album.add(partial(table_part, Section(name, SORTED), heads, cells))
     album.write(path)

@@ -54,7 +54,13 @@ def places(
     }
     shown = [[name.replace("_", " "), _shown(value)] for name, value in row.items()]
     lead = "Whether places are recognized that were seen before."
-    write_table_page(report, "saccade evaluate places", lead, "places", ["", "value"], shown)
+    pairs = [
+        [each["image"], each["shows"], str(each["agreeing"]), "yes" if each["right"] else "no"]
+        for each in found
+    ]
+    more = [("what was recognized", ["", "shows", "matches that agree", "right"], pairs)]
+    command = "saccade evaluate places"
+    write_table_page(report, command, lead, "places", ["", "value"], shown, more)
     if as_json:
         print_json({**row, "pairs": found})
         return
