@@ -74,7 +74,8 @@ def test_look_by_each_model(run, tmp_path, model, more):
     expected = saliency(saccade.read_image(ROCKET)).saliency
     with np.load(tmp_path / "saccade-look" / "rocket.look.npz") as arrays:
         np.testing.assert_array_equal(arrays["saliency"], expected)
-        assert {name for name in arrays if not name.startswith("scan")} == {"saliency", *more}
+        maps = {name for name in arrays if not name.startswith("scan")}
+        assert maps == {"format", "saliency", *more}
 
 
 def test_a_shape_needs_the_features_of_contrast(run):

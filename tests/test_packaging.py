@@ -145,9 +145,10 @@ def core_packages():
 
 def licences_of(name):
     told = distribution(name).metadata
-    if told["License-Expression"]:
+    if told.get("License-Expression"):
         either, *_ = told["License-Expression"].split(" OR ")
         return either.split(" AND ")
     marks = [mark.rpartition(" :: ")[2] for mark in told.get_all("Classifier", ())]
     said = [SAID[mark] for mark in marks if mark in SAID]
-    return said or [SAID.get(told["License"] or "", told["License"] or "none")]
+    words = told.get("License") or "none"
+    return said or [SAID.get(words, words)]
