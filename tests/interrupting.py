@@ -4,6 +4,7 @@ The signal comes as soon as a checkpoint is there.
 """
 
 import os
+import signal
 import sys
 
 from saccade.cli import main
@@ -31,5 +32,6 @@ def stop_once_saved(how):
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it
     stop_once_saved(int(sys.argv.pop(1)))
     main()
