@@ -80,6 +80,7 @@ def test_detect_writes_every_format(run):
         )
 
 
+@pytest.mark.peer
 def test_detect_writes_what_colmap_opens(run):
     pytest.importorskip("pycolmap")
     code, out, _ = run("detect", *HALLWAY, "--format", "colmap", "--json")

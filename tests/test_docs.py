@@ -68,10 +68,22 @@ OF_PAGES = {
 """The same of whole pages, whose blocks are run one after the other."""
 
 
+PEERS = re.compile(r"^(?:import|from) (skimage|pycolmap)", re.M)
+
+
+def each(texts):
+    """Their names as parameters, those marked whose code needs a peer."""
+    peer = pytest.mark.peer
+    return [
+        pytest.param(name, marks=[peer] if PEERS.search(text) else [])
+        for name, text in texts.items()
+    ]
+
+
 def run_code(text, folder):
     """The names that the code leaves, run in a folder with photographs and a log."""
     blocks = code_of(text)
-    for library in re.findall(r"^(?:import|from) (skimage|pycolmap)", "\n".join(blocks), re.M):
+    for library in PEERS.findall("\n".join(blocks)):
         if importlib.util.find_spec(library) is None:
             pytest.skip(f"{library}, the peer, is not installed")
     data = files("saccade") / "data"
@@ -101,13 +113,13 @@ def test_every_page_with_code_is_run():
     assert code_of((DOCS / "index.md").read_text()) == code_of((ROOT / "README.md").read_text())
 
 
-@pytest.mark.parametrize("name", OF_KEYPOINTS)
+@pytest.mark.parametrize("name", each({name: SECTIONS[name] for name in OF_KEYPOINTS}))
 def test_the_code_of_a_section_runs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert OF_KEYPOINTS[name](run_code(SECTIONS[name], tmp_path))
 
 
-@pytest.mark.parametrize("name", OF_PAGES)
+@pytest.mark.parametrize("name", each({name: (DOCS / name).read_text() for name in OF_PAGES}))
 def test_the_code_of_a_page_runs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert OF_PAGES[name](run_code((DOCS / name).read_text(encoding="utf-8"), tmp_path))

@@ -16,6 +16,8 @@ from test_exchange import HALLWAY, assert_same, random_points
 
 EXACT = ("size", "angle", "descriptors")
 
+pytestmark = pytest.mark.peer
+
 
 @pytest.fixture
 def pycolmap():

@@ -64,6 +64,7 @@ def test_opencv_reads_what_is_for_it(extracted, run, tmp_path):
     assert_same(points, Sift()(read_image(paths[5])), ("xy", "size", "octave", "descriptors"))
 
 
+@pytest.mark.peer
 def test_colmap_opens_it(extracted, run, tmp_path):
     pytest.importorskip("pycolmap")
     paths, out = extracted

@@ -179,6 +179,7 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
         assert err.strip().count("\n") == 0
 
 
+@pytest.mark.peer
 def test_colmap_is_one_of_the_detectors():
     from saccade.cli.detectors import find_detector
 

@@ -50,6 +50,7 @@ def a_map_and_places(rng):
     return rng.random((60, 80)), rng.uniform(0, 59, (40, 2)), rng.uniform(0, 59, (300, 2))
 
 
+@pytest.mark.peer
 def test_nss_is_that_of_pysaliency(a_map_and_places, pysaliency_metrics):
     saliency, places, _ = a_map_and_places
     columns, rows = np.rint(places).astype(int).T
@@ -57,6 +58,7 @@ def test_nss_is_that_of_pysaliency(a_map_and_places, pysaliency_metrics):
     assert metrics.nss(saliency, places) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.peer
 @pytest.mark.parametrize(
     ("ours", "theirs"), [("correlation", "CC"), ("similarity", "SIM"), ("divergence", "MIT_KLDiv")]
 )
@@ -67,6 +69,7 @@ def test_map_metrics_are_those_of_pysaliency(a_map_and_places, pysaliency_metric
     assert getattr(metrics, ours)(saliency, density) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.peer
 def test_auc_is_that_of_pysaliency(a_map_and_places, pysaliency_auc):
     saliency, places, others = a_map_and_places
     saliency = np.round(saliency, 1)
@@ -194,6 +197,7 @@ def test_the_osie_table(shared):
     assert (table.index > 0).sum() == 17752
 
 
+@pytest.mark.peer
 def test_a_model_of_ours_runs_inside_pysaliency():
     """In a process of its own: the package warns, and imports torch for models we never use."""
     script = """

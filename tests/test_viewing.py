@@ -214,6 +214,7 @@ def test_innovations_are_drawn_against_their_band(rng):
     assert heading.lines[0].get_ydata()[0] == pytest.approx(np.degrees(1.5))
 
 
+@pytest.mark.peer
 def test_the_viewer_has_all_that_happens(tmp_path):
     pytest.importorskip("rerun")
     snapshots = _growing_map()
@@ -240,6 +241,7 @@ def _entities(path):
     return done.stdout
 
 
+@pytest.mark.peer
 def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
     rerun = pytest.importorskip("rerun")
     path = tmp_path / "live.rrd"
@@ -257,6 +259,7 @@ def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
     assert "/map/drive" in _entities(path)
 
 
+@pytest.mark.peer
 def test_a_viewer_that_does_not_start_is_one_line(monkeypatch):
     rerun = pytest.importorskip("rerun")
 
