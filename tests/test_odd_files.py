@@ -20,6 +20,8 @@ from fuzz.limits import limited
 from fuzz.targets import TARGETS, points
 from refusals import refuses
 from saccade import exchange, read_image
+from saccade.batch import open_source
+from saccade.batch.machine import workers_for
 from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError
 from test_odd_machines import without_privileges
@@ -73,6 +75,14 @@ def test_an_image_that_says_it_is_huge(tmp_path, name, data):
     (tmp_path / name).write_bytes(data)
     with limited(memory=100 << 20), pytest.raises(ImageError, match=name):
         read_image(tmp_path / name)
+
+
+def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
+    """Its size is unknown, as that of a file that is no image; `extract` records it as an error."""
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(png(HUGE, 3))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
+    assert workers_for(open_source(str(tmp_path))) in (1, 2)
 
 
 def test_an_image_that_is_huge_is_not_unpacked(tmp_path):

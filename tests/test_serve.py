@@ -278,6 +278,22 @@ def test_only_the_last_photographs_are_held():
     bench.look({"photo": tokens[1], "model": "contrast", "fixations": 1})
 
 
+def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
+    """Where memory is used again a photograph may lie where another one lay."""
+    bench, coffee = Workbench(), files("saccade") / "data" / "coffee.jpg"
+    wishes = {"model": "contrast", "fixations": 1}
+
+    def opened(photo):
+        return {"photo": bench.open(photo.read_bytes(), photo.name)["photo"], **wishes}
+
+    right = bench.look(opened(coffee))["maps"]
+    for _ in range(3):
+        bench.look(opened(PHOTO))
+        for _ in range(HELD + 1):
+            last = opened(coffee)
+        assert bench.look(last)["maps"] == right
+
+
 CHANGED = {
     "attention": {"contrast_weight": 0.5},
     "contrast": {"map_level": 5, "scales": [[1, 2], [2, 4], [3, 5]], "color": "quotient"},

@@ -3,6 +3,7 @@
 import os
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from saccade.batch.reading import read_content
 from saccade.batch.sources import Source
@@ -46,16 +47,14 @@ def available_memory() -> int:
 
 def _pixels(source: Source, number: int) -> int:
     """Of an image, by its header."""
-    import io
-
-    from PIL import Image
+    from saccade.image import size_in_header
 
     item = source[number]
     if item.start >= 0 and item.size < 0:  # a frame
         return UNKNOWN
     try:
-        content = read_content(item)
-        with Image.open(io.BytesIO(content)) as image:  # type: ignore[arg-type]
-            return int(image.width * image.height)
-    except (SaccadeError, OSError, ValueError):
+        content: Any = read_content(item)
+        width, height = size_in_header(content, item.name)
+        return width * height
+    except SaccadeError:
         return UNKNOWN

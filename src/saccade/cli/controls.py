@@ -18,8 +18,11 @@ TITLES = {
 }
 """By kind of configuration, in the order of the page."""
 DETECTORS = ("sift", "must", "symroid")
-MODELS = {"both": ("attention", "contrast", "symmetry"), "contrast": ("contrast",)}
-MODELS |= {"symmetry": ("symmetry",)}
+MODELS = {
+    "both": ("attention", "contrast", "symmetry"),
+    "contrast": ("contrast",),
+    "symmetry": ("symmetry",),
+}
 """Which configurations a model of attention has, the one that holds the others first."""
 
 _WEIGHT, _LEVEL, _CELLS, _SIDE = (0, 2, 0.05), (1, 7, 1), (0, 5, 0.25), (0, 3200, 100)

@@ -39,7 +39,7 @@ class Workbench:
 
     def __init__(self) -> None:
         self._photos: OrderedDict[str, Photo] = OrderedDict()
-        self._maps: tuple[Any, Any] = (None, None)
+        self._seen: tuple[Photo, Attention, Any] | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
         """Hold a photograph.
@@ -165,15 +165,14 @@ class Workbench:
         """The saliency and all maps as pictures; those of last time where nothing changed."""
         from saccade.viewing.report_image import heat
 
-        key = (id(photo), attention)
-        if self._maps[0] != key:
+        if self._seen is None or self._seen[0] is not photo or self._seen[1] != attention:
             try:
                 layers = layers_of(attention.maps(photo.pixels), attention.model)
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
             pictures = [{"name": name, "address": heat(each)} for name, each in layers.items()]
-            self._maps = (key, (layers["saliency"], pictures))
-        found: tuple[Float32Array, list[Any]] = self._maps[1]
+            self._seen = (photo, attention, (layers["saliency"], pictures))
+        found: tuple[Float32Array, list[Any]] = self._seen[2]
         return found
 
 
