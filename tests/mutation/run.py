@@ -1,30 +1,30 @@
 """What share of small changes to a room its tests notice: `uvx nox -s mutation -- slam`.
 
-A sample of the mutants that cosmic-ray knows, the same share of every file, each in a copy of the
-tree. The compiler is off: a changed kernel would take a minute to compile, and what a kernel means
-is what its Python says. So only tests that are quick without it are asked; a mutant that survives
-them is one that the whole suite may yet notice.
+A sample of the mutants that cosmic-ray knows, the same share of every file. A mutant is met by
+the quick tests that run its line, in a process forked from one that has the libraries loaded. A
+changed kernel and those that call it are interpreted: to compile them would take a minute, and
+what a kernel means is what its Python says. The slow tests may yet notice what survives.
 """
 
 import argparse
+import contextlib
+import importlib
 import json
 import os
 import random
-import shutil
-import subprocess
+import resource
+import signal
 import sys
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from cosmic_ray.ast import ast_nodes, get_ast_from_path
-from cosmic_ray.mutating import mutate_code
-from cosmic_ray.plugins import get_operator, operator_names
-
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).resolve().parents[2]
 TESTS = {
     "attention": (
         *("contrast", "contrast_settings", "channels", "normalize", "scanpath", "symmetry"),
-        *("symmetric_pairs", "proto_object", "combined", "saliencytoolbox2"),
+        *("symmetric_pairs", "proto_object", "combined", "saliencytoolbox2", "edges"),
     ),
     "keypoints": (
         *("descriptor", "extrema", "matching", "must", "selection", "sift", "sift_settings"),
@@ -36,100 +36,119 @@ TESTS = {
     ),
 }
 """Of each room."""
-LEFT_OUT = ("BitOr", "ExceptionReplacer", "RemoveDecorator", "Variable")
-"""Operators whose changes say little: most of them break what is said of types, or an import."""
-LIMIT = 0.5
-"""Seconds that a test may take to be asked."""
-SLOWEST = 90
-"""Seconds after which a mutant counts as noticed: it goes round in circles."""
+LIBRARIES = (
+    *("numba", "cv2", "scipy.linalg", "scipy.ndimage", "scipy.optimize", "scipy.spatial"),
+    *("scipy.stats", "scipy.sparse.linalg", "scipy.signal", "scipy.io", "matplotlib.pyplot"),
+    *("pytest", "hypothesis.strategies", "hypothesis.extra.numpy", "typer", "rich.console"),
+)
+"""Loaded once; the project itself is loaded by every mutant."""
+LIMIT = 3.0
+"""Seconds of the processor that a test may take to be asked, with its lines traced."""
+SLOWEST = 240
+"""Seconds of the processor after which a mutant counts as noticed: it goes round in circles."""
+MEMORY = 8 << 30
 
 
 def main() -> None:
     """Print how many of a sample were noticed, and list those that were not."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("room", choices=TESTS)
-    parser.add_argument("--count", type=int, default=150)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=150, help="how many mutants are tried")
+    parser.add_argument("--seed", type=int, default=1, help="which ones")
+    parser.add_argument("--only", default="", help="of these, whose description has this")
     asked = parser.parse_args()
+    prepare()
+    from mutation.mutants import sample
+
+    room = ROOT / "src" / "saccade" / asked.room
+    number, chosen = sample(room, asked.count, random.Random(asked.seed))
+    chosen = [each for each in chosen if asked.only in each.describe()]
+    print(f"{number} mutants in {asked.room}, of which {len(chosen)} are tried", flush=True)
+    tests = {}
+    killed = 0
+    for count, mutant in enumerate(sorted(chosen, key=lambda each: each.path), 1):
+        if mutant.path not in tests:
+            tests[mutant.path] = reach(mutant.path)
+        ours = tests_of(tests[mutant.path], mutant.lines()[0])
+        noticed = bool(ours) and forked(partial(meet, mutant.path, mutant.source(), ours))
+        killed += noticed
+        if not noticed:
+            print(f"survived {len(ours)} tests: {mutant.describe()}", flush=True)
+        print(f"{killed} of {count} killed", end="\r", file=sys.stderr, flush=True)
+    low, high = wilson(killed, len(chosen))
+    share = f"{killed / len(chosen):.0%} ({low:.0%} to {high:.0%} with 95 % certainty)"
+    print(f"{asked.room}: {killed} of {len(chosen)} mutants killed: {share}")
+
+
+def prepare() -> None:
+    """Load what does not change, and keep to one thread."""
+    os.environ |= {"CI": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    os.environ |= {"MPLBACKEND": "agg"}
+    sys.dont_write_bytecode = True
+    sys.path[:0] = [str(ROOT / "src"), str(ROOT / "tests")]
+    os.chdir(ROOT)
+    for name in LIBRARIES:
+        importlib.import_module(name)
+
+
+def reach(path: Path) -> dict[str, list[str]]:
+    """By line of a file, the quick tests that run it; they pass where the file is interpreted."""
     with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        ignored = shutil.ignore_patterns(".*", "__pycache__", "docs", "dist", "benchmarks")
-        shutil.copytree(ROOT, tree, ignore=ignored)
-        quick = quick_tests(tree, asked.room)
-        print(f"{len(quick)} tests take under {LIMIT} s without the compiler", flush=True)
-        chosen = sample(tree, asked.room, asked.count, random.Random(asked.seed))
-        killed = 0
-        for number, (path, operator, occurrence) in enumerate(chosen, 1):
-            noticed = try_mutant(tree, path, operator, occurrence, quick)
-            killed += noticed
-            if not noticed:
-                print(f"survived: {describe(tree, path, operator, occurrence)}", flush=True)
-            print(f"{killed} of {number} killed", end="\r", file=sys.stderr, flush=True)
-        low, high = wilson(killed, len(chosen))
-        share = f"{killed / len(chosen):.0%} ({low:.0%} to {high:.0%} with 95 % certainty)"
-        print(f"{asked.room}: {killed} of {len(chosen)} mutants killed: {share}")
+        report = Path(folder) / "reach.json"
+        files = [f"tests/test_{name}.py" for name in TESTS[path.parent.name]]
+        if forked(partial(look, path, files, report)):
+            sys.exit(f"{path}: its tests do not run")
+        return dict(json.loads(report.read_text()))
 
 
-def quick_tests(tree: Path, room: str) -> list[str]:
-    """Those that pass in time, the quickest first."""
-    report = tree / "quick.json"
-    files = [f"tests/test_{name}.py" for name in TESTS[room]]
-    pytest(tree, [*files, "-p", "mutation.quick"], QUICK_REPORT=str(report), QUICK_LIMIT=str(LIMIT))
-    took: dict[str, float] = json.loads(report.read_text())
-    return sorted(took, key=took.__getitem__)
+def look(path: Path, files: list[str], report: Path) -> int:
+    """Run tests to see which lines they reach; 0 if they ran."""
+    import pytest
+
+    from mutation.changed import QUIETLY, interpret
+    from mutation.reach import Reach
+
+    seen = Reach(path, LIMIT)
+    interpret(path)
+    code = pytest.main([*QUIETLY, *files], plugins=[seen])
+    report.write_text(json.dumps(seen.seen().get(str(path), {})))
+    return int(code > 1)
 
 
-def sample(tree: Path, room: str, count: int, chance: random.Random) -> list[tuple[Path, str, int]]:
-    """Mutants of every file in proportion to how many it has."""
-    every = []
-    for path in sorted((tree / "src" / "saccade" / room).glob("*.py")):
-        nodes = list(ast_nodes(get_ast_from_path(path)))
-        for name in operator_names():
-            if not any(word in name for word in LEFT_OUT):
-                operator = get_operator(name)()
-                places = sum(len(list(operator.mutation_positions(node))) for node in nodes)
-                every += [(path, name, place) for place in range(places)]
-    print(f"{len(every)} mutants in {room}", flush=True)
-    step, start = len(every) / count, chance.random()
-    systematic = [every[int((start + k) * step)] for k in range(min(count, len(every)))]
-    chance.shuffle(systematic)
-    return systematic
+def tests_of(reached: dict[str, list[str]], line: int) -> list[str]:
+    """The tests of a line, or for one that runs at import those of all lines, once each."""
+    return reached.get(str(line)) or list(dict.fromkeys(sum(reached.values(), [])))
 
 
-def try_mutant(tree: Path, path: Path, operator: str, occurrence: int, quick: list[str]) -> bool:
-    """Whether a test fails with it."""
-    code = path.read_text()
-    path.write_text(mutate_code(code, get_operator(operator)(), occurrence))
-    try:
-        words = path.stem.split("_")
-        first = sorted(quick, key=lambda test: not any(word in test for word in words))
-        return pytest(tree, ["-x", *first]) != 0
-    except subprocess.TimeoutExpired:
-        return True
-    finally:
-        path.write_text(code)
+def meet(path: Path, source: str, tests: list[str]) -> int:
+    """Run tests with a file that says something else; the exit code of pytest."""
+    import pytest
+
+    from mutation.changed import QUIETLY, replace
+
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    signal.setitimer(signal.ITIMER_PROF, SLOWEST)
+    replace(path, source)
+    return int(pytest.main([*QUIETLY, "-x", *tests]))
 
 
-def pytest(tree: Path, words: list[str], **settings: str) -> int:
-    """The exit code of the tests of a tree."""
-    places = f"{tree / 'src'}{os.pathsep}{tree / 'tests'}"
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": places, **settings}
-    environment |= {"PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
-    asked = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *words]
-    limit = None if settings else SLOWEST
-    return subprocess.run(
-        asked, cwd=tree, env=environment, capture_output=True, check=False, timeout=limit
-    ).returncode
-
-
-def describe(tree: Path, path: Path, operator: str, occurrence: int) -> str:
-    """Where it is, what was there and what is."""
-    code = path.read_text().splitlines()
-    changed = mutate_code(path.read_text(), get_operator(operator)(), occurrence).splitlines()
-    pairs = enumerate(zip(code, changed, strict=False), 1)
-    line, (old, new) = next(each for each in pairs if each[1][0] != each[1][1])
-    place = path.relative_to(tree / "src" / "saccade")
-    return f"{place}:{line}: {old.strip()}  ->  {new.strip()}"
+def forked(work: Callable[[], int]) -> bool:
+    """Whether work fails, or takes too long, in a silent process of its own."""
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            os.setsid()
+            nowhere = os.open(os.environ.get("MUTATION_LOG", os.devnull), os.O_RDWR | os.O_APPEND)
+            for stream in (0, 1, 2):
+                os.dup2(nowhere, stream)
+            code = work()
+        finally:
+            os._exit(code)
+    failed = os.waitpid(child, 0)[1] != 0
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
+    return failed
 
 
 def wilson(killed: int, count: int) -> tuple[float, float]:

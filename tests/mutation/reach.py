@@ -1,0 +1,61 @@
+"""A plugin of pytest: which lines every quick test runs; the slow ones are stopped."""
+
+import os
+import signal
+from collections import defaultdict
+from pathlib import Path
+
+import coverage
+import pytest
+
+
+class Reach:
+    """Collects while pytest runs.
+
+    Args:
+        code: the folder or file to be looked at.
+        limit: seconds of the processor that a test may take, fixtures and tracing too.
+    """
+
+    def __init__(self, code: Path, limit: float) -> None:
+        self.limit = limit
+        self.took: dict[str, float] = {}
+        include = [f"{code}{os.sep}*"] if code.is_dir() else [str(code)]
+        self.tracer = coverage.Coverage(data_file=None, include=include, config_file=False)
+        self.tracer.start()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item):
+        """Stop a test that takes too long, and know whose lines are whose."""
+
+        def stop(number, frame):
+            raise TimeoutError
+
+        self.tracer.switch_context(item.nodeid)
+        signal.signal(signal.SIGPROF, stop)
+        signal.setitimer(signal.ITIMER_PROF, self.limit, self.limit)
+        try:
+            return (yield)
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            self.tracer.switch_context("")
+
+    def pytest_runtest_logreport(self, report):
+        """Remember how long it took, what it needed too, if it passed."""
+        if report.when == "setup":
+            self.took[report.nodeid] = 0.0
+        if report.passed and report.nodeid in self.took:
+            self.took[report.nodeid] += report.duration
+        elif not report.passed:
+            self.took.pop(report.nodeid, None)
+
+    def seen(self) -> dict[str, dict[str, list[str]]]:
+        """By file and line, the tests that run it, the quickest first."""
+        self.tracer.stop()
+        data = self.tracer.get_data()
+        tests: dict[str, dict[str, list[str]]] = defaultdict(dict)
+        for file in data.measured_files():
+            for line, contexts in data.contexts_by_lineno(file).items():
+                ours = [each for each in contexts if each in self.took]
+                tests[file][str(line)] = sorted(ours, key=self.took.__getitem__)
+        return tests
