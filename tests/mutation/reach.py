@@ -3,6 +3,7 @@
 import os
 import signal
 from collections import defaultdict
+from contextlib import contextmanager
 from pathlib import Path
 
 import coverage
@@ -26,19 +27,37 @@ class Reach:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
-        """Stop a test that takes too long, and know whose lines are whose."""
+        """Know whose lines are whose."""
+        self.tracer.switch_context(item.nodeid)
+        result = yield
+        self.tracer.switch_context("")
+        return result
+
+    @pytest.hookimpl(wrapper=True, trylast=True)
+    def pytest_runtest_setup(self):
+        """Stop what a test needs, if it takes too long."""
+        with self.limited():
+            return (yield)
+
+    @pytest.hookimpl(wrapper=True, trylast=True)
+    def pytest_runtest_call(self):
+        """Stop a test that takes too long."""
+        with self.limited():
+            return (yield)
+
+    @contextmanager
+    def limited(self):
+        """Raise a TimeoutError after a time."""
 
         def stop(number, frame):
             raise TimeoutError
 
-        self.tracer.switch_context(item.nodeid)
         signal.signal(signal.SIGPROF, stop)
         signal.setitimer(signal.ITIMER_PROF, self.limit, self.limit)
         try:
-            return (yield)
+            yield
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
-            self.tracer.switch_context("")
 
     def pytest_runtest_logreport(self, report):
         """Remember how long it took, what it needed too, if it passed."""

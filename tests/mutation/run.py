@@ -64,12 +64,13 @@ def main() -> None:
     number, chosen = sample(room, asked.count, random.Random(asked.seed))
     chosen = [each for each in chosen if asked.only in each.describe()]
     print(f"{number} mutants in {asked.room}, of which {len(chosen)} are tried", flush=True)
-    tests = {}
+    reached: dict[str, dict[str, list[str]]] = {}
     killed = 0
     for count, mutant in enumerate(sorted(chosen, key=lambda each: each.path), 1):
-        if mutant.path not in tests:
-            tests[mutant.path] = reach(mutant.path)
-        ours = tests_of(tests[mutant.path], mutant.lines()[0])
+        path = str(mutant.path)
+        if path not in reached:
+            reached |= reach(mutant.path)
+        ours = tests_of(reached[path], mutant.lines()[0])
         noticed = bool(ours) and forked(partial(meet, mutant.path, mutant.source(), ours))
         killed += noticed
         if not noticed:
@@ -91,28 +92,38 @@ def prepare() -> None:
         importlib.import_module(name)
 
 
-def reach(path: Path) -> dict[str, list[str]]:
-    """By line of a file, the quick tests that run it; they pass where the file is interpreted."""
+def reach(path: Path) -> dict[str, dict[str, list[str]]]:
+    """By file and line the quick tests that run it, of one file at least.
+
+    Of a file with kernels its own, with these interpreted; else of all files of the room.
+    """
+    room = path.parent
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "reach.json"
-        files = [f"tests/test_{name}.py" for name in TESTS[path.parent.name]]
-        if forked(partial(look, path, files, report)):
+        files = [f"tests/test_{name}.py" for name in TESTS[room.name]]
+        has_kernels = "@kernel" in path.read_text()
+        if forked(partial(look, path if has_kernels else room, files, report)):
             sys.exit(f"{path}: its tests do not run")
-        return dict(json.loads(report.read_text()))
+        seen: dict[str, dict[str, list[str]]] = json.loads(report.read_text())
+    if not has_kernels:
+        others = [each for each in room.glob("*.py") if "@kernel" not in each.read_text()]
+        return {str(each): seen.get(str(each), {}) for each in others}
+    return {str(path): seen.get(str(path), {})}
 
 
-def look(path: Path, files: list[str], report: Path) -> int:
+def look(code: Path, files: list[str], report: Path) -> int:
     """Run tests to see which lines they reach; 0 if they ran."""
     import pytest
 
     from mutation.changed import QUIETLY, interpret
     from mutation.reach import Reach
 
-    seen = Reach(path, LIMIT)
-    interpret(path)
-    code = pytest.main([*QUIETLY, *files], plugins=[seen])
-    report.write_text(json.dumps(seen.seen().get(str(path), {})))
-    return int(code > 1)
+    seen = Reach(code, LIMIT)
+    if code.is_file():
+        interpret(code)
+    ended = pytest.main([*QUIETLY, *files], plugins=[seen])
+    report.write_text(json.dumps(seen.seen()))
+    return int(ended > 1)
 
 
 def tests_of(reached: dict[str, list[str]], line: int) -> list[str]:
