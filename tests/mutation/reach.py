@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections import defaultdict
+from collections import Counter, defaultdict
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,6 +21,7 @@ class Reach:
     def __init__(self, code: Path, limit: float) -> None:
         self.limit = limit
         self.took: dict[str, float] = {}
+        self.slow: Counter[str] = Counter()
         include = [f"{code}{os.sep}*"] if code.is_dir() else [str(code)]
         self.tracer = coverage.Coverage(data_file=None, include=include, config_file=False)
         self.tracer.start()
@@ -34,22 +35,25 @@ class Reach:
         return result
 
     @pytest.hookimpl(wrapper=True, trylast=True)
-    def pytest_runtest_setup(self):
-        """Stop what a test needs, if it takes too long."""
-        with self.limited():
+    def pytest_runtest_setup(self, item):
+        """Stop what a test needs if it takes too long; leave out what is known to be slow."""
+        if self.slow[name_of(item)] > 1:
+            pytest.skip("others of its kind were too slow")
+        with self.limited(item):
             return (yield)
 
     @pytest.hookimpl(wrapper=True, trylast=True)
-    def pytest_runtest_call(self):
+    def pytest_runtest_call(self, item):
         """Stop a test that takes too long."""
-        with self.limited():
+        with self.limited(item):
             return (yield)
 
     @contextmanager
-    def limited(self):
+    def limited(self, item):
         """Raise a TimeoutError after a time."""
 
         def stop(number, frame):
+            self.slow[name_of(item)] += 1
             raise TimeoutError
 
         signal.signal(signal.SIGPROF, stop)
@@ -78,3 +82,8 @@ class Reach:
                 ours = [each for each in contexts if each in self.took]
                 tests[file][str(line)] = sorted(ours, key=self.took.__getitem__)
         return tests
+
+
+def name_of(item):
+    """A test without its parameters."""
+    return item.nodeid.partition("[")[0]
