@@ -24,15 +24,15 @@ ROOT = Path(__file__).resolve().parents[2]
 TESTS = {
     "attention": (
         *("contrast", "contrast_settings", "channels", "normalize", "scanpath", "symmetry"),
-        *("symmetric_pairs", "proto_object", "combined", "saliencytoolbox2", "edges"),
+        *("symmetric_pairs", "proto_object", "combined", "saliencytoolbox2", "edges", "limits"),
     ),
     "keypoints": (
         *("descriptor", "extrema", "matching", "must", "selection", "sift", "sift_settings"),
-        *("symroid", "verification", "describe", "edges"),
+        *("symroid", "verification", "describe", "edges", "limits"),
     ),
     "slam": (
         *("models", "ekf", "association", "run", "compressed", "consistency", "exploring"),
-        *("tuning", "wheels", "checkpoint", "hard_logs", "smoothing"),
+        *("tuning", "wheels", "checkpoint", "hard_logs", "smoothing", "limits"),
     ),
 }
 """Of each room."""
