@@ -5,6 +5,7 @@ import importlib
 import pkgutil
 from math import inf, nan, nextafter
 
+import numpy as np
 import pytest
 
 import saccade.attention
@@ -237,3 +238,45 @@ def test_settings_and_results_are_frozen(room):
         each.__name__ for each in dataclasses_of(room) if not each.__dataclass_params__.frozen
     }
     assert thawed <= own_state
+
+
+CONTRAST = ContrastConfig(
+    scales=((2, 3), (3, 5)), scale_weights=(1.0, 1.0), orientation_scales=((3, 4),), map_level=4
+)
+SYMMETRY = SymmetryConfig(levels=(2, 3), level_weights=(1.0, 1.0), map_level=4)
+
+
+@pytest.mark.parametrize("config", [CONTRAST, SYMMETRY])
+@pytest.mark.parametrize(
+    ("shape", "coarser"),
+    [
+        ((600, 800), 0),
+        ((1600, 1200), 1),
+        ((1200, 3200), 2),
+        ((1100, 10), 0),  # less than half a level
+        ((10, 1140), 1),
+        ((400, 300), -1),
+        ((200, 150), -2),
+        ((50, 50), -2),  # the finest level is the image itself
+    ],
+)
+def test_levels_follow_the_longer_side(config, shape, coarser):
+    found = config.at_size(shape)
+    assert found.viewing_size == 0
+    assert found.map_level == 4 + coarser
+    if config is CONTRAST:
+        pairs = np.array([*config.scales, *config.orientation_scales])
+        assert (np.array([*found.scales, *found.orientation_scales]) == pairs + coarser).all()
+    else:
+        assert found.levels == (2 + coarser, 3 + coarser)
+    assert found.at_size((5, 5)) is found
+
+
+@pytest.mark.parametrize("config", [CONTRAST, SYMMETRY])
+def test_no_map_is_finer_than_level_1(config):
+    assert dataclasses.replace(config, map_level=2).at_size((50, 50)).map_level == 1
+
+
+def test_the_finest_level_counts_whichever_channel_has_it():
+    config = dataclasses.replace(CONTRAST, orientation_scales=((1, 4),))
+    assert config.at_size((50, 50)).orientation_scales == ((0, 3),)

@@ -128,7 +128,8 @@ def look(code: Path, files: list[str], report: Path) -> int:
 
 def tests_of(reached: dict[str, list[str]], line: int) -> list[str]:
     """The tests of a line, or for one that runs at import those of all lines, once each."""
-    return reached.get(str(line)) or list(dict.fromkeys(sum(reached.values(), [])))
+    every = dict.fromkeys(test for tests in reached.values() for test in tests)
+    return reached.get(str(line)) or list(every)
 
 
 def meet(path: Path, source: str, tests: list[str]) -> int:
