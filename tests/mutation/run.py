@@ -16,7 +16,7 @@ import resource
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 
@@ -42,7 +42,7 @@ LIBRARIES = (
     *("pytest", "hypothesis.strategies", "hypothesis.extra.numpy", "typer", "rich.console"),
 )
 """Loaded once; the project itself is loaded by every mutant."""
-LIMIT = 3.0
+LIMIT = 2.0
 """Seconds of the processor that a test may take to be asked, with its lines traced."""
 SLOWEST = 240
 """Seconds of the processor after which a mutant counts as noticed: it goes round in circles."""
@@ -93,34 +93,29 @@ def prepare() -> None:
 
 
 def reach(path: Path) -> dict[str, dict[str, list[str]]]:
-    """By file and line the quick tests that run it, of one file at least.
-
-    Of a file with kernels its own, with these interpreted; else of all files of the room.
-    """
+    """By file and line the quick tests that run it: of all files of a room that have kernels,
+    with these interpreted, or of all that have none, as this one does."""
     room = path.parent
+    has_kernels = {each: "@kernel" in each.read_text() for each in room.glob("*.py")}
+    alike = [each for each in has_kernels if has_kernels[each] == has_kernels[path]]
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "reach.json"
-        files = [f"tests/test_{name}.py" for name in TESTS[room.name]]
-        has_kernels = "@kernel" in path.read_text()
-        if forked(partial(look, path if has_kernels else room, files, report)):
+        if forked(partial(look, room, alike if has_kernels[path] else [], report)):
             sys.exit(f"{path}: its tests do not run")
         seen: dict[str, dict[str, list[str]]] = json.loads(report.read_text())
-    if not has_kernels:
-        others = [each for each in room.glob("*.py") if "@kernel" not in each.read_text()]
-        return {str(each): seen.get(str(each), {}) for each in others}
-    return {str(path): seen.get(str(path), {})}
+    return {str(each): seen.get(str(each), {}) for each in alike}
 
 
-def look(code: Path, files: list[str], report: Path) -> int:
+def look(room: Path, interpreted: Collection[Path], report: Path) -> int:
     """Run tests to see which lines they reach; 0 if they ran."""
     import pytest
 
     from mutation.changed import QUIETLY, interpret
     from mutation.reach import Reach
 
-    seen = Reach(code, LIMIT)
-    if code.is_file():
-        interpret(code)
+    seen = Reach(room, LIMIT)
+    interpret(interpreted)
+    files = [f"tests/test_{name}.py" for name in TESTS[room.name]]
     ended = pytest.main([*QUIETLY, *files], plugins=[seen])
     report.write_text(json.dumps(seen.seen()))
     return int(ended > 1)
