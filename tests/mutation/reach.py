@@ -72,15 +72,15 @@ class Reach:
         elif not report.passed:
             self.took.pop(report.nodeid, None)
 
-    def seen(self) -> dict[str, dict[str, list[str]]]:
-        """By file and line, the tests that run it, the quickest first."""
+    def seen(self) -> dict[str, dict[str, dict[str, float]]]:
+        """By file and line, the tests that run it and their seconds, the quickest first."""
         self.tracer.stop()
         data = self.tracer.get_data()
-        tests: dict[str, dict[str, list[str]]] = defaultdict(dict)
+        tests: dict[str, dict[str, dict[str, float]]] = defaultdict(dict)
         for file in data.measured_files():
             for line, contexts in data.contexts_by_lineno(file).items():
-                ours = [each for each in contexts if each in self.took]
-                tests[file][str(line)] = sorted(ours, key=self.took.__getitem__)
+                ours = sorted(self.took.keys() & contexts, key=self.took.__getitem__)
+                tests[file][str(line)] = {test: self.took[test] for test in ours}
         return tests
 
 

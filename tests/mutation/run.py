@@ -44,8 +44,11 @@ LIBRARIES = (
 """Loaded once; the project itself is loaded by every mutant."""
 LIMIT = 2.0
 """Seconds of the processor that a test may take to be asked, with its lines traced."""
-SLOWEST = 240
-"""Seconds of the processor after which a mutant counts as noticed: it goes round in circles."""
+START, SLOWER = 20.0, 4.0
+"""Seconds of the processor, and times what its tests need, after which a mutant counts as
+noticed: it goes round in circles."""
+Lines = dict[str, dict[str, float]]
+"""By line the tests that run it, and their seconds."""
 MEMORY = 8 << 30
 
 
@@ -64,7 +67,7 @@ def main() -> None:
     number, chosen = sample(room, asked.count, random.Random(asked.seed))
     chosen = [each for each in chosen if asked.only in each.describe()]
     print(f"{number} mutants in {asked.room}, of which {len(chosen)} are tried", flush=True)
-    reached: dict[str, dict[str, list[str]]] = {}
+    reached: dict[str, Lines] = {}
     killed = 0
     for count, mutant in enumerate(sorted(chosen, key=lambda each: each.path), 1):
         path = str(mutant.path)
@@ -92,7 +95,7 @@ def prepare() -> None:
         importlib.import_module(name)
 
 
-def reach(path: Path) -> dict[str, dict[str, list[str]]]:
+def reach(path: Path) -> dict[str, Lines]:
     """By file and line the quick tests that run it: of all files of a room that have kernels,
     with these interpreted, or of all that have none, as this one does."""
     room = path.parent
@@ -102,7 +105,7 @@ def reach(path: Path) -> dict[str, dict[str, list[str]]]:
         report = Path(folder) / "reach.json"
         if forked(partial(look, room, alike if has_kernels[path] else [], report)):
             sys.exit(f"{path}: its tests do not run")
-        seen: dict[str, dict[str, list[str]]] = json.loads(report.read_text())
+        seen: dict[str, Lines] = json.loads(report.read_text())
     return {str(each): seen.get(str(each), {}) for each in alike}
 
 
@@ -121,20 +124,20 @@ def look(room: Path, interpreted: Collection[Path], report: Path) -> int:
     return int(ended > 1)
 
 
-def tests_of(reached: dict[str, list[str]], line: int) -> list[str]:
-    """The tests of a line, or for one that runs at import those of all lines, once each."""
-    every = dict.fromkeys(test for tests in reached.values() for test in tests)
-    return reached.get(str(line)) or list(every)
+def tests_of(reached: Lines, line: int) -> dict[str, float]:
+    """The tests of a line, or for one that runs at import those of all lines."""
+    every = {test: took for tests in reached.values() for test, took in tests.items()}
+    return reached.get(str(line)) or dict(sorted(every.items(), key=lambda each: each[1]))
 
 
-def meet(path: Path, source: str, tests: list[str]) -> int:
+def meet(path: Path, source: str, tests: dict[str, float]) -> int:
     """Run tests with a file that says something else; the exit code of pytest."""
     import pytest
 
     from mutation.changed import QUIETLY, replace
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    signal.setitimer(signal.ITIMER_PROF, SLOWEST)
+    signal.setitimer(signal.ITIMER_PROF, START + SLOWER * sum(tests.values()))
     replace(path, source)
     return int(pytest.main([*QUIETLY, "-x", *tests]))
 
