@@ -59,8 +59,13 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=150, help="how many mutants are tried")
     parser.add_argument("--seed", type=int, default=1, help="which ones")
     parser.add_argument("--only", default="", help="of these, whose description has this")
+    parser.add_argument("--warm", action="store_true", help="all kernels are compiled already")
     asked = parser.parse_args()
     prepare()
+    if not asked.warm and forked(
+        partial(meet, ROOT, "", {name: 1e3 for name in files(asked.room)})
+    ):
+        sys.exit(f"{asked.room}: its tests fail without a change")
     from mutation.mutants import sample
 
     room = ROOT / "src" / "saccade" / asked.room
@@ -95,6 +100,11 @@ def prepare() -> None:
         importlib.import_module(name)
 
 
+def files(room: str) -> list[str]:
+    """The tests of a room."""
+    return [f"tests/test_{name}.py" for name in TESTS[room]]
+
+
 def reach(path: Path) -> dict[str, Lines]:
     """By file and line the quick tests that run it: of all files of a room that have kernels,
     with these interpreted, or of all that have none, as this one does."""
@@ -118,8 +128,7 @@ def look(room: Path, interpreted: Collection[Path], report: Path) -> int:
 
     seen = Reach(room, LIMIT)
     interpret(interpreted)
-    files = [f"tests/test_{name}.py" for name in TESTS[room.name]]
-    ended = pytest.main([*QUIETLY, *files], plugins=[seen])
+    ended = pytest.main([*QUIETLY, *files(room.name)], plugins=[seen])
     report.write_text(json.dumps(seen.seen()))
     return int(ended > 1)
 
