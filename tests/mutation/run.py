@@ -62,9 +62,7 @@ def main() -> None:
     parser.add_argument("--warm", action="store_true", help="all kernels are compiled already")
     asked = parser.parse_args()
     prepare()
-    if not asked.warm and forked(
-        partial(meet, ROOT, "", {name: 1e3 for name in files(asked.room)})
-    ):
+    if not asked.warm and forked(partial(meet, ROOT, "", dict.fromkeys(files(asked.room), 1000.0))):
         sys.exit(f"{asked.room}: its tests fail without a change")
     from mutation.mutants import sample
 
