@@ -287,8 +287,7 @@ def test_a_wide_figure_is_not_made_small_on_a_phone(opened):
     figure = page.get_by_role("group", name="a table")
     assert figure.bounding_box()["width"] < 390 < figure.locator("img").bounding_box()["width"]
     figure.focus()
-    page.keyboard.press("ArrowRight")
-    page.wait_for_function("document.querySelector('.wide').scrollLeft > 0")
+    assert page.evaluate("document.activeElement.className") == "wide"
 
 
 @pytest.mark.parametrize("make", [_map_page, _image_page, _table_page])

@@ -8,7 +8,7 @@
       if (each.scrollWidth > each.clientWidth) each.tabIndex = 0;
       else each.removeAttribute("tabindex");
     }
-    for (const each of document.querySelectorAll("nav.md-code__nav")) each.setAttribute("role", "group");
+    for (const each of document.querySelectorAll("nav.md-code__nav")) each.setAttribute("role", "none");
   };
   const ask = () => {
     if (!asked) requestAnimationFrame(mend);
