@@ -1,6 +1,6 @@
 /* What scrolls sideways is reached by keyboard; the theme's code buttons are no landmarks. */
 (() => {
-  const wide = ".md-typeset__scrollwrap, .formula, .md-typeset pre > code";
+  const wide = ".md-typeset__scrollwrap, .formula, .md-typeset p:has(> img.wide), .md-typeset pre > code";
   let asked = false;
   const mend = () => {
     asked = false;
