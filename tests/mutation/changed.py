@@ -7,9 +7,7 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any
 
-NO_STATISTICS = ("-p", "no:hypothesispytest")
-"""Of hypothesis: they break where a test is stopped."""
-QUIETLY = ("-q", "-n", "0", "--assert=plain", "-p", "no:cacheprovider", *NO_STATISTICS)
+QUIETLY = ("-q", "-n", "0", "--assert=plain", "--tb=native", "-p", "no:cacheprovider")
 
 
 def replace(path: Path, source: str) -> None:
