@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from saccade.errors import LogError
 from saccade.slam import (
+    RANGE_BEARING,
     Candidates,
     EkfSlam,
     JointCompatibility,
@@ -19,9 +20,14 @@ from saccade.slam import (
     Retraction,
     observe,
 )
-from saccade.slam.association import mahalanobis_squared
+from saccade.slam.association import (
+    mahalanobis_squared,
+    number_by_first_sight,
+    squared_distance,
+)
 from saccade.slam.gating import DROPPED, NEW, pair_mutual, pair_nearest_first
 from saccade.slam.joint_compatibility import search
+from saccade.slam.models import RangeBearing
 from saccade.slam.presence import Presence, View
 
 R = np.diag([0.01, 1e-4])
@@ -29,8 +35,8 @@ UNKNOWN = np.full(9, -1)
 WORLD = np.array([[5.0, 1.0], [6.0, -2.0], [8.0, 0.0], [-3.0, 4.0]])
 
 
-def _filter(landmarks=WORLD, spread=1e-4):
-    ekf = EkfSlam(np.zeros(3), spread * np.eye(3))
+def _filter(landmarks=WORLD, spread=1e-4, sensor=RANGE_BEARING):
+    ekf = EkfSlam(np.zeros(3), spread * np.eye(3), sensor=sensor)
     for landmark in landmarks:
         ekf.augment(observe(np.zeros(3), landmark)[0], R)
     return ekf
@@ -113,10 +119,48 @@ def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
 def test_known_identities_are_looked_up():
     associate = KnownIdentity()
     z, noise = _scan(WORLD)
-    identity = np.array([7, 7, -1, 9])
+    identity = np.array([7, 7, -1, 0])
     assert associate(_filter(), z, noise, identity).tolist() == [NEW, DROPPED, DROPPED, NEW]
     associate.added(0, 7)
     assert associate(_filter(), z, noise, identity).tolist() == [0, 0, DROPPED, NEW]
+
+
+@given(st.lists(st.lists(st.integers(-1, 4), max_size=5), max_size=6))
+def test_numbers_of_a_whole_log_are_those_found_scan_by_scan(scans):
+    associate, ekf, known, found = KnownIdentity(), _filter(), 0, []
+    for names in scans:
+        z, noise = np.zeros((len(names), 2)), np.zeros((len(names), 2, 2))
+        numbers = associate(ekf, z, noise, np.array(names, np.int64)).tolist()
+        for k, number in enumerate(numbers):
+            if number == NEW:
+                associate.added(known, names[k])
+                numbers[k] = known
+                known += 1
+        found += numbers
+    pose = np.repeat(np.arange(len(scans)), [len(names) for names in scans])
+    identity = np.array([name for names in scans for name in names], np.int64)
+    assert number_by_first_sight(identity, pose).tolist() == found
+
+
+@given(
+    arrays(np.float64, (6, 2), elements=st.floats(-9, 9)),
+    arrays(np.float64, (6, 2, 2), elements=st.floats(-2, 2)),
+)
+def test_distance_is_normalized_by_the_covariance(v, root):
+    S = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(2)
+    expected = [each @ np.linalg.solve(spread, each) for each, spread in zip(v, S, strict=True)]
+    np.testing.assert_allclose(squared_distance(v, S), expected, rtol=1e-7, atol=1e-12)
+    assert np.isinf(squared_distance(v, 0 * S)).all()
+
+
+def test_a_sensor_of_ones_own_finds_the_same_distances():
+    z, noise = _scan(WORLD + np.array([0.1, -0.05]))
+    own = _filter(sensor=type("Own", (RangeBearing,), {})())
+    assert not own.is_compiled
+    expected = mahalanobis_squared(_filter(), z, noise)
+    np.testing.assert_allclose(mahalanobis_squared(own, z, noise), expected, rtol=1e-9)
+    near = mahalanobis_squared(own, z, noise, 9.0)
+    np.testing.assert_array_equal(np.isinf(near), expected > 9)
 
 
 def _confirmed(candidates, place, time):
