@@ -14,7 +14,7 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from saccade.errors import ImageError
-from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE
+from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, read_bytes
 from saccade.types import Float32Array, Image
 
 SILENT = 0
@@ -100,7 +100,7 @@ def read_stored(path: str | Path) -> Image:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path)
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:  # no name can hold a null

@@ -9,6 +9,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from saccade.files import open_file
+
 LARGEST_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""
 MOST_UNPACKED = 100
@@ -26,7 +28,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
         OSError: the file cannot be read.
         ValueError: it is something else, is broken, has objects in it, or unpacks to too much.
     """
-    with path.open("rb") as file:
+    with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         try:
             with zipfile.ZipFile(file) as archive:

@@ -23,7 +23,7 @@ from saccade.batch.store import Folder
 from saccade.batch.tables import ENTRIES
 from saccade.errors import ConfigError, KeypointsError, require
 from saccade.extras import import_optional
-from saccade.files import whole_file
+from saccade.files import check_file, read_text, whole_file
 from saccade.formats import FORMATS, check_format
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
@@ -83,8 +83,9 @@ class Index:
         self._faiss = import_optional("faiss", "find")
         place = Path(folder) / FOLDER
         try:
-            told = json.loads((place / "images.json").read_text(encoding="utf-8"))
+            told = json.loads(read_text(place / "images.json"))
             vectors = str(place / "vectors.faiss")
+            check_file(Path(vectors))
             self._vectors = self._faiss.read_index(vectors, self._faiss.IO_FLAG_MMAP)
             self._places = np.load(place / "places.npy", mmap_mode="r", allow_pickle=False)
             version = told.get("format")

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from saccade.batch.sources import remote_system
 from saccade.errors import OutputError
-from saccade.files import reason_of, whole_file
+from saccade.files import open_file, reason_of, whole_file
 
 LEFTOVERS = ".partial"
 """Folder of files that are being written; hidden from those who read the data set."""
@@ -71,7 +71,7 @@ class Folder:
 
     def open(self, name: str) -> Any:
         """A file for reading."""
-        return (self._root / name).open("rb")
+        return open_file(self._root / name)
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:

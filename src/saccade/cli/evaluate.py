@@ -156,7 +156,7 @@ def _array_in(path: Path) -> Any:
     from saccade.errors import ImageError
 
     try:
-        array = np.load(path, allow_pickle=False)
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise ImageError(f"{path}: expected a map as .npy, found another file") from error
     if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":

@@ -40,6 +40,7 @@ from saccade.datasets.ros_transforms import mounting
 from saccade.datasets.steps import Steps, steps_from_poses, unknown_steps
 from saccade.errors import DriveError, ImageError
 from saccade.extras import import_optional
+from saccade.files import check_file, reason_of
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import FloatArray, Image, IntArray
 
@@ -81,6 +82,8 @@ class Bag:
         typesys = import_optional("rosbags.typesys", "ros")
         default = typesys.get_typestore(typesys.Stores.LATEST)
         try:
+            for file in self.path.iterdir() if self.path.is_dir() else [self.path]:
+                check_file(file)
             reader = highlevel.AnyReader([self.path], default_typestore=default)
             reader.open()
         except Exception as error:  # rosbags raises what the broken bytes happen to provoke
@@ -300,4 +303,4 @@ def _listed(bag: Bag) -> str:
 
 
 def _first_line(error: Exception) -> str:
-    return str(error).partition("\n")[0] or type(error).__name__
+    return reason_of(error).partition("\n")[0]
