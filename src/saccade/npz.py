@@ -9,7 +9,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from saccade.files import open_file
+from saccade.files import check_file, open_file
 
 LARGEST_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""
@@ -41,6 +41,23 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
             raise
         except Exception as error:  # the libraries raise what the broken bytes happen to provoke
             raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+
+
+def map_array(path: Path) -> npt.NDArray[Any]:
+    """The array in an .npy, read only, as it lies on the disk.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is something else, is broken, or has objects in it.
+    """
+    check_file(path)
+    try:
+        values: npt.NDArray[Any] = np.lib.format.open_memmap(str(path), mode="r")
+    except OSError:
+        raise
+    except Exception as error:
+        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+    return values
 
 
 def check_unpacked(packed: int, unpacked: int) -> None:

@@ -154,10 +154,11 @@ def _array_in(path: Path) -> Any:
     import numpy as np
 
     from saccade.errors import ImageError
+    from saccade.npz import map_array
 
     try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        array = map_array(path)
+    except (OSError, ValueError) as error:
         raise ImageError(f"{path}: expected a map as .npy, found another file") from error
     if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
         raise ImageError(

@@ -119,13 +119,14 @@ def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any]:
     from saccade.files import read_text, reason_of
 
     try:
-        row = json.loads(read_text(path))
+        row: Any = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
-    right = isinstance(row, dict) and all(row.get(name) == asked[name] for name in asked)
-    if not right or not all(isinstance(row.get(name, ""), SCORE) for name in SCORES):
+    made: dict[str, Any] = row if isinstance(row, dict) else {}
+    scored = all(isinstance(made.get(name, ""), SCORE) for name in SCORES)
+    if not scored or any(made.get(name) != asked[name] for name in asked):
         raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
-    return row
+    return made
 
 
 def _opened(series: Series) -> "Drive":
