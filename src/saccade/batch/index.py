@@ -136,10 +136,19 @@ class Index:
         return sorted(found, key=lambda each: (-each.agreeing, -each.similarity))
 
     def points_of(self, number: int) -> Keypoints:
-        """The points of an image that are in the index."""
+        """The points of an image that are in the index.
+
+        Raises:
+            KeypointsError: the index is broken there.
+        """
         first, end = self._first[number : number + 2].tolist()
-        descriptors = self._vectors.reconstruct_n(first, end - first).astype(np.uint8)
-        return replace(Keypoints.at(self._places[first:end], 1.0), descriptors=descriptors)
+        rows = self._vectors.reconstruct_n(first, end - first)
+        if not ((rows >= 0) & (rows <= 255)).all():
+            raise KeypointsError(
+                f"{self.images[number]}: expected bytes in the index, found others"
+            )
+        points = Keypoints.at(self._places[first:end], 1.0)
+        return replace(points, descriptors=rows.astype(np.uint8))
 
     def _similarity(self, points: Keypoints) -> Float32Array:
         """(images,) how many points are like those of each, a near one counting up to 1.
