@@ -70,6 +70,18 @@ def read_text(path: Path) -> str:
     return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder for what is about to be made, if there is none.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
+
+
 @contextmanager
 def whole_file(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
     """A temporary path that takes the name of `path` when the block ends well.

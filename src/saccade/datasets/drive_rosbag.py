@@ -40,7 +40,7 @@ from saccade.datasets.ros_transforms import mounting
 from saccade.datasets.steps import Steps, steps_from_poses, unknown_steps
 from saccade.errors import DriveError, ImageError
 from saccade.extras import import_optional
-from saccade.files import check_file, reason_of
+from saccade.files import LARGEST_TEXT, check_file, open_file, reason_of
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import FloatArray, Image, IntArray
 
@@ -52,6 +52,8 @@ POSES = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/TransformStamped",
 )
+MAGIC = b"#ROSBAG V2.0\n"
+"""Of a bag of ROS 1."""
 TRUE = ("truth", "gt", "vicon", "mocap")
 
 
@@ -82,8 +84,7 @@ class Bag:
         typesys = import_optional("rosbags.typesys", "ros")
         default = typesys.get_typestore(typesys.Stores.LATEST)
         try:
-            for file in self.path.iterdir() if self.path.is_dir() else [self.path]:
-                check_file(file)
+            _check(self.path)
             reader = highlevel.AnyReader([self.path], default_typestore=default)
             reader.open()
         except Exception as error:  # rosbags raises what the broken bytes happen to provoke
@@ -138,6 +139,17 @@ class Bag:
                 f"{self.path}, {connection.topic}: expected {connection.msgtype}: "
                 f"{_first_line(error)}"
             ) from error
+
+
+def _check(path: Path) -> None:
+    """Refuse what rosbags would read to its end, or wait for."""
+    if path.is_dir():
+        for file in path.iterdir():
+            check_file(file, LARGEST_TEXT if file.suffix == ".yaml" else None)
+        return
+    with open_file(path) as opened:
+        if opened.read(len(MAGIC)) != MAGIC:
+            raise ValueError("it does not begin as one of version 2.0 does")
 
 
 def _close(readers: list[Any]) -> None:
