@@ -72,8 +72,12 @@ def test_a_plateau_is_one_maximum():
 def test_a_lower_peak_nearby_is_no_maximum():
     values = np.zeros((20, 20))
     values[5, 5], values[5, 8] = 1, 0.5
-    assert sorted(local_maxima(values, 0.1, 2)) == [0.5, 1]
-    assert sorted(local_maxima(values, 0.1, 3)) == [1]
+    for lying in (values, values.T):
+        assert sorted(local_maxima(lying, 0.1, 2)) == [0.5, 1]
+        assert sorted(local_maxima(lying, 0.1, 3)) == [1]
+        further = np.roll(lying, 1, axis=(0, 1))
+        further[5:7, 5:7], further[5, 5] = 0, 1
+        assert sorted(local_maxima(further, 0.1, 3)) == [0.5, 1]
 
 
 @given(steps, st.integers(1, 3))

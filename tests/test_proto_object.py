@@ -71,8 +71,9 @@ def test_the_strongest_feature_of_the_strongest_map_is_taken(channel, conspicuit
 
 def test_what_cannot_be_answered_is_refused():
     feature = np.ones((10, 10))
-    with pytest.raises(ImageError, match="found 10, 3"):
-        proto_object(maps_with(feature), 10, 3)
+    for row, column in ((10, 3), (12, 3), (-1, 3), (3, 10), (3, 12), (3, -1)):
+        with pytest.raises(ImageError, match=f"of 10 x 10, found {row}, {column}"):
+            proto_object(maps_with(feature), row, column)
     bare = ContrastMaps(feature, feature, feature, feature, (100, 100))
     with pytest.raises(ImageError, match="keep_features"):
         proto_object(bare, 1, 1)

@@ -2,7 +2,7 @@
 
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,11 @@ def replace(path: Path, source: str) -> None:
         return original(loader, name)
 
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign, assignment]
-    interpret(path)
+    interpret([path])
 
 
-def interpret(path: Path) -> None:
-    """Leave the kernels of a file, and all that call them, to Python."""
+def interpret(paths: Collection[Path]) -> None:
+    """Leave the kernels of some files, and all that call them, to Python."""
     from saccade import _jit
 
     compiled = _jit.kernel
@@ -42,8 +42,8 @@ def interpret(path: Path) -> None:
                 for each in known
                 if isinstance(each, types.ModuleType | types.FunctionType)
             }
-            its_own = Path(sys.modules[function.__module__].__file__ or "") == path
-            if its_own or homes & left:
+            its_own = Path(sys.modules[function.__module__].__file__ or "")
+            if its_own in paths or homes & left:
                 left.add(function.__module__)
                 return function
             return compiled(fastmath)(function)

@@ -22,16 +22,16 @@ class Mutant:
 
     def source(self) -> str:
         """The file as it would be."""
-        changed = mutate_code(
-            self.path.read_text(), get_operator(self.operator)(), self.occurrence
-        )
+        changed = mutate_code(self.path.read_text(), get_operator(self.operator)(), self.occurrence)
         assert changed is not None, self
         return str(changed)
 
     def lines(self) -> tuple[int, str, str]:
         """Where it is, what is there and what would be."""
         pairs = zip(self.path.read_text().splitlines(), self.source().splitlines(), strict=False)
-        return next((n, old.strip(), new.strip()) for n, (old, new) in enumerate(pairs, 1) if old != new)
+        return next(
+            (n, old.strip(), new.strip()) for n, (old, new) in enumerate(pairs, 1) if old != new
+        )
 
     def describe(self) -> str:
         """In one line."""

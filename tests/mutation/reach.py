@@ -14,15 +14,15 @@ class Reach:
     """Collects while pytest runs.
 
     Args:
-        code: the folder or file to be looked at.
+        room: the folder of the code.
         limit: seconds of the processor that a test may take, fixtures and tracing too.
     """
 
-    def __init__(self, code: Path, limit: float) -> None:
+    def __init__(self, room: Path, limit: float) -> None:
         self.limit = limit
         self.took: dict[str, float] = {}
         self.slow: Counter[str] = Counter()
-        include = [f"{code}{os.sep}*"] if code.is_dir() else [str(code)]
+        include = [f"{room}{os.sep}*"]
         self.tracer = coverage.Coverage(data_file=None, include=include, config_file=False)
         self.tracer.start()
 
@@ -37,8 +37,8 @@ class Reach:
     @pytest.hookimpl(wrapper=True, trylast=True)
     def pytest_runtest_setup(self, item):
         """Stop what a test needs if it takes too long; leave out what is known to be slow."""
-        if self.slow[name_of(item)] > 1:
-            pytest.skip("others of its kind were too slow")
+        if self.slow[name_of(item)]:
+            pytest.skip("another of its kind was too slow")
         with self.limited(item):
             return (yield)
 
@@ -72,15 +72,15 @@ class Reach:
         elif not report.passed:
             self.took.pop(report.nodeid, None)
 
-    def seen(self) -> dict[str, dict[str, list[str]]]:
-        """By file and line, the tests that run it, the quickest first."""
+    def seen(self) -> dict[str, dict[str, dict[str, float]]]:
+        """By file and line, the tests that run it and their seconds, the quickest first."""
         self.tracer.stop()
         data = self.tracer.get_data()
-        tests: dict[str, dict[str, list[str]]] = defaultdict(dict)
+        tests: dict[str, dict[str, dict[str, float]]] = defaultdict(dict)
         for file in data.measured_files():
             for line, contexts in data.contexts_by_lineno(file).items():
-                ours = [each for each in contexts if each in self.took]
-                tests[file][str(line)] = sorted(ours, key=self.took.__getitem__)
+                ours = sorted(self.took.keys() & contexts, key=self.took.__getitem__)
+                tests[file][str(line)] = {test: self.took[test] for test in ours}
         return tests
 
 

@@ -16,7 +16,7 @@ import resource
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 
@@ -24,15 +24,15 @@ ROOT = Path(__file__).resolve().parents[2]
 TESTS = {
     "attention": (
         *("contrast", "contrast_settings", "channels", "normalize", "scanpath", "symmetry"),
-        *("symmetric_pairs", "proto_object", "combined", "saliencytoolbox2", "edges"),
+        *("symmetric_pairs", "proto_object", "combined", "saliencytoolbox2", "edges", "limits"),
     ),
     "keypoints": (
         *("descriptor", "extrema", "matching", "must", "selection", "sift", "sift_settings"),
-        *("symroid", "verification", "describe", "edges"),
+        *("symroid", "verification", "describe", "edges", "limits"),
     ),
     "slam": (
         *("models", "ekf", "association", "run", "compressed", "consistency", "exploring"),
-        *("tuning", "wheels", "checkpoint", "hard_logs", "smoothing"),
+        *("tuning", "wheels", "checkpoint", "hard_logs", "smoothing", "limits"),
     ),
 }
 """Of each room."""
@@ -42,10 +42,13 @@ LIBRARIES = (
     *("pytest", "hypothesis.strategies", "hypothesis.extra.numpy", "typer", "rich.console"),
 )
 """Loaded once; the project itself is loaded by every mutant."""
-LIMIT = 3.0
+LIMIT = 2.0
 """Seconds of the processor that a test may take to be asked, with its lines traced."""
-SLOWEST = 240
-"""Seconds of the processor after which a mutant counts as noticed: it goes round in circles."""
+START, SLOWER = 20.0, 4.0
+"""Seconds of the processor, and times what its tests need, after which a mutant counts as
+noticed: it goes round in circles."""
+Lines = dict[str, dict[str, float]]
+"""By line the tests that run it, and their seconds."""
 MEMORY = 8 << 30
 
 
@@ -56,15 +59,18 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=150, help="how many mutants are tried")
     parser.add_argument("--seed", type=int, default=1, help="which ones")
     parser.add_argument("--only", default="", help="of these, whose description has this")
+    parser.add_argument("--warm", action="store_true", help="all kernels are compiled already")
     asked = parser.parse_args()
     prepare()
+    if not asked.warm and forked(partial(meet, ROOT, "", dict.fromkeys(files(asked.room), 1000.0))):
+        sys.exit(f"{asked.room}: its tests fail without a change")
     from mutation.mutants import sample
 
     room = ROOT / "src" / "saccade" / asked.room
     number, chosen = sample(room, asked.count, random.Random(asked.seed))
     chosen = [each for each in chosen if asked.only in each.describe()]
     print(f"{number} mutants in {asked.room}, of which {len(chosen)} are tried", flush=True)
-    reached: dict[str, dict[str, list[str]]] = {}
+    reached: dict[str, Lines] = {}
     killed = 0
     for count, mutant in enumerate(sorted(chosen, key=lambda each: each.path), 1):
         path = str(mutant.path)
@@ -92,53 +98,53 @@ def prepare() -> None:
         importlib.import_module(name)
 
 
-def reach(path: Path) -> dict[str, dict[str, list[str]]]:
-    """By file and line the quick tests that run it, of one file at least.
+def files(room: str) -> list[str]:
+    """The tests of a room."""
+    return [f"tests/test_{name}.py" for name in TESTS[room]]
 
-    Of a file with kernels its own, with these interpreted; else of all files of the room.
-    """
+
+def reach(path: Path) -> dict[str, Lines]:
+    """By file and line the quick tests that run it: of all files of a room that have kernels,
+    with these interpreted, or of all that have none, as this one does."""
     room = path.parent
+    has_kernels = {each: "@kernel" in each.read_text() for each in room.glob("*.py")}
+    alike = [each for each in has_kernels if has_kernels[each] == has_kernels[path]]
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "reach.json"
-        files = [f"tests/test_{name}.py" for name in TESTS[room.name]]
-        has_kernels = "@kernel" in path.read_text()
-        if forked(partial(look, path if has_kernels else room, files, report)):
+        if forked(partial(look, room, alike if has_kernels[path] else [], report)):
             sys.exit(f"{path}: its tests do not run")
-        seen: dict[str, dict[str, list[str]]] = json.loads(report.read_text())
-    if not has_kernels:
-        others = [each for each in room.glob("*.py") if "@kernel" not in each.read_text()]
-        return {str(each): seen.get(str(each), {}) for each in others}
-    return {str(path): seen.get(str(path), {})}
+        seen: dict[str, Lines] = json.loads(report.read_text())
+    return {str(each): seen.get(str(each), {}) for each in alike}
 
 
-def look(code: Path, files: list[str], report: Path) -> int:
+def look(room: Path, interpreted: Collection[Path], report: Path) -> int:
     """Run tests to see which lines they reach; 0 if they ran."""
     import pytest
 
     from mutation.changed import QUIETLY, interpret
     from mutation.reach import Reach
 
-    seen = Reach(code, LIMIT)
-    if code.is_file():
-        interpret(code)
-    ended = pytest.main([*QUIETLY, *files], plugins=[seen])
+    seen = Reach(room, LIMIT)
+    interpret(interpreted)
+    ended = pytest.main([*QUIETLY, *files(room.name)], plugins=[seen])
     report.write_text(json.dumps(seen.seen()))
     return int(ended > 1)
 
 
-def tests_of(reached: dict[str, list[str]], line: int) -> list[str]:
-    """The tests of a line, or for one that runs at import those of all lines, once each."""
-    return reached.get(str(line)) or list(dict.fromkeys(sum(reached.values(), [])))
+def tests_of(reached: Lines, line: int) -> dict[str, float]:
+    """The tests of a line, or for one that runs at import those of all lines."""
+    every = {test: took for tests in reached.values() for test, took in tests.items()}
+    return reached.get(str(line)) or dict(sorted(every.items(), key=lambda each: each[1]))
 
 
-def meet(path: Path, source: str, tests: list[str]) -> int:
+def meet(path: Path, source: str, tests: dict[str, float]) -> int:
     """Run tests with a file that says something else; the exit code of pytest."""
     import pytest
 
     from mutation.changed import QUIETLY, replace
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    signal.setitimer(signal.ITIMER_PROF, SLOWEST)
+    signal.setitimer(signal.ITIMER_PROF, START + SLOWER * sum(tests.values()))
     replace(path, source)
     return int(pytest.main([*QUIETLY, "-x", *tests]))
 

@@ -1,0 +1,282 @@
+"""Every setting takes what its message says that it takes, up to the limits and no further."""
+
+import dataclasses
+import importlib
+import pkgutil
+from math import inf, nan, nextafter
+
+import numpy as np
+import pytest
+
+import saccade.attention
+import saccade.keypoints
+import saccade.slam
+from saccade.attention import AttentionConfig, ContrastConfig, ScanpathConfig, SymmetryConfig
+from saccade.errors import ConfigError
+from saccade.keypoints import MustConfig, SiftConfig, SymRoidConfig
+from saccade.slam import EkfConfig, SmoothConfig
+
+OWN_INF = float("1e999")
+"""Infinite, but not the object `math.inf`."""
+ABOVE_0 = nextafter(0.0, 1.0)
+BELOW_0 = nextafter(0.0, -1.0)
+
+
+def over(value):
+    return nextafter(float(value), inf)
+
+
+def under(value):
+    return nextafter(float(value), -inf)
+
+
+def closed(low, high):
+    """What a range of numbers takes at its ends, and what is just outside."""
+    return (low, high), (under(low), over(high), nan)
+
+
+def whole(low, high):
+    return (low, high), (low - 1, high + 1)
+
+
+def at_least(low):
+    return (low, low + 1), (low - 1,)
+
+
+def above_0(high):
+    return (ABOVE_0, high), (0.0, over(high), nan)
+
+
+NO_WEIGHT = {"intensity_weight": 0, "color_weight": 0, "orientation_weight": 0}
+POSITIVE = (ABOVE_0, 1e300), (0.0, -1.0, OWN_INF, nan)
+NOT_NEGATIVE = (0.0, 1e300), (BELOW_0, OWN_INF, nan)
+NUMBERS = {
+    ContrastConfig: {
+        "intensity_weight": closed(0, 1e6),
+        "color_weight": closed(0, 1e6),
+        "orientation_weight": closed(0, 1e6),
+        "dark": closed(0, 1),
+        "gabor_period": closed(2, 1000),
+        "gabor_sigma": closed(0.1, 1000),
+        "gabor_size": ((3, 99), (1, 2, 98, 101)),
+        "map_level": whole(0, 30),
+        "smoothing": NOT_NEGATIVE,
+        "maxima_threshold": closed(0, 1),
+        "maxima_radius": closed(0, 1),
+        "iterations": whole(1, 1000),
+        "sharpening": above_0(100),
+        "center_prior": NOT_NEGATIVE,
+        "viewing_size": at_least(0),
+    },
+    SymmetryConfig: {
+        "outer": ((100.0,), (over(100), nan)),
+        "inner": ((1,), (under(1), nan)),
+        "sigma": ((0.1, 1e300), (under(0.1), OWN_INF, nan)),
+        "gain": above_0(1e6),
+        "map_level": whole(0, 30),
+        "smoothing": NOT_NEGATIVE,
+        "sharpening": above_0(100),
+        "viewing_size": at_least(0),
+    },
+    ScanpathConfig: {
+        "time_limit": POSITIVE,
+        "drive": POSITIVE,
+        "gain": POSITIVE,
+        "threshold": POSITIVE,
+        "inhibition_sigma": POSITIVE,
+        "inhibition_strength": POSITIVE,
+        "map_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
+        "winner_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
+        "inhibition_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
+        "peak": NOT_NEGATIVE,
+        "reset": ((0.0, -1.0), (ABOVE_0, nan)),
+        "inhibition_surround": ((0.0, under(1)), (BELOW_0, 1.0, nan)),
+    },
+    AttentionConfig: {
+        "contrast_weight": above_0(1e6),
+        "symmetry_weight": above_0(1e6),
+    },
+    SiftConfig: {
+        "first_octave": whole(-1, 0),
+        "octaves": at_least(0),
+        "intervals": whole(1, 16),
+        "extra_intervals": whole(0, 16),
+        "base_sigma": closed(0.5, 8),
+        "density": ((0.5, 1), (0.25, 0.75, 2)),
+        "camera_sigma": closed(0, 4),
+        "kernel_radius": closed(1, 8),
+        "border": at_least(2),
+        "contrast_threshold": ((0.0, under(1)), (BELOW_0, 1, nan)),
+        "candidate_fraction": closed(0, 1),
+        "neighbors": ((10, 26), (9, 11, 25, 27)),
+        "edge_ratio": ((1, OWN_INF), (under(1), nan)),
+        "smoothing": whole(0, 100),
+        "max_orientations": at_least(0),
+        "orientation_spacing": closed(0, 3),
+        "descriptor_spacing": closed(0, 3),
+        "window_sigma": closed(0.1, 10),
+        "max_keypoints": at_least(0),
+    },
+    MustConfig: {
+        "reach": closed(0.1, 20),
+        "falloff": closed(0.1, 20),
+        "gain": above_0(1e6),
+        "scale_power": closed(-5, 5),
+        "contrast_threshold": ((0.0, under(1000)), (BELOW_0, 1000, nan)),
+    },
+    SymRoidConfig: {
+        "outer": ((100.0,), (over(100), nan)),
+        "inner": ((1,), (under(1), nan)),
+        "sigma": closed(0.1, 1e6),
+        "gain": above_0(1e6),
+        "seed_threshold": above_0(1),
+        "growth_threshold": above_0(1),
+        "max_keypoints": at_least(0),
+    },
+    EkfConfig: {
+        "gate": ((ABOVE_0, 0.9999), (0.0, 1.0, over(0.9999), nan)),
+        "new_gate": ((0.99, under(1)), (under(0.99), 1.0, nan)),
+        "sightings": at_least(1),
+        "lifetime": ((ABOVE_0, OWN_INF), (0.0, nan)),
+        "trusted": at_least(1),
+        "presence": ((0.0, under(1)), (BELOW_0, 1.0, nan)),
+        "motion_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
+        "sensor_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
+        "huber": ((ABOVE_0, OWN_INF), (0.0, nan)),
+        "start_sigma": (
+            ((0.0, 0.0, 0.0), (under(1e6),) * 3),
+            ((0.0, 0.0), (0.0,) * 4, (0.0, BELOW_0, 0.0), (0.0, 0.0, 1e6), (nan, 0.0, 0.0)),
+        ),
+    },
+    SmoothConfig: {
+        "lag": POSITIVE,
+        "huber": ((ABOVE_0, OWN_INF), (0.0, nan)),
+        "motion_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
+        "sensor_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
+        "start_sigma": (
+            ((0.0, 0.0, 0.0), (under(1e6),) * 3),
+            ((0.0, 0.0), (0.0,) * 4, (0.0, BELOW_0, 0.0), (0.0, 0.0, 1e6), (nan, 0.0, 0.0)),
+        ),
+        "iterations": at_least(1),
+    },
+}
+
+
+@pytest.mark.parametrize(
+    ("config", "name"), [(config, name) for config in NUMBERS for name in NUMBERS[config]]
+)
+def test_a_number_is_taken_up_to_its_limits(config, name):
+    taken, refused = NUMBERS[config][name]
+    for value in taken:
+        assert getattr(config(**{name: value}), name) == value
+    for value in refused:
+        with pytest.raises(ConfigError, match=name):
+            config(**{name: value})
+
+
+@pytest.mark.parametrize("config", [ContrastConfig, SymmetryConfig, SymRoidConfig])
+def test_levels_rise_and_stay_within_a_pyramid(config):
+    name = "levels" if config is not ContrastConfig else "orientation_scales"
+    pairs = config is ContrastConfig
+    weights = {"level_weights": (1.0, 1.0)} if config is SymmetryConfig else {}
+    config(**{name: ((0, 30),) if pairs else (0, 30), **weights})
+    for wrong in ((-1, 1), (1, 1), (2, 1), (30, 31)):
+        with pytest.raises(ConfigError, match=name):
+            config(**{name: (wrong,) if pairs else wrong, **weights})
+    with pytest.raises(ConfigError, match=name):
+        config(**{name: ()})
+
+
+@pytest.mark.parametrize(
+    ("config", "words", "settings"),
+    [
+        (ContrastConfig, "orientation_scales", {"orientation_scales": ((1, 2, 3),)}),
+        (ContrastConfig, "scale_weights", {"scale_weights": (1.0, 1.0)}),
+        (ContrastConfig, "scale_weights", {"scale_weights": (1.0, 1.0, 0.0)}),
+        (ContrastConfig, "scale_weights", {"scale_weights": (1.0, 1.0, over(1e6))}),
+        (ContrastConfig, "orientations", {"orientations": ()}),
+        (ContrastConfig, "smoothing", {"normalize_at": "center"}),
+        (ContrastConfig, "weights", NO_WEIGHT),
+        (SymmetryConfig, "level_weights", {"levels": (1, 2), "level_weights": (1.0,)}),
+        (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (0.0,)}),
+        (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (OWN_INF,)}),
+        (SymmetryConfig, "inner", {"inner": 12.5, "outer": 12.0}),
+        (SymmetryConfig, "outer", {"inner": 0.5, "outer": 0.5}),
+        (SymRoidConfig, "inner", {"inner": 12.5, "outer": 12.0}),
+        (SiftConfig, "grid", {"grid": "shifted", "density": 0.5}),
+        (SiftConfig, "spread", {"spread": True}),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_together_is_refused(config, words, settings):
+    with pytest.raises(ConfigError, match=words):
+        config(**settings)
+
+
+def test_a_step_is_at_most_a_tenth_of_the_shortest_time():
+    times = ("map_time_constant", "winner_time_constant", "inhibition_time_constant")
+    for shortest in times:
+        constants = dict.fromkeys(times, 1.0) | {shortest: 0.5}
+        ScanpathConfig(**constants, time_step=0.05)
+        with pytest.raises(ConfigError, match=r"time_step.*0\.5 s"):
+            ScanpathConfig(**constants, time_step=over(0.05))
+    with pytest.raises(ConfigError, match="time_step"):
+        ScanpathConfig(time_step=0.0)
+
+
+def dataclasses_of(room):
+    for info in pkgutil.iter_modules(room.__path__, f"{room.__name__}."):
+        module = importlib.import_module(info.name)
+        for each in vars(module).values():
+            if dataclasses.is_dataclass(each) and each.__module__ == info.name:
+                yield each
+
+
+@pytest.mark.parametrize("room", [saccade.attention, saccade.keypoints, saccade.slam])
+def test_settings_and_results_are_frozen(room):
+    own_state = {"KnownIdentity", "Passage"}
+    thawed = {
+        each.__name__ for each in dataclasses_of(room) if not each.__dataclass_params__.frozen
+    }
+    assert thawed <= own_state
+
+
+CONTRAST = ContrastConfig(
+    scales=((2, 3), (3, 5)), scale_weights=(1.0, 1.0), orientation_scales=((3, 4),), map_level=4
+)
+SYMMETRY = SymmetryConfig(levels=(2, 3), level_weights=(1.0, 1.0), map_level=4)
+
+
+@pytest.mark.parametrize("config", [CONTRAST, SYMMETRY])
+@pytest.mark.parametrize(
+    ("shape", "coarser"),
+    [
+        ((600, 800), 0),
+        ((1600, 1200), 1),
+        ((1200, 3200), 2),
+        ((1100, 10), 0),  # less than half a level
+        ((10, 1140), 1),
+        ((400, 300), -1),
+        ((200, 150), -2),
+        ((50, 50), -2),  # the finest level is the image itself
+    ],
+)
+def test_levels_follow_the_longer_side(config, shape, coarser):
+    found = config.at_size(shape)
+    assert found.viewing_size == 0
+    assert found.map_level == 4 + coarser
+    if config is CONTRAST:
+        pairs = np.array([*config.scales, *config.orientation_scales])
+        assert (np.array([*found.scales, *found.orientation_scales]) == pairs + coarser).all()
+    else:
+        assert found.levels == (2 + coarser, 3 + coarser)
+    assert found.at_size((5, 5)) is found
+
+
+@pytest.mark.parametrize("config", [CONTRAST, SYMMETRY])
+def test_no_map_is_finer_than_level_1(config):
+    assert dataclasses.replace(config, map_level=2).at_size((50, 50)).map_level == 1
+
+
+def test_the_finest_level_counts_whichever_channel_has_it():
+    config = dataclasses.replace(CONTRAST, orientation_scales=((1, 4),))
+    assert config.at_size((50, 50)).orientation_scales == ((0, 3),)
