@@ -45,11 +45,12 @@ READS = {
     "simulate drive --config {}": ("toml",),
 }
 """Commands, each with how the names end of what it takes."""
+KINDS = ("endless", "nothing", "pipe", "folder", "empty", "holes")
 WRITES = (
-    *("look a.png", "detect a.png", "match a.png a.png", "slam log.csv", "extract a.png"),
-    *("drive .", "demo", "evaluate selection", "simulate world", "simulate drive --frames 2"),
+    *("detect a.png -o", "match a.png a.png -o", "slam log.csv -o", "convert log.csv", "demo -o"),
+    *("evaluate selection -o", "simulate world -o", "simulate drive --frames 2 -o"),
 )
-"""Commands that make a folder of a name."""
+"""Commands that lack what is to be made."""
 
 
 @pytest.fixture(scope="module")
@@ -85,19 +86,18 @@ def ends_well_or_in_one_line(run, *words):
 def test_what_is_no_file_is_refused(run, monkeypatch, here, command):
     monkeypatch.chdir(here)
     for ending in READS[command]:
-        for kind in ("endless", "nothing", "pipe", "folder", "empty", "holes"):
-            words = command.format(f"{kind}.{ending}").split()
-            code = ends_well_or_in_one_line(run, *words)
-            assert code == 2 or kind in ("empty", "folder"), words
+        for kind in KINDS:
+            if (kind, ending) == ("empty", "toml"):
+                continue  # all is as it is by default
+            code = ends_well_or_in_one_line(run, *command.format(f"{kind}.{ending}").split())
+            assert code == 2 or kind == "empty" or command.startswith("extract"), (kind, ending)
 
 
 @pytest.mark.parametrize("command", WRITES)
-def test_a_result_takes_the_place_of_no_device(run, monkeypatch, here, command):
+def test_a_result_takes_the_place_of_no_pipe(run, monkeypatch, here, command):
     monkeypatch.chdir(here)
-    for out in ("pipe.png", "nothing.png", "a.png"):
-        assert ends_well_or_in_one_line(run, *command.split(), "--out", out) in (1, 2)
-    assert (here / "nothing.png").is_char_device()
-    assert (here / "pipe.png").is_fifo()
+    assert ends_well_or_in_one_line(run, *command.split(), "pipe.csv") == 1
+    assert (here / "pipe.csv").is_fifo()
 
 
 def commands(group, *names):
@@ -133,7 +133,7 @@ def is_harmless(word):
     return "\0" not in word and not word.startswith("/") and ".." not in word
 
 
-@settings(max_examples=10 * EXAMPLES, suppress_health_check=list(HealthCheck))
+@settings(max_examples=3 * EXAMPLES, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_odd_words_are_taken_or_refused(run, monkeypatch, here, data):
     monkeypatch.chdir(here)
