@@ -13,12 +13,16 @@ MEMORY = 1 << 30
 """Bytes that reading a small file may take at most."""
 
 
+class OverrunError(BaseException):
+    """It took too long: no Exception, which somebody on the way might take for an answer."""
+
+
 @contextmanager
 def limited(seconds: int = SECONDS, memory: int = MEMORY) -> Iterator[None]:
     """Fail where the block takes longer or more; memory is looked at on Linux alone."""
 
     def stop(number, frame):
-        raise TimeoutError(f"took over {seconds} s, or waited {PATIENCE} s")
+        raise OverrunError(f"took over {seconds} s, or waited {PATIENCE} s")
 
     before = [signal.signal(each, stop) for each in (signal.SIGPROF, signal.SIGALRM)]
     signal.setitimer(signal.ITIMER_PROF, seconds)

@@ -111,7 +111,7 @@ class Tar:
         """Go through a tar once, and remember where each image lies."""
         prefix = f"{Path(place).name}/"
         try:
-            with open_place(place) as file, tarfile.open(fileobj=file) as archive:
+            with open_place(place) as file, tarfile.open(fileobj=file, mode="r:") as archive:
                 members = sorted(
                     (each.name.removeprefix("./"), each.offset_data, each.size)
                     for each in archive

@@ -35,7 +35,7 @@ from saccade.datasets.companion_files import Truth, assembled
 from saccade.datasets.drive_tum import associated
 from saccade.datasets.image_files import in_time, metres, straight
 from saccade.datasets.lens import Lens
-from saccade.datasets.ros_messages import calibration_of, pixels_of, pose_of, seconds_of
+from saccade.datasets.ros_messages import calibration_of, measured, pixels_of, pose_of, seconds_of
 from saccade.datasets.ros_transforms import mounting
 from saccade.datasets.steps import Steps, steps_from_poses, unknown_steps
 from saccade.errors import DriveError, ImageError
@@ -301,7 +301,7 @@ def _truth(bag: Bag, zero: float) -> Truth:
 
 def _poses(bag: Bag, topic: str, zero: float) -> Poses:
     found = [(seconds_of(message) - zero, *pose_of(message)) for _, message in bag.messages(topic)]
-    table = np.array(sorted(found))
+    table = measured(sorted(found), f"{bag.path}, {topic}")
     return Poses(table[:, 0], rotations(table[:, 4:], f"{bag.path}, {topic}"), table[:, 1:4])
 
 
