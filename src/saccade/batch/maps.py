@@ -18,6 +18,7 @@ from saccade.batch.store import Store
 from saccade.errors import KeypointsError, OutputError, SaccadeError
 from saccade.extras import import_optional
 from saccade.files import LARGEST_IMAGE, reason_of
+from saccade.image import size_in_header
 from saccade.types import Float32Array
 
 FOLDER = "maps"
@@ -75,7 +76,9 @@ def read_map(store: Store, row: pa.Table) -> Float32Array:
 def _map_in(store: Store, file: str, array: str, shape: tuple[int, ...]) -> Float32Array:
     with store.open(file) as opened:
         if not array:
-            pixels = cv2.imdecode(np.frombuffer(opened.read(), np.uint8), cv2.IMREAD_UNCHANGED)
+            data = opened.read()
+            _check_shape(size_in_header(data, file)[::-1], shape)
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
             _check_shape(() if pixels is None else pixels.shape, shape)
             return (np.asarray(pixels) / np.float32(WHITE)).astype(np.float32)
         zarr = import_optional("zarr", "zarr")

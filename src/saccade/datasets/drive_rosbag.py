@@ -100,10 +100,13 @@ class Bag:
         """Time of recording in nanoseconds and message, of every one of a topic, one by one.
 
         Raises:
-            DriveError: the bag is broken there.
+            DriveError: the bag is broken there, or has none though it says so.
         """
+        stamp = None
         for connection, stamp, raw in self._raw(topic):
             yield stamp, self._read(raw, connection)
+        if stamp is None:
+            raise DriveError(f"{self.path}, {topic}: expected messages, found none")
 
     def stamps(self, topic: str) -> tuple[IntArray, FloatArray]:
         """Times of recording in nanoseconds (n,), and of the headers in seconds (n,)."""
