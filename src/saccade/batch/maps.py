@@ -18,7 +18,7 @@ from saccade.batch.store import Store
 from saccade.errors import KeypointsError, OutputError, SaccadeError
 from saccade.extras import import_optional
 from saccade.files import LARGEST_IMAGE, reason_of
-from saccade.image import size_in_header
+from saccade.image import decode_stored, size_in_header
 from saccade.types import Float32Array
 
 FOLDER = "maps"
@@ -78,8 +78,8 @@ def _map_in(store: Store, file: str, array: str, shape: tuple[int, ...]) -> Floa
         if not array:
             data = opened.read()
             _check_shape(size_in_header(data, file)[::-1], shape)
-            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-            _check_shape(() if pixels is None else pixels.shape, shape)
+            pixels = decode_stored(data, f"{store.place}/{file}")
+            _check_shape(pixels.shape, shape)
             return (np.asarray(pixels) / np.float32(WHITE)).astype(np.float32)
         zarr = import_optional("zarr", "zarr")
         with tempfile.NamedTemporaryFile(suffix=".zip") as copy:
