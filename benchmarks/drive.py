@@ -1,9 +1,9 @@
 """The whole system on real drives: how far off, how sure, how fast.
 
-    python benchmarks/drive.py FOLDER            a folder in KITTI's layout with truth
-    python benchmarks/drive.py FOLDER --tracks   its stereo tracks instead of its images
-    python benchmarks/drive.py FOLDER --frames 160 --seeds 4
-    python benchmarks/drive.py FOLDER --in-view 80    a map of 500 landmarks
+    uv run python benchmarks/drive.py FOLDER            a folder in KITTI's layout with truth
+    uv run python benchmarks/drive.py FOLDER --tracks   its stereo tracks instead of its images
+    uv run python benchmarks/drive.py FOLDER --frames 160 --seeds 4
+    uv run python benchmarks/drive.py FOLDER --in-view 80    a map of 500 landmarks
 
 Images are driven as a palindrome with one camera. The peer for speed is OpenCV's SIFT with
 brute-force matching from each frame to the next, on the same frames, alternating with ours.

@@ -125,7 +125,7 @@ def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
     code, table, _ = run(
         *words, "--choice", "random", "--choice", "strength", "--report", "kept/report.html"
     )
-    assert "all drives and budgets, against random" in table
+    assert "All drives and budgets, against random" in table
     page = (tmp_path / "kept" / "report.html").read_text()
     overall, every = (
         json.loads(each)

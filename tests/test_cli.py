@@ -1,6 +1,7 @@
 """The commands as a person runs them: what they print, write and return."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -102,6 +103,7 @@ def test_look_prints_a_table_for_people(run):
     assert code == 0
     assert "saccade-look/rocket.look.png" in out.replace("\n", "")
     assert out.count("\n") < 15
+    assert re.search(r"fixation +x \[px\] +y \[px\] +time \[ms\] +saliency", out)
 
 
 def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path, monkeypatch):

@@ -17,6 +17,7 @@ from evo.tools import file_interface
 import interrupting
 import saccade
 from saccade import slam
+from saccade.cli.slam_report import WORDS, facts
 from saccade.datasets import load
 from saccade.video import read_video
 
@@ -78,6 +79,17 @@ def test_a_run_writes_all_that_is_known(made, short):
     a, b, d = (_column(seen, f"cov_{name}") for name in ("1_1", "1_2", "2_2"))
     square = (d * v[:, 0] ** 2 - 2 * b * v[:, 0] * v[:, 1] + a * v[:, 1] ** 2) / (a * d - b * b)
     np.testing.assert_allclose(square, result.consistency.nis, rtol=1e-6)
+
+
+def test_every_figure_is_told_in_words(made):
+    row, _ = made
+    plain = {name for name, value in row.items() if isinstance(value, (int, float))}
+    assert plain - {"format"} <= WORDS.keys()
+    shown = facts(row)
+    assert shown["odometry alone ends off by"] == f"{row['odometry_end_m']:.3f} m"
+    low, high = row["nis_band"]
+    band = f"{low:.2f} to {high:.2f} in 95 % of consistent filters"
+    assert shown[WORDS["nis_mean"]] == f"{row['nis_mean']:.3f}; {band}"
 
 
 def test_parquet_has_what_csv_has(made):

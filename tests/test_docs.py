@@ -3,6 +3,7 @@
 import importlib.util
 import re
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from conftest import ROOT
 from extracting import check_whole, extract_here, photographs
 from saccade.datasets import save_drive
 from saccade.datasets.camera_file import read_calibration
-from site_pages import PAGES, code_of
+from site_pages import PAGES, code_of, prose_of
 from test_drive_writing import small_drive
 
 DOCS = ROOT / "docs"
@@ -98,6 +99,15 @@ def run_code(text, folder):
     for block in blocks:
         exec(block, names)
     return names
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_lists_and_tables_stand_apart_from_what_is_above(page):
+    """Else they are set as a paragraph, signs and all."""
+    lines = prose_of(page).splitlines()
+    for above, line in pairwise(lines):
+        begins = re.match(r"- |\|", line) and re.match(r"[^\s\-|]", above)
+        assert not begins, f"{page.name}: {above!r} above {line!r}"
 
 
 def test_every_section_with_code_is_run():

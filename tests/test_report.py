@@ -9,8 +9,8 @@ import pytest
 from saccade.cli.album import Album
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
-from saccade.viewing.page import Section
-from saccade.viewing.report import report_page
+from saccade.viewing.page import Picture, Section
+from saccade.viewing.report import jpeg, report_page
 from saccade.viewing.report_image import image_part, match_part
 from saccade.viewing.report_map import (
     Ground,
@@ -267,7 +267,8 @@ def test_names_on_the_page_of_an_image_are_words(opened):
 
 def _table_page(name="a table"):
     rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
-    return report_page(name, name, [table_part(Section(name, name), ["", "AUC"], rows)])
+    figure = Picture(jpeg(np.zeros((40, 400), np.uint8)), name, name, wide=True)
+    return report_page(name, name, [table_part(Section(name, name, [figure]), ["", "AUC"], rows)])
 
 
 def test_a_table_is_sorted_by_a_heading(opened):
@@ -279,6 +280,14 @@ def test_a_table_is_sorted_by_a_heading(opened):
     assert cells.all_inner_texts() == ["-1", "9.25", "10.5"]
     page.get_by_role("button", name="name").click()
     assert page.locator("tbody th").all_inner_texts() == [EVIL, "a", "b"]
+
+
+def test_a_wide_figure_is_not_made_small_on_a_phone(opened):
+    page = opened(_table_page(), viewport={"width": 390, "height": 800})
+    figure = page.get_by_role("group", name="a table")
+    assert figure.bounding_box()["width"] < 390 < figure.locator("img").bounding_box()["width"]
+    figure.focus()
+    assert page.evaluate("document.activeElement.className") == "wide"
 
 
 @pytest.mark.parametrize("make", [_map_page, _image_page, _table_page])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from saccade.cli.album import Album, write_table_page
+from saccade.cli.album import Album, Table, write_table_page
 from saccade.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section, html_page
@@ -98,7 +98,8 @@ def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
 
 def test_a_long_table_is_thinned_and_says_so(tmp_path):
     rows = [[f"image {number}", *["0.123"] * 7] for number in range(60_000)]
-    write_table_page(tmp_path / "report.html", "c", "lead", "t", ["", *"abcdefg"], rows)
+    table = Table("t", ["", *"abcdefg"], rows)
+    write_table_page(tmp_path / "report.html", "c", "lead", [table])
     text = (tmp_path / "report.html").read_text()
     assert LARGEST / 8 < len(text) < LARGEST
     assert re.search(r"Of 60,000 rows one in \d+ is on this page\.", text)
@@ -200,8 +201,9 @@ def test_names_of_logs_are_words_on_their_pages(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", NAMES)
 def test_names_in_tables_and_plain_pages_are_words(name, tmp_path):
     page = tmp_path / "report.html"
-    more = [(name, [name], [[name]]), ("none", ["a"], [])]
-    write_table_page(page, name, name, name, ["", name], [[name, name]], more)
+    tables = [Table(name, ["", name], [[name, name]], name, name)]
+    tables += [Table(name, [name], [[name]]), Table("none", ["a"], [])]
+    write_table_page(page, name, name, tables)
     assert page.read_text().count("<section>") == 2
     assert _is_harmless(page, name)
     data = re.search(r'<script type="application/json">(.*?)</script>', page.read_text())[1]

@@ -9,6 +9,7 @@ from typing import Any
 
 from latex2mathml.converter import convert
 
+UNNAMED = re.compile(r"<th( [^>]*)?></th>")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 ROOT = Path(__file__).parents[2]
 
@@ -31,8 +32,11 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Every formula as MathML: browsers set it without a script, and readers read it aloud."""
-    return FORMULA.sub(_formula, html)
+    """Every formula as MathML: browsers set it without a script, and readers read it aloud.
+
+    The corner of a table is no heading: nothing is read where nothing is written.
+    """
+    return UNNAMED.sub(r"<td\1></td>", FORMULA.sub(_formula, html))
 
 
 def on_post_page(output: str, **_: Any) -> str:

@@ -7,7 +7,7 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any
 
-QUIETLY = ("-q", "-n", "0", "--assert=plain", "-p", "no:cacheprovider")
+QUIETLY = ("-q", "-n", "0", "--assert=plain", "--tb=native", "-p", "no:cacheprovider")
 
 
 def replace(path: Path, source: str) -> None:

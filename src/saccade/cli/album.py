@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from saccade.viewing.report import Part
@@ -58,25 +58,27 @@ class Album:
         return path
 
 
-def write_table_page(
-    path: Path | None,
-    command: str,
-    lead: str,
-    title: str,
-    columns: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    more: Sequence[tuple[str, Sequence[str], Sequence[Sequence[str]]]] = (),
-) -> None:
-    """Write a table, or some, as a report; None writes nothing.
+class Table(NamedTuple):
+    """A table of a report."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    """One cell for each column; the first names the row."""
+    text: str = ""
+    """What its columns mean."""
+    first: str = "name"
+    """The heading of the first column where it has none."""
+
+
+def write_table_page(path: Path | None, command: str, lead: str, tables: Sequence[Table]) -> None:
+    """Write tables as a report; None writes nothing.
 
     Args:
         path: the page.
         command: what made it, the title of the page.
         lead: its first paragraph.
-        title: of the table.
-        columns: their headings.
-        rows: one cell for each column.
-        more: title, columns and rows of further tables; one without rows is left out.
+        tables: one without rows is left out.
     """
     from saccade.viewing.page import Section
     from saccade.viewing.report_table import table_part
@@ -84,6 +86,7 @@ def write_table_page(
     if path is None:
         return
     album = Album(command, lead)
-    for name, heads, cells in [(title, columns, rows), *(each for each in more if each[2])]:
-        album.add(partial(table_part, Section(name, SORTED), heads, cells))
+    for title, columns, rows, text, first in (table for table in tables if table.rows):
+        section = Section(title, f"{text} {SORTED}".strip())
+        album.add(partial(table_part, section, columns, rows, first))
     album.write(path)

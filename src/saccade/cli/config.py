@@ -11,8 +11,9 @@ def config(
     kind: Annotated[
         str,
         typer.Argument(
+            metavar="KIND",
             help="attention, contrast, symmetry, scanpath, must, sift, symroid, slam, world "
-            "or drive."
+            "or drive.",
         ),
     ],
     preset: Preset = None,

@@ -121,13 +121,14 @@ def _page(
     mapped: dict[str, Any],
     driven: dict[str, Any],
 ) -> str:
-    from saccade.cli.slam import facts
+    from saccade.cli.slam_report import facts
     from saccade.viewing import Picture, Section, html_page
 
     sections = [
         Section(
-            "All of it, to be handled",
-            "Layers to switch, maps to scrub through time, landmarks and points to click.",
+            "All of it, to switch, scrub and click",
+            "The same four results on one page: layers to switch, maps to play through time, "
+            "landmarks and points to click.",
             links=["report.html"],
         ),
         Section(
@@ -142,6 +143,7 @@ def _page(
                     "symmetry as heat, and the pairs of edges that drew the fixations",
                     "Rocket on the pad at dusk: scanpath, saliency, the maps that it is made of, "
                     "and what is symmetric about the fixations. Photograph: SpaceX, CC0.",
+                    wide=True,
                 )
             ],
             links=[Path(looked["arrays"]).name],
@@ -189,6 +191,7 @@ def _page(
                     "and the map with the drive",
                     "A frame of the film. The posters are photographs of scikit-image's data, CC0 "
                     "and public domain.",
+                    wide=True,
                 )
             ],
             facts={

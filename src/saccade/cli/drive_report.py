@@ -37,7 +37,7 @@ def drive_part(
         "click a landmark to see the frames in which it was seen; click a chart to go to that time."
     )
     return map_part(
-        Section(f"The map of {drive.name} while it grows", text, facts=_facts(numbers)),
+        Section(f"{drive.name}: the map while it grows", text, facts=_facts(numbers)),
         result.trajectory,
         snapshots,
         Sightings(seen.frame, seen.landmark, seen.xy, seen.kind),

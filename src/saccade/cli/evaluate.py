@@ -29,6 +29,18 @@ evaluate.command(epilog="Example: saccade evaluate places hallway --lap 40")(pla
 evaluate.command(epilog="Example: saccade evaluate selection --budget 2 --seeds 5")(selection)
 
 
+NAMES = {Model.both: "contrast and symmetry"}
+"""What a model is called on the page, where not by its own name."""
+MEANING = (
+    "AUC: chance that a place where someone looked is more salient than a pixel of the image; "
+    "sAUC: than a place where people looked in the other images. Both are 0.5 by chance. "
+    "NSS: standard deviations by which the map is above its mean where people looked. "
+    "CC, SIM and KL: correlation with the density of the fixations, overlap with it, and "
+    "divergence from it. IG: bits per fixation that the map tells beyond where people look in "
+    "any image. More is better, but of KL."
+)
+
+
 @evaluate.command(
     epilog="Example: saccade evaluate fixations --images photos --fixations fixations.csv"
 )
@@ -61,20 +73,27 @@ def fixations(
     """
     from dataclasses import asdict
 
-    from saccade.cli.album import write_table_page
+    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import print_json, print_table
 
     predict = _predictor(images, maps, model, preset, config)
     result = _score(images, fixations, predict, sigma, drop)
     mean, (low, high) = result.mean(), result.interval()
     columns = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
-    rows = [_row("mean", mean), _row("95 % from", low), _row("to", high)]
+    rows = [_row("mean", mean), _row("95 % from", low), _row("95 % to", high)]
     each_image = [*map(_row, result.image, result.scores)]
-    label = maps or f"{model.value}, {preset or 'default'}"
+    label = maps or f"{NAMES.get(model, model.value)}, {preset or config or 'default settings'}"
     title = f"{len(result.image)} images, {label}"
-    lead = "How well saliency maps foretell where people looked."
-    page = [*rows, *each_image]
-    write_table_page(report, "saccade evaluate fixations", lead, title, columns, page)
+    lead = f"How well saliency maps foretell where people looked: {title}."
+    write_table_page(
+        report,
+        "saccade evaluate fixations",
+        lead,
+        [
+            Table("Mean over the images", columns, rows, MEANING, "score"),
+            Table("Each image", columns, each_image, first="image"),
+        ],
+    )
     if as_json:
         scores = {
             name: asdict(each) for name, each in zip(result.image, result.scores, strict=True)
@@ -83,7 +102,7 @@ def fixations(
             {"mean": asdict(mean), "low": asdict(low), "high": asdict(high), "images": scores}
         )
         return
-    print_table(title, columns, page if per_image else rows)
+    print_table(title, columns, [*rows, *each_image] if per_image else rows)
 
 
 def _row(name: str, scores: Any) -> list[str]:

@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 WORLDS = ("loop", "slippery", "car", "coarse")
 FILTERS = ("standard", "first-estimates", "invariant")
 
+MEANING = (
+    "The squared error of the pose, normalized by the covariance that the filter gives it, is "
+    "three on average if the filter knows how wrong it is; one that is sure of too much is above. "
+    "ANEES: its mean over poses and runs; median: over the runs. 95 % band: where the mean of so "
+    "many runs at one pose lies in 95 of 100 cases; in band: share of the poses at which it does. "
+    "RMSE: distance from the true place."
+)
+
 
 def consistency(
     preset: Annotated[
@@ -41,7 +49,7 @@ def consistency(
     """
     from rich.progress import Progress
 
-    from saccade.cli.album import write_table_page
+    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import messages, print_json, print_table
 
     worlds = _worlds(preset, config)
@@ -55,15 +63,16 @@ def consistency(
                 each: _scores(world, each, runs, seed, lambda: progress.advance(task))
                 for each in filters
             }
-    columns = ["", "ANEES", "95 % band", "median", "RMSE m", "in band"]
+    columns = ["", "ANEES", "95 % band", "median", "RMSE [m]", "in band"]
     rows = [
         [f"{name}, {each}", *_cells(scores)]
         for name, of_world in results.items()
         for each, scores in of_world.items()
     ]
-    title = f"normalized squared error of the pose, {runs} runs each"
+    title = f"Normalized squared error of the pose, {runs} runs each"
     lead = "Whether filters know how wrong they are."
-    write_table_page(report, "saccade evaluate consistency", lead, title, columns, rows)
+    table = Table(title, columns, rows, MEANING, "world, filter")
+    write_table_page(report, "saccade evaluate consistency", lead, [table])
     if as_json:
         print_json({"runs": runs, "seed": seed, "worlds": results})
         return
@@ -105,7 +114,7 @@ def _cells(scores: dict[str, Any]) -> list[str]:
     low, high = scores["band"]
     return [
         f"{scores['anees']:.2f}",
-        f"{low:.2f}-{high:.2f}",
+        f"{low:.2f} to {high:.2f}",
         f"{scores['median']:.2f}",
         f"{scores['rmse_m']:.3f}",
         f"{scores['in_band']:.0%}",

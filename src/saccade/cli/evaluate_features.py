@@ -11,13 +11,21 @@ from saccade.cli.options import Json, Preset, Report, Settings
 
 SHOWN = {
     "found again": ("repeatability",),
-    "err px": ("localization",),
+    "error [px]": ("localization",),
     "MMA@1/3/5": ("mma_1", "mma_3", "mma_5"),
     "ratio@1/3/5": ("ratio_1", "ratio_3", "ratio_5"),
     "score": ("score",),
     "AUC@1/3/5/10": ("auc_1", "auc_3", "auc_5", "auc_10"),
 }
 """Columns of the table, and the scores in them."""
+
+MEANING = (
+    "Found again: share of the points in view in both images that are found in the other; error: "
+    "their distance from where they should be. MMA: share of right matches among mutual nearest "
+    "neighbors within 1, 3 and 5 px; ratio: among those that pass the ratio test. Score: right "
+    "matches of all points in view. AUC: how exactly the matches tell where the corners of the "
+    "image are in the other. More is better, but of the error."
+)
 
 CLEAN = "clean"
 """No disturbance."""
@@ -63,7 +71,7 @@ def features(
     contrast is low. A module:callable takes an (H, W, 3) image in [0, 1] and gives an object with
     xy and descriptors, the strongest first.
     """
-    from saccade.cli.album import write_table_page
+    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import print_json, print_table
     from saccade.datasets.homography_pairs import homography_pairs
     from saccade.evaluation.disturbance import Disturbance
@@ -85,9 +93,18 @@ def features(
                 results[", ".join(filter(None, words))] = result
     title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
     columns = ["", "points", *SHOWN]
-    lead = "How well interest points are found again and matched."
+    lead = f"How well interest points are found again and matched: {title}."
     page = _rows(results, sequences)
-    write_table_page(report, "saccade evaluate features", lead, title, columns, _named(page))
+    means, every = _named(_rows(results, [])), _rows_of(results, sequences)
+    write_table_page(
+        report,
+        "saccade evaluate features",
+        lead,
+        [
+            Table("Mean over the pairs", columns, means, MEANING, "detector"),
+            Table("Each sequence", columns, every, first="detector, sequence"),
+        ],
+    )
     if as_json:
         print_json(
             {
@@ -106,9 +123,18 @@ def _rows(results: dict[str, Any], sequences: list[str]) -> list[list[str]]:
     rows = []
     for label, result in results.items():
         mean, (low, high) = result.mean(), result.interval()
-        rows += [_row(label, mean), _row("  95 % from", low), _row("  to", high)]
+        rows += [_row(label, mean), _row("  95 % from", low), _row("  95 % to", high)]
         rows += [_row(f"  {each}", result.of(each).mean()) for each in sequences]
     return rows
+
+
+def _rows_of(results: dict[str, Any], sequences: list[str]) -> list[list[str]]:
+    """Of each detector the mean of each sequence."""
+    return [
+        _row(f"{label}, {each}", result.of(each).mean())
+        for label, result in results.items()
+        for each in sequences
+    ]
 
 
 def _named(rows: list[list[str]]) -> list[list[str]]:

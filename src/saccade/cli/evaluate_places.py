@@ -8,6 +8,8 @@ from saccade.cli.options import Images, Json, Report
 
 NEIGHBORS = 2
 """Photographs before and after the right one that show the same place."""
+PAIR = ["", "shows the place of", "matches that agree", "right"]
+"""Headings of what was recognized."""
 
 
 def places(
@@ -26,7 +28,7 @@ def places(
     if the place it is said to show is as many laps away, give or take two photographs.
     """
     from saccade import Sift, SiftConfig, read_image
-    from saccade.cli.album import write_table_page
+    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import print_json, print_table, tracked
     from saccade.image import find_images
     from saccade.visual.places import Places, PlacesConfig
@@ -58,13 +60,28 @@ def places(
         [each["image"], each["shows"], str(each["agreeing"]), "yes" if each["right"] else "no"]
         for each in found
     ]
-    more = [("what was recognized", ["", "shows", "matches that agree", "right"], pairs)]
-    command = "saccade evaluate places"
-    write_table_page(report, command, lead, "places", ["", "value"], shown, more)
+    write_table_page(
+        report,
+        "saccade evaluate places",
+        lead,
+        [
+            Table("Over all photographs", ["", "value"], shown, _meaning(lap), "figure"),
+            Table("Each that was recognized", PAIR, pairs, first="photograph"),
+        ],
+    )
     if as_json:
         print_json({**row, "pairs": found})
         return
     print_table("places", ["", ""], shown)
+
+
+def _meaning(lap: int) -> str:
+    return (
+        f"The walk is {lap} photographs long and repeated. Seen again: photographs after the first "
+        "lap; recognized: those said to show a place of an earlier lap; right: where that is "
+        f"at most {NEIGHBORS} photographs from the place. Precision: right of the recognized; "
+        "recall: right of those seen again."
+    )
 
 
 def _number(path: Any) -> tuple[int, str]:

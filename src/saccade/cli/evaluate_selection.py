@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from saccade.types import FloatArray
 
 SHOWN = {
-    "found_again": ("again %", 100.0, 1),
-    "association_precision": ("right %", 100.0, 1),
-    "ate_m": ("ATE m", 1.0, 3),
-    "inside_3sigma": ("3 sigma %", 100.0, 1),
+    "found_again": ("again [%]", 100.0, 1),
+    "association_precision": ("right [%]", 100.0, 1),
+    "ate_m": ("ATE [m]", 1.0, 3),
+    "inside_3sigma": ("3 sigma [%]", 100.0, 1),
     "landmarks": ("map", 1.0, 0),
 }
 """Heading, factor and decimals of the columns of the tables."""
@@ -31,7 +31,19 @@ TITLES = {
 HEADINGS = [heading for heading, _, _ in SHOWN.values()]
 REFERENCE = "random"
 """The choice with which the others are compared."""
-OVERALL = f"all drives and budgets, against {REFERENCE}"
+OVERALL = f"All drives and budgets, against {REFERENCE}"
+EVERY = "Every drive and budget"
+MEANING = (
+    "Mean place: of each choice among all, by ATE and by what was found again; 1 is the best. "
+    f"Times: as a multiple of what the {REFERENCE} choice had, with its 95 % interval; of the ATE "
+    "less is better, of found again more."
+)
+MEANING_OF_EACH = (
+    "Again: share of the times that a landmark should have been in view after it was out of sight, "
+    "and was recognized. Right: share of the recognized that were what they were taken for. ATE: "
+    "distance of the drive from the true one. 3 sigma: share of the frames at which the true place "
+    "is in the ellipse of three sigma, 98.9 % if it is honest. Map: landmarks at the end."
+)
 LEAD = "Which landmarks to keep: the maps that each choice makes, at equal budgets."
 
 
@@ -210,15 +222,18 @@ def _write_page(
         png_file(picture),
         "Each score of each choice over the budgets, with intervals; the tables say the same",
         "Means over the seeds, with 95 % bootstrap intervals.",
+        wide=True,
     )
     every = [[row["choice"], row["drive"], str(row["budget"]), *_scores(row)] for row in rows]
     columns = ["", "drive", "new per frame", *HEADINGS]
     album = Album("saccade evaluate selection", LEAD)
     album.add(
-        lambda: table_part(Section(OVERALL, SORTED, [figure]), *_overall_table(overall), "choice")
+        lambda: table_part(
+            Section(OVERALL, f"{MEANING} {SORTED}", [figure]), *_overall_table(overall), "choice"
+        )
     )
     album.add(
-        lambda: table_part(Section("every drive and budget", SORTED), columns, every, "choice")
+        lambda: table_part(Section(EVERY, f"{MEANING_OF_EACH} {SORTED}"), columns, every, "choice")
     )
     album.write(path)
 

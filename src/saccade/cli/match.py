@@ -122,7 +122,14 @@ def match_images(
     write_text(table, "\n".join([header, *lines]) + "\n")
     names = f"{first.name} and {second.name}"
     own = Album("saccade match", LEAD) if album is None else album
-    own.add(lambda: match_part(Section(names, TEXT), images, keypoints, pairs, inliers))
+    facts = {
+        "interest points": " and ".join(f"{len(each):,}" for each in keypoints),
+        "matches": f"{len(pairs):,}",
+    }
+    if inliers is not None:
+        facts["inliers"] = f"{inliers.sum():,}, that is {inliers.mean() if len(pairs) else 0:.0%}"
+    section = Section(names, TEXT, facts=facts)
+    own.add(lambda: match_part(section, images, keypoints, pairs, inliers))
     row: dict[str, Any] = {
         "first": str(first),
         "second": str(second),

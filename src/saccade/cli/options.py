@@ -20,5 +20,8 @@ Settings = Annotated[
     typer.Option("--config", "-c", help="A TOML file as `saccade config` prints it."),
 ]
 Report = Annotated[
-    Path | None, typer.Option("--report", help="Also write the table as a page (report.html).")
+    Path | None,
+    typer.Option(
+        "--report", metavar="FILE", help="Also write the tables as a page, such as report.html."
+    ),
 ]

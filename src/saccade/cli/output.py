@@ -70,9 +70,9 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
         title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_header=any(columns)
     )
     for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number == 0 else "right")
+        table.add_column(Text(column), justify="left" if number == 0 else "right")
     for row in rows:
-        table.add_row(*map(Text, row))  # brackets in a file's name are no markup
+        table.add_row(*map(Text, row))  # brackets are no markup
     Console().print(table)
 
 

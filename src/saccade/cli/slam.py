@@ -80,6 +80,7 @@ def slam(
     from saccade import datasets
     from saccade.cli.output import messages, print_json, print_table, say
     from saccade.cli.settings import load_settings
+    from saccade.cli.slam_report import facts
     from saccade.slam.tuning import tune as tuned
 
     settings = load_settings("slam", preset, config)
@@ -116,19 +117,6 @@ def slam(
     print_table(f"{recorded.name} -> {out}", ["", ""], facts(row).items())
 
 
-def facts(row: dict[str, Any]) -> dict[str, str]:
-    """The figures of a run as a person reads them: plain numbers only."""
-    shown = {name: value for name, value in row.items() if isinstance(value, (int, float))}
-    low, high = row["nis_band"]
-    words = {
-        name.replace("_", " "): f"{value:.3f}" if isinstance(value, float) else str(value)
-        for name, value in shown.items()
-    }
-    if "nis mean" in words:
-        words["nis mean"] += f" (95 % of right filters: {low:.2f} to {high:.2f})"
-    return words
-
-
 def map_log(
     log: "LandmarkLog",
     out: Path,
@@ -162,7 +150,7 @@ def map_log(
     import saccade
     from saccade.cli.output import write_text
     from saccade.cli.slam_files import figures, write_film, write_pictures, write_tables
-    from saccade.cli.slam_report import slam_part
+    from saccade.cli.slam_report import facts, slam_part
     from saccade.errors import LogError
     from saccade.extras import import_optional
     from saccade.formats import FORMATS

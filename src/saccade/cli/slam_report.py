@@ -1,12 +1,51 @@
 """The report of `saccade slam`."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from saccade.slam import SlamResult, SmoothResult
     from saccade.types import IntArray, LandmarkLog, LandmarkMap, MapSnapshot
     from saccade.viewing.report import Part
+
+WORDS = {
+    "poses": "poses",
+    "observations": "observations of landmarks",
+    "observations_used": "of these used",
+    "landmarks": "landmarks in the map",
+    "landmarks_dropped": "landmarks dropped on the way",
+    "odometry_end_m": "odometry alone ends off by",
+    "nis_mean": "normalized innovation squared, mean",
+    "smoothing_iterations": "iterations of the smoother",
+    "odometry_rmse_m": "error of odometry alone (RMSE)",
+    "position_rmse_m": "error of the drive (RMSE)",
+    "smoothed_position_rmse_m": "error of the smoothed drive (RMSE)",
+    "odometry_gps_rmse_m": "odometry alone from GPS (RMSE)",
+    "position_gps_rmse_m": "drive from GPS (RMSE)",
+    "smoothed_position_gps_rmse_m": "smoothed drive from GPS (RMSE)",
+    "landmark_rmse_m": "error of the landmarks (RMSE)",
+    "smoothed_landmark_rmse_m": "error of the smoothed landmarks (RMSE)",
+}
+"""What the figures of a run are called on the page and in the terminal."""
+
+
+def facts(numbers: Mapping[str, Any]) -> dict[str, str]:
+    """The figures of a run as a person reads them, those that there are.
+
+    Args:
+        numbers: by their names in run.json.
+    """
+    found = {words: numbers[name] for name, words in WORDS.items() if numbers.get(name) is not None}
+    meters = {words for name, words in WORDS.items() if name.endswith("_m")}
+    shown = {
+        words: f"{value:.3f}" if isinstance(value, float) else f"{value:,}"
+        for words, value in found.items()
+    }
+    shown |= {words: f"{shown[words]} m" for words in meters & shown.keys()}
+    if numbers["nis_mean"] is not None:
+        low, high = numbers["nis_band"]
+        shown[WORDS["nis_mean"]] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
+    return shown
 
 
 def slam_part(
@@ -47,7 +86,7 @@ def slam_part(
         "click a landmark to see from where it was seen; click a chart to go to that time."
     )
     return map_part(
-        Section(f"The map of {log.name} while it grows", text, facts=facts),
+        Section(f"{log.name}: the map while it grows", text, facts=facts),
         result.trajectory,
         snapshots,
         Sightings(

@@ -32,6 +32,8 @@ HELD = 36
 """Frames for which the last one stays."""
 SHIFT = 4
 """Bits after the point of OpenCV's coordinates."""
+GROWN = 0.2
+"""Share of its sides by which the film shows more where the ellipses of the way need it."""
 FAR = 1e4
 """Pixels; what is farther out is drawn no farther."""
 
@@ -116,7 +118,7 @@ class _Stage:
         _fill(inside, [robot], RED)
         _draw_lines(inside, [robot], "white", closed=True)
         picture = PIL.Image.fromarray(frame)
-        words = (f"time {time:.0f}", f"pose {snapshot.step}", f"{len(landmarks)} landmarks")
+        words = (f"{time:.0f} s", f"pose {snapshot.step}", f"{len(landmarks)} landmarks")
         for column, word in enumerate(words):
             at = (0.06 * WIDTH + 120 * column, 0.04 * HEIGHT)
             ImageDraw.Draw(picture).text(at, word, font=self.font, fill="#333333", anchor="lm")
@@ -171,11 +173,20 @@ def _rgb(color: str) -> tuple[int, int, int]:
 
 
 def _box(snapshots: Sequence[MapSnapshot]) -> FloatArray:
-    """What the film shows: the whole drive, and the landmarks where they end."""
+    """What the film shows: the whole drive, the landmarks where they end, and their ellipses.
+
+    Those on the way may be much larger; they widen it by so much and no more.
+    """
     last = snapshots[-1]
     drive = np.concatenate([each.path[:, :2] for each in snapshots])
     outlines = ellipse_outlines(last.landmarks, last.landmark_covariance).reshape(-1, 2)
-    return bounds(np.concatenate([drive, outlines]))
+    low, high = bounds(np.concatenate([drive, outlines]))
+    places = np.concatenate([each.landmarks for each in snapshots])
+    spread = np.concatenate([each.landmark_covariance for each in snapshots])
+    reach = SIGMAS * np.sqrt(np.diagonal(spread, axis1=1, axis2=2).clip(0))  # (n, 2) half of a box
+    every = bounds(np.concatenate([drive, places - reach, places + reach]))
+    more = GROWN * (high - low)
+    return np.array([every[0].clip(low - more, low), every[1].clip(high, high + more)])
 
 
 def _shaped(box: FloatArray, shape: float) -> FloatArray:

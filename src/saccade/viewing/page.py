@@ -15,6 +15,8 @@ class Picture:
     alternative: str
     """What a reader who cannot see it should know."""
     caption: str
+    wide: bool = False
+    """Whether it is no use when small: where there is no room for it, it scrolls sideways."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,10 @@ def section_html(section: Section, inside: str = "") -> str:
 
 
 def _picture(picture: Picture) -> str:
-    return (
-        f'<figure>\n<img src="{escape(picture.source)}" alt="{escape(picture.alternative)}">\n'
-        f"<figcaption>{escape(picture.caption)}</figcaption>\n</figure>"
-    )
+    image = f'<img src="{escape(picture.source)}" alt="{escape(picture.alternative)}">'
+    if picture.wide:
+        image = (
+            f'<div class="wide" tabindex="0" role="group" aria-label="{escape(picture.caption)}">'
+            f"{image}</div>"
+        )
+    return f"<figure>\n{image}\n<figcaption>{escape(picture.caption)}</figcaption>\n</figure>"

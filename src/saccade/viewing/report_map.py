@@ -186,6 +186,7 @@ def innovation_charts(
     nis: FloatArray,
     band: tuple[float, float],
     window: int,
+    components: tuple[str, str] = ("range", "bearing"),
 ) -> list[Chart]:
     """Innovations against what the filter expected of them.
 
@@ -196,6 +197,7 @@ def innovation_charts(
         nis: (k,) normalized innovation squared.
         band: where 95 % of the running means of a consistent filter lie.
         window: observations in the running mean.
+        components: what the two of an innovation are of.
     """
     used = np.isfinite(nis)
     if not used.any():
@@ -221,9 +223,9 @@ def innovation_charts(
         )
     ]
     sigma = np.sqrt(np.diagonal(covariance[used], axis1=1, axis2=2))
-    for i, which in enumerate(("First", "Second")):
+    for i, which in enumerate(components):
         share = innovation[used, i] / np.maximum(sigma[:, i], 1e-300)
-        title, limit = f"{which} component of the innovation", SIGMAS * ones
+        title, limit = f"Innovation of the {which}", SIGMAS * ones
         charts.append(
             Chart(
                 title,

@@ -2,8 +2,8 @@
 /* A map while it grows: the ground, what the camera saw, one landmark, and charts over time. */
 
 const DRIVES = {
-  estimate: ["blue", 2, []], odometry: ["grey", 1.25, [5, 4]],
-  truth: ["green", 4, []], smoothed: ["ink", 1.25, []],
+  estimate: ["blue", 2, [], "line"], odometry: ["grey", 1.25, [5, 4], "dashed"],
+  truth: ["green", 4, [], "thick"], smoothed: ["ink", 1.25, [], "thin"],
 };
 const KINDS_SEEN = [["new", "orange"], ["followed", "green"], ["recognized", "red"]];
 const MOST_BUTTONS = 40;
@@ -330,9 +330,10 @@ kinds.map = (element, data) => {
   const redrawn = (key) => (on) => { shown[key] = on; ground.redraw(); };
   const layers = [
     ...data.drives.map((each) => toggle(
-      { odometry: "odometry alone" }[each.name] || each.name, DRIVES[each.name][0], true, redrawn(each.name))),
+      { odometry: "odometry alone" }[each.name] || each.name, DRIVES[each.name][0], true,
+      redrawn(each.name), DRIVES[each.name][3])),
     toggle(`${data.sigmas} sigma`, "orange", true, redrawn("ellipses"), "ring"),
-    toggle("in sight", "green", true, redrawn("sight")),
+    toggle("in sight", "green", true, redrawn("sight"), "thin"),
   ];
   if (data.truth) layers.push(toggle("true landmarks", "green", true, redrawn("true"), "ring"));
   const zooms = make("div", { class: "zooms" },

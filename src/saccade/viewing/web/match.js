@@ -42,7 +42,7 @@ kinds.match = (element, data) => {
       context.setLineDash(dash);
       context.strokeStyle = context.fillStyle = color;
       context.lineWidth = 1;
-      context.globalAlpha = one.chosen < 0 ? 0.75 : 0.2;
+      context.globalAlpha = one.chosen < 0 ? Math.max(0.3, Math.min(0.75, 100 / count)) : 0.2;
       context.beginPath();
       for (let i = 0; i < count; i++) {
         if (inlier(i) !== wanted) continue;
