@@ -27,7 +27,8 @@ def sbom(session: nox.Session) -> None:
 def fuzz(session: nox.Session) -> None:
     """Break files for ten minutes, at random and as coverage guides."""
     session.install(".", "--group", "dev")
-    session.run("pytest", "-q", "tests/test_fuzz.py", env={"FUZZ_EXAMPLES": "200"})
+    tests = ("tests/test_fuzz.py", "tests/test_odd_words.py")
+    session.run("pytest", "-q", *tests, env={"FUZZ_EXAMPLES": "200"})
     session.run("python", "tests/fuzz/run.py", "--seconds", "600")
 
 

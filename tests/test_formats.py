@@ -151,4 +151,4 @@ def test_nothing_is_ever_unpickled():
                 told = {word.arg: ast.unparse(word.value) for word in node.keywords}
                 assert told.get("allow_pickle") == "False", f"{path}:{node.lineno}"
                 loads += 1
-    assert loads >= 6
+    assert loads >= 4

@@ -33,6 +33,18 @@ COMMANDS = {
     "index": ("manifest", "index {0}/out"),
     "export": ("record", "export {0}/out --format csv --out there"),
     "settings": ("settings", "look {0}/sift.toml --config {0}/sift.toml"),
+    "find": ("index-images", "find {0}/photos/a.png --in {0}/out"),
+    "fixations": ("fixations", "evaluate fixations --images {0} --fixations {0}/fixations.csv"),
+    "features": ("homography", "evaluate features --pairs {0} --detector opencv"),
+    "places": ("png", "evaluate places {0}/a.png --lap 2"),
+    "consistency": ("world", "evaluate consistency --config {0}/world.toml --runs 1 --json"),
+    "selection": (
+        "selection-run",
+        "evaluate selection -o {0} --budget 1 --choice strength --seeds 1 --frames 8",
+    ),
+    "world": ("world", "simulate world --config {0}/world.toml"),
+    "simulate": ("drive-settings", "simulate drive --config {0}/drive.toml --frames 2"),
+    "bag": ("rosbag1", "check {0}/way.bag"),
 }
 """By name: the target whose file is broken, and a command that reads it."""
 

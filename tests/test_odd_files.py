@@ -77,6 +77,15 @@ def test_an_image_that_says_it_is_huge(tmp_path, name, data):
         read_image(tmp_path / name)
 
 
+def test_a_chunk_that_says_it_is_huge(tmp_path):
+    """OpenCV would take 2 GB for it."""
+    whole = png(16, 16)
+    cut = whole.index(b"IDAT") - 4
+    (tmp_path / "a.png").write_bytes(whole[:cut] + b"\x7f\xff\xff\xf0" + whole[cut + 4 :])
+    with limited(memory=100 << 20), refuses(ImageError, "a.png: the image is cut short"):
+        read_image(tmp_path / "a.png")
+
+
 def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
     """Its size is unknown, as that of a file that is no image; `extract` records it as an error."""
     for name in ("a.png", "b.png"):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from saccade.errors import ImageError
-from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE
+from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, read_bytes
 from saccade.types import Float32Array, Image
 
 SILENT = 0
@@ -92,7 +92,20 @@ def read_stored(path: str | Path) -> Image:
     Raises:
         ImageError: as those of `read_image`.
     """
-    pixels = _decode(_read(Path(path)), str(path), cv2.IMREAD_UNCHANGED)
+    return decode_stored(_read(Path(path)), str(path))
+
+
+def decode_stored(data: bytes, name: str) -> Image:
+    """What `read_stored` gives, of the bytes of a file.
+
+    Args:
+        data: of any format that OpenCV reads.
+        name: what an error message calls it.
+
+    Raises:
+        ImageError: as those of `read_image`.
+    """
+    pixels = _decode(data, name, cv2.IMREAD_UNCHANGED)
     if pixels.ndim == 2:
         return pixels
     return cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2RGB)
@@ -100,7 +113,7 @@ def read_stored(path: str | Path) -> Image:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path)
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:  # no name can hold a null
@@ -253,13 +266,28 @@ def in_unit_range(pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32) -
 
 
 def _is_cut_short(data: bytes) -> bool:
-    """Whether a JPEG or PNG lacks its end: OpenCV fills the rest with grey and says nothing."""
+    """Whether a JPEG or PNG lacks its end: OpenCV fills the rest with grey and says nothing.
+
+    For a chunk of a PNG it takes as much memory as the chunk says it is long.
+    """
     if data.startswith(b"\xff\xd8"):
         start_of_scan, end_of_image = data.rfind(b"\xff\xda"), data.rfind(b"\xff\xd9")
         return end_of_image < start_of_scan
     if data.startswith(b"\x89PNG"):
-        return b"IEND" not in data[-64:] and data.rfind(b"IEND") < data.rfind(b"IDAT")
+        return _has_no_end(data)
     return False
+
+
+def _has_no_end(png: bytes) -> bool:
+    at = 8
+    while at + 8 <= len(png):
+        length, kind = int.from_bytes(png[at : at + 4], "big"), png[at + 4 : at + 8]
+        at += 12 + length  # with its sum
+        if kind == b"IEND":
+            return False
+        if at > len(png):
+            return True
+    return True
 
 
 @contextmanager

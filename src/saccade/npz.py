@@ -9,6 +9,8 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from saccade.files import check_file, open_file
+
 LARGEST_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""
 MOST_UNPACKED = 100
@@ -26,7 +28,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
         OSError: the file cannot be read.
         ValueError: it is something else, is broken, has objects in it, or unpacks to too much.
     """
-    with path.open("rb") as file:
+    with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         try:
             with zipfile.ZipFile(file) as archive:
@@ -39,6 +41,23 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
             raise
         except Exception as error:  # the libraries raise what the broken bytes happen to provoke
             raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+
+
+def map_array(path: Path) -> npt.NDArray[Any]:
+    """The array in an .npy, read only, as it lies on the disk.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is something else, is broken, or has objects in it.
+    """
+    check_file(path)
+    try:
+        values: npt.NDArray[Any] = np.lib.format.open_memmap(str(path), mode="r")
+    except OSError:
+        raise
+    except Exception as error:
+        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+    return values
 
 
 def check_unpacked(packed: int, unpacked: int) -> None:

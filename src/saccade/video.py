@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import VIDEO_SUFFIXES, whole_file
+from saccade.files import VIDEO_SUFFIXES, check_file, reason_of, whole_file
 from saccade.image import quiet_opencv
 from saccade.types import Image
 
@@ -32,11 +32,8 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
     Raises:
         ImageError: the file is missing, or is no video.
     """
-    if not Path(path).is_file():
-        raise ImageError(f"{path}: cannot be read: no such file")
     rate, number = video_rate(path), 0
-    with quiet_opencv():
-        capture = cv2.VideoCapture(str(path))
+    capture = _opened(path)
     try:
         while capture.grab():
             if number % every == 0:
@@ -52,9 +49,12 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
 
 
 def video_rate(path: str | Path) -> float:
-    """Frames per second of a video; 25 where it does not say."""
-    with quiet_opencv():
-        capture = cv2.VideoCapture(str(path))
+    """Frames per second of a video; 25 where it does not say.
+
+    Raises:
+        ImageError: there is no such file.
+    """
+    capture = _opened(path)
     try:
         return capture.get(cv2.CAP_PROP_FPS) or 25.0
     finally:
@@ -100,13 +100,11 @@ class VideoFrames:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        if not self.path.is_file():
-            raise ImageError(f"{path}: cannot be read: no such file")
         self.rate = video_rate(path)
         """Frames per second."""
         self.announced = 0
         """How many frames the file says it has; more than there are where it is cut."""
-        self._capture, self._next = self._opened(), 0
+        self._capture, self._next = _opened(path), 0
         self.announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
         while self._capture.grab():
             self._next += 1
@@ -128,7 +126,7 @@ class VideoFrames:
             raise ImageError(f"{self.path}: expected a frame below {self._count}, found {number}")
         if number < self._next - 1:  # the only way back that is exact in every format
             self._capture.release()
-            self._capture, self._next = self._opened(), 0
+            self._capture, self._next = _opened(self.path), 0
         while self._next <= number and self._capture.grab():
             self._next += 1
         whole, frame = self._capture.retrieve()
@@ -136,6 +134,12 @@ class VideoFrames:
             raise ImageError(f"{self.path}, frame {number}: cannot be decoded")
         return np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
 
-    def _opened(self) -> cv2.VideoCapture:
-        with quiet_opencv():
-            return cv2.VideoCapture(str(self.path))
+
+def _opened(path: str | Path) -> cv2.VideoCapture:
+    """OpenCV's reader of a video: it would open anything, and take a pattern for a name."""
+    try:
+        check_file(Path(path))
+    except (OSError, ValueError) as error:
+        raise ImageError(f"{path}: cannot be read: {reason_of(error)}") from error
+    with quiet_opencv():
+        return cv2.VideoCapture(str(path))

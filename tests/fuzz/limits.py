@@ -7,8 +7,14 @@ from pathlib import Path
 
 SECONDS = 60
 """Of a processor: the first file of a kind compiles what goes on with it."""
+PATIENCE = 120
+"""Of the clock: what waits for others takes no processor."""
 MEMORY = 1 << 30
 """Bytes that reading a small file may take at most."""
+
+
+class OverrunError(BaseException):
+    """It took too long: no Exception, which somebody on the way might take for an answer."""
 
 
 @contextmanager
@@ -16,16 +22,19 @@ def limited(seconds: int = SECONDS, memory: int = MEMORY) -> Iterator[None]:
     """Fail where the block takes longer or more; memory is looked at on Linux alone."""
 
     def stop(number, frame):
-        raise TimeoutError(f"took over {seconds} s")
+        raise OverrunError(f"took over {seconds} s, or waited {PATIENCE} s")
 
-    before = signal.signal(signal.SIGPROF, stop)
+    before = [signal.signal(each, stop) for each in (signal.SIGPROF, signal.SIGALRM)]
     signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
     begin = resident()
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, before)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGPROF, before[0])
+        signal.signal(signal.SIGALRM, before[1])
     taken = resident("VmHWM") - begin
     assert taken < memory, f"took {taken >> 20} MB"
 

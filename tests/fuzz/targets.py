@@ -1,8 +1,10 @@
 """Every reader of a file format, with a small good file of its kind to begin from."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +14,7 @@ from saccade.datasets import load, load_drive, save, save_drive
 from saccade.datasets.camera_poses import read_tum_poses
 from saccade.datasets.fixations import read_fixations
 from saccade.datasets.homography_pairs import homography_pairs
+from saccade.errors import SaccadeError
 from saccade.frames import Camera, Drive, Frame
 from saccade.image import read_image, read_stored
 from saccade.types import LandmarkLog, Trajectory
@@ -221,6 +224,7 @@ def _tracks(folder: Path) -> None:
 
 
 def _fixations(folder: Path) -> None:
+    cv2.imwrite(str(folder / "a.png"), a_picture())
     (folder / "fixations.csv").write_text(
         "image,viewer,index,x,y\na.png,1,0,3.5,4\na.png,1,1,9,9\n"
     )
@@ -291,6 +295,146 @@ def _extracted(folder: Path) -> None:
     (record,) = (folder / "out" / "images").iterdir()
     shard.rename(folder / "out" / "sift" / "part-0.parquet")
     record.rename(folder / "out" / "images" / "part-0.parquet")
+
+
+def _indexed(folder: Path) -> None:
+    from saccade.batch.index import build_index
+
+    _extracted(folder)
+    build_index(folder / "out")
+
+
+def _look_up(folder: Path) -> object:
+    from saccade.batch.index import Index
+
+    return Index(folder / "out").find(points())
+
+
+def _table(folder: Path) -> object:
+    from saccade.batch.export import read_points
+
+    return list(read_points(str(folder / "out")))
+
+
+def _mapped(folder: Path, maps: str) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from saccade import ContrastConfig
+    from saccade.batch import Job, extract, open_source
+    from saccade.batch.engines import Here
+
+    (folder / "photos").mkdir()
+    cv2.imwrite(str(folder / "photos" / "a.png"), cv2.resize(a_picture(), (64, 64)))
+    source = open_source(str(folder / "photos"))
+    extract(source, Job("contrast", ContrastConfig(), maps=maps), str(folder / "out"), Here())
+    (table,) = (folder / "out" / "contrast").iterdir()
+    (held,) = [path for path in (folder / "out" / "maps").rglob("*") if path.is_file()]
+    held.rename(folder / "out" / "maps" / "a")
+    place = folder / "out" / "contrast" / "part-0.parquet"
+    table.rename(place)
+    rows = pq.ParquetFile(place).read()
+    pq.write_table(rows.set_column(1, "file", pa.array(["maps/a"])), place)
+
+
+def _read_map(folder: Path) -> object:
+    from saccade.batch.maps import read_map
+    from saccade.batch.shards import read_rows
+    from saccade.batch.store import Folder
+    from saccade.batch.tables import MAP_ROWS
+
+    store = Folder(str(folder / "out"))
+    rows = read_rows(store, "contrast/part-0.parquet", MAP_ROWS)
+    return read_map(store, rows) if len(rows) else None
+
+
+def _list(folder: Path) -> None:
+    cv2.imwrite(str(folder / "a.png"), a_picture())
+    (folder / "photos.txt").write_text("# photographs\na.png\n./a.png\n")
+
+
+def _listed(folder: Path) -> object:
+    from saccade.batch import open_source
+    from saccade.batch.reading import read_content
+
+    source = open_source(str(folder / "photos.txt"))
+    return [read_content(source[i]) for i in range(len(source))]
+
+
+def _own_map(folder: Path) -> object:
+    from saccade.cli.evaluate import _array_in
+
+    return _array_in(folder / "a.npy")
+
+
+def _one_run() -> Any:
+    from saccade.cli.selection_runs import Series
+
+    return Series(None, 0, 8, (1,), ("strength",))
+
+
+def _run(folder: Path) -> None:
+    from saccade.cli.selection_runs import SCORES
+
+    path = _one_run().path(folder, 1, "strength")
+    path.parent.mkdir(parents=True)
+    row = {"drive": "simulator", "budget": 1, "choice": "strength", "seed": 0}
+    path.write_text(json.dumps(row | dict.fromkeys(SCORES, 0.5)))
+
+
+def _runs(folder: Path) -> object:
+    from saccade.cli.selection_runs import run_series
+
+    return run_series(_one_run(), folder)
+
+
+def _bag(version: int, file: str) -> Target:
+    def make(folder: Path) -> None:
+        from ros_bags import stereo, write_bag
+
+        write_bag(folder, version, stereo)
+
+    return _drive(make, file, file.partition("/")[0])
+
+
+def _served(folder: Path) -> object:
+    """What the server answers to a photograph."""
+    return _answer("/photo", (folder / "a.jpg").read_bytes())
+
+
+WISHES = {"photo": "", "model": "contrast", "fixations": 2, "contrast": {"map_level": 3}}
+
+
+def _wished(folder: Path) -> object:
+    """What the server answers to wishes about one."""
+    return _answer("/look", (folder / "wishes.json").read_bytes())
+
+
+def _answer(address: str, body: bytes) -> object:
+    from starlette.testclient import TestClient
+
+    from saccade.cli.workbench import Photo, Workbench
+    from saccade.serving.app import Samples, application
+
+    bench = Workbench()
+    bench._photos[""] = Photo("", a_picture((64, 64, 3)).astype(np.float32) / 255)
+    app = application(bench, Samples((), lambda name: b""), 8014, 100_000, {})
+    client = TestClient(app, base_url="http://127.0.0.1:8014")
+    answer = client.post(address, content=body)
+    assert answer.status_code in (200, 400, 404, 413, 422), answer.text
+    if answer.status_code != 200:
+        raise SaccadeError(answer.text.removesuffix("\n"))
+    return answer.json()
+
+
+def _written(name: str, text: str, kind: str) -> Target:
+    from saccade.cli.settings import load_settings
+
+    return Target(
+        lambda folder: (folder / name).write_text(text),
+        name,
+        lambda folder: load_settings(kind, path=folder / name),
+    )
 
 
 def _again(folder: Path) -> object:
@@ -380,4 +524,24 @@ TARGETS = {
     "manifest": Target(_extracted, "out/manifest.json", _again),
     "record": Target(_extracted, "out/images/part-0.parquet", _again),
     "tar": Target(_tar, "photos.tar", _untar),
+    "list": Target(_list, "photos.txt", _listed),
+    "points-table": Target(_extracted, "out/sift/part-0.parquet", _table),
+    "points-record": Target(_extracted, "out/images/part-0.parquet", _table),
+    "map-table": Target(lambda f: _mapped(f, "zarr"), "out/contrast/part-0.parquet", _read_map),
+    "map-zarr": Target(lambda f: _mapped(f, "zarr"), "out/maps/a", _read_map),
+    "map-png": Target(lambda f: _mapped(f, "png"), "out/maps/a", _read_map),
+    "index-images": Target(_indexed, "out/index/images.json", _look_up),
+    "index-places": Target(_indexed, "out/index/places.npy", _look_up),
+    "index-vectors": Target(_indexed, "out/index/vectors.faiss", _look_up),
+    "rosbag1": _bag(1, "way.bag"),
+    "rosbag2": _bag(2, "way/way.db3"),
+    "rosbag2-metadata": _bag(2, "way/metadata.yaml"),
+    "own-map": Target(lambda f: np.save(f / "a.npy", np.eye(9)), "a.npy", _own_map),
+    "selection-run": Target(_run, str(_one_run().path(Path(), 1, "strength")), _runs),
+    "served-photo": Target(_image("a.jpg", a_picture((64, 64, 3))).make, "a.jpg", _served),
+    "served-wishes": Target(
+        lambda f: (f / "wishes.json").write_text(json.dumps(WISHES)), "wishes.json", _wished
+    ),
+    "world": _written("world.toml", "steps = 20\nlandmarks = 5\n", "world"),
+    "drive-settings": _written("drive.toml", "frames = 2\nimage_size = [64, 48]\n", "drive"),
 }

@@ -11,9 +11,10 @@ from saccade.batch.job import POINTS
 from saccade.batch.manifest import read_manifest, record_files
 from saccade.batch.shards import read_record, read_rows
 from saccade.batch.store import Store, open_store
-from saccade.batch.tables import ENTRIES
-from saccade.errors import ConfigError, OutputError
+from saccade.batch.tables import ENTRIES, point_schema
+from saccade.errors import ConfigError, KeypointsError, OutputError
 from saccade.exchange import to_opencv, write_colmap, write_csv, write_hdf5
+from saccade.exchange.fields import check_name
 from saccade.files import whole_file
 from saccade.types import Keypoints
 
@@ -72,7 +73,7 @@ class Export(NamedTuple):
 
 
 def _shard(store: Store, what: str, file: str) -> Iterator[Extracted]:
-    table = read_rows(store, f"{what}/{file}")
+    table = read_rows(store, f"{what}/{file}", point_schema(boxes=False))
     xy = np.stack([table["x"].to_numpy(), table["y"].to_numpy()], axis=1)
     packed = table["descriptor"].combine_chunks()
     descriptors = np.frombuffer(packed.buffers()[1] or b"", np.uint8).reshape(-1, ENTRIES)
@@ -84,12 +85,17 @@ def _shard(store: Store, what: str, file: str) -> Iterator[Extracted]:
         table["octave"].to_numpy().astype(np.int32),
         descriptors[: len(xy)],
     )
-    first = 0
-    for row in read_record(store, file).to_pylist():
+    record, first = read_record(store, file), 0
+    if sum(record["rows"].to_pylist()) != len(xy):
+        raise KeypointsError(f"{what}/{file}: expected the rows of its record, found {len(xy)}")
+    for row in record.to_pylist():
         rows = slice(first, first + row["rows"])
         first = rows.stop
         if row["error"] is None:
-            yield Extracted(row["image"], (row["height"], row["width"]), points[rows])
+            shape = (row["height"] or 0, row["width"] or 0)
+            if min(shape) < 1:
+                raise KeypointsError(f"{row['image']}: expected an image of a size, found {shape}")
+            yield Extracted(row["image"], shape, points[rows])
 
 
 def _together(write: Callable[[Path, Mapping[str, Keypoints], dict[str, Any]], None]) -> Any:
@@ -106,6 +112,8 @@ def _apart(suffix: str, write: Callable[[Path, Extracted], None]) -> Any:
     def export(place: str, out: Path) -> int:
         count = 0
         for each in read_points(place):
+            if ".." in Path(check_name(each.image)).parts:
+                raise KeypointsError(f"{each.image}: would be written outside {out}")
             write(out / f"{each.image}{suffix}", each)
             count += 1
         return count

@@ -20,13 +20,14 @@ from saccade.batch.job import POINTS
 from saccade.batch.manifest import read_manifest, record_files
 from saccade.batch.shards import read_record, read_rows
 from saccade.batch.store import Folder
-from saccade.batch.tables import ENTRIES
+from saccade.batch.tables import ENTRIES, point_schema
 from saccade.errors import ConfigError, KeypointsError, require
 from saccade.extras import import_optional
-from saccade.files import whole_file
+from saccade.files import check_file, read_text, whole_file
 from saccade.formats import FORMATS, check_format
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
+from saccade.npz import map_array
 from saccade.types import Float32Array, IntArray, Keypoints
 
 FOLDER = "index"
@@ -83,19 +84,16 @@ class Index:
         self._faiss = import_optional("faiss", "find")
         place = Path(folder) / FOLDER
         try:
-            told = json.loads((place / "images.json").read_text(encoding="utf-8"))
+            told = json.loads(read_text(place / "images.json"))
             vectors = str(place / "vectors.faiss")
+            check_file(Path(vectors))
             self._vectors = self._faiss.read_index(vectors, self._faiss.IO_FLAG_MMAP)
-            self._places = np.load(place / "places.npy", mmap_mode="r", allow_pickle=False)
+            self._places = map_array(place / "places.npy")
             version = told.get("format")
-            absent = {"what", "settings", "most", "images", "first"} - set(told)
         except (OSError, ValueError, RuntimeError, AttributeError) as error:
             raise ConfigError(f"{folder}: expected an index; make one: saccade index") from error
         check_format("index", version, place / "images.json", ConfigError)
-        if absent:
-            raise ConfigError(
-                f"{place / 'images.json'}: expected {min(absent)!r} in it, found none"
-            )
+        _check(place, told, self._places, self._vectors)
         self.what: str = told["what"]
         """What made the points."""
         self.settings: dict[str, Any] = told["settings"]
@@ -138,10 +136,19 @@ class Index:
         return sorted(found, key=lambda each: (-each.agreeing, -each.similarity))
 
     def points_of(self, number: int) -> Keypoints:
-        """The points of an image that are in the index."""
+        """The points of an image that are in the index.
+
+        Raises:
+            KeypointsError: the index is broken there.
+        """
         first, end = self._first[number : number + 2].tolist()
-        descriptors = self._vectors.reconstruct_n(first, end - first).astype(np.uint8)
-        return replace(Keypoints.at(self._places[first:end], 1.0), descriptors=descriptors)
+        rows = self._vectors.reconstruct_n(first, end - first)
+        if not ((rows >= 0) & (rows <= 255)).all():
+            raise KeypointsError(
+                f"{self.images[number]}: expected bytes in the index, found others"
+            )
+        points = Keypoints.at(self._places[first:end], 1.0)
+        return replace(points, descriptors=rows.astype(np.uint8))
 
     def _similarity(self, points: Keypoints) -> Float32Array:
         """(images,) how many points are like those of each, a near one counting up to 1.
@@ -170,6 +177,26 @@ class Index:
         if len(pairs) < config.agreeing:
             return 0
         return int(verify(points, there, pairs, least=config.agreeing).inliers.sum())
+
+
+def _check(place: Path, told: dict[str, Any], places: npt.NDArray[Any], vectors: Any) -> None:
+    """Refuse an index whose files do not belong together."""
+    kinds = {"what": str, "settings": dict, "most": int, "images": list, "first": list}
+    for name, kind in kinds.items():
+        if not isinstance(told.get(name), kind):
+            found = repr(told[name])[:80] if name in told else "none"
+            raise ConfigError(f"{place / 'images.json'}: expected {name!r} in it, found {found}")
+    images, first = told["images"], told["first"]
+    named = all(isinstance(each, str) for each in images)
+    numbered = all(type(each) is int and 0 <= each <= len(places) for each in first)
+    whole = named and numbered and len(images) == len(first) and first == sorted(first)
+    if not whole or told["what"] not in POINTS or told["most"] < 1:
+        raise ConfigError(f"{place / 'images.json'}: expected the images of the index")
+    if places.shape != (vectors.ntotal, 2) or places.dtype != np.float32 or vectors.d != ENTRIES:
+        raise ConfigError(
+            f"{place}: expected a place for each of {vectors.ntotal} descriptors, "
+            f"found {places.dtype} of shape {places.shape}"
+        )
 
 
 def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
@@ -210,7 +237,7 @@ def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
         told = {
             "format": FORMATS["index"],
             "what": what,
-            "settings": manifest["configuration"]["settings"],
+            "settings": manifest["configuration"].get("settings", {}),
             "most": most,
             "images": images,
             "first": first,
@@ -235,10 +262,11 @@ def _kept(
     store: Folder, what: str, most: int
 ) -> Iterator[tuple[Float32Array, npt.NDArray[np.uint8]]]:
     """Places and descriptors of the strongest points of every image, shard by shard."""
+    schema = point_schema(boxes=False)
     for file in record_files(store):
         counts = read_record(store, file, ["rows"])["rows"].to_numpy()
         starts = np.cumsum(counts) - counts
-        table = read_rows(store, f"{what}/{file}", ["x", "y", "descriptor"])
+        table = read_rows(store, f"{what}/{file}", schema, ["x", "y", "descriptor"])
         if len(table) != counts.sum():
             raise KeypointsError(f"{what}/{file}: expected {counts.sum()} rows, found {len(table)}")
         rank = np.arange(len(table)) - np.repeat(starts, counts)

@@ -13,6 +13,7 @@ from saccade.batch.shards import PREFIX, RECORDS, SUFFIX, read_record
 from saccade.batch.store import Store
 from saccade.batch.tables import ERRORS, batch_of, parquet_options
 from saccade.errors import ConfigError
+from saccade.files import LARGEST_TEXT, reason_of
 from saccade.formats import FORMATS, check_format
 
 MANIFEST = "manifest.json"
@@ -39,11 +40,13 @@ def read_manifest(store: Store) -> dict[str, Any] | None:
     """What is in the manifest; None where there is none."""
     try:
         with store.open(MANIFEST) as file:
-            told = dict(json.loads(file.read()))
+            told = dict(json.loads(file.read(LARGEST_TEXT)))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, TypeError, RecursionError) as error:
-        raise ConfigError(f"{store.place}/{MANIFEST}: cannot be read: {error}") from error
+        raise ConfigError(
+            f"{store.place}/{MANIFEST}: cannot be read: {reason_of(error)}"
+        ) from error
     check_format("extraction", told.get("format"), f"{store.place}/{MANIFEST}", ConfigError)
     if not isinstance(told.get("configuration"), dict) or "what" not in told:
         expected = "expected what `saccade extract` writes, found other names"

@@ -5,6 +5,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from math import prod
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,8 +15,10 @@ import pyarrow as pa
 
 from saccade.batch.job import MAPS, Job
 from saccade.batch.store import Store
-from saccade.errors import OutputError
+from saccade.errors import KeypointsError, OutputError, SaccadeError
 from saccade.extras import import_optional
+from saccade.files import LARGEST_IMAGE, reason_of
+from saccade.image import decode_stored, size_in_header
 from saccade.types import Float32Array
 
 FOLDER = "maps"
@@ -52,19 +55,46 @@ def writing_maps(job: Job, store: Store, shard: str) -> Iterator[AddMap]:
 
 
 def read_map(store: Store, row: pa.Table) -> Float32Array:
-    """The map that a row of the table names, (h, w) in [0, 1]."""
-    file, array = row["file"][0].as_py(), row["array"][0].as_py()
+    """The map that a row of the table names, (h, w) in [0, 1].
+
+    Raises:
+        KeypointsError: it is missing, broken, or of another shape than the row says.
+        ConfigError: zarr is needed and not installed.
+    """
+    names = ("file", "array", "rows", "columns")
+    file, array, *shape = (row[name][0].as_py() for name in names)
+    try:
+        values = _map_in(store, file, array, tuple(shape))
+    except (SaccadeError, MemoryError):
+        raise
+    except Exception as error:  # zarr raises what the broken bytes happen to provoke
+        found = " ".join(reason_of(error).split())
+        raise KeypointsError(f"{store.place}/{file}: expected a map: {found}") from error
+    return values
+
+
+def _map_in(store: Store, file: str, array: str, shape: tuple[int, ...]) -> Float32Array:
     with store.open(file) as opened:
         if not array:
-            pixels = cv2.imdecode(np.frombuffer(opened.read(), np.uint8), cv2.IMREAD_UNCHANGED)
+            data = opened.read()
+            _check_shape(size_in_header(data, file)[::-1], shape)
+            pixels = decode_stored(data, f"{store.place}/{file}")
+            _check_shape(pixels.shape, shape)
             return (np.asarray(pixels) / np.float32(WHITE)).astype(np.float32)
         zarr = import_optional("zarr", "zarr")
         with tempfile.NamedTemporaryFile(suffix=".zip") as copy:
             shutil.copyfileobj(opened, copy)
             copy.flush()
             with _archive(zarr, Path(copy.name), "r") as archive:
-                values = zarr.open_group(archive, mode="r")[array][...]
-                return np.asarray(values, np.float32)
+                held = zarr.open_group(archive, mode="r")[array]
+                _check_shape(held.shape, shape)
+                return np.asarray(held[...], np.float32)
+
+
+def _check_shape(found: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    """Before an array is unpacked: a small file may hold a large one."""
+    if found != expected or prod(expected) > LARGEST_IMAGE:
+        raise ValueError(f"expected {expected} values, found {found}")
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from saccade.batch.manifest import generation_of, name_of, record_files
 from saccade.batch.shards import RECORDS, Shard, read_record, read_rows
 from saccade.batch.sources import Item, Source
 from saccade.batch.store import Store
+from saccade.batch.tables import MAP_ROWS
 
 MOST = 256
 """Images to a shard: minutes of work, and a file of about 30 MB."""
@@ -78,10 +79,14 @@ def remove_orphans(store: Store, job: Job) -> None:
     for file in store.names(job.what):
         if file not in recorded:
             name = f"{job.what}/{file}"
-            maps = read_rows(store, name, ["file"])["file"].unique() if job.what in MAPS else []
+            maps = _maps_of(store, name) if job.what in MAPS else []
             for each in maps:
-                store.remove(str(each))
+                store.remove(each)
             store.remove(name)
+
+
+def _maps_of(store: Store, name: str) -> list[str]:
+    return [str(each) for each in read_rows(store, name, MAP_ROWS, ["file"])["file"].unique()]
 
 
 def shard_name(first: int, items: list[Item]) -> str:

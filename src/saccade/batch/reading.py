@@ -7,7 +7,7 @@ from typing import Any
 
 from saccade.batch.sources import Item, remote_system
 from saccade.errors import ImageError
-from saccade.files import reason_of
+from saccade.files import open_file, read_bytes, reason_of
 from saccade.types import Image
 
 _open = threading.local()
@@ -24,10 +24,10 @@ def read_content(item: Item) -> "bytes | Image":
         if "://" in item.place:
             return _remote(item)
         if item.start < 0:
-            return Path(item.place).read_bytes()
+            return read_bytes(Path(item.place))
         if item.size < 0:
             return _frame(item)
-        with Path(item.place).open("rb") as file:
+        with open_file(Path(item.place)) as file:
             file.seek(item.start)
             return file.read(item.size)
     except ImageError:

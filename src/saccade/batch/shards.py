@@ -6,6 +6,7 @@ What is done anew of a shard makes another one beside it, a generation younger, 
 moment a record tells of a table that it was not written for.
 """
 
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,8 +21,10 @@ from saccade.batch.maps import read_map, writing_maps
 from saccade.batch.reading import decoded, digest_of, read_content
 from saccade.batch.sources import Item
 from saccade.batch.store import Store, open_store
-from saccade.batch.tables import RECORD, batch_of, parquet_options, texts
+from saccade.batch.tables import RECORD, batch_of, check_columns, parquet_options, texts
 from saccade.errors import KeypointsError, OutputError, SaccadeError
+from saccade.files import reason_of
+from saccade.npz import check_unpacked
 
 PREFIX, SUFFIX = "part-", ".parquet"
 RECORDS = "images"
@@ -84,25 +87,44 @@ def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> Rep
     return Report(len(todo), len(kept), sum(row["rows"] for row in made), failed)
 
 
-def read_rows(store: Store, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+def read_rows(
+    store: Store, name: str, schema: pa.Schema, columns: Sequence[str] | None = None
+) -> pa.Table:
     """What is in a Parquet file; Arrow's own `read_table` would load pandas.
 
+    Args:
+        store: where it is.
+        name: of the file.
+        schema: what it was written with.
+        columns: those that are wanted; all unless told otherwise.
+
     Raises:
-        KeypointsError: it is broken.
+        KeypointsError: it is missing, broken, or something else.
     """
-    with store.open(name) as opened:
-        try:
-            with pq.ParquetFile(opened) as file:
-                return file.read(columns)
-        except (pa.ArrowException, OSError) as error:
-            found = " ".join(str(error).split())
-            message = f"{store.place}/{name}: expected a table of `saccade extract`: {found}"
-            raise KeypointsError(message) from error
+    names = columns or schema.names
+    wanted = pa.schema([schema.field(each) for each in names])
+    try:
+        with store.open(name) as opened, pq.ParquetFile(opened) as file:
+            size = opened.seek(0, os.SEEK_END)
+            check_unpacked(size, file.metadata.num_rows * _bytes_of(wanted))
+            table = file.read(names)
+            check_columns(table, wanted)
+            return table
+    except (pa.ArrowException, OSError, ValueError) as error:
+        found = " ".join(reason_of(error).split())
+        message = f"{store.place}/{name}: expected a table of `saccade extract`: {found}"
+        raise KeypointsError(message) from error
 
 
 def read_record(store: Store, file: str, columns: Sequence[str] | None = None) -> pa.Table:
     """The record of a shard."""
-    return read_rows(store, f"{RECORDS}/{file}", columns)
+    return read_rows(store, f"{RECORDS}/{file}", RECORD, columns)
+
+
+def _bytes_of(schema: pa.Schema) -> int:
+    """Of a row, at least."""
+    wide = [each.type for each in schema if not pa.types.is_string(each.type)]
+    return sum(each.bit_width // 8 for each in wide)
 
 
 def kept_records(
@@ -144,7 +166,7 @@ def _write(
     """Write the table and the record of a shard; gives the rows of what was done now."""
     with _writing(job, store, shard) as write:
         if kept:
-            table = read_rows(store, f"{job.what}/{shard.before}")
+            table = read_rows(store, f"{job.what}/{shard.before}", schema_of(job))
             maps = store if job.what in MAPS else None
             for name, row in kept.items():
                 rows = table.slice(row["first"], row["rows"])

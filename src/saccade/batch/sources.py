@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 from saccade.errors import ImageError
 from saccade.extras import import_optional
-from saccade.files import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from saccade.files import IMAGE_SUFFIXES, VIDEO_SUFFIXES, open_file, read_text
 
 LIST_SUFFIXES = (".txt", ".lst")
 TAR_SUFFIX = ".tar"
@@ -111,7 +111,7 @@ class Tar:
         """Go through a tar once, and remember where each image lies."""
         prefix = f"{Path(place).name}/"
         try:
-            with open_place(place) as file, tarfile.open(fileobj=file) as archive:
+            with open_place(place) as file, tarfile.open(fileobj=file, mode="r:") as archive:
                 members = sorted(
                     (each.name.removeprefix("./"), each.offset_data, each.size)
                     for each in archive
@@ -241,7 +241,7 @@ def name_of(place: str) -> str:
 def open_place(place: str) -> Any:
     """A file or what a URL names, open for reading bytes."""
     if "://" not in place:
-        return Path(place).open("rb")
+        return open_file(Path(place))
     system, path = remote_system(place)
     return system.open(path, "rb")
 
@@ -308,7 +308,7 @@ def _mixed(names: Sequence[str], root: str, every: int = 0) -> Source:
 
 def _lines(path: Path) -> list[str]:
     try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
+        return read_text(path).splitlines()
     except UnicodeDecodeError as error:
         raise ImageError(f"{path}: expected a list of images, found no text") from error
 

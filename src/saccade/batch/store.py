@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from saccade.batch.sources import remote_system
 from saccade.errors import OutputError
-from saccade.files import reason_of, whole_file
+from saccade.files import open_file, reason_of, whole_file
 
 LEFTOVERS = ".partial"
 """Folder of files that are being written; hidden from those who read the data set."""
@@ -71,17 +71,24 @@ class Folder:
 
     def open(self, name: str) -> Any:
         """A file for reading."""
-        return (self._root / name).open("rb")
+        return open_file(self._path(name))
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """A temporary path; the file appears when the block ends well."""
-        with whole_file(self._root / name, self._root / LEFTOVERS) as temporary:
+        with whole_file(self._path(name), self._root / LEFTOVERS) as temporary:
             yield temporary
 
     def remove(self, name: str) -> None:
         """Take a file away, if it is there."""
-        (self._root / name).unlink(missing_ok=True)
+        self._path(name).unlink(missing_ok=True)
+
+    def _path(self, name: str) -> Path:
+        """Of a file that is in the folder: a table may hold any name."""
+        path = Path(name)
+        if path.is_absolute() or ".." in path.parts or "\0" in name:
+            raise OutputError(f"{self.place}: expected a file in it, found {name!r}")
+        return self._root / path
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -143,7 +143,28 @@ RECORD = pa.schema(
 """What is known of every image: the hash of its content (BLAKE2b, 128 bits), how many rows of
 the table are its own, how long it took, what made them, and what was wrong with it."""
 
+UNKNOWN = {"content", "width", "height", "seconds", "error"}
+"""Columns of a record in which a cell may be empty."""
+
 ERRORS = pa.schema([("image", pa.string()), ("content", pa.string()), ("error", pa.string())])
+
+
+def check_columns(table: pa.Table, schema: pa.Schema) -> None:
+    """Refuse a table that is not what was written.
+
+    Raises:
+        ValueError: a column of the schema is missing, is of another type, or has an empty cell.
+        pyarrow.ArrowInvalid: what is in a column is not of its type.
+    """
+    for field in schema:
+        if field.name not in table.column_names:
+            raise ValueError(f"no column {field.name!r}")
+        column = table[field.name]
+        if column.type != field.type:
+            raise ValueError(f"{field.name}: expected {field.type}, found {column.type}")
+        if column.null_count and field.name not in UNKNOWN:
+            raise ValueError(f"{field.name}: expected no empty cell, found one")
+    table.validate(full=True)
 
 
 def parquet_options(schema: pa.Schema) -> dict[str, Any]:

@@ -30,7 +30,9 @@ def demo(
     from importlib.resources import as_file, files
 
     from saccade.cli.output import print_json, print_table, say, write_text
+    from saccade.files import make_folder
 
+    make_folder(out)
     album = Album("saccade demo", LEAD)
     with as_file(files("saccade") / "data") as data:
         made = _make(data, out, album)

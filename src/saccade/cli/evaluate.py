@@ -13,6 +13,9 @@ from saccade.cli.evaluate_places import places
 from saccade.cli.evaluate_selection import selection
 from saccade.cli.options import Json, Preset, Report, Settings
 
+LARGEST = 1e15
+"""In a map that somebody brings: squares of float32 can be summed up to it."""
+
 evaluate = typer.Typer(
     help="Measure results against people, peers and truth.", no_args_is_help=True
 )
@@ -173,17 +176,18 @@ def _array_in(path: Path) -> Any:
     import numpy as np
 
     from saccade.errors import ImageError
+    from saccade.npz import map_array
 
     try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        array = map_array(path)
+    except (OSError, ValueError) as error:
         raise ImageError(f"{path}: expected a map as .npy, found another file") from error
     if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
         raise ImageError(
             f"{path}: expected numbers of shape (h, w), found {array.dtype} of shape {array.shape}"
         )
-    if not np.isfinite(array).all():
-        raise ImageError(f"{path}: expected finite numbers, found NaN or infinity")
+    if not (np.abs(array.astype(np.float64)) < LARGEST).all():
+        raise ImageError(f"{path}: expected finite numbers under {LARGEST:g}, found others")
     return array.astype(np.float32)
 
 

@@ -96,6 +96,7 @@ def selection(
     from saccade.cli.output import print_json, print_table, say
     from saccade.cli.selection_runs import run_all
     from saccade.errors import require
+    from saccade.files import make_folder
 
     wanted = list(dict.fromkeys(choices or CHOICES))
     for each in wanted:
@@ -110,6 +111,7 @@ def selection(
     ]
     worlds = list(dict.fromkeys(each.world for each in series))
     axes = Axes(worlds, limits, wanted, [first_seed + number for number in numbers])
+    make_folder(out)
     tables = _tables(run_all(series, out, jobs), axes)
     picture = _drawn(out / "selection.png", tables, axes)
     overall, rows = _overall(tables, wanted), list(_rows(tables, axes))

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 from saccade import __version__
@@ -27,6 +28,7 @@ CHOICES = {
 """What is compared: SIFT chosen in several ways, and two other detectors by strength."""
 SCORES = ("found_again", "association_precision", "ate_m", "inside_3sigma", "landmarks", "end_m")
 """What is kept of each run, beside how long it took."""
+SCORE = (float, int, NoneType)
 LAP = 150
 """Frames of a lap of the simulated ring; its robot goes as far in one as in the default ring."""
 RING = (7.0, 5.5)
@@ -99,16 +101,32 @@ def _runs(series: Series, out: Path) -> Iterator[dict[str, Any]]:
     for budget in series.budgets:
         for choice in series.choices:
             path = series.path(out, budget, choice)
+            row = {"drive": series.world, "budget": budget, "choice": choice, "seed": series.seed}
             if path.exists():
-                yield json.loads(path.read_text(encoding="utf-8"))
+                yield _kept(path, row)
                 continue
             if drive is None:
                 drive = _opened(series)
                 drive = replace(drive, load=cache(drive.load))
-            row = {"drive": series.world, "budget": budget, "choice": choice, "seed": series.seed}
             row |= _scored(drive, _settings(budget, choice, series.seed), memory)
             write_text(path, json.dumps(row, indent=2) + "\n")
             yield row
+
+
+def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any]:
+    """A run that was made before, of what is asked for."""
+    from saccade.errors import ConfigError
+    from saccade.files import read_text, reason_of
+
+    try:
+        row: Any = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
+    made: dict[str, Any] = row if isinstance(row, dict) else {}
+    scored = all(isinstance(made.get(name, ""), SCORE) for name in SCORES)
+    if not scored or any(made.get(name) != asked[name] for name in asked):
+        raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
+    return made
 
 
 def _opened(series: Series) -> "Drive":

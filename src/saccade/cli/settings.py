@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from saccade.errors import ConfigError
+from saccade.files import read_text
 
 KINDS = {
     "attention": ("saccade.attention.combined", "AttentionConfig"),
@@ -106,7 +107,7 @@ def _named(kind: str, preset: str) -> Any:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(read_text(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -33,12 +33,13 @@ def world(
     from saccade import datasets
     from saccade.cli.output import print_json, print_table
     from saccade.cli.settings import load_settings
+    from saccade.files import make_folder
     from saccade.simulation import simulate_world
 
     log = simulate_world(load_settings("world", preset, config), seed)
     assert log.truth is not None
     assert log.landmark_truth is not None
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     datasets.write_log_csv(out / "log.csv", log)
     datasets.write_tum(out / "truth.tum", log.truth)
     datasets.write_landmarks(out / "landmarks.csv", log.landmark_truth)

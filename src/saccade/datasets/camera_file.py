@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import ConfigError, DriveError, require
-from saccade.files import whole_file
+from saccade.files import read_text, whole_file
 from saccade.frames import AHEAD, Camera
 from saccade.types import FloatArray
 
@@ -63,7 +63,7 @@ def read_calibration(path: Path) -> Calibration:
             sense; names it.
     """
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        values = tomllib.loads(read_text(path))
     except OSError as error:
         raise DriveError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -35,11 +35,12 @@ from saccade.datasets.companion_files import Truth, assembled
 from saccade.datasets.drive_tum import associated
 from saccade.datasets.image_files import in_time, metres, straight
 from saccade.datasets.lens import Lens
-from saccade.datasets.ros_messages import calibration_of, pixels_of, pose_of, seconds_of
+from saccade.datasets.ros_messages import calibration_of, measured, pixels_of, pose_of, seconds_of
 from saccade.datasets.ros_transforms import mounting
 from saccade.datasets.steps import Steps, steps_from_poses, unknown_steps
 from saccade.errors import DriveError, ImageError
 from saccade.extras import import_optional
+from saccade.files import LARGEST_TEXT, check_file, open_file, reason_of
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import FloatArray, Image, IntArray
 
@@ -51,6 +52,8 @@ POSES = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/TransformStamped",
 )
+MAGIC = b"#ROSBAG V2.0\n"
+"""Of a bag of ROS 1."""
 TRUE = ("truth", "gt", "vicon", "mocap")
 
 
@@ -81,6 +84,7 @@ class Bag:
         typesys = import_optional("rosbags.typesys", "ros")
         default = typesys.get_typestore(typesys.Stores.LATEST)
         try:
+            _check(self.path)
             reader = highlevel.AnyReader([self.path], default_typestore=default)
             reader.open()
         except Exception as error:  # rosbags raises what the broken bytes happen to provoke
@@ -96,10 +100,13 @@ class Bag:
         """Time of recording in nanoseconds and message, of every one of a topic, one by one.
 
         Raises:
-            DriveError: the bag is broken there.
+            DriveError: the bag is broken there, or has none though it says so.
         """
+        stamp = None
         for connection, stamp, raw in self._raw(topic):
             yield stamp, self._read(raw, connection)
+        if stamp is None:
+            raise DriveError(f"{self.path}, {topic}: expected messages, found none")
 
     def stamps(self, topic: str) -> tuple[IntArray, FloatArray]:
         """Times of recording in nanoseconds (n,), and of the headers in seconds (n,)."""
@@ -135,6 +142,17 @@ class Bag:
                 f"{self.path}, {connection.topic}: expected {connection.msgtype}: "
                 f"{_first_line(error)}"
             ) from error
+
+
+def _check(path: Path) -> None:
+    """Refuse what rosbags would read to its end, or wait for."""
+    if path.is_dir():
+        for file in path.iterdir():
+            check_file(file, LARGEST_TEXT if file.suffix == ".yaml" else None)
+        return
+    with open_file(path) as opened:
+        if opened.read(len(MAGIC)) != MAGIC:
+            raise ValueError("it does not begin as one of version 2.0 does")
 
 
 def _close(readers: list[Any]) -> None:
@@ -286,7 +304,7 @@ def _truth(bag: Bag, zero: float) -> Truth:
 
 def _poses(bag: Bag, topic: str, zero: float) -> Poses:
     found = [(seconds_of(message) - zero, *pose_of(message)) for _, message in bag.messages(topic)]
-    table = np.array(sorted(found))
+    table = measured(sorted(found), f"{bag.path}, {topic}")
     return Poses(table[:, 0], rotations(table[:, 4:], f"{bag.path}, {topic}"), table[:, 1:4])
 
 
@@ -300,4 +318,4 @@ def _listed(bag: Bag) -> str:
 
 
 def _first_line(error: Exception) -> str:
-    return str(error).partition("\n")[0] or type(error).__name__
+    return reason_of(error).partition("\n")[0]

@@ -1,12 +1,14 @@
 """Recorded fixations: a CSV table, or the `.mat` file of the OSIE data set."""
 
 import csv
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
 from saccade.datasets.matlab import read_matlab
 from saccade.errors import LogError
+from saccade.files import read_text
 from saccade.types import FixationTable
 
 COLUMNS = ("image", "viewer", "index", "x", "y")
@@ -38,7 +40,7 @@ _Row = tuple[str, int, int, float, float]
 def _csv_rows(path: Path) -> list[_Row]:
     rows = []
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
+        with StringIO(read_text(path), newline="") as file:
             reader = csv.DictReader(file)
             missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
             if missing:

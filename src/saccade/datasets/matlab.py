@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.files import read_bytes
 
 HEADER = 128
 LARGEST = 1 << 30
@@ -52,7 +53,7 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 
 from saccade.datasets.camera_file import Calibration
+from saccade.datasets.text import LARGEST
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.frames import Camera
-from saccade.types import Image
+from saccade.types import FloatArray, Image
 
 _LAYOUTS = {
     "mono8": (np.uint8, 1),
@@ -81,8 +82,8 @@ def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
     Raises:
         DriveError: a model of distortion that OpenCV's five coefficients are not.
     """
-    K, D = np.asarray(_field(left, "k"), np.float64), np.asarray(_field(left, "d"), np.float64)
-    P = np.asarray(_field(left, "p"), np.float64).reshape(3, 4)
+    K, D, P = (measured(_field(left, each), name) for each in "kdp")
+    P = P.reshape(3, 4)
     if left.distortion_model not in STRAIGHT or len(D) not in (0, 4, 5):
         raise DriveError(
             f"{name}: expected plumb_bob with up to five coefficients, "
@@ -90,7 +91,7 @@ def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
         )
     baseline = 0.0
     if right is not None:
-        P2 = np.asarray(_field(right, "p"), np.float64).reshape(3, 4)
+        P2 = measured(_field(right, "p"), name).reshape(3, 4)
         baseline = -float(P2[0, 3] / P2[0, 0]) if P2[0, 0] else 0.0
         if np.any(D):
             raise DriveError(
@@ -110,6 +111,18 @@ def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
     except ConfigError as error:
         raise DriveError(f"{name}: {error}") from error
     return Calibration(camera, tuple(D.tolist()) if np.any(D) else ())
+
+
+def measured(values: Any, name: str) -> FloatArray:
+    """Numbers of a message as float64.
+
+    Raises:
+        DriveError: one is not finite, or larger than anything that is measured.
+    """
+    numbers = np.asarray(values, np.float64)
+    if not (np.abs(numbers) < LARGEST).all():
+        raise DriveError(f"{name}: expected finite numbers under {LARGEST:g}, found others")
+    return numbers
 
 
 def pose_of(message: Any) -> tuple[float, ...]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from saccade.datasets.camera_poses import rotations
+from saccade.datasets.ros_messages import measured
 from saccade.types import FloatArray
 
 
@@ -51,6 +52,7 @@ def _plain(frame: str) -> str:
 def _matrix(transform: Any, name: str) -> FloatArray:
     turn, place = transform.rotation, transform.translation
     pose = np.eye(4)
-    pose[:3, :3] = rotations(np.array([[turn.x, turn.y, turn.z, turn.w]]), name)[0]
-    pose[:3, 3] = place.x, place.y, place.z
+    quaternion = measured([[turn.x, turn.y, turn.z, turn.w]], name)
+    pose[:3, :3] = rotations(quaternion, name)[0]
+    pose[:3, 3] = measured([place.x, place.y, place.z], name)
     return pose

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.files import read_text
 from saccade.types import FloatArray
 
 
@@ -16,7 +17,7 @@ def read_lines(path: Path) -> list[str]:
         LogError: there is no such file, it cannot be read, or it is not text.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -1,13 +1,14 @@
 """Text for spreadsheets, one image to a file: everything but the descriptors."""
 
 import csv
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import checked, keypoints_from, reading
-from saccade.files import whole_file
+from saccade.files import read_text, whole_file
 from saccade.types import Keypoints
 
 COLUMNS = ("x", "y", "size", "angle", "response", "octave")
@@ -46,7 +47,7 @@ def read_csv(path: str | Path) -> Keypoints:
     path = Path(path)
     with (
         reading(path, "CSV text", UnicodeDecodeError, csv.Error),
-        path.open(encoding="utf-8-sig", newline="") as file,
+        StringIO(read_text(path), newline="") as file,
     ):
         reader = csv.DictReader(file)
         missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]

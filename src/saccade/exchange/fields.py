@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
+from saccade.files import open_file, reason_of
 from saccade.types import Keypoints
 
 UNKNOWN_SIZE = 2.0
@@ -81,7 +82,7 @@ def reading(path: Path, expected: str, *errors: type[Exception]) -> Iterator[Non
         KeypointsError: the file cannot be read, or is not what was expected.
     """
     try:
-        with path.open("rb"):
+        with open_file(path):
             pass  # the libraries say the same in many words
     except IsADirectoryError:
         pass
@@ -146,4 +147,4 @@ def _bytes(source: str, values: npt.NDArray[Any], count: int) -> npt.NDArray[np.
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    return " ".join(reason_of(error).split())

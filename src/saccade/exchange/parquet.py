@@ -11,7 +11,7 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
-from saccade.files import whole_file
+from saccade.files import check_file, whole_file
 from saccade.formats import FORMATS, check_format
 from saccade.npz import check_unpacked
 from saccade.types import IntArray, Keypoints
@@ -102,6 +102,8 @@ def read_parquet(path: str | Path) -> dict[str, Keypoints]:
 def _sizes(pq: Any, path: Path) -> tuple[int, int]:
     """Bytes of a file, or of a folder of files, and of their rows."""
     files = sorted(path.glob("**/*.parquet")) if path.is_dir() else [path]
+    for file in files:
+        check_file(file)
     rows = sum(pq.read_metadata(file).num_rows for file in files)
     return sum(file.stat().st_size for file in files), rows * (ENTRIES + ROW)
 
