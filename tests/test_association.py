@@ -35,8 +35,8 @@ UNKNOWN = np.full(9, -1)
 WORLD = np.array([[5.0, 1.0], [6.0, -2.0], [8.0, 0.0], [-3.0, 4.0]])
 
 
-def _filter(landmarks=WORLD, spread=1e-4, sensor=RANGE_BEARING):
-    ekf = EkfSlam(np.zeros(3), spread * np.eye(3), sensor=sensor)
+def _filter(landmarks=WORLD, spread=1e-4):
+    ekf = EkfSlam(np.zeros(3), spread * np.eye(3))
     for landmark in landmarks:
         ekf.augment(observe(np.zeros(3), landmark)[0], R)
     return ekf
@@ -153,11 +153,22 @@ def test_distance_is_normalized_by_the_covariance(v, root):
     assert np.isinf(squared_distance(v, 0 * S)).all()
 
 
-def test_a_sensor_of_ones_own_finds_the_same_distances():
+@pytest.mark.parametrize("retraction", Retraction)
+def test_a_sensor_of_ones_own_finds_the_same_distances(retraction):
     z, noise = _scan(WORLD + np.array([0.1, -0.05]))
-    own = _filter(sensor=type("Own", (RangeBearing,), {})())
+    filters = []
+    for sensor in (RANGE_BEARING, type("Own", (RangeBearing,), {})()):
+        ekf = EkfSlam(np.zeros(3), 1e-2 * np.eye(3), sensor=sensor, retraction=retraction)
+        for landmark in WORLD:
+            ekf.augment(observe(np.zeros(3), landmark)[0], R)
+        ekf.predict(np.array([0.3, 0.2]), 1e-2 * np.eye(2))
+        ekf.update(observe(ekf.pose, WORLD[1])[0], R, 1)
+        ekf.predict(np.array([0.3, -0.1]), 1e-2 * np.eye(2))
+        filters.append(ekf)
+    compiled, own = filters
+    assert compiled.is_compiled
     assert not own.is_compiled
-    expected = mahalanobis_squared(_filter(), z, noise)
+    expected = mahalanobis_squared(compiled, z, noise)
     np.testing.assert_allclose(mahalanobis_squared(own, z, noise), expected, rtol=1e-9)
     near = mahalanobis_squared(own, z, noise, 9.0)
     np.testing.assert_array_equal(np.isinf(near), expected > 9)

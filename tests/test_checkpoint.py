@@ -1,6 +1,7 @@
 """A run that is interrupted anywhere goes on to the same bits."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from interrupting import interrupt_at
 from saccade import slam
 from saccade.errors import ConfigError
 from saccade.slam import Checkpoint, EkfConfig, Recorder
+from saccade.slam.checkpoint import _Decoder, _Encoder
 
 
 def _same(one, two):
@@ -108,3 +110,17 @@ def test_a_state_that_cannot_be_saved_is_named(rng, tmp_path):
     checkpoint = Checkpoint(tmp_path / "run.npz", 0)
     with pytest.raises(ConfigError, match=r"checkpoint: .*list_iterator"):
         slam.run(log, associate=_Stateful(), checkpoint=checkpoint)
+
+
+def test_what_is_pointed_at_twice_is_one_thing_again():
+    """Rows of a stack too, behind objects that were met before them."""
+    rows = [np.full(2, float(i)) for i in range(5)]
+    encoder = _Encoder()
+    text = json.dumps(encoder.encode({"first": [0, 1], "rows": rows, "again": [*rows, rows]}))
+    arrays = {str(number): array for number, array in enumerate(encoder.arrays)}
+    assert len(arrays) == 1
+    held = _Decoder(arrays).decode(json.loads(text), {})
+    assert held["first"] == [0, 1]
+    assert [row.tolist() for row in held["rows"]] == [[i, i] for i in range(5)]
+    assert all(one is two for one, two in zip(held["again"], held["rows"], strict=False))
+    assert held["again"][-1] is held["rows"]

@@ -4,16 +4,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
-from saccade.errors import ConfigError
+from saccade.errors import ConfigError, LogError
+from saccade.slam import INVARIANT, STANDARD
 from saccade.slam.consistency import (
     chi_square_band,
     chi_square_gate,
     normalized_squared,
+    pose_nees,
     summarize,
 )
+from saccade.types import Trajectory
 
 
 @given(st.integers(1, 10), st.integers(1, 500), st.floats(0.5, 0.999))
@@ -83,3 +87,38 @@ def test_a_model_that_is_too_sure_is_warned_of_and_a_cautious_one_is_remarked_on
     assert "others is 2.0" in summarize(few).remark
     few_in_all = summarize(right[:5] * 100)
     assert (few_in_all.warning, few_in_all.remark) == ("", "")
+
+
+def _as_matrix(x, y, theta):
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array([[c, -s, x], [s, c, y], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-9, 0.3, -2.5])
+def test_error_of_the_invariant_filter_is_what_its_exponential_does(rng, turn):
+    """At the origin, where its coordinates are those of the Lie algebra, and anywhere."""
+    for place in (np.zeros(2), rng.normal(size=2) * 9):
+        xi, pose = rng.normal(size=2), np.array([*place, 0.7])
+        generator = np.array([[0, -turn, xi[0]], [turn, 0, xi[1]], [0, 0, 0]])
+        there = expm(generator) @ _as_matrix(*pose)
+        truth = np.array([there[0, 2], there[1, 2], pose[2] + turn])
+        root = rng.normal(size=(3, 3))
+        C = root @ root.T + np.eye(3)
+        # e = (xi + theta J x, theta): the position's part is turned about the place.
+        e = np.array([xi[0] - turn * pose[1], xi[1] + turn * pose[0], turn])
+        estimate = Trajectory(np.zeros(1), pose[None], C[None])
+        found = pose_nees(estimate, Trajectory(np.zeros(1), truth[None]), INVARIANT)
+        assert found[0] == pytest.approx(mahalanobis(e, np.zeros(3), np.linalg.inv(C)) ** 2)
+
+
+def test_error_of_the_standard_filter_is_the_difference(rng):
+    pose, truth = np.array([1.0, 2.0, 3.1]), np.array([1.5, 1.0, -3.1])
+    e = [0.5, -1.0, 2 * np.pi - 6.2]
+    root = rng.normal(size=(3, 3))
+    C = np.stack([root @ root.T + np.eye(3), np.zeros((3, 3))])
+    both = Trajectory(np.arange(2.0), np.stack([pose, pose]), C)
+    found = pose_nees(both, Trajectory(np.arange(2.0), np.stack([truth, truth])), STANDARD)
+    assert found[0] == pytest.approx(mahalanobis(e, np.zeros(3), np.linalg.inv(C[0])) ** 2)
+    assert np.isnan(found[1])
+    with pytest.raises(LogError, match="with covariance, found one without"):
+        pose_nees(Trajectory(np.zeros(1), pose[None]), both, STANDARD)

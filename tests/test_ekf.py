@@ -24,6 +24,7 @@ from saccade.slam import (
     observe,
     place,
 )
+from saccade.slam.belief import RANK, add_rows, dense, landmark_blocks, size_of
 from saccade.slam.retraction import linearize
 
 R = np.diag([0.04, 0.001])
@@ -298,3 +299,19 @@ def test_a_larger_metre_is_a_larger_map():
         ends.append(ekf)
     np.testing.assert_allclose(ends[1].state, ends[0].state, atol=1e-9)
     np.testing.assert_allclose(ends[1].covariance, ends[0].covariance, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 1, RANK + 2])
+def test_rows_that_are_added_are_in_the_covariance_of_all_and_of_each(rng, count):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]))
+    for _ in _wander(ekf, rng, steps=4, landmarks=4):
+        pass
+    b = ekf._belief
+    before, rows = dense(b, STANDARD), rng.normal(size=(count, size_of(b)))
+    rows[:, :3] = 0
+    for sign in (1.0, -1.0):
+        add_rows(b, sign, rows)
+        expected = before + rows.T @ rows if sign > 0 else before
+        np.testing.assert_allclose(dense(b, STANDARD), expected, atol=1e-9)
+        blocks = [expected[i : i + 2, i : i + 2] for i in range(3, len(expected), 2)]
+        np.testing.assert_allclose(landmark_blocks(b, STANDARD), blocks, atol=1e-9)

@@ -187,7 +187,7 @@ def _array_in(path: Path) -> Any:
             f"{path}: expected numbers of shape (h, w), found {array.dtype} of shape {array.shape}"
         )
     if not (np.abs(array.astype(np.float64)) < LARGEST).all():
-        raise ImageError(f"{path}: expected finite numbers under {LARGEST:g}, found others")
+        raise ImageError(f"{path}: expected finite numbers under {LARGEST:g}, found NaN or others")
     return array.astype(np.float32)
 
 
