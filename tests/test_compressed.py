@@ -175,3 +175,18 @@ def test_a_robot_may_have_more_states_than_its_pose(rng):
             for number, landmark in enumerate(world):
                 ekf.update(observe(truth, landmark)[0], NOISE, number)
         assert ekf.state[3] == pytest.approx(1.15, abs=0.02)
+
+
+@pytest.mark.parametrize("model", [drive, lambda pose, control: drive(pose, control)])
+def test_what_is_of_no_landmark_is_left_out_of_a_stretch(model):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), model)
+    control, many = np.array([[0.5, 0.1], [0.4, 0.0]]), np.tile(U, (2, 1, 1))
+    z = np.array([[3.0, 0.2], [9.0, 1.0], [2.5, 0.1], [9.0, -1.0]])
+    noise, which = np.tile(NOISE, (4, 1, 1)), np.array([0, -1, 0, -1])
+    whole, part = copy.deepcopy(ekf), copy.deepcopy(ekf)
+    went = whole.replay(control, many, np.array([0, 0, 1, 1]), z, noise, which)
+    part.replay(control, many, np.array([0, 1]), z[::2], noise[::2], which[::2])
+    np.testing.assert_array_equal(whole.state, part.state)
+    np.testing.assert_array_equal(whole.covariance, part.covariance)
+    assert np.isnan(went.nis[[0, 1, 3]]).all()
+    assert np.isfinite(went.nis[2])

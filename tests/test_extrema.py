@@ -143,6 +143,21 @@ def test_the_top_of_a_quartic_is_found(x, y, s):
 
 
 @pytest.mark.kernel
+def test_without_all_samples_around_a_place_stays_as_it_is():
+    rows, columns = np.indices((12, 14))
+    start, top = (-0.25, -0.15, 0.0), (-0.3, -0.2, 0.0)
+    for row, column, moves in [
+        *((row, column, True) for row in (4, 7) for column in (4, 9)),
+        *((row, 6, False) for row in (3, 8)),
+        *((5, column, False) for column in (3, 10)),
+    ]:
+        hill = 100 - (rows - row - top[1]) ** 2 - (columns - column - top[0]) ** 2
+        dog = np.stack([hill - 1, hill, hill - 1]).astype(np.float32)
+        found = refinement.refine_place(dog, 1, row, column, *start)
+        assert found == (pytest.approx(top, abs=1e-3) if moves else start)
+
+
+@pytest.mark.kernel
 def test_a_step_that_leads_away_is_not_followed():
     rng = np.random.default_rng(0)
     strayed = 0

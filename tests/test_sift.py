@@ -257,6 +257,17 @@ def test_a_mask_keeps_the_points_under_it(rng):
         Sift()(image, mask.T)
 
 
+def test_a_point_beside_the_last_pixel_is_under_it():
+    space = gaussian_scale_space(np.zeros((20, 30), np.float32), first_octave=0)
+    mask = np.zeros((20, 30), bool)
+    mask[:, 29] = mask[19] = True
+    places = np.array([[29.4, 9], [29.6, 9], [28.4, 9], [7, 19.6], [-0.6, 19.6], [7, 18.4]])
+    places = ((places - space.origin[0]) / space.spacing[0]).astype(np.float32)
+    number, real = np.zeros(6, np.int64), np.ones(6, np.float32)
+    points = Points(number, number, places, real, real, np.arange(6, dtype=np.float32))
+    assert points.inside(mask, space).response.tolist() == [0, 1, 3, 4]
+
+
 def test_upright(rng):
     image = texture(rng, (100, 100))
     upright = Sift(SiftConfig(upright=True))(image)
