@@ -86,7 +86,8 @@ def test_every_picture_that_is_shipped_has_its_licence():
 def test_the_sdist_holds_what_it_takes_to_test(built):
     with tarfile.open(built[1]) as sdist:
         names = {name.partition("/")[2] for name in sdist.getnames()}
-    assert {"pyproject.toml", "LICENSE", "tests/conftest.py", "src/saccade/py.typed"} < names
+    files = {"pyproject.toml", "LICENSE", "tests/conftest.py", "src/saccade/py.typed"}
+    assert files | {"docs/robustness.md", "mkdocs.yml", "noxfile.py"} < names
     assert not [name for name in names if re.search(r"__pycache__|\.py[co]$|\.nb[ic]$", name)]
 
 
