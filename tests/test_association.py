@@ -25,7 +25,13 @@ from saccade.slam.association import (
     number_by_first_sight,
     squared_distance,
 )
-from saccade.slam.gating import DROPPED, NEW, pair_mutual, pair_nearest_first
+from saccade.slam.gating import (
+    DROPPED,
+    NEW,
+    pair_mutual,
+    pair_nearest_first,
+    within_reach,
+)
 from saccade.slam.joint_compatibility import search
 from saccade.slam.models import RangeBearing
 from saccade.slam.presence import Presence, View
@@ -352,3 +358,20 @@ def test_what_should_have_been_seen_and_was_not_is_gone():
     assert gone == [[]] * 5 + [[1]]
     assert presence.removed == 1
     assert presence.watch.times.tolist() == [[6, 0], [6, 0], [0, 0]]
+
+
+@pytest.mark.parametrize("retraction", Retraction)
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 30.0]))
+def test_what_is_out_of_reach_is_over_the_limit(retraction, seed, away):
+    """However the error of the heading swings the map about the origin."""
+    rng = np.random.default_rng(seed)
+    start = np.array([away, -away, 0.5])
+    ekf = EkfSlam(start, np.diag([1e-4, 1e-4, rng.uniform(0, 0.3)]), retraction=retraction)
+    for _ in range(6):
+        ekf.augment(np.array([rng.uniform(1, 9), rng.uniform(-3, 3)]), R)
+    ekf.predict(np.array([0.5, 0.3]), np.diag([1e-4, rng.uniform(0, 0.3)]))
+    z = ekf.expect().z[:3] + rng.normal(size=(3, 2)) * [0.3, rng.uniform(0, 0.8)]
+    noise, found = np.tile(R, (3, 1, 1)), np.empty(6, np.int64)
+    count = within_reach(ekf._belief, z, noise, 9.0, found)
+    near = (mahalanobis_squared(ekf, z, noise) <= 9.0).any(0)
+    assert set(np.flatnonzero(near)) <= set(found[:count])

@@ -201,5 +201,5 @@ def test_maxima_by_hand():
 
 def test_a_map_is_stretched_over_its_range_and_a_flat_one_lies_in_the_middle():
     values = np.array([[-3.0, 0.0], [1.0, 4.0]])
-    np.testing.assert_array_equal(rescale(values, 8.0), [[0, 0], [2, 8]])
-    np.testing.assert_array_equal(rescale(np.full((2, 3), 7.0), 8.0), np.full((2, 3), 4.0))
+    np.testing.assert_array_equal(rescale(values, 9.0), [[0, 0], [2.25, 9]])
+    np.testing.assert_array_equal(rescale(np.full((2, 3), 7.0), 9.0), np.full((2, 3), 4.5))

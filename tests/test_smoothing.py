@@ -283,3 +283,21 @@ def test_city_of_trees_is_smoothed(shared):
     rmse = _rmse(result.trajectory.pose[:, :2], truth[:, :2])
     print(f"\ncityTrees10000, smoothed: {rmse:.3f} m")
     assert rmse < 0.14
+
+
+@pytest.mark.parametrize(
+    ("scale", "covariance"),
+    [
+        ("motion_noise_scale", "control_covariance"),
+        ("sensor_noise_scale", "observation_covariance"),
+    ],
+)
+@each_method
+def test_noise_scales_are_factors_on_deviations(rng, config, scale, covariance):
+    log, _, _ = simulate(rng, steps=10, reach=6.0, noise=0.2)
+    filtered = slam.run(log)
+    scaled = smooth(log, filtered, dataclasses.replace(config, **{scale: 3.0}))
+    louder = dataclasses.replace(log, **{covariance: 9 * getattr(log, covariance)})
+    told = smooth(louder, filtered, config)
+    np.testing.assert_allclose(scaled.trajectory.pose, told.trajectory.pose, atol=1e-6)
+    np.testing.assert_allclose(scaled.map.xy, told.map.xy, atol=1e-6)
