@@ -21,6 +21,7 @@ from saccade.slam import (
     STANDARD,
     EkfSlam,
     compose,
+    drive,
     observe,
     place,
 )
@@ -315,3 +316,20 @@ def test_rows_that_are_added_are_in_the_covariance_of_all_and_of_each(rng, count
         np.testing.assert_allclose(dense(b, STANDARD), expected, atol=1e-9)
         blocks = [expected[i : i + 2, i : i + 2] for i in range(3, len(expected), 2)]
         np.testing.assert_allclose(landmark_blocks(b, STANDARD), blocks, atol=1e-9)
+
+
+@every
+@pytest.mark.parametrize("motion", [drive, lambda pose, control: drive(pose, control)])
+def test_an_outlier_has_a_covariance_that_is_as_many_times_larger(retraction, motion):
+    start = np.zeros(3), np.diag([0.04, 0.04, 0.01]), motion, RANGE_BEARING, retraction
+    for shift, factor in ((0.3, 1.0), (5.0, None)):
+        robust, plain = EkfSlam(*start, huber=1.5), EkfSlam(*start)
+        for ekf in (robust, plain):
+            ekf.augment(np.array([4.0, 0.3]), R)
+        z = np.array([4.0 + shift, 0.3])
+        nis = plain.innovation(z, R, 0).nis
+        assert (nis > 1.5**2) == (factor is None)
+        assert robust.update(z, R, 0).nis == pytest.approx(nis)
+        plain.update(z, R * (factor or np.sqrt(nis) / 1.5), 0)
+        np.testing.assert_allclose(robust.state, plain.state, atol=1e-12)
+        np.testing.assert_allclose(robust.covariance, plain.covariance, atol=1e-12)
