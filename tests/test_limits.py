@@ -280,3 +280,8 @@ def test_no_map_is_finer_than_level_1(config):
 def test_the_finest_level_counts_whichever_channel_has_it():
     config = dataclasses.replace(CONTRAST, orientation_scales=((1, 4),))
     assert config.at_size((50, 50)).orientation_scales == ((0, 3),)
+
+
+@pytest.mark.parametrize("config", [SymmetryConfig, SymRoidConfig])
+def test_a_ring_may_be_as_thin_as_a_pixel(config):
+    assert config(inner=1.0, outer=1.0).outer == 1
