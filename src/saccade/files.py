@@ -127,6 +127,11 @@ def reason_of(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error) or type(error).__name__
 
 
+def one_line(error: Exception) -> str:
+    """`reason_of`, where a library said it in several lines."""
+    return " ".join(reason_of(error).split())
+
+
 def _kind(mode: int) -> str:
     if stat.S_ISFIFO(mode):
         return "a pipe"

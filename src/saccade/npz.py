@@ -9,7 +9,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from saccade.files import check_file, open_file
+from saccade.files import check_file, one_line, open_file
 
 LARGEST_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""
@@ -56,7 +56,7 @@ def map_array(path: Path) -> npt.NDArray[Any]:
     except OSError:
         raise
     except Exception as error:
-        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+        raise ValueError(one_line(error)) from error
     return values
 
 

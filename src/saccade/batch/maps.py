@@ -17,7 +17,7 @@ from saccade.batch.job import MAPS, Job
 from saccade.batch.store import Store
 from saccade.errors import KeypointsError, OutputError, SaccadeError
 from saccade.extras import import_optional
-from saccade.files import LARGEST_IMAGE, reason_of
+from saccade.files import LARGEST_IMAGE, one_line
 from saccade.image import decode_stored, size_in_header
 from saccade.types import Float32Array
 
@@ -68,8 +68,7 @@ def read_map(store: Store, row: pa.Table) -> Float32Array:
     except (SaccadeError, MemoryError):
         raise
     except Exception as error:  # zarr raises what the broken bytes happen to provoke
-        found = " ".join(reason_of(error).split())
-        raise KeypointsError(f"{store.place}/{file}: expected a map: {found}") from error
+        raise KeypointsError(f"{store.place}/{file}: expected a map: {one_line(error)}") from error
     return values
 
 

@@ -79,14 +79,10 @@ def remove_orphans(store: Store, job: Job) -> None:
     for file in store.names(job.what):
         if file not in recorded:
             name = f"{job.what}/{file}"
-            maps = _maps_of(store, name) if job.what in MAPS else []
-            for each in maps:
-                store.remove(each)
+            if job.what in MAPS:
+                for each in read_rows(store, name, MAP_ROWS, ["file"])["file"].unique():
+                    store.remove(str(each))
             store.remove(name)
-
-
-def _maps_of(store: Store, name: str) -> list[str]:
-    return [str(each) for each in read_rows(store, name, MAP_ROWS, ["file"])["file"].unique()]
 
 
 def shard_name(first: int, items: list[Item]) -> str:

@@ -33,8 +33,8 @@ def read_content(item: Item) -> "bytes | Image":
     except ImageError:
         raise
     except Exception as error:  # every object store has its own
-        is_name = isinstance(error, OSError | ValueError)  # no name can hold a null
-        if not is_name and "://" not in item.place:
+        known = isinstance(error, OSError | ValueError)  # no name can hold a null
+        if not known and "://" not in item.place:
             raise
         raise ImageError(f"{item.place}: cannot be read: {reason_of(error)}") from error
 

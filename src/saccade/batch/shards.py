@@ -23,7 +23,7 @@ from saccade.batch.sources import Item
 from saccade.batch.store import Store, open_store
 from saccade.batch.tables import RECORD, batch_of, check_columns, parquet_options, texts
 from saccade.errors import KeypointsError, OutputError, SaccadeError
-from saccade.files import reason_of
+from saccade.files import one_line
 from saccade.npz import check_unpacked
 
 PREFIX, SUFFIX = "part-", ".parquet"
@@ -111,8 +111,7 @@ def read_rows(
             check_columns(table, wanted)
             return table
     except (pa.ArrowException, OSError, ValueError) as error:
-        found = " ".join(reason_of(error).split())
-        message = f"{store.place}/{name}: expected a table of `saccade extract`: {found}"
+        message = f"{store.place}/{name}: expected a table of `saccade extract`: {one_line(error)}"
         raise KeypointsError(message) from error
 
 

@@ -94,14 +94,13 @@ def features(
     title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
     columns = ["", "points", *SHOWN]
     lead = f"How well interest points are found again and matched: {title}."
-    page = _rows(results, sequences)
-    means, every = _named(_rows(results, [])), _rows_of(results, sequences)
+    means, every = _rows(results, []), _rows_of(results, sequences)
     write_table_page(
         report,
         "saccade evaluate features",
         lead,
         [
-            Table("Mean over the pairs", columns, means, MEANING, "detector"),
+            Table("Mean over the pairs", columns, _named(means), MEANING, "detector"),
             Table("Each sequence", columns, every, first="detector, sequence"),
         ],
     )
@@ -115,7 +114,7 @@ def features(
             }
         )
         return
-    print_table(title, columns, page if per_sequence else _rows(results, []))
+    print_table(title, columns, _rows(results, sequences) if per_sequence else means)
 
 
 def _rows(results: dict[str, Any], sequences: list[str]) -> list[list[str]]:

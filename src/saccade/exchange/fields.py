@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import KeypointsError
-from saccade.files import open_file, reason_of
+from saccade.files import one_line, open_file
 from saccade.types import Keypoints
 
 UNKNOWN_SIZE = 2.0
@@ -94,7 +94,7 @@ def reading(path: Path, expected: str, *errors: type[Exception]) -> Iterator[Non
     except (KeypointsError, MemoryError):
         raise
     except kinds as error:
-        raise KeypointsError(f"{path}: expected {expected}: {_one_line(error)}") from error
+        raise KeypointsError(f"{path}: expected {expected}: {one_line(error)}") from error
 
 
 def _column(
@@ -144,7 +144,3 @@ def _bytes(source: str, values: npt.NDArray[Any], count: int) -> npt.NDArray[np.
             f"{source}: descriptors: expected whole numbers from 0 to 255, found {worst}"
         )
     return converted
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(reason_of(error).split())
