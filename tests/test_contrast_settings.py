@@ -58,7 +58,7 @@ def test_levels_of_linear_channels_are_channels_of_the_levels(scene):
         assert np.abs(exact.values - rounded.values).max() < 3 / 255
 
 
-@pytest.mark.parametrize("preset", ["default", "kootstra2010"])
+@pytest.mark.parametrize("preset", ["default", "itti1998"])
 def test_conspicuity_is_summed_from_the_normalized_features(scene, preset):
     config = replace(
         PRESETS[preset],
@@ -74,7 +74,7 @@ def test_conspicuity_is_summed_from_the_normalized_features(scene, preset):
         sums[channel] = sums.get(channel, 0) + at_map
 
     def promoted(name):
-        return normalize(sums[name], "local-maxima", radius=config.maxima_radius)
+        return normalize(sums[name], config.normalization, radius=config.maxima_radius)
 
     np.testing.assert_allclose(maps.intensity, sums["intensity"], atol=1e-6)  # A.11
     color = promoted("red-green") + promoted("blue-yellow")

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from saccade.attention import channels
 from saccade.attention.contrast_config import ContrastConfig
+from saccade.attention.kootstra2010 import PrintedSteps
 from saccade.attention.normalize import normalize, sharpen, smooth
 from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Steps
 from saccade.errors import ImageError
@@ -108,7 +109,7 @@ def contrast_saliency(
             values = steps.contrast(levels[center], levels[surround], nothing.shape)  # A.7-A.10
             values = smooth(values, config.smoothing)
             normalized = steps.normalize(values)
-            at_map = resize(normalized, nothing.shape)
+            at_map = steps.resize(normalized, nothing.shape)
             across_scales[channel] = across_scales[channel] + weight * at_map
             if keep_features:
                 features.append(FeatureMap(channel, center, surround, values, normalized))
@@ -210,6 +211,8 @@ def steps_of(config: ContrastConfig) -> Steps:
     """The arithmetic that the configuration names."""
     if config.arithmetic == "saliencytoolbox2":
         return SaliencyToolbox2Steps(config)
+    if config.arithmetic == "kootstra2010":
+        return PrintedSteps(config)
     return MirroredSteps(config)
 
 
@@ -223,6 +226,7 @@ class MirroredSteps:
     deepest_level = staticmethod(deepest_level)
     level_shape = staticmethod(level_shape)
     halve = staticmethod(halve)  # A.4-A.5
+    resize = staticmethod(resize)
 
     def channels(
         self, pixels: npt.NDArray[Any], finest: int
@@ -285,7 +289,7 @@ class MirroredSteps:
         return weighted / (w_I + w_C + w_O)
 
 
-Steps: TypeAlias = MirroredSteps | SaliencyToolbox2Steps
+Steps: TypeAlias = MirroredSteps | PrintedSteps | SaliencyToolbox2Steps
 
 
 def weigh_center(saliency: FloatMap, sigma: float) -> FloatMap:

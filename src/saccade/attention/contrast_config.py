@@ -13,7 +13,7 @@ from saccade.pyramid import DEEPEST
 Scales = tuple[tuple[int, int], ...]
 
 Place = Literal["center", "map"]
-Arithmetic = Literal["mirrored", "saliencytoolbox2"]
+Arithmetic = Literal["mirrored", "kootstra2010", "saliencytoolbox2"]
 
 CENTERS_2_TO_4: Scales = ((2, 5), (2, 6), (3, 6), (3, 7), (4, 7), (4, 8))
 """The six pairs of A.7-A.10."""
@@ -87,7 +87,8 @@ class ContrastConfig:
     a photograph was saved does not decide what draws the eye; 0 takes the levels as they are."""
     arithmetic: Arithmetic = "mirrored"
     """How the steps treat borders, sizes and ranges: "mirrored" reflects the image at its
-    borders, "saliencytoolbox2" does as `saccade.attention.saliencytoolbox2` describes."""
+    borders, "kootstra2010" and "saliencytoolbox2" do as the modules of these names in
+    `saccade.attention` describe."""
 
     def __post_init__(self) -> None:
         for name in ("intensity_weight", "color_weight", "orientation_weight"):
@@ -129,7 +130,7 @@ class ContrastConfig:
             'none, unless normalize_at = "map"',
             self.smoothing,
         )
-        exact = self.arithmetic == "mirrored" or self.normalize_at == "map"
+        exact = self.arithmetic != "saliencytoolbox2" or self.normalize_at == "map"
         require(
             exact, "normalize_at", '"map" for the arithmetic of saliencytoolbox2', self.normalize_at
         )
@@ -161,7 +162,29 @@ class ContrastConfig:
 
     @classmethod
     def kootstra2010(cls) -> Self:
-        """Equations A.1-A.14 to the letter; a map with a single maximum keeps its weight."""
+        """Kootstra (2010): equations A.1-A.14 as printed; a map with a single maximum keeps its weight.
+
+        What the print leaves open is as in `saccade.textbook.contrast_saliency`. Differs from it
+        where an image has no level 8, shorter than 129 px: pairs of levels that do not exist are
+        left out, where the textbook goes on with levels of a single sample.
+        """
+        return replace(
+            cls.itti1998(),
+            normalization="local-maxima",
+            dark=0.0,
+            maxima_radius=0.0,
+            gabor_period=4.0,
+            gabor_sigma=2.25,
+            gabor_size=15,
+            arithmetic="kootstra2010",
+        )
+
+    @classmethod
+    def itti1998(cls) -> Self:
+        """Itti, Koch & Niebur (1998): the global maximum is left out of the mean of maxima.
+
+        Oriented responses are magnitudes, and dark pixels have no color.
+        """
         return cls(
             orientation_weight=1.0,
             color="quotient",
@@ -171,21 +194,17 @@ class ContrastConfig:
             map_level=4,
             normalize_at="center",
             smoothing=0.0,
+            normalization="local-maxima-1998",
             maxima_radius=0.05,
             sharpening=1.0,
             viewing_size=0,
         )
 
     @classmethod
-    def itti1998(cls) -> Self:
-        """The same with the global maximum left out of m, as Itti, Koch & Niebur (1998) do."""
-        return replace(cls.kootstra2010(), normalization="local-maxima-1998")
-
-    @classmethod
     def saliencytoolbox2(cls) -> Self:
         """What Walther & Koch's SaliencyToolbox 2 computes by default, to the last digits."""
         return replace(
-            cls.kootstra2010(),
+            cls.itti1998(),
             gabor_sigma=2.3333,
             normalize_at="map",
             normalization="iterative",

@@ -20,7 +20,7 @@ from saccade.attention import channels
 from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.normalize import inhibit_laterally
 from saccade.image import as_rgb
-from saccade.pyramid import FloatMap, gabor_pair
+from saccade.pyramid import FloatMap, gabor_pair, resize
 
 LUMA = (0.298936, 0.587043, 0.114021)
 """Brightness by red, green and blue."""
@@ -94,6 +94,8 @@ class SaliencyToolbox2Steps:
             )
             maps.append(even + odd)
         return maps
+
+    resize = staticmethod(resize)
 
     @staticmethod
     def contrast(center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]) -> FloatMap:
