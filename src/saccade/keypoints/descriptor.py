@@ -101,7 +101,11 @@ def orientations(
         peaks &= highest > 0
     point, peak = np.nonzero(peaks)
     left, middle, right = before[peaks], bins[peaks], after[peaks]
-    place = peak + 0.5 * (left - right) / (left - 2 * middle + right)
+    bend = left - 2 * middle + right
+    shift = 0.5 * (left - right) / bend
+    if every_bin:  # of a bin on a slope the highest point within it counts
+        shift = np.where(bend < 0, shift.clip(-0.5, 0.5), 0.5 * np.sign(right - left))
+    place = peak + shift
     angle = np.remainder(place * (2 * pi / ORIENTATION_BINS) + pi, 2 * pi) - pi
     angle = angle.astype(np.float32)
     angle[angle <= np.float32(-pi)] = pi
@@ -174,17 +178,13 @@ def describe_literally(
         as_float: give float32 of unit length in the place of bytes.
 
     Returns:
-        (n, 128), ordered as those of `describe_frames`.
+        (n, 128), rows of subregions along the angle; the orientation bins of a subregion turn
+        from x towards y, against those of `describe_frames`.
     """
-    vectors = np.empty((len(angle), CELLS, CELLS, DIRECTIONS), np.float32)
+    vectors = np.empty((len(angle), CELLS * CELLS * DIRECTIONS), np.float32)
     for i, (plane, (x, y), sigma) in enumerate(zip(*frames, strict=True)):
-        vectors[i] = printed_descriptor(octave[plane], x, y, sigma, angle[i]).vector.reshape(
-            vectors.shape[1:]
-        )
-    # The bins of the print turn from x towards y, those of the fast descriptor from y towards x.
-    vectors = np.concatenate([vectors[..., :1], vectors[..., :0:-1]], axis=-1)
-    flat: Float32Array = vectors.reshape(len(angle), -1)
-    return flat if as_float else to_bytes(QUANTUM * flat)
+        vectors[i] = printed_descriptor(octave[plane], x, y, sigma, angle[i]).vector
+    return vectors if as_float else to_bytes(QUANTUM * vectors)
 
 
 def to_bytes(scaled: Float32Array) -> ByteArray:

@@ -58,7 +58,8 @@ def find_extrema(
         lagrange: refine the place by the polynomial through 9 samples each way, and keep
             extrema halfway between two samples, of which the quadratics lead to each other.
         refit: go on from the neighboring sample while that is nearer to the extremum, and keep
-            each extremum once; without it every seed is fitted once, and kept.
+            each extremum once; without it every seed is fitted once, and kept where that leads
+            to a place inside of `dog`.
         neighbors: samples that one must not be exceeded by, 26 or 10: the 8 in its plane, and
             of the planes beside it all 18 or 2. Of 10, what the quadratic has for a saddle
             is left out.
@@ -84,6 +85,9 @@ def find_extrema(
     kept = np.flatnonzero(values)
     if refit:
         kept = kept[nearest_of_each(seeds[kept], offsets[kept])]
+    else:
+        place = seeds[kept] + offsets[kept, ::-1]
+        kept = kept[((place >= 0) & (place <= np.array(dog.shape) - 1)).all(1)]
     plane, row, column = seeds[kept].T
     x, y, scale = offsets[kept].T
     return Extrema(

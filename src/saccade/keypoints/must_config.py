@@ -1,6 +1,6 @@
 """The settings of MUST."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
 from saccade.errors import require
@@ -54,7 +54,7 @@ class MustConfig:
     """Keep this many of the strongest; 0 keeps all."""
     spread: bool = False
     """Keep as many, but rather those that are far from any clearly stronger one."""
-    descriptor: SiftConfig = SiftConfig()
+    descriptor: SiftConfig = field(default_factory=SiftConfig)
     """How orientations are assigned and keypoints described; what it says of the scale space,
     of detection and of which keypoints are kept does not count here."""
 

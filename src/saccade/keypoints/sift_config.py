@@ -39,10 +39,10 @@ class SiftConfig:
     the finest points, which the noise makes, are fewer, and more of the others come back."""
     kernel_radius: float = 3.0
     """Where Gaussian kernels are cut, in sigmas."""
-    grid: Literal["centered", "shifted"] = "centered"
+    grid: Literal["centered", "shifted", "printed"] = "centered"
     """"centered" gives unbiased places, and to a mirrored image the mirrored points;
     "shifted" puts every point a quarter pixel too far to the right and down where the image
-    is doubled, as OpenCV does."""
+    is doubled, as OpenCV does; "printed" does too, and keeps the last sample of an odd side."""
     border: int = 5
     """Samples at the edge of every octave that are not searched."""
     contrast_threshold: float = 0.016
@@ -58,9 +58,10 @@ class SiftConfig:
     """tau_r: the greatest ratio of the principal curvatures (B.10)."""
     fit: Literal["lagrange", "quadratic", "once"] = "lagrange"
     """"once" is B.5 alone. "quadratic" fits again from the neighboring sample while that is
-    nearer to the extremum, as Lowe does. "lagrange" goes on from there with the polynomial through 9 samples
-    each way, which finds a blob's centre within 0.003 samples rather than 0.07, and keeps the
-    extrema that lie halfway between two samples, where the quadratic goes back and forth."""
+    nearer to the extremum, as Lowe does. "lagrange" goes on from there with the polynomial
+    through 9 samples each way, which finds a blob's centre within 0.003 samples rather than
+    0.07, and keeps the extrema that lie halfway between two samples, where the quadratic goes
+    back and forth."""
     voting: Literal["linear", "nearest"] = "linear"
     """Whether a gradient is shared by the two nearest of the 36 directions or goes to one."""
     smoothing: int = 6
@@ -187,7 +188,7 @@ class SiftConfig:
             octaves=3,
             camera_sigma=0.0,
             kernel_radius=3.0,
-            grid="shifted",
+            grid="printed",
             contrast_threshold=0.02,
             candidate_fraction=0.0,
             fit="once",

@@ -1,6 +1,6 @@
 """The settings of SymRoID, and the source's as a preset."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, Self
 
@@ -35,7 +35,7 @@ class SymRoidConfig:
     """Describe regions as they stand; otherwise along the strongest direction of gradients."""
     max_keypoints: int = 50
     """Keep this many of the strongest: few, as landmarks should be; 0 keeps all."""
-    descriptor: SiftConfig = SiftConfig()
+    descriptor: SiftConfig = field(default_factory=SiftConfig)
     """How the orientation of a region is assigned and the region described; nothing else of it
     counts here, and a region has one orientation."""
 

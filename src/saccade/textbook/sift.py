@@ -37,8 +37,8 @@ OUTSIDE = 0.0
 """Magnitude of a gradient that needs samples outside the image: nothing was measured there."""
 ORIENTATION_REACH = 3.0
 """Standard deviations each way: the print cuts its Gaussians to 6 sigma x 6 sigma."""
-ORIENTATION_BIN_CENTER = 0.5
-"""In bins: bin b of 36 holds the orientations from 10 b up to 10 (b + 1) degrees."""
+ORIENTATION_BIN_CENTER = 0.0
+"""In bins: bin b of 36 is centered on 10 b degrees, as those of the descriptor are."""
 PARABOLA_REACH = 0.5
 """In bins: a bin over 80 % need not be a peak; its parabola counts where highest in the bin."""
 SAMPLE_SPACING = 0.75
@@ -62,7 +62,7 @@ def sift(image: Image) -> SiftResult:
         if c.fate == "kept":
             x, y, i_hat = np.add(c.offset, (c.column, c.row, c.i))
             sigma = BASE_SIGMA * K**i_hat  # that of the lower L in B.1
-            closest = np.argmin(np.abs(BASE_SIGMA * K ** np.arange(S + 3) - sigma))  # in its octave
+            closest = round(float(np.clip(i_hat, 0, S + 2)))  # L of its octave, by ratio of scales
             histogram = orientation_histogram(*gradient_images[c.octave][closest], x, y, sigma)
             for angle in dominant_orientations(histogram):
                 described = descriptor(L[c.octave][closest], x, y, sigma, angle)
@@ -99,8 +99,8 @@ def smooth(image: FloatArray, sigma: float) -> FloatArray:
 
 
 def gaussian_kernel(sigma: float) -> FloatArray:
-    """One axis of G, cut to 3 sigma each way; what is left sums to 1, lest the image darken."""
-    x = np.arange(-int(3 * sigma), int(3 * sigma) + 1)
+    """One axis of G, cut to 6 sigma, rounded up; it sums to 1, lest the image darken."""
+    x = np.arange(-np.ceil(3 * sigma), np.ceil(3 * sigma) + 1)
     G = np.exp(-(x**2) / (2 * sigma**2)) / (np.sqrt(2 * np.pi) * sigma)  # B.3
     kernel: FloatArray = G / G.sum()
     return kernel
