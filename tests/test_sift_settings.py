@@ -17,9 +17,11 @@ SWITCHES = [field.name for field in dataclasses.fields(SiftConfig) if field.type
 CHOICES = {
     "grid": ("centered", "shifted", "printed"),
     "neighbors": (10, 26),
-    "fit": ("lagrange", "quadratic"),
+    "fit": ("lagrange", "quadratic", "once"),
     "voting": ("linear", "nearest"),
-    "descriptor": ("sift", "root"),
+    "orientation_bins": ("peaks", "all"),
+    "descriptor": ("sift", "root", "kootstra2010"),
+    "descriptor_dtype": ("uint8", "float32"),
 }
 IMAGES = {
     "texture": texture(np.random.default_rng(3), (37, 45)),
