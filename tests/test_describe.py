@@ -161,7 +161,9 @@ def test_any_size_at_any_edge_is_described(rng, preset, size):
         assert np.isfinite(found.angle).all()
         if not orient:
             assert len(found) == 6
-            assert found.descriptors[5].any() or size < 1
+            # Of a wide point the print's 16 x 16 samples all lie outside.
+            beside = size < 1 or (preset == "kootstra2010" and size >= 300)
+            assert found.descriptors[5].any() or beside
 
 
 def test_a_black_image_has_empty_descriptors_and_no_orientation():

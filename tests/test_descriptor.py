@@ -6,12 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracles_keypoints as oracles
-from saccade.keypoints.descriptor import Frames, describe_frames, orientations, room_for
+from saccade.keypoints.descriptor import (
+    QUANTUM,
+    Frames,
+    describe_frames,
+    orientations,
+    room_for,
+    to_bytes,
+)
 from saccade.keypoints.gradients import (
     fill_descriptors,
     fill_orientation_bins,
     gather_gradients,
-    quantize,
+    normalize,
     weigh_gradients,
 )
 
@@ -231,9 +238,9 @@ def test_a_ramp_along_the_angle_fills_the_first_direction():
 
 
 def quantized(raw, *, root):
-    out = np.zeros(raw.shape, np.uint8)
-    quantize(raw, root, out)
-    return out
+    scaled = raw.copy()
+    normalize(scaled, root, QUANTUM)
+    return to_bytes(scaled)
 
 
 @pytest.mark.kernel
@@ -246,6 +253,22 @@ def test_entries_are_cut_and_quantized_as_the_field_does(rng, root):
     spike[0, 3] = 1
     assert quantized(spike, root=root).max() == 255
     assert not quantized(np.zeros((1, 128), np.float32), root=root).any()
+
+
+@pytest.mark.parametrize("root", [False, True])
+def test_floats_are_of_unit_length_and_round_to_the_bytes(rng, root):
+    plane = rng.random((1, 60, 60), np.float32)
+    frames = Frames(np.zeros(4, np.int64), np.full((4, 2), 30.2, np.float32), np.full(4, 2.5, "f4"))
+    angle = np.array([0.1, 1, 2, 3], np.float32)
+    bytes_, floats = (
+        describe_frames(
+            plane, frames, angle, window_sigma=0.5, subpixel=True, root=root, as_float=as_float
+        )
+        for as_float in (False, True)
+    )
+    assert floats.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(floats, axis=1), 1, rtol=1e-6)
+    np.testing.assert_array_less(np.abs(bytes_ - np.minimum(512 * floats, 255)), 0.5 + 1e-4)
 
 
 @pytest.mark.kernel

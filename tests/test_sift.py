@@ -18,6 +18,7 @@ PRESETS = {
     for name in ("recommended", "lowe2004", "kootstra2010", "opencv", "colmap")
 }
 UNBIASED = [name for name in PRESETS if name != "opencv"]
+CENTERED = [name for name in PRESETS if PRESETS[name].grid == "centered"]
 FIELDS = ("xy", "size", "angle", "response", "octave", "descriptors")
 SCENES = ("bark", "bikes", "boat", "graf", "leuven", "trees", "ubc", "wall")
 
@@ -120,7 +121,7 @@ def test_opencv_preset_has_opencvs_shift():
 
 
 @pytest.mark.parametrize("shape", [(160, 200), (161, 189), (130, 171)])
-@pytest.mark.parametrize("preset", UNBIASED)
+@pytest.mark.parametrize("preset", CENTERED)
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_mirrored_or_turned_image_has_its_points_mirrored_or_turned(rng, shape, preset, turned):
     image = texture(rng, shape)

@@ -15,11 +15,13 @@ WHOLE = [field.name for field in dataclasses.fields(SiftConfig) if field.type is
 REAL = [field.name for field in dataclasses.fields(SiftConfig) if field.type is float]
 SWITCHES = [field.name for field in dataclasses.fields(SiftConfig) if field.type is bool]
 CHOICES = {
-    "grid": ("centered", "shifted"),
+    "grid": ("centered", "shifted", "printed"),
     "neighbors": (10, 26),
-    "fit": ("lagrange", "quadratic"),
+    "fit": ("lagrange", "quadratic", "once"),
     "voting": ("linear", "nearest"),
-    "descriptor": ("sift", "root"),
+    "orientation_bins": ("peaks", "all"),
+    "descriptor": ("sift", "root", "kootstra2010"),
+    "descriptor_dtype": ("uint8", "float32"),
 }
 IMAGES = {
     "texture": texture(np.random.default_rng(3), (37, 45)),
@@ -87,7 +89,7 @@ def test_every_setting_is_tried():
 def test_valid_settings_give_points(values, image):
     if values.get("spread") and "max_keypoints" not in values:
         values["max_keypoints"] = 7
-    if values.get("grid") == "shifted":
+    if values.get("grid") in ("shifted", "printed"):
         values["density"] = 1.0
     detect_and_check(SiftConfig(**values), IMAGES[image])
 

@@ -22,7 +22,7 @@ NARROW = 0.8
 ROWS_AT_ONCE = 192
 """That a thread subtracts at a time: they stay in the cache from one plane to the next."""
 
-Grid = Literal["centered", "shifted"]
+Grid = Literal["centered", "shifted", "printed"]
 """Where an octave has its samples; see `gaussian_scale_space`."""
 
 
@@ -94,7 +94,8 @@ def gaussian_scale_space(
         grid: "centered" lays the samples of every octave evenly about the middle of the
             image, so that a mirrored image has the mirrored scale space. "shifted" does
             as OpenCV: doubling moves the image by a quarter pixel to the right and down,
-            and every octave starts at the upper left sample of the one before.
+            and every octave starts at the upper left sample of the one before. "printed" does
+            the same, and keeps the last sample of an odd side, which OpenCV leaves out.
         smallest_side: octaves narrower than this are left out.
         workspace: where the octaves are made; None for memory of their own.
         threads: how many work at a time.
@@ -134,8 +135,8 @@ def gaussian_scale_space(
             plane, start = halve(stack[count - 1], stack[count], step, kernel_radius, threads)
             origin = origin + spacing * start
         else:
-            height, width = plane.shape
-            plane = stack[count, : height // 2 * 2 : 2, : width // 2 * 2 : 2]
+            height, width = plane.shape if grid == "printed" else np.array(plane.shape) // 2 * 2
+            plane = stack[count, :height:2, :width:2]
         spacing *= 2
         sigmas = [sigmas[count] / 2 * 2 ** (i / intervals) for i in range(intervals + 3)]
         count = intervals

@@ -20,15 +20,19 @@ from saccade.keypoints.gradients import (
     ORIENTATION_RADIUS,
     fill_descriptors,
     fill_orientation_bins,
-    quantize,
+    normalize,
     smooth_circles,
 )
+from saccade.textbook.sift import descriptor as printed_descriptor
 from saccade.types import Float32Array, IntArray
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
+Descriptors: TypeAlias = ByteArray | Float32Array
 
 PEAK_RATIO = 0.8
 """A direction makes a point if it has this share of the strongest direction."""
+QUANTUM = 512
+"""Length of a unit descriptor in 8 bits."""
 BLOCK = 256
 """Points that a thread takes at a time."""
 
@@ -56,6 +60,7 @@ def orientations(
     smoothing: int,
     subpixel: bool,
     spacing: float = 0.0,
+    every_bin: bool = False,
     threads: int = 1,
 ) -> tuple[IntArray, Float32Array, Float32Array]:
     """The strong directions of the gradient around each point (B.11-B.12).
@@ -67,6 +72,7 @@ def orientations(
         smoothing: passes of [1 2 1] / 4 over the circular histogram.
         subpixel: centre the window on the point, not on the sample nearest to it.
         spacing: of the samples that are looked at, in scales of the point; 0 for all.
+        every_bin: take every bin over `PEAK_RATIO` of the highest, not only local peaks.
         threads: how many work at a time.
 
     Returns:
@@ -90,9 +96,16 @@ def orientations(
     highest = bins.max(axis=1, keepdims=True, initial=0)
     # Of two equal neighbors the second is the peak: symmetrical patterns have such.
     peaks = (bins >= before) & (bins > after) & (bins >= PEAK_RATIO * highest)
+    if every_bin:
+        peaks = (bins == highest) | (bins > PEAK_RATIO * highest)
+        peaks &= highest > 0
     point, peak = np.nonzero(peaks)
     left, middle, right = before[peaks], bins[peaks], after[peaks]
-    place = peak + 0.5 * (left - right) / (left - 2 * middle + right)
+    bend = left - 2 * middle + right
+    shift = 0.5 * (left - right) / bend
+    if every_bin:  # of a bin on a slope the highest point within it counts
+        shift = np.where(bend < 0, shift.clip(-0.5, 0.5), 0.5 * np.sign(right - left))
+    place = peak + shift
     angle = np.remainder(place * (2 * pi / ORIENTATION_BINS) + pi, 2 * pi) - pi
     angle = angle.astype(np.float32)
     angle[angle <= np.float32(-pi)] = pi
@@ -108,8 +121,9 @@ def describe_frames(
     subpixel: bool,
     root: bool,
     spacing: float = 0.0,
+    as_float: bool = False,
     threads: int = 1,
-) -> ByteArray:
+) -> Descriptors:
     """The descriptors of points in one octave (section B.2).
 
     Args:
@@ -120,6 +134,7 @@ def describe_frames(
         subpixel: centre the descriptor on the point, not on the sample nearest to it.
         root: L1-normalize and take the square root (RootSIFT).
         spacing: of the samples that are looked at, in scales of the point; 0 for all.
+        as_float: give float32 of unit length in the place of bytes.
         threads: how many work at a time.
 
     Returns:
@@ -129,7 +144,7 @@ def describe_frames(
     Source: Lowe (2004), section 6; Arandjelovic & Zisserman (2012) for the root.
     """
     raw = np.empty((len(angle), CELLS * CELLS * DIRECTIONS), np.float32)
-    quantized = np.empty(raw.shape, np.uint8)
+    quantized = np.empty(raw.shape if not as_float else (0, 0), np.uint8)
     room = min(room_for(frames.sigma, (CELLS + 1) * CELL_SIZE, spacing), octave[0].size)
 
     def fill(block: slice) -> None:
@@ -143,10 +158,38 @@ def describe_frames(
             room,
             raw[block],
         )
-        quantize(raw[block], root, quantized[block])
+        normalize(raw[block], root, 1.0 if as_float else QUANTUM)
+        if not as_float:
+            quantized[block] = to_bytes(raw[block])
 
     spread(fill, len(raw), BLOCK, threads)
-    return quantized
+    return raw if as_float else quantized
+
+
+def describe_literally(
+    octave: Float32Array, frames: Frames, angle: Float32Array, as_float: bool
+) -> Descriptors:
+    """The descriptors of points in one octave as section B.2 prints them.
+
+    Args:
+        octave: (s + 3, h, w) Gaussian planes.
+        frames: the n points.
+        angle: (n,) in radians from x towards y.
+        as_float: give float32 of unit length in the place of bytes.
+
+    Returns:
+        (n, 128), rows of subregions along the angle; the orientation bins of a subregion turn
+        from x towards y, against those of `describe_frames`.
+    """
+    vectors = np.empty((len(angle), CELLS * CELLS * DIRECTIONS), np.float32)
+    for i, (plane, (x, y), sigma) in enumerate(zip(*frames, strict=True)):
+        vectors[i] = printed_descriptor(octave[plane], x, y, sigma, angle[i]).vector
+    return vectors if as_float else to_bytes(QUANTUM * vectors)
+
+
+def to_bytes(scaled: Float32Array) -> ByteArray:
+    """Entries rounded to whole numbers, those over 255 to 255."""
+    return (np.minimum(scaled, np.float32(255)) + np.float32(0.5)).astype(np.uint8)
 
 
 def room_for(sigma: Float32Array, side: float, spacing: float) -> int:

@@ -43,6 +43,7 @@ def find_extrema(
     contrast_threshold: float,
     edge_ratio: float,
     lagrange: bool,
+    refit: bool = True,
     neighbors: int = 26,
     threads: int = 1,
 ) -> Extrema:
@@ -56,13 +57,16 @@ def find_extrema(
         edge_ratio: tau_r, the greatest ratio of principal curvatures (B.10).
         lagrange: refine the place by the polynomial through 9 samples each way, and keep
             extrema halfway between two samples, of which the quadratics lead to each other.
+        refit: go on from the neighboring sample while that is nearer to the extremum, and keep
+            each extremum once; without it every seed is fitted once, and kept where that leads
+            to a place inside of `dog`.
         neighbors: samples that one must not be exceeded by, 26 or 10: the 8 in its plane, and
             of the planes beside it all 18 or 2. Of 10, what the quadratic has for a saddle
             is left out.
         threads: how many work at a time.
 
     Returns:
-        Each extremum once, by plane, row and column.
+        Each extremum, by plane, row and column.
 
     Source: Lowe (2004), sections 3.1 and 4; equations B.4-B.10.
     """
@@ -74,11 +78,16 @@ def find_extrema(
 
     def fit(block: slice) -> None:
         part = seeds[block], offsets[block], values[block]
-        fit_extrema(dog, border, contrast_threshold, edge_ratio, lagrange, neighbors < 26, *part)
+        kinds = lagrange, refit, neighbors < 26
+        fit_extrema(dog, border, contrast_threshold, edge_ratio, *kinds, *part)
 
     spread(fit, count, SEEDS_AT_ONCE, threads)
     kept = np.flatnonzero(values)
-    kept = kept[nearest_of_each(seeds[kept], offsets[kept])]
+    if refit:
+        kept = kept[nearest_of_each(seeds[kept], offsets[kept])]
+    else:
+        place = seeds[kept] + offsets[kept, ::-1]
+        kept = kept[((place >= 0) & (place <= np.array(dog.shape) - 1)).all(1)]
     plane, row, column = seeds[kept].T
     x, y, scale = offsets[kept].T
     return Extrema(

@@ -28,8 +28,6 @@ CELL_SIZE = 3.0
 """Side of a subregion, in scales of the point."""
 CUT = 0.2
 """No entry of a unit descriptor may be larger: against non-linear changes of light."""
-QUANTUM = 512
-"""Of a unit descriptor in 8 bits."""
 PILE = DIRECTIONS + 1
 """Entries to a subregion while they are filled: the last one belongs to the first."""
 STRIP = (CELLS + 2) * PILE
@@ -333,13 +331,12 @@ def weigh_gradients(
 
 
 @kernel(fastmath=("nsz", "contract", "reassoc", "arcp"))
-def quantize(raw: Float32Array, root: bool, out: ByteArray) -> None:
-    """Fill (n, d) `out`: unit length, cut, unit length again; in 8 bits, 512 to the unit.
+def normalize(raw: Float32Array, root: bool, length: float) -> None:
+    """Bring the rows of (n, d) `raw` to unit length, cut them, and bring them to `length`.
 
     With `root` the square root of the L1-normalized rows takes the place of the last length.
     """
-    tiny, cut, quantum = np.float32(TINY), np.float32(CUT), np.float32(QUANTUM)
-    most, half = np.float32(255), np.float32(0.5)
+    tiny, cut, quantum = np.float32(TINY), np.float32(CUT), np.float32(length)
     for i in range(len(raw)):
         row = raw[i]
         square = np.float32(0)
@@ -356,5 +353,4 @@ def quantize(raw: Float32Array, root: bool, out: ByteArray) -> None:
             scale = quantum * quantum / max(total, tiny)
         for k in range(len(row)):
             entry = min(row[k], limit) * scale
-            entry = np.sqrt(entry) if root else entry
-            out[i, k] = np.uint8(min(entry, most) + half)
+            row[k] = np.sqrt(entry) if root else entry

@@ -1,11 +1,15 @@
 """The settings of MUST."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Literal, Self
 
 from saccade.errors import require
 from saccade.keypoints.sift_config import SiftConfig
 
+DENSITY = 0.5
+"""Samples to a side of an octave for each of Lowe's; see `SiftConfig`."""
+KERNEL_RADIUS = 3.0
+"""Where the Gaussian kernels are cut, in sigmas."""
 CANDIDATE = 0.8
 """Share of the threshold that a sample must exceed before the fit."""
 
@@ -50,6 +54,9 @@ class MustConfig:
     """Keep this many of the strongest; 0 keeps all."""
     spread: bool = False
     """Keep as many, but rather those that are far from any clearly stronger one."""
+    descriptor: SiftConfig = field(default_factory=SiftConfig)
+    """How orientations are assigned and keypoints described; what it says of the scale space,
+    of detection and of which keypoints are kept does not count here."""
 
     def __post_init__(self) -> None:
         require(0.1 <= self.reach <= 20, "reach", "0.1 to 20 scales", self.reach)
@@ -64,14 +71,27 @@ class MustConfig:
         )
         self.sift()  # checks the others
 
+    @classmethod
+    def kootstra2010(cls) -> Self:
+        """The default detector with the descriptor of section B.2, as the source describes MUST's.
+
+        The appendices do not have the detector itself.
+        """
+        return cls(descriptor=SiftConfig.kootstra2010())
+
     def sift(self) -> SiftConfig:
-        """SIFT over the same scale space, for the directions and the descriptors."""
-        return SiftConfig(
+        """SIFT over the same scale space, for the orientations and the descriptors."""
+        return replace(
+            self.descriptor,
             first_octave=self.first_octave,
             octaves=self.octaves,
             intervals=self.intervals,
             extra_intervals=0,
             base_sigma=self.base_sigma,
+            density=DENSITY,
+            camera_sigma=0.0,
+            kernel_radius=KERNEL_RADIUS,
+            grid="centered",
             candidate_fraction=CANDIDATE,
             neighbors=self.neighbors,
             fit="lagrange",

@@ -13,7 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError, require
-from saccade.keypoints.descriptor import Frames, describe_frames, orientations
+from saccade.keypoints.descriptor import (
+    Descriptors,
+    Frames,
+    describe_frames,
+    describe_literally,
+    orientations,
+)
 from saccade.keypoints.extrema import find_extrema
 from saccade.keypoints.given import locate
 from saccade.keypoints.selection import spread_out
@@ -22,7 +28,6 @@ from saccade.scale_space import SMALLEST_SIDE, ScaleSpace, Workspace, gaussian_s
 from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
-ByteArray: TypeAlias = npt.NDArray[np.uint8]
 
 
 class Workbench:
@@ -154,6 +159,7 @@ def detect(
         contrast_threshold=threshold,
         edge_ratio=config.edge_ratio,
         lagrange=config.fit == "lagrange",
+        refit=config.fit != "once",
         neighbors=config.neighbors,
         threads=threads,
     )
@@ -161,7 +167,8 @@ def detect(
     sigma = config.density * config.base_sigma * 2 ** (level / config.intervals)
     return Points(
         octave=np.full(len(found.plane), octave),
-        plane=np.rint(found.scale).astype(np.int64),  # the refinement may have left the seed's
+        # The refinement may have left the plane of the seed.
+        plane=np.rint(found.scale).astype(np.int64).clip(0, len(responses)),
         xy=found.xy,
         sigma=sigma.astype(np.float32),
         angle=np.zeros(len(found.plane), np.float32),
@@ -242,6 +249,7 @@ def directions(
         smoothing=config.smoothing,
         subpixel=config.subpixel_patches,
         spacing=config.orientation_spacing,
+        every_bin=config.orientation_bins == "all",
         threads=threads,
     )
     if config.max_orientations:
@@ -278,7 +286,7 @@ def strongest(points: Points, space: ScaleSpace, most: int, spread: bool = False
 
 def describe_all(
     space: ScaleSpace, points: Points, order: IntArray, config: SiftConfig, threads: int = 1
-) -> ByteArray:
+) -> Descriptors:
     """(n, 128) descriptors of the points that `order` names.
 
     They are made as the points lie in the planes: neighbors share what is in the cache.
@@ -287,7 +295,7 @@ def describe_all(
     place[order] = np.arange(len(order))
     wanted = np.zeros(len(place), np.bool_)
     wanted[order] = True
-    descriptors = np.empty((len(order), 128), np.uint8)
+    descriptors: Descriptors = np.empty((len(order), 128), config.descriptor_dtype)
     for number, octave in enumerate(space.octaves):
         here = np.flatnonzero(wanted & (points.octave == number))
         descriptors[place[here]] = descriptors_of(octave, points.take(here), config, threads)
@@ -296,8 +304,11 @@ def describe_all(
 
 def descriptors_of(
     octave: Float32Array, points: Points, config: SiftConfig, threads: int = 1
-) -> ByteArray:
+) -> Descriptors:
     """(n, 128) descriptors of the points of one octave."""
+    as_float = config.descriptor_dtype == "float32"
+    if config.descriptor == "kootstra2010":
+        return describe_literally(octave, points.frames, points.angle, as_float)
     return describe_frames(
         octave,
         points.frames,
@@ -306,6 +317,7 @@ def descriptors_of(
         subpixel=config.subpixel_patches,
         root=config.descriptor == "root",
         spacing=config.descriptor_spacing,
+        as_float=as_float,
         threads=threads,
     )
 

@@ -35,6 +35,7 @@ def fit_extrema(
     contrast_threshold: float,
     edge_ratio: float,
     lagrange: bool,
+    refit: bool,
     definite: bool,
     seeds: IntArray,
     offsets: FloatArray,
@@ -42,7 +43,8 @@ def fit_extrema(
 ) -> None:
     """Move each seed to the sample nearest its extremum; value 0 where there is none to keep.
 
-    Where it must be `definite` it is none that only has no higher or lower sample beside it.
+    Without `refit` it stays at its sample wherever the quadratic leads. Where it must be
+    `definite` it is none that only has no higher or lower sample beside it.
     """
     planes, height, width = dog.shape
     edge = edge_ratio + 2 + 1 / edge_ratio  # (tau_r + 1)^2 / tau_r, and for an infinite ratio
@@ -50,16 +52,16 @@ def fit_extrema(
         plane, row, column = seeds[i]
         before = (plane, row, column)
         values[i] = 0
-        for refit in range(REFITS):
+        for attempt in range(REFITS):
             (x, y, scale), value, trace, determinant, solid = fit_quadratic(dog, plane, row, column)
             up = step(scale)
             if lagrange and not 1 <= plane + up < planes - 1 and abs(scale) < OVERLAP:
                 up = 0
             after = (plane + up, row + step(y), column + step(x))
             # Halfway between two samples the quadratic at each may point to the other.
-            returned = after == before or refit == REFITS - 1
+            returned = after == before or attempt == REFITS - 1
             between = returned and max(abs(x), abs(y), abs(scale)) < BETWEEN
-            if after == (plane, row, column) or (lagrange and between):
+            if not refit or after == (plane, row, column) or (lagrange and between):
                 strong = abs(value) >= contrast_threshold  # B.6
                 summit = not definite or max(trace * value, solid * value) < 0
                 if (

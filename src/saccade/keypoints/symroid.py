@@ -10,7 +10,6 @@ from scipy import ndimage
 
 from saccade.image import as_gray
 from saccade.keypoints.points import Points, descriptors_of, directions
-from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.pair_sums import (
     MARGIN,
@@ -102,16 +101,16 @@ class SymRoid:
             response=response[strongest].astype(np.float32),
             octave=np.zeros(len(xy), np.int32),
         )
-        return described(gray, Regions(keypoints, boxes.astype(np.float32)), config.upright)
+        return described(gray, Regions(keypoints, boxes.astype(np.float32)), config)
 
 
-def described(gray: Float32Array, regions: Regions, upright: bool) -> Regions:
+def described(gray: Float32Array, regions: Regions, config: SymRoidConfig) -> Regions:
     """Regions with descriptors, and directions unless upright.
 
     The squares that they are brought to are to SIFT the planes of an octave, with a point in the
     middle of each.
     """
-    count, config = len(regions), SiftConfig(max_orientations=1)
+    count, sift = len(regions), replace(config.descriptor, max_orientations=1)
     squares = np.empty((count, PATCH, PATCH), np.float32)
     for square, box in zip(squares, regions.boxes, strict=True):
         cv2.GaussianBlur(normalized(gray, box), (0, 0), SCALE, dst=square)
@@ -123,10 +122,10 @@ def described(gray: Float32Array, regions: Regions, upright: bool) -> Regions:
         angle=np.zeros(count, np.float32),
         response=regions.keypoints.response,
     )
-    if not upright:
-        index, angle = directions(squares, points, config)
+    if not config.upright:
+        index, angle = directions(squares, points, sift)
         points.angle[index] = angle  # a flat square has none
-    descriptors = descriptors_of(squares, points, config)
+    descriptors = descriptors_of(squares, points, sift)
     keypoints = replace(regions.keypoints, angle=points.angle, descriptors=descriptors)
     return Regions(keypoints, regions.boxes)
 

@@ -1,10 +1,11 @@
 """The settings of SymRoID, and the source's as a preset."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, Self
 
 from saccade.errors import require
+from saccade.keypoints.sift_config import SiftConfig
 from saccade.pyramid import DEEPEST
 
 
@@ -34,6 +35,9 @@ class SymRoidConfig:
     """Describe regions as they stand; otherwise along the strongest direction of gradients."""
     max_keypoints: int = 50
     """Keep this many of the strongest: few, as landmarks should be; 0 keeps all."""
+    descriptor: SiftConfig = field(default_factory=SiftConfig)
+    """How the orientation of a region is assigned and the region described; nothing else of it
+    counts here, and a region has one orientation."""
 
     def __post_init__(self) -> None:
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
@@ -57,7 +61,10 @@ class SymRoidConfig:
 
     @classmethod
     def kootstra2010(cls) -> Self:
-        """The source's: seeds and growth at half of the maximum, levels and ring of the release."""
+        """The source's: seeds and growth at half of the maximum, levels and ring of the release.
+
+        Of its descriptor no more is known than that it is largely SIFT's (section B.2).
+        """
         return cls(
             levels=(3, 4, 5),
             inner=3,
@@ -69,4 +76,5 @@ class SymRoidConfig:
             relative_to="maximum",
             upright=True,
             max_keypoints=0,
+            descriptor=SiftConfig.kootstra2010(),
         )
