@@ -23,6 +23,7 @@ ALLOWED = {
     "formats": set(),
     "_jit": {"errors"},
     "image": {"types", "errors", "files"},
+    "textbook": {"types", "errors", "image"},
     "video": FOUNDATION | {"image"},
     "pyramid": {"types", "errors", "_jit"},
     "scale_space": {"types", "errors", "_jit"},
