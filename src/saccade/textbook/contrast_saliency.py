@@ -1,37 +1,36 @@
 """Appendix A: the contrast-saliency model, equations A.1-A.14.
 
-Arrays are indexed [row, column], y points down. As in the print, l is a level of a pyramid, c the
-level of a center, s that of its surround, theta an orientation. *Silent*: the print does not say.
+As in the print, c is the level of a center, s that of a surround; *silent*: it does not say.
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
-from scipy import ndimage
+from scipy.ndimage import convolve, label, map_coordinates, maximum_filter, maximum_position
 
 from saccade.errors import ImageError
 from saccade.image import as_rgb
 from saccade.types import FloatArray, Image, IntArray
 
 R, G, B = 0, 1, 2  # along the last axis of an image
-LEVELS = range(9)  # l; level 0 is the image
 SCALES = [(c, c + delta) for c in (2, 3, 4) for delta in (3, 4)]  # c, s
-THETAS = (0, 45, 90, 135)  # in degrees: the direction of a bar, from x towards y
-LEAST_MAXIMUM = 0.10  # local maxima below it do not count in N
-
+THETAS = (0, 45, 90, 135)  # in degrees: the direction of a bar, from x towards y (down)
 BLACK = np.finfo(np.float64).tiny
 """Silent: A.2 and A.3 are 0 / 0 where the image is black; 0 / BLACK = 0 says no color."""
 KERNEL = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
 """Silent: G; the binomial of variance 1 is the smallest kernel that is nearly a Gaussian."""
-BORDER = "nearest"
+BORDER: Final = "nearest"
 """Silent: outside, the image goes on as its last row or column, which adds no contrast."""
 WAVELENGTH, SIGMA, PHASE, RADIUS = 4.0, 2.25, 0.0, 7
 """Silent: the Gabor kernel, in samples. It responds to bars two samples wide, the finest a level
 holds, passes one octave, the distance between levels, and is cut off at three sigma."""
-MAP_LEVEL, ORDER = 4, 1
-"""Silent: (+) adds at the coarsest center's scale, which enlarges nothing; order 1 is bilinear."""
+ORDER: Final = 1
+"""Silent: bilinear interpolation, the lowest order without steps, which N would count as maxima."""
+MAP_LEVEL = 4
+"""Silent: (+) adds at the scale of the coarsest center, so that no map has to be enlarged."""
 EQUAL_DIGITS = 9
-"""Silent: values that agree to so many decimals are one plateau; they differ by rounding errors."""
+"""Silent: values of a map in [0, 1] that agree to so many decimals are equal but for rounding."""
 FLAT = 1e-12
 """Silent: a map that varies less than this varies by rounding, and N makes it 0."""
 
@@ -85,10 +84,9 @@ class ContrastSaliency:
 
 
 def contrast_saliency(image: Image) -> ContrastSaliency:
-    """Contrast saliency from intensity, color and orientation, of an image of any real dtype.
+    """Contrast saliency from intensity, color and orientation: the whole of appendix A.
 
-    Raises:
-        ImageError: not an image, empty, not finite, outside [0, 1], or smaller than 17 x 17.
+    Takes any `saccade.types.Image` of at least 17 x 17 pixels; all else raises `ImageError`.
 
     Examples:
         >>> image = np.full((320, 320, 3), 0.5)
@@ -102,21 +100,17 @@ def contrast_saliency(image: Image) -> ContrastSaliency:
         raise ImageError(f"image: expected at least 17 pixels a side, found shape {rgb.shape}")
 
     # Step 1: channels, and a pyramid of each
-    channels = {"intensity": intensity(rgb), "red_green": red_green(rgb)}
-    channels["blue_yellow"] = blue_yellow(rgb)
+    channels = {each.__name__: each(rgb) for each in (intensity, red_green, blue_yellow)}
     P = {name: build_pyramid(channel) for name, channel in channels.items()}
     P |= {f"orientation_{theta}": oriented_pyramid(P["intensity"], theta) for theta in THETAS}
 
     # Step 2: contrast between centers and surrounds
-    F, added = {}, {}
-    for name, pyramid in P.items():
-        for c, s in SCALES:
-            contrast = across_scale_difference(pyramid[c], pyramid[s])
-            F[name, c, s] = FeatureMap(contrast, normalize(contrast))
+    contrasts = {(p, c, s): across_scale_difference(P[p][c], P[p][s]) for p in P for c, s in SCALES}
+    F = {key: FeatureMap(contrast, normalize(contrast)) for key, contrast in contrasts.items()}
 
     # Step 3: conspicuity maps
-        maps = [F[name, c, s].normalized.map for c, s in SCALES]
-        added[name] = across_scale_sum(maps, pyramid[MAP_LEVEL].shape)
+    shape = P["intensity"][MAP_LEVEL].shape
+    added = {p: across_scale_sum([F[p, c, s].normalized.map for c, s in SCALES], shape) for p in P}
     I = added.pop("intensity")  # A.11
     N = {name: normalize(total) for name, total in added.items()}
     C = N["red_green"].map + N["blue_yellow"].map  # A.12
@@ -135,18 +129,17 @@ def intensity(rgb: FloatArray) -> FloatArray:
 
 def red_green(rgb: FloatArray) -> FloatArray:
     """RG, (H, W) of (H, W, 3)."""
-    return (rgb[..., R] - rgb[..., G]) / np.max(rgb, axis=-1, initial=BLACK)  # A.2
+    return (rgb[..., R] - rgb[..., G]) / rgb.max(-1, initial=BLACK)  # A.2
 
 
 def blue_yellow(rgb: FloatArray) -> FloatArray:
     """BY, (H, W) of (H, W, 3)."""
-    yellow = np.minimum(rgb[..., R], rgb[..., G])
-    return (rgb[..., B] - yellow) / np.max(rgb, axis=-1, initial=BLACK)  # A.3
+    return (rgb[..., B] - np.minimum(rgb[..., R], rgb[..., G])) / rgb.max(-1, initial=BLACK)  # A.3
 
 
 def low_pass(image: FloatArray) -> FloatArray:
     """I'[l-1] of I[l-1]."""
-    return ndimage.convolve(image, KERNEL, mode=BORDER)  # A.4
+    return convolve(image, KERNEL, mode=BORDER)  # A.4
 
 
 def every_second_sample(image: FloatArray) -> FloatArray:
@@ -157,7 +150,7 @@ def every_second_sample(image: FloatArray) -> FloatArray:
 def build_pyramid(channel: FloatArray) -> tuple[FloatArray, ...]:
     """I[l], RG[l] or BY[l] at every level."""
     levels = [channel]
-    for _ in LEVELS[1:]:
+    for _ in range(8):  # l = 1 to 8
         levels.append(every_second_sample(low_pass(levels[-1])))
     return tuple(levels)
 
@@ -173,7 +166,7 @@ def gabor_kernel(degrees: float) -> FloatArray:
 
 def oriented_pyramid(pyramid: tuple[FloatArray, ...], degrees: float) -> tuple[FloatArray, ...]:
     """O[l, theta] of I[l] at every level, signed."""
-    return tuple(ndimage.convolve(I, gabor_kernel(degrees), mode=BORDER) for I in pyramid)  # A.6
+    return tuple(convolve(I, gabor_kernel(degrees), mode=BORDER) for I in pyramid)  # A.6
 
 
 def across_scale_difference(center: FloatArray, surround: FloatArray) -> FloatArray:
@@ -183,13 +176,13 @@ def across_scale_difference(center: FloatArray, surround: FloatArray) -> FloatAr
 
 def normalize(feature_map: FloatArray) -> Normalized:
     """N: promotes maps with few outstanding maxima, demotes those with many that are alike."""
-    low, high = feature_map.min(), feature_map.max()
-    if high - low < FLAT:
+    if np.ptp(feature_map) < FLAT:
         return Normalized(np.zeros(feature_map.shape), 0.0, 0.0, np.empty((0, 2), np.int64))
-    scaled = np.round((feature_map - low) / (high - low), EQUAL_DIGITS)  # N, 1
-    tops = (scaled == ndimage.maximum_filter(scaled, 3)) & (scaled >= LEAST_MAXIMUM)
-    groups, k = ndimage.label(tops, np.ones((3, 3)))  # tops that touch are equal: one maximum
-    maxima = np.array(ndimage.maximum_position(scaled, groups, range(1, k + 1)))
+    scaled = (feature_map - feature_map.min()) / np.ptp(feature_map)  # N, 1
+    scaled = np.round(scaled, EQUAL_DIGITS)
+    tops = (scaled == maximum_filter(scaled, 3)) & (scaled >= 0.10)
+    groups, k = label(tops, np.ones((3, 3)))  # tops that touch are equal: one maximum
+    maxima = np.array(maximum_position(scaled, groups, range(1, k + 1)))
     m = np.mean(scaled[tuple(maxima.T)])
     weight = (1 - m) ** 2 if k > 1 else 1.0  # mended: a single maximum has m = 1
     return Normalized(scaled * weight, float(m), float(weight), maxima)  # N, 2
@@ -205,5 +198,4 @@ def resize(image: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     while np.any(np.greater(image.shape, shape)):
         image = every_second_sample(low_pass(image))
     step = 2 ** np.ceil(np.log2(np.divide(shape, image.shape)))  # from sample to sample
-    at = np.indices(shape) / step[:, None, None]
-    return ndimage.map_coordinates(image, at, order=ORDER, mode=BORDER)
+    return map_coordinates(image, np.indices(shape) / step[:, None, None], order=ORDER, mode=BORDER)
