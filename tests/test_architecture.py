@@ -29,9 +29,10 @@ ALLOWED = {
     "scale_space": {"types", "errors", "_jit"},
     "pair_sums": {"types", "errors", "_jit", "pyramid"},
     "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums"},
-    "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums"},
+    "keypoints": {
+        *("types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums", "textbook"),
+    },
     "slam": FOUNDATION | {"_jit"},
-    "textbook": {"types", "errors", "image"},
     "visual": FOUNDATION | {"_jit", "image", "pyramid", "attention", "keypoints", "slam"},
     "simulation": FOUNDATION | {"image", "slam"},
     "datasets": FOUNDATION | {"image", "video"},

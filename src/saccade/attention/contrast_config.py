@@ -162,8 +162,9 @@ class ContrastConfig:
 
     @classmethod
     def kootstra2010(cls) -> Self:
-        """Kootstra (2010): equations A.1-A.14 as printed; a map with a single maximum keeps its weight.
+        """Kootstra (2010): equations A.1-A.14 as printed.
 
+        Mended is one thing: a map with a single local maximum keeps its weight.
         What the print leaves open is as in `saccade.textbook.contrast_saliency`. Differs from it
         where an image has no level 8, shorter than 129 px: pairs of levels that do not exist are
         left out, where the textbook goes on with levels of a single sample.

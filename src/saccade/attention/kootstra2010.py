@@ -54,10 +54,8 @@ class PrintedSteps:
     def oriented(self, level: FloatMap) -> list[FloatMap]:
         """The signed response to one even Gabor filter for each orientation (A.6)."""
         config = self.config
-        filters = [
-            gabor_pair(np.deg2rad(angle), config.gabor_period, config.gabor_sigma, config.gabor_size)
-            for angle in config.orientations
-        ]
+        wave = config.gabor_period, config.gabor_sigma, config.gabor_size
+        filters = [gabor_pair(np.deg2rad(angle), *wave) for angle in config.orientations]
         return [cv2.filter2D(level, -1, even, borderType=BORDER) for even, _ in filters]
 
     @staticmethod
