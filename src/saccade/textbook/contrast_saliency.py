@@ -1,6 +1,6 @@
 """Appendix A: the contrast-saliency model, equations A.1-A.14.
 
-As in the print, c is the level of a center, s that of a surround; *silent*: it does not say.
+As in the print, c is the level of a center, s that of its surround. *Silent*: it does not say.
 """
 
 from dataclasses import dataclass
@@ -95,7 +95,7 @@ def contrast_saliency(image: Image) -> ContrastSaliency:
     """
     rgb = as_rgb(image, dtype=np.float64)
     if min(rgb.shape[:2]) <= 2**MAP_LEVEL:  # the maps would be one row or one column
-        raise ImageError(f"image: expected at least 17 pixels a side, found shape {rgb.shape}")
+        raise ImageError(f"image: expected sides over {2**MAP_LEVEL} pixels, found {rgb.shape[:2]}")
 
     # Step 1: channels, and a pyramid of each
     channels = {each.__name__: each(rgb) for each in (intensity, red_green, blue_yellow)}
@@ -191,7 +191,7 @@ def across_scale_sum(maps: list[FloatArray], shape: tuple[int, ...]) -> FloatArr
 
 
 def resize(image: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """One level at the size of another: coarser by A.4 and A.5, finer by interpolation."""
+    """One level at the size of another; silent: coarser by A.4 and A.5, finer by interpolation."""
     while np.any(np.greater(image.shape, shape)):
         image = every_second_sample(low_pass(image))
     step = 2 ** np.ceil(np.log2(np.divide(shape, image.shape)))  # from sample to sample

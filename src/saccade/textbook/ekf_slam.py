@@ -3,7 +3,7 @@
 The letters of the print: x = (x, y, theta) is the pose of the robot, m the map, s = (x, m) the
 state, P its covariance. The control u = (d, phi), of covariance U, turns by phi, then goes d ahead.
 The observation z = (r, bearing), of covariance R, is relative to the pose. Meters and radians,
-counter-clockwise. f, h and g are not in the print, but their Jacobians are, and they follow.
+counter-clockwise. The print gives f, h and g by their Jacobians.
 """
 
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ def h(x: FloatArray, m: FloatArray) -> FloatArray:
 class EkfSlam:
     """The robot and N landmarks as one Gaussian, of mean s and covariance P.
 
-    It starts at x0, (3,), with covariance P0, (3, 3). Other shapes raise `ConfigError`.
+    It starts at x0, (3,), with covariance P0, (3, 3). Other values raise `ConfigError`.
 
     Examples:
         >>> slam = EkfSlam()
@@ -161,8 +161,7 @@ def grad_f_u(x: FloatArray, u: FloatArray) -> FloatArray:
 
 def grad_h(x: FloatArray, m: FloatArray) -> FloatArray:
     """Jacobian of h by the pose and the landmark, (2, 5)."""
-    dx, dy = x[0] - m[0], x[1] - m[1]
-    q = hypot(dx, dy)
+    dx, dy, q = x[0] - m[0], x[1] - m[1], hypot(x[0] - m[0], x[1] - m[1])
     of_range = [dx / q, dy / q, 0, -dx / q, -dy / q]
     of_bearing = [-dy / q**2, dx / q**2, -1, dy / q**2, -dx / q**2]
     return np.array([of_range, of_bearing])  # C.14
@@ -193,7 +192,8 @@ def wrap(angle: float) -> float:
 
 
 def checked(name: str, value: ArrayLike, *shape: int) -> FloatArray:
-    """A copy of the value, if it has this shape."""
+    """A copy of the value, if it has this shape and is finite."""
     array = np.array(value, np.float64)
-    require(array.shape == shape, name, f"shape {shape}", array.shape)
+    fits = array.shape == shape and np.isfinite(array).all()
+    require(bool(fits), name, f"finite numbers of shape {shape}", array.tolist())
     return array
