@@ -102,6 +102,32 @@ def test_the_page_of_equations_has_all_of_them():
     assert found == {(key, number) for key, last in LAST.items() for number in range(1, last + 1)}
 
 
+@pytest.mark.parametrize(
+    ("symbol", "number"),
+    [
+        ("| $R, G, B$ |", "A.1-A.3"),
+        ("| $\\theta$ | direction of the bars", "A.6"),
+        ("| $L$ |", "B.2"),
+        ("| $D$ |", "B.1"),
+        ("| $\\hat{x}$ |", "B.5"),
+        ("| $\\tau_c$ |", "B.6"),
+        ("| $\\tau_r$ |", "B.10"),
+        ("| $P$ |", "C.4"),
+        ("| $U$ |", "C.7"),
+        ("| $F_x, F_u$ |", "C.8, C.9"),
+        ("| $R$ |", "C.12"),
+        ("| $v = z - h$ |", "C.10"),
+        ("| $S$ | covariance", "C.12"),
+        ("| $W$ | Kalman gain", "C.13"),
+        ("| $G_x, G_z$ |", "C.18"),
+    ],
+)
+def test_symbols_stand_beside_the_equations_that_bring_them(symbol, number):
+    lines = (DOCS / "equations.md").read_text(encoding="utf-8").splitlines()
+    (row,) = [line for line in lines if line.startswith(symbol)]
+    assert row.rsplit("|", 2)[1].strip() == number
+
+
 def test_nothing_is_cited_that_is_not_in_print():
     files = [*SOURCE.rglob("*.py"), *DOCS.rglob("*.md")]
     assert len(files) > 100
