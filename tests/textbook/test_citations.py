@@ -1,5 +1,6 @@
 """The equations are cited by the numbers that they have in print, each in its own file."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -30,10 +31,12 @@ PLACES = {
         "differences": [1],
         "smooth": [2],
         "gaussian_kernel": [3],
-        "refine": [4, 5],
+        "taylor": [4],
+        "refine": [5],
         "value_at": [6],
-        "curvature_ratio": [10],
-        "gradients": [11, 12],
+        "gradient_and_hessian": [8, 9],
+        "curvature_ratio": [7, 10],
+        "gradient_at": [11, 12],
     },
     "C": {
         "f": [1],
@@ -43,7 +46,8 @@ PLACES = {
         "grad_f_u": [9],
         "update": [10, 11, 12, 13],
         "grad_h": [14],
-        "augment": [15, 16, 17],
+        "g": [15],
+        "augment": [16, 17],
         "grad_g_x": [18],
         "grad_g_z": [18],
     },
@@ -74,19 +78,54 @@ def test_each_file_cites_all_of_its_appendix_and_nothing_else(appendix):
     assert found == {(appendix, number) for number in range(1, LAST[appendix] + 1)}
 
 
+def test_results_in_a_file_of_their_own_cite_the_same_appendix():
+    for path in TEXTBOOK.glob("*_result.py"):
+        found = set(cited(path.read_text(encoding="utf-8")))
+        assert {appendix for appendix, _ in found} == {"B"}
+
+
 @pytest.mark.parametrize("appendix", "ABC")
 def test_each_equation_stands_in_its_function(appendix):
     text = (TEXTBOOK / FILES[appendix]).read_text(encoding="utf-8")
-    parts = re.split(r"^ *def (\w+)", text, flags=re.MULTILINE)
-    bodies = dict(zip(parts[1::2], parts[2::2], strict=True))
+    functions = {
+        node.name: "\n".join(text.splitlines()[node.lineno - 1 : node.end_lineno])
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef)
+    }
     for name, numbers in PLACES[appendix].items():
-        missing = {(appendix, number) for number in numbers} - set(cited(bodies[name]))
+        missing = {(appendix, number) for number in numbers} - set(cited(functions[name]))
         assert not missing, f"{name} does not cite {missing}"
 
 
 def test_the_page_of_equations_has_all_of_them():
     found = set(cited((DOCS / "equations.md").read_text(encoding="utf-8")))
     assert found == {(key, number) for key, last in LAST.items() for number in range(1, last + 1)}
+
+
+@pytest.mark.parametrize(
+    ("symbol", "number"),
+    [
+        ("| $R, G, B$ |", "A.1-A.3"),
+        ("| $\\theta$ | direction of the bars", "A.6"),
+        ("| $L$ |", "B.2"),
+        ("| $D$ |", "B.1"),
+        ("| $\\hat{x}$ |", "B.5"),
+        ("| $\\tau_c$ |", "B.6"),
+        ("| $\\tau_r$ |", "B.10"),
+        ("| $P$ |", "C.4"),
+        ("| $U$ |", "C.7"),
+        ("| $F_x, F_u$ |", "C.8, C.9"),
+        ("| $R$ |", "C.12"),
+        ("| $v = z - h$ |", "C.10"),
+        ("| $S$ | covariance", "C.12"),
+        ("| $W$ | Kalman gain", "C.13"),
+        ("| $G_x, G_z$ |", "C.18"),
+    ],
+)
+def test_symbols_stand_beside_the_equations_that_bring_them(symbol, number):
+    lines = (DOCS / "equations.md").read_text(encoding="utf-8").splitlines()
+    (row,) = [line for line in lines if line.startswith(symbol)]
+    assert row.rsplit("|", 2)[1].strip() == number
 
 
 def test_nothing_is_cited_that_is_not_in_print():

@@ -14,6 +14,7 @@ from saccade.errors import ImageError
 from saccade.textbook.sift import (
     BASE_SIGMA,
     OCTAVES,
+    K,
     S,
     build_scale_space,
     curvature_ratio,
@@ -24,7 +25,6 @@ from saccade.textbook.sift import (
     gaussian_kernel,
     gradient_and_hessian,
     gradients,
-    k,
     orientation_histogram,
     refine,
     sample_grid,
@@ -72,6 +72,18 @@ def scene(side=65, seed=0):
         image += blob(side, x, y, wide, high, amplitude=rng.choice([-0.5, 0.5]))
     image += 0.02 * rng.normal(size=image.shape)
     return np.clip(image, 0, 1)
+
+
+def lines(side=65):
+    """Lines across one another on noise: extrema of every fate, saddles among them."""
+    rng = np.random.default_rng(2)
+    image = np.full((side, side), 0.5)
+    for _ in range(5):
+        turn, (x, y) = rng.uniform(0, math.pi), rng.uniform(0, side, 2)
+        across = ramp(-math.sin(turn), math.cos(turn), side) + x * math.sin(turn)
+        across -= y * math.cos(turn)
+        image += rng.choice([-0.4, 0.4]) * np.exp(-(across**2) / 8)
+    return np.clip(image + 0.05 * rng.normal(size=image.shape), 0, 1)
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +140,7 @@ def test_octaves_have_six_images_and_halve():
     image = np.random.default_rng(1).random((70, 91))
     space = build_scale_space(image)
     assert (S, OCTAVES) == (3, 3)
-    assert k == pytest.approx(1.25992105)
+    assert pytest.approx(1.25992105) == K
     assert [len(octave) for octave in space] == [6, 6, 6]
     sizes = [(70, 91), (35, 46), (18, 23)]
     for octave, size in zip(space, sizes, strict=True):
@@ -155,7 +167,7 @@ def test_every_image_has_the_blur_that_its_place_says():
         for i, level in enumerate(octave):
             sigma = BASE_SIGMA * 2 ** (o + i / 3)
             middle = level[80 >> o, 80 >> o]
-            assert middle == pytest.approx(blurred(wide**2, sigma**2), rel=0.02)
+            assert middle == pytest.approx(blurred(wide**2, sigma**2), rel=0.03)
 
 
 def test_differences_are_of_neighbors_finer_from_coarser():
@@ -290,16 +302,16 @@ def test_the_ratio_of_curvatures(hessian, ratio):
 @pytest.mark.parametrize("bright", [True, False])
 @pytest.mark.parametrize(("o", "i"), [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (2, 1)])
 def test_a_blob_is_found_at_its_place_and_scale(o, i, bright):
-    # D of a blob of variance t is extreme at sigma^2 = t / k, where it is (k - 1) / (k + 1)
+    # D of a blob of variance t is extreme at sigma^2 = t / k, where it is (K - 1) / (K + 1)
     sigma = BASE_SIGMA * 2 ** (o + i / 3)
-    wide = sigma * math.sqrt(k)
+    wide = sigma * math.sqrt(K)
     side, x, y = (81, 40.3, 38.8) if o < 2 else (129, 64.6, 61.0)
     image = blob(side, x, y, wide)
     result = sift(image if bright else 1 - image)
     kept = [each for each in result.candidates if each.fate == "kept"]
     best = max(kept, key=lambda each: abs(each.value))
     assert (best.octave, best.i) == (o, i)
-    peak = (k - 1) / (k + 1)
+    peak = (K - 1) / (K + 1)
     assert best.value == pytest.approx(-peak if bright else peak, rel=0.03)
     strongest = int(np.argmax(result.keypoints.response))
     assert result.keypoints.octave[strongest] == o
@@ -310,15 +322,15 @@ def test_a_blob_is_found_at_its_place_and_scale(o, i, bright):
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
 def test_scales_between_the_images_are_found(share):
     sigma = BASE_SIGMA * 2 ** ((1 + share) / 3)
-    result = sift(blob(81, 40, 40, sigma * math.sqrt(k)))
+    result = sift(blob(81, 40, 40, sigma * math.sqrt(K)))
     strongest = int(np.argmax(result.keypoints.response))
     assert result.keypoints.size[strongest] == pytest.approx(2 * sigma, rel=0.05)
 
 
 @pytest.mark.parametrize(("contrast", "fate"), [(0.019, "low contrast"), (0.021, "kept")])
 def test_contrast_on_either_side_of_two_hundredths(contrast, fate):
-    wide = BASE_SIGMA * 2 ** (2 / 3) * math.sqrt(k)
-    amplitude = contrast * (k + 1) / (k - 1)
+    wide = BASE_SIGMA * 2 ** (2 / 3) * math.sqrt(K)
+    amplitude = contrast * (K + 1) / (K - 1)
     result = sift(blob(65, 32, 32, wide, background=0.4, amplitude=amplitude))
     middle = [each for each in result.candidates if each.octave == 0]
     best = max(middle, key=lambda each: abs(each.value))
@@ -339,9 +351,8 @@ def test_long_blobs_are_edges(stretch, fate):
 
 
 def test_fates_follow_from_the_differences(found):
-    busy = np.random.default_rng(4).random((96, 96))
-    fates = set()
-    for result in (found, sift(busy)):
+    fates, saddles = set(), 0
+    for result in (found, sift(lines())):
         for each in result.candidates:
             D = result.differences[each.octave]
             assert (each.i, each.row, each.column) in find_extrema(D)
@@ -352,8 +363,13 @@ def test_fates_follow_from_the_differences(found):
             Dxy = (across - level[y + 1, x - 1] - level[y - 1, x + 1]) / 4
             det = Dxx * Dyy - Dxy**2
             fates.add(each.fate)
-            if each.fate == "unstable":
+            last = np.subtract((*level.shape[::-1], len(D)), 1)
+            there = np.add(each.offset, (x, y, each.i))
+            inside = bool(((there >= 0) & (there <= last)).all())
+            assert (each.fate == "unstable") == (not inside)
+            if not inside:
                 continue
+            saddles += det <= 0 and abs(each.value) >= 0.02
             if abs(each.value) < 0.02:
                 assert each.fate == "low contrast"
             elif det <= 0 or (Dxx + Dyy) ** 2 / det >= 12.1:
@@ -362,7 +378,8 @@ def test_fates_follow_from_the_differences(found):
                 assert each.fate == "kept"
             if det > 0:
                 assert each.curvature_ratio == pytest.approx((Dxx + Dyy) ** 2 / det)
-    assert {"kept", "low contrast", "edge"} <= fates <= FATES
+    assert fates == FATES
+    assert saddles > 0
 
 
 def test_every_extremum_is_a_candidate(found):
@@ -439,7 +456,9 @@ def bins(**values):
 
 
 def test_every_bin_over_eighty_percent_is_dominant_even_beside_the_highest():
-    assert degrees_of(bins(b5=10.0, b6=9.0)) == pytest.approx([58.75, 59.0909091])
+    first, second = degrees_of(bins(b5=10.0, b6=9.0))
+    assert first == pytest.approx(59.0909091)
+    assert 59.9 < second < 70
     assert len(degrees_of(bins(b5=10.0, b6=9.0, b7=8.5, b20=8.1))) == 4
     assert degrees_of(bins(b5=10.0, b20=8.1)) == pytest.approx([55, 205])
     assert degrees_of(bins(b5=10.0, b20=8.0)) == pytest.approx([55])
@@ -495,8 +514,7 @@ def test_the_grid_is_turned_and_scaled_about_the_point():
 
 
 def described(L, x=20.0, y=20.0, sigma=1.2, angle=0.0):
-    m, theta = gradients(L)
-    return descriptor(m, theta, x, y, sigma, angle)
+    return descriptor(L, x, y, sigma, angle)
 
 
 def planes(degrees, angle=0.0):
@@ -643,10 +661,11 @@ def test_descriptions_are_those_of_the_closest_image(found):
         origin = found.candidates[each.candidate]
         sigmas = BASE_SIGMA * 2 ** (np.arange(6) / 3)
         closest = int(abs(np.log(sigmas / each.sigma)).argmin())
-        m, theta = gradients(found.scale_space[origin.octave][closest])
+        L = found.scale_space[origin.octave][closest]
+        m, theta = gradients(L)
         histogram = orientation_histogram(m, theta, each.x, each.y, each.sigma)
         np.testing.assert_allclose(each.histogram, histogram)
-        again = descriptor(m, theta, each.x, each.y, each.sigma, each.angle)
+        again = descriptor(L, each.x, each.y, each.sigma, each.angle)
         np.testing.assert_allclose(each.vector, again.vector)
 
 

@@ -178,12 +178,14 @@ def describe_literally(
         as_float: give float32 of unit length in the place of bytes.
 
     Returns:
-        (n, 128), rows of subregions along the angle; the orientation bins of a subregion turn
-        from x towards y, against those of `describe_frames`.
+        (n, 128), ordered as those of `describe_frames`.
     """
     vectors = np.empty((len(angle), CELLS * CELLS * DIRECTIONS), np.float32)
     for i, (plane, (x, y), sigma) in enumerate(zip(*frames, strict=True)):
         vectors[i] = printed_descriptor(octave[plane], x, y, sigma, angle[i]).vector
+    # The bins of the textbook turn from x towards y, those of keypoints from y towards x.
+    vectors = vectors.reshape(-1, CELLS**2, DIRECTIONS)[:, :, -np.arange(DIRECTIONS)]
+    vectors = vectors.reshape(-1, CELLS**2 * DIRECTIONS)
     return vectors if as_float else to_bytes(QUANTUM * vectors)
 
 

@@ -30,7 +30,7 @@ BASE_SIGMA = 1.6
 BORDER: Literal["mirror"] = "mirror"
 """Mirrored about its outermost samples, an image filtered in steps is as if filtered at once."""
 FIRST_SAMPLE = 0
-"""Down-sampling keeps samples 0, 2, 4, ..., as in A.5: coordinates halve exactly."""
+"""Down-sampling keeps samples 0, 2, 4, ..., as appendix A does: coordinates halve exactly."""
 SMALLEST_SIDE = 3
 """Pixels; no sample of a smaller octave has 26 neighbors, so it is left out."""
 OUTSIDE = 0.0

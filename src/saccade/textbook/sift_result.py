@@ -83,16 +83,17 @@ class SiftResult:
 
 
 def to_keypoints(descriptions: list[Description], candidates: tuple[Candidate, ...]) -> Keypoints:
-    """The points in pixels of the image."""
+    """The points in pixels of the image; bins of their descriptors as `Keypoints` has them."""
     origin = [candidates[d.candidate] for d in descriptions]
     octave = np.array([c.octave for c in origin], np.int32)
     x_y_sigma = np.array([(d.x, d.y, d.sigma) for d in descriptions]).reshape(-1, 3)
     x_y_sigma *= 2.0 ** octave[:, None]
+    vectors = np.array([d.vector for d in descriptions], np.float32).reshape(-1, 16, 8)
     return Keypoints(
         xy=x_y_sigma[:, :2].astype(np.float32),
         size=(2 * x_y_sigma[:, 2]).astype(np.float32),
         angle=np.array([d.angle for d in descriptions], np.float32),
         response=np.array([abs(c.value) for c in origin], np.float32),
         octave=octave,
-        descriptors=np.array([d.vector for d in descriptions], np.float32).reshape(-1, 128),
+        descriptors=vectors[:, :, -np.arange(8)].reshape(-1, 128),
     )
