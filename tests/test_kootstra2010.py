@@ -52,9 +52,7 @@ def test_sift_keypoints(shared, name):
     config = replace(SiftConfig.kootstra2010(), descriptor_dtype="float32")
     found, printed = Sift(config)(image), printed_sift(image).keypoints
     here, there = near(printed, found), near(found, printed)
-    print(
-        f"\n{name}: {len(printed)} printed, {here.sum()} found, {(~there).sum()} others"
-    )
+    print(f"\n{name}: {len(printed)} printed, {here.sum()} found, {(~there).sum()} others")
     if len(printed):
         assert here.mean() >= 0.97
         assert there.mean() >= 0.97

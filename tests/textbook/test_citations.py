@@ -106,8 +106,8 @@ def test_the_page_of_equations_has_all_of_them():
     ("symbol", "number"),
     [
         ("| $R, G, B$ |", "A.1-A.3"),
-        ("| $\\theta$ | direction of the bars", "A.6"),
-        ("| $L$ |", "B.2"),
+        ("| $G_\\theta$, $\\theta$ |", "A.6"),
+        ("| $G$, $L$ |", "B.3, B.2"),
         ("| $D$ |", "B.1"),
         ("| $\\hat{x}$ |", "B.5"),
         ("| $\\tau_c$ |", "B.6"),
@@ -119,7 +119,7 @@ def test_the_page_of_equations_has_all_of_them():
         ("| $v = z - h$ |", "C.10"),
         ("| $S$ | covariance", "C.12"),
         ("| $W$ | Kalman gain", "C.13"),
-        ("| $G_x, G_z$ |", "C.18"),
+        ("| $g$, $G_x, G_z$ |", "C.15, C.18"),
     ],
 )
 def test_symbols_stand_beside_the_equations_that_bring_them(symbol, number):
