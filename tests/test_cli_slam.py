@@ -19,6 +19,7 @@ import saccade
 from saccade import slam
 from saccade.cli.slam_report import WORDS, facts
 from saccade.datasets import load
+from saccade.extras import install_command
 from saccade.video import read_video
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
@@ -140,8 +141,7 @@ def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
         code, out, err = run("slam", short, *option)
         assert (code, out) == (2, "")
         assert err == (
-            f"saccade: {extra}: needs {module}, which is not installed; "
-            f"pip install 'saccade[{extra}]'\n"
+            f"saccade: {extra}: needs {module}, which is not installed; {install_command(extra)}\n"
         )
     assert not Path("saccade-slam").exists()
 
