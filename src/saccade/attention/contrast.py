@@ -60,11 +60,11 @@ class ContrastMaps:
     saliency: FloatMap
     """(h, w), not negative; in [0, 1] for the normalizations by local maxima (A.14)."""
     intensity: FloatMap
-    """(h, w) conspicuity, not negative (A.11)."""
+    """(h, w) conspicuity (A.11), from 0 to the number of scales: 6 with `kootstra2010`."""
     color: FloatMap
-    """(h, w) conspicuity, not negative (A.12); 0 for a grey image."""
+    """(h, w) conspicuity (A.12), from 0 to 2; 0 for a grey image."""
     orientation: FloatMap
-    """(h, w) conspicuity, not negative (A.13)."""
+    """(h, w) conspicuity (A.13), from 0 to the number of orientations, 4."""
     image_shape: tuple[int, int]
     """(H, W) of the image."""
     features: tuple[FeatureMap, ...] = ()
