@@ -39,6 +39,8 @@ def rmse(log: LandmarkLog, result: slam.SlamResult) -> float:
 def associated(log: LandmarkLog, result: slam.SlamResult) -> tuple[int, float]:
     """How many of the named landmarks are in the map, and the share of wrong associations."""
     used = np.flatnonzero(result.association >= 0)
+    if len(used) == 0:
+        return 0, float("nan")
     landmark, name = result.association[used], np.unique(log.landmark, return_inverse=True)[1][used]
     counts = np.zeros((len(result.map), int(name.max(initial=-1)) + 1), np.int64)
     np.add.at(counts, (landmark, name), 1)
