@@ -431,5 +431,9 @@ def test_results_and_arguments_are_left_alone_by_later_steps():
     np.testing.assert_array_equal(x0, np.zeros(3))
     np.testing.assert_array_equal(P0, np.diag([0.1, 0.1, 0.1]))
     np.testing.assert_array_equal(R, np.diag([0.1, 0.1]))
+    fresh = EkfSlam(x0, P0)
+    x0[0] = P0[0, 0] = 7
+    assert fresh.x[0] == 0
+    assert fresh.Pxx[0, 0] == 0.1
     with pytest.raises((AttributeError, TypeError)):
         first.s = kept[0]

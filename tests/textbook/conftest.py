@@ -1,0 +1,12 @@
+"""What the tests of the textbook share."""
+
+import pytest
+
+from saccade.textbook import sift
+from textbook.pictures import scene
+
+
+@pytest.fixture(scope="session")
+def found():
+    """What SIFT finds in a scene of blobs."""
+    return sift(scene())
