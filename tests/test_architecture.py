@@ -30,6 +30,7 @@ ALLOWED = {
     "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums"},
     "keypoints": {"types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums"},
     "slam": FOUNDATION | {"_jit"},
+    "textbook": {"types", "errors", "image"},
     "visual": FOUNDATION | {"_jit", "image", "pyramid", "attention", "keypoints", "slam"},
     "simulation": FOUNDATION | {"image", "slam"},
     "datasets": FOUNDATION | {"image", "video"},

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from saccade.files import LARGEST_IMAGE
 
 if TYPE_CHECKING:
-    from saccade import datasets, exchange, slam, viewing, visual
+    from saccade import datasets, exchange, slam, textbook, viewing, visual
     from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
     from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
     from saccade.attention.scanpath import ScanpathConfig, scanpath
@@ -84,7 +84,7 @@ _HOMES = {
     ),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "exchange", "slam", "viewing", "visual")
+_ROOMS = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")
 
 __all__ = [
     "AttentionConfig",
@@ -125,6 +125,7 @@ __all__ = [
     "slam",
     "symmetric_pairs",
     "symmetry_saliency",
+    "textbook",
     "verify",
     "viewing",
     "visual",

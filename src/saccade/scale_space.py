@@ -47,7 +47,7 @@ class Workspace:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScaleSpace:
-    """An image under growing blur, sampled half as densely from octave to octave (B.1-B.2)."""
+    """An image under growing blur, sampled half as densely from octave to octave (B.2-B.3)."""
 
     octaves: tuple[Float32Array, ...]
     """Each (s + 3, h, w): plane i is blurred 2**(i / s) times as much as the first. The first
@@ -102,7 +102,7 @@ def gaussian_scale_space(
     Returns:
         Octaves of float32 planes; none where the image is smaller than `smallest_side`.
 
-    Source: Lowe (2004), section 3; equations B.1-B.2.
+    Source: Lowe (2004), section 3; equations B.2-B.3.
     """
     workspace = Workspace() if workspace is None else workspace
     spacing = 2.0**first_octave / density
@@ -170,7 +170,7 @@ def first_plane(
 def difference_of_gaussians(
     octave: Float32Array, workspace: Workspace | None = None, threads: int = 1
 ) -> Float32Array:
-    """(s + 2, h, w): each plane of an octave taken from the next (B.3).
+    """(s + 2, h, w): each plane of an octave taken from the next (B.1).
 
     In a workspace the differences of one octave take the place of those of the last.
     """

@@ -191,12 +191,12 @@ def channel_pyramids(
 
     pyramids = {}
     if levels_of_intensity:
-        intensities = pyramid(brightness, levels_of_intensity)  # A.4
+        intensities = pyramid(brightness, levels_of_intensity)  # A.4-A.5
     if "intensity" in needed:
         pyramids["intensity"] = intensities
     for channel, opponent in opponents.items():
         if channel in needed:
-            pyramids[channel] = pyramid(opponent, needed[channel])  # A.5
+            pyramids[channel] = pyramid(opponent, needed[channel])  # A.4-A.5
     if "orientation" in needed:
         energies = {level: steps.oriented(intensities[level]) for level in needed["orientation"]}
         for i, angle in enumerate(config.orientations):

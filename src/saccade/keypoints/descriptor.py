@@ -110,7 +110,7 @@ def describe_frames(
     spacing: float = 0.0,
     threads: int = 1,
 ) -> ByteArray:
-    """The descriptors of points in one octave (B.2).
+    """The descriptors of points in one octave (section B.2).
 
     Args:
         octave: (s + 3, h, w) Gaussian planes.

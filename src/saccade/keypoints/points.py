@@ -129,10 +129,10 @@ def interest_points(
     """
     wanted = wanted_pixels(mask, gray.shape)
     searched = max(SMALLEST_SIDE, 2 * config.border + 1)
-    space = scale_space_of(gray, config, searched, workspace, threads)  # B.1-B.2
+    space = scale_space_of(gray, config, searched, workspace, threads)  # B.2-B.3
     found = [Points.none()]
     for number, octave in enumerate(space.octaves):
-        points = search(octave, number, float(space.spacing[number]))  # B.3-B.10
+        points = search(octave, number, float(space.spacing[number]))  # B.1, B.4-B.10
         if wanted is not None:
             points = points.inside(wanted, space)
         if not config.upright:

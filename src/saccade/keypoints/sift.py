@@ -1,4 +1,4 @@
-"""The Scale-Invariant Feature Transform: the detector of appendix B.1."""
+"""The Scale-Invariant Feature Transform: the detector of section B.1."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ class Sift:
         with self._bench.workspace() as workspace:
 
             def search(octave: Float32Array, number: int, spacing: float) -> Points:
-                differences = difference_of_gaussians(octave, workspace, threads)  # B.3
+                differences = difference_of_gaussians(octave, workspace, threads)  # B.1
                 return detect(differences, number, config, config.contrast_threshold, threads)
 
             gray = as_gray(image)  # (H, W)

@@ -134,7 +134,7 @@ class EkfSlam:
         R = check_covariance("covariance of the observation", R, 2)
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
         S, root = np.empty((2, 2)), np.empty((2, 2))
-        steps.weigh(self._belief, at, H, noise, 1.0, S, np.empty(H.shape), root)  # C.11
+        steps.weigh(self._belief, at, H, noise, 1.0, S, np.empty(H.shape), root)  # C.12
         white = root @ v
         return Innovation(v, S, float(white @ white))
 
@@ -165,8 +165,8 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
-        xy, Gx, Gz = self._sensor.place(self._robot, z)  # C.15, C.16
-        steps.augment(self._belief, xy, Gx, Gz @ R @ Gz.T)  # C.17
+        xy, Gx, Gz = self._sensor.place(self._robot, z)  # C.15, C.18
+        steps.augment(self._belief, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
         return len(self) - 1
 
     def replay(

@@ -127,7 +127,7 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def place(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where observed landmarks are (C.15-C.18).
+    """Where observed landmarks are (C.15, C.18).
 
     Args:
         pose: (3,) x, y in metres, heading in radians.
@@ -142,10 +142,10 @@ def place(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     xy = np.stack([pose[0] + r * c, pose[1] + r * s], -1)  # C.15
     Gx = np.zeros((*z.shape, len(pose)))
     Gx[..., 0, 0] = Gx[..., 1, 1] = 1.0
-    Gx[..., 0, 2], Gx[..., 1, 2] = -r * s, r * c
+    Gx[..., 0, 2], Gx[..., 1, 2] = -r * s, r * c  # C.18
     Gz = np.empty((*z.shape, 2))
     Gz[..., 0, 0], Gz[..., 0, 1] = c, -r * s
-    Gz[..., 1, 0], Gz[..., 1, 1] = s, r * c
+    Gz[..., 1, 0], Gz[..., 1, 1] = s, r * c  # C.18
     return xy, Gx, Gz
 
 

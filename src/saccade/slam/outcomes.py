@@ -13,7 +13,7 @@ class Innovation(NamedTuple):
     value: FloatArray
     """(2,) observed less expected: range and bearing, or map coordinates (see `retraction`)."""
     covariance: FloatArray
-    """(2, 2) S of C.11, before the update."""
+    """(2, 2) S of C.12, before the update."""
     nis: float
     """Normalized innovation squared; chi-square with two degrees if the filter is right."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
@@ -78,6 +78,9 @@ class EkfConfig:
     they need be where all is well; infinite for never."""
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviation of the first pose: metres, metres, radians."""
+    estimate_odometry_bias: bool = True
+    """Whether systematic odometry errors are states of the filter where the log gives their
+    standard deviations (`LandmarkLog.odometry_bias`)."""
 
     def __post_init__(self) -> None:
         require(self.filter in RETRACTIONS, "filter", f"one of {(*RETRACTIONS,)}", self.filter)
@@ -98,6 +101,22 @@ class EkfConfig:
             "start_sigma",
             "three numbers from 0 to under 1e6",
             self.start_sigma,
+        )
+
+    @classmethod
+    def kootstra2010(cls) -> Self:
+        """Kootstra (2010): the filter of C.1-C.18 with known data association.
+
+        Errors along the axes of the map, every observation with its full weight, no odometry
+        bias, no landmark removed. The print is silent on two things: covariances R that are
+        singular are made regular (`FINEST`), and of a landmark that a scan shows twice when it
+        is new, the second observation is dropped.
+        """
+        return cls(
+            filter="standard",
+            association="known",
+            huber=np.inf,
+            estimate_odometry_bias=False,
         )
 
 
@@ -246,7 +265,8 @@ def motion_of(log: LandmarkLog, own: Motion | None) -> Motion:
 
 def _filter(log: LandmarkLog, config: EkfConfig, motion: Motion | None, sensor: Sensor) -> EkfSlam:
     own = motion is not None or log.motion not in MOTIONS or sensor is not RANGE_BEARING
-    bias = () if own or not any(log.odometry_bias) else log.odometry_bias
+    biased = config.estimate_odometry_bias and any(log.odometry_bias) and not own
+    bias = log.odometry_bias if biased else ()
     return EkfSlam(
         np.concatenate([log.start, np.zeros(len(bias))]),
         np.diag(np.square([*config.start_sigma, *bias])),

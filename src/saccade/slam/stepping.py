@@ -111,7 +111,7 @@ def take_in(b: Belief, z: FloatArray, R: FloatArray) -> None:
 
 @kernel()
 def _slope(s: FloatArray, z: FloatArray, B: FloatArray) -> None:
-    """Fill the slope (2, 2) of the place of an observation by z (C.16)."""
+    """Fill the slope (2, 2) of the place of an observation by z (C.18)."""
     c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
     B[0, 0], B[0, 1], B[1, 0], B[1, 1] = c, -z[0] * d, d, z[0] * c
 

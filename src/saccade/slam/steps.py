@@ -59,7 +59,7 @@ def sandwich(
 
 @kernel(fastmath=("contract",))
 def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
-    """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.7)."""
+    """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.6)."""
     r = len(b.work)
     n = r + 2 * b.used[LANDMARKS]
     P, old, a = b.P, b.work, b.swing
@@ -83,7 +83,7 @@ def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArra
         for i in range(r):
             leak[i] += Q[i, 2]
         _swing_landmarks(b, turn, leak[2] - before)
-    sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.7, Pxx
+    sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.6, Pxx
     for i in range(r):
         mix(old[i, r:n], 0.0, 1.0, P[i, r:n])
     for i in range(r):
@@ -94,7 +94,7 @@ def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArra
             mix(row, G[i, i], 0.0, row)
         for k in range(r):
             if k != i and G[i, k] != 0:
-                mix(row, 1.0, G[i, k], old[k, r:n])  # C.7, Pxm
+                mix(row, 1.0, G[i, k], old[k, r:n])  # C.6, Pxm
         b.state[i] = moved[i]  # C.5
     a[0] = a[1] = 0.0
 
@@ -174,7 +174,7 @@ def correct(
     _take_own(b, V)
     x, y = V[0, :n], V[1, :n]
     for i in range(r):
-        mix_two(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.13: W S W^T = V^T V
+        mix_two(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
     b.used[TAKEN] += 2
     _retract(b, kind, first, second, V)
     return float(nis)
@@ -191,7 +191,7 @@ def weigh(
     D: FloatArray,
     A: FloatArray,
 ) -> None:
-    """Fill S (C.11) of an observation as in `correct`; D = A H; and A.
+    """Fill S (C.12) of an observation as in `correct`; D = A H; and A.
 
     A (2, 2) is the inverse root of S: A S A^T = 1 on the directions in which S has a
     variance. What rounding leaves of one that is much smaller than its terms is none.
@@ -333,7 +333,7 @@ def _shift(
 
 @kernel(fastmath=("contract",))
 def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None:
-    """Take in a landmark at xy (2,), its slope G (2, r) by the robot, and noise (C.15-C.18)."""
+    """Take in a landmark at xy (2,), its slope G (2, r) by the robot, and noise (C.16-C.17)."""
     r, P, D = len(b.work), b.P, b.small[0, 0]
     n = r + 2 * b.used[LANDMARKS]
     for k in range(2):

@@ -1,0 +1,19 @@
+"""The three systems equation by equation, to be read beside their source.
+
+Each file stands for one appendix of G. W. Kootstra, *Visual attention and active vision: from
+natural to artificial systems* (PhD thesis, University of Groningen, 2010): plain NumPy and SciPy,
+the steps, symbols and equation numbers of the print, every intermediate result returned. Where
+the print leaves a choice open, the choice is a constant at the top of the file, or is said where
+it is made. Copy a file, change an equation, and run it.
+
+The rest of `saccade` is faster and can do more; where it promises the same, it is tested against
+these files.
+"""
+
+from saccade.textbook.contrast_saliency import contrast_saliency
+from saccade.textbook.ekf_slam import EkfSlam
+
+__all__ = [
+    "EkfSlam",
+    "contrast_saliency",
+]
