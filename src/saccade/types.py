@@ -36,8 +36,8 @@ class Keypoints:
     """(n,) strength; its unit is the detector's."""
     octave: npt.NDArray[np.int32]
     """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself, or not known."""
-    descriptors: npt.NDArray[np.uint8] | None = None
-    """(n, 128), or None where only places were asked for."""
+    descriptors: npt.NDArray[np.uint8] | npt.NDArray[np.float32] | None = None
+    """(n, 128) uint8, or float32 of unit length; None where only places were asked for."""
 
     @classmethod
     def at(cls, xy: npt.ArrayLike, size: npt.ArrayLike, angle: npt.ArrayLike = 0.0) -> "Keypoints":
@@ -110,7 +110,7 @@ class Regions:
         return self.keypoints.xy
 
     @property
-    def descriptors(self) -> npt.NDArray[np.uint8] | None:
+    def descriptors(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.float32] | None:
         """(n, 128), as those of points."""
         return self.keypoints.descriptors
 

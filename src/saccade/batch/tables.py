@@ -1,7 +1,7 @@
 """The rows of the tables, and how they are packed into Parquet files."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -66,7 +66,7 @@ def point_table(name: str, found: Keypoints | Regions, *, exact: bool) -> pa.Rec
         columns = [to_multiples(each, PLACE) for each in places]
         columns += [shortened(size), to_multiples(angle, TURN), shortened(response)]
         boxes = [shortened(each) for each in boxes]
-        descriptors = in_threes(descriptors)
+        descriptors = in_threes(cast("npt.NDArray[np.uint8]", descriptors))
     packed = np.ascontiguousarray(descriptors).reshape(-1, ENTRIES)
     return pa.RecordBatch.from_arrays(
         [

@@ -96,7 +96,7 @@ def nearest_neighbors(
     return nearest, distance, runner_up, back
 
 
-def _descriptors(points: Keypoints, name: str) -> npt.NDArray[np.uint8]:
+def _descriptors(points: Keypoints, name: str) -> npt.NDArray[np.uint8] | npt.NDArray[np.float32]:
     if points.descriptors is None:
         raise ConfigError(
             f"{name}: expected points with descriptors, found none; detect with describe=True"

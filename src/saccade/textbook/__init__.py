@@ -12,8 +12,10 @@ these files.
 
 from saccade.textbook.contrast_saliency import contrast_saliency
 from saccade.textbook.ekf_slam import EkfSlam
+from saccade.textbook.sift import sift
 
 __all__ = [
     "EkfSlam",
     "contrast_saliency",
+    "sift",
 ]

@@ -1,7 +1,7 @@
 """What a frame shows: points that are followed, points that are found, and how far they are."""
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import cv2
 import numpy as np
@@ -298,7 +298,7 @@ class Detector:
             np.full(len(points), number),
             points.xy,
             points.response,
-            points.descriptors,
+            cast("ByteArray", points.descriptors),
             np.zeros(len(points), np.bool_),
             np.zeros(len(points), np.int64),
             np.zeros(len(points), np.int64),

@@ -1,0 +1,98 @@
+"""What `saccade.textbook.sift` returns: the interest points and every step towards them."""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from saccade.types import FloatArray, Keypoints
+
+Fate: TypeAlias = Literal["kept", "low contrast", "edge", "unstable"]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An extremum of the differences of Gaussians, and what became of it."""
+
+    octave: int
+    """The octave whose differences hold it; 0 is the image itself."""
+    i: int
+    """Index of the difference within the octave, from 1 to s."""
+    row: int
+    """Row of the sample in it."""
+    column: int
+    """Column of the sample in it."""
+    offset: FloatArray
+    """(3,) xhat of B.5 in samples, in the order x, y, sigma; NaN where there is none."""
+    value: float
+    """D(xhat) of B.6; NaN where there is no xhat."""
+    curvature_ratio: float
+    """Tr(H)^2 / Det(H) of B.10; infinite where Det(H) is not positive."""
+    fate: Fate
+    """The first test that it failed, in the order unstable, low contrast, edge; or "kept"."""
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """A point with one dominant orientation; coordinates and scale in pixels of its octave."""
+
+    x: float
+    """Re-estimated column."""
+    y: float
+    """Re-estimated row."""
+    sigma: float
+    """Re-estimated scale."""
+    angle: float
+    """The dominant orientation in radians, from x towards y."""
+    grid: FloatArray
+    """(16, 16, 2) sample points (x, y); rows and columns are turned by `angle`."""
+    magnitudes: FloatArray
+    """(16, 16) m of B.11 at the sample points."""
+    orientations: FloatArray
+    """(16, 16) theta of B.12 less `angle`, in radians."""
+    weights: FloatArray
+    """(16, 16) Gaussian of the distance to the point."""
+    subregions: FloatArray
+    """(4, 4, 8) histograms before they are normalized: row, column, bin."""
+    vector: FloatArray
+    """(128,) the same in that order, normalized: the descriptor."""
+    candidate: int = -1
+    """Index in `SiftResult.candidates`; -1 if described on its own."""
+    histogram: FloatArray | None = None
+    """(36,) orientations around the point; None if described on its own."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SiftResult:
+    """Interest points and every step towards them."""
+
+    keypoints: Keypoints
+    """Strongest first, in image pixels; `response` is abs(D(xhat)), `size` twice sigma, and
+    `descriptors` are float32 of unit length."""
+    candidates: tuple[Candidate, ...]
+    """All extrema, kept or not, by octave, scale, row and column."""
+    scale_space: tuple[tuple[FloatArray, ...], ...]
+    """L: [octave][i], s + 3 images an octave, of scale BASE_SIGMA * K ** i in its pixels."""
+    differences: tuple[tuple[FloatArray, ...], ...]
+    """D: [octave][i], s + 2 images an octave; the scale of the first of the two subtracted."""
+    descriptions: tuple[Description, ...]
+    """One a keypoint, in their order."""
+
+    def __repr__(self) -> str:
+        return f"SiftResult({len(self.keypoints)} keypoints of {len(self.candidates)} candidates)"
+
+
+def to_keypoints(descriptions: list[Description], candidates: tuple[Candidate, ...]) -> Keypoints:
+    """The points in pixels of the image."""
+    origin = [candidates[d.candidate] for d in descriptions]
+    octave = np.array([c.octave for c in origin], np.int32)
+    x_y_sigma = np.array([(d.x, d.y, d.sigma) for d in descriptions]).reshape(-1, 3)
+    x_y_sigma *= 2.0 ** octave[:, None]
+    return Keypoints(
+        xy=x_y_sigma[:, :2].astype(np.float32),
+        size=(2 * x_y_sigma[:, 2]).astype(np.float32),
+        angle=np.array([d.angle for d in descriptions], np.float32),
+        response=np.array([abs(c.value) for c in origin], np.float32),
+        octave=octave,
+        descriptors=np.array([d.vector for d in descriptions], np.float32).reshape(-1, 128),
+    )
