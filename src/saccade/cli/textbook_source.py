@@ -6,7 +6,7 @@ import io
 import re
 import sys
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -31,6 +31,7 @@ OFFERS = {
 LONGEST = 24
 """Lines of a function that are shown."""
 _CITED = re.compile(r"\b([ABC])\.(\d+)(?:\s*-\s*(?:\1\.)?(\d+))?")
+_CITING = re.compile(r"#[ ]([ABC]\.\d[ABC.\d, -]*).*$")
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,8 @@ def blamed_on(path: Path) -> Iterator[None]:
 def code_of(source: str, name: str) -> "dict[str, Code]":
     """The lines of a source file that compute each equation, and its functions without their heads.
 
-    A number is cited by a comment at the end of a statement, or by the docstring of a function.
-    Where several places cite one, those that cite the fewest others are shown.
+    A number is cited by the comment at the end of a line. Where several lines cite one, those are
+    shown that cite the fewest others; with each comes what it uses, if no number is cited there.
 
     Args:
         source: Python.
@@ -127,54 +128,94 @@ def code_of(source: str, name: str) -> "dict[str, Code]":
     from saccade.viewing.steps import Code
 
     tree, lines = ast.parse(source), source.splitlines()
-    code: dict[str, Code] = {}
-    cited: dict[str, tuple[int, list[tuple[int, int]]]] = {}  # fewest others, and where
-    places = list(_comments(tree, source))
-    for function in (each for each in ast.walk(tree) if isinstance(each, ast.FunctionDef)):
-        numbers = _numbers(ast.get_docstring(function) or "")
-        body = function.body[1:] if ast.get_docstring(function) else function.body
-        if body:
-            where = (body[0].lineno, body[-1].end_lineno or body[-1].lineno)
-            places.append((numbers, where))
-            code[function.name] = Code(name, where[0], _text(lines, where))
-    for numbers, where in places:
+    code = {
+        each.name: Code(name, _first(each), _text(lines, range(_first(each), _last(each) + 1)))
+        for each in ast.walk(tree)
+        if isinstance(each, ast.FunctionDef)
+    }
+    cited: dict[str, list[tuple[int, ast.stmt]]] = {}  # how many numbers, and the statement
+    for numbers, statement in _citations(tree, source):
         for number in numbers:
-            fewest, found = cited.get(number, (len(numbers), []))
-            if len(numbers) < fewest:
-                fewest, found = len(numbers), []
-            if len(numbers) == fewest and where not in found:
-                cited[number] = fewest, [*found, where]
-    for number, (_, found) in cited.items():
-        text = "\n".join(_text(lines, where) for where in sorted(found))
-        code[number] = Code(name, min(found)[0], text)
+            cited.setdefault(number, []).append((len(numbers), statement))
+    taken = [statement for found in cited.values() for _, statement in found]
+    for number, found in cited.items():
+        fewest = min(count for count, _ in found)
+        statements = [statement for count, statement in found if count == fewest]
+        shown: set[int] = set()
+        for statement in statements:
+            for each in (statement, *_used_by(statement, tree, taken)):
+                shown |= set(range(each.lineno, _head_end(each) + 1))
+        code[number] = Code(name, statements[0].lineno, _text(lines, sorted(shown)))
     return code
 
 
-def _comments(tree: ast.Module, source: str) -> Iterator[tuple[list[str], tuple[int, int]]]:
-    """The numbers that each comment cites, and first and last line of its statement."""
+def _citations(tree: ast.Module, source: str) -> Iterator[tuple[list[str], ast.stmt]]:
+    """The numbers that each comment begins with, and the statement it stands at the end of."""
     statements = [each for each in ast.walk(tree) if isinstance(each, ast.stmt)]
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        numbers = _numbers(token.string) if token.type == tokenize.COMMENT else []
-        line = token.start[0]
-        around = [each for each in statements if each.lineno <= line <= (each.end_lineno or 0)]
-        if numbers and around:
-            inner = max(around, key=lambda each: each.lineno)
-            compound = hasattr(inner, "body")
-            where = (line, line) if compound else (inner.lineno, inner.end_lineno or line)
-            yield numbers, where
+        if token.type == tokenize.COMMENT and (cited := _CITING.match(token.string)):
+            line = token.start[0]
+            around = [each for each in statements if each.lineno <= line <= _last(each)]
+            if around:
+                yield _numbers(cited[0]), max(around, key=lambda each: each.lineno)
 
 
-def _numbers(text: str) -> list[str]:
-    """The numbers of equations that a comment or docstring names; "A.7-A.10" are four."""
+def _used_by(statement: ast.stmt, tree: ast.Module, cited: list[ast.stmt]) -> list[ast.stmt]:
+    """Assignments earlier in the same function to nothing but what the statement uses."""
+    functions = [each for each in ast.walk(tree) if isinstance(each, ast.FunctionDef)]
+    inside = [each for each in functions if each.lineno <= statement.lineno <= _last(each)]
+    if not inside:
+        return []
+    head = statement.test if isinstance(statement, ast.If) else statement
+    used = {each.id for each in ast.walk(head) if isinstance(each, ast.Name)}
     found = []
-    for appendix, first, last in _CITED.findall(text):
-        found += [f"{appendix}.{number}" for number in range(int(first), int(last or first) + 1)]
+    for each in ast.walk(max(inside, key=lambda each: each.lineno)):
+        if isinstance(each, ast.Assign) and each.lineno < statement.lineno and each not in cited:
+            names = {name for target in each.targets for name in _assigned(target)}
+            if names and names <= used:
+                found.append(each)
     return found
 
 
-def _text(lines: list[str], where: tuple[int, int]) -> str:
+def _assigned(target: ast.expr) -> Iterator[str]:
+    """The names of the variables that an assignment sets, or sets a part of."""
+    if isinstance(target, ast.Name):
+        yield target.id
+    elif isinstance(target, ast.Subscript):
+        yield from _assigned(target.value)
+    elif isinstance(target, ast.Tuple):
+        for element in target.elts:
+            yield from _assigned(element)
+
+
+def _first(function: ast.FunctionDef) -> int:
+    """Line of the first statement behind the docstring."""
+    body = function.body[1:] if ast.get_docstring(function) is not None else function.body
+    return (body or function.body)[0].lineno
+
+
+def _last(statement: ast.stmt) -> int:
+    return statement.end_lineno or statement.lineno
+
+
+def _head_end(statement: ast.stmt) -> int:
+    """Last line of a statement, without the statements in it."""
+    body = getattr(statement, "body", None)
+    return body[0].lineno - 1 if body else _last(statement)
+
+
+def _numbers(text: str) -> list[str]:
+    """The numbers of equations in a text; "A.7-A.10" are four."""
+    return [
+        f"{appendix}.{number}"
+        for appendix, first, last in _CITED.findall(text)
+        for number in range(int(first), int(last or first) + 1)
+    ]
+
+
+def _text(lines: list[str], numbers: Sequence[int]) -> str:
     """Lines of a source, moved to the left, without the comments that cite."""
-    shown = [re.sub(r"\s+# [ABC]\.\d.*$", "", line) for line in lines[where[0] - 1 : where[1]]]
+    shown = [re.sub(rf"\s+{_CITING.pattern}", "", lines[number - 1]) for number in numbers]
     if len(shown) > LONGEST:
         shown = [*shown[:LONGEST], "..."]
     return dedent("\n".join(shown)).strip()

@@ -12,6 +12,7 @@ from saccade.viewing.contrast_steps import (
     channel_figure,
     conspicuity_figure,
     feature_figure,
+    place_in_image,
     pyramid_figure,
 )
 from saccade.viewing.filter_steps import Belief, belief_figure, correlation_figure
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
 SCANS = 8
 """Of a log: as many are shown."""
 CHOICE = 60
-"""Of the strongest keypoints the largest is shown."""
+"""Of the strongest keypoints the largest is shown, whose patch is inside and visibly turned."""
+TURNED = 0.5
+"""Least absolute sine of twice its orientation."""
 
 
 def made_of(
@@ -88,10 +91,7 @@ def contrast_figures(image: Image, result: Any) -> "dict[str, Figure]":
 
 def contrast_facts(result: Any) -> dict[str, dict[str, str]]:
     """What came of the steps of appendix A, by step and name."""
-    row, column = np.unravel_index(int(result.saliency.argmax()), result.saliency.shape)
-    height, width = result.channels["intensity"].shape
-    x = column * width / result.saliency.shape[1]
-    y = row * height / result.saliency.shape[0]
+    x, y = place_in_image(result.saliency, result.channels["intensity"].shape[1])
     weights = [each.normalized.weight for each in result.features.values()]
     most = max(result.features, key=lambda key: result.features[key].normalized.weight)
     return {
@@ -100,7 +100,7 @@ def contrast_facts(result: Any) -> dict[str, dict[str, str]]:
             "largest weight": f"{max(weights):.3f}, of {most[0]}, c = {most[1]}, s = {most[2]}",
         },
         "conspicuity": {
-            "maximum of the saliency": f"{result.saliency.max():.3f} at x = {x:.0f}, y = {y:.0f}",
+            "maximum of the saliency": f"{result.saliency.max():.3f} at x = {x}, y = {y}",
             "mean of the saliency": f"{result.saliency.mean():.3f}",
         },
     }
@@ -151,7 +151,8 @@ def described_point(result: Any) -> DescribedPoint | None:
             inside.append((each.sigma * 2**candidate.octave, each, candidate))
     if not inside:
         return None
-    _, chosen, candidate = max(inside, key=lambda each: each[0])
+    turned = [each for each in inside if abs(np.sin(2 * each[1].angle)) > TURNED]
+    _, chosen, candidate = max(turned or inside, key=lambda each: each[0])
     octave = result.scale_space[candidate.octave]
     closest = int(np.clip(round(candidate.i + candidate.offset[2]), 0, len(octave) - 1))
     same = [each for each in result.descriptions if each.candidate == chosen.candidate]
@@ -166,7 +167,6 @@ def described_point(result: Any) -> DescribedPoint | None:
         dominant=[each.angle for each in same],
         grid=chosen.grid,
         gradients=(chosen.magnitudes * chosen.weights, chosen.orientations),
-        subregions=chosen.subregions,
         vector=chosen.vector,
     )
 
@@ -176,10 +176,10 @@ class FilterTrace:
     """What a filter did in the first scans of a log."""
 
     steps: "dict[str, tuple[Belief, Belief, FloatArray | None]]" = field(default_factory=dict)
-    """The last "predict", "update" and "augment": before, after, and the place observed."""
+    """The last "predict" and "augment" and the "update" that lessened the covariance most: the
+    state before and after, and where the observation puts its landmark."""
     scans: list[tuple[str, Belief]] = field(default_factory=list)
     """The state after each scan."""
-    innovations: list[FloatArray] = field(default_factory=list)
 
 
 def filter_trace(log: LandmarkLog, make: Any, scans: int = SCANS) -> FilterTrace:
@@ -198,7 +198,8 @@ def filter_trace(log: LandmarkLog, make: Any, scans: int = SCANS) -> FilterTrace
             f"{log.name}: expected observations that name their landmarks, and controls that are "
             "distance and turn, as appendix C has them"
         )
-    ekf, trace, known = make(log.start), FilterTrace(), {}
+    ekf, trace, most = make(log.start), FilterTrace(), -np.inf
+    known: dict[int, int] = {}
     for pose in range(len(log.time)):
         before = _belief(ekf)
         for u, U in _controls(log, pose - 1) if pose else ():
@@ -211,8 +212,10 @@ def filter_trace(log: LandmarkLog, make: Any, scans: int = SCANS) -> FilterTrace
             bearing = ekf.x[2] + z[1]
             place = np.array(ekf.x[:2] + z[0] * np.array([np.cos(bearing), np.sin(bearing)]))
             if name in known:
-                trace.innovations.append(np.asarray(ekf.update(known[name], z, R).innovation))
-                trace.steps["update"] = before, _belief(ekf), place
+                ekf.update(known[name], z, R)
+                after = _belief(ekf)
+                if (gain := float(np.trace(before.P - after.P))) > most:
+                    most, trace.steps["update"] = gain, (before, after, place)
             else:
                 ekf.augment(z, R)
                 known[name] = len(known)
@@ -247,10 +250,10 @@ def filter_facts(trace: FilterTrace) -> dict[str, dict[str, str]]:
 
 
 def small_world() -> LandmarkLog:
-    """A robot that drives once round an octagon among five landmarks; the noise is large."""
+    """A robot that drives once round a heptagon among landmarks, under large noise."""
     rng = np.random.default_rng(5)
     landmarks = np.array([[2.6, -0.9], [3.6, 2.4], [1.2, 4.4], [-2.3, 3.0], [-1.4, -0.4]])
-    u = np.tile([1.4, np.pi / 4], (SCANS, 1))
+    u = np.tile([1.6, 2 * np.pi / 7], (7, 1))
     U, R = np.diag([0.08, 0.06]) ** 2, np.diag([0.15, 0.05]) ** 2
     poses = [np.zeros(3)]
     for d, phi in u:
@@ -263,7 +266,7 @@ def small_world() -> LandmarkLog:
             r = np.hypot(*(landmark - (x, y)))
             bearing = np.arctan2(landmark[1] - y, landmark[0] - x) - theta
             bearing = np.angle(np.exp(1j * bearing))
-            if r < 3.2 and abs(bearing) < 1.6 and number > 0:
+            if r < 3.2 and abs(bearing) < 1.6:
                 seen.append((number, name, r, bearing))
     pose, name, *z = np.array(seen).T
     return LandmarkLog(

@@ -136,12 +136,23 @@ def conspicuity_figure(
     panels[-2].imshow(saliency, cmap=HEAT, vmin=0)
     panels[-2].plot(column, row, "+", color=RED, markersize=11, markeredgewidth=2)
     picture_axes(panels[-2], f"saliency\n0 to {float(saliency.max()):.2f}")
-    x = column * (width / saliency.shape[1])
-    y = row * (height / saliency.shape[0])
+    x, y = place_in_image(saliency, width)
     panels[-1].imshow(image)
     panels[-1].plot(x, y, "o", color=ORANGE, markersize=16, markeredgewidth=2.5, fillstyle="none")
     picture_axes(panels[-1], "its maximum\nin the image")
     return figure
+
+
+def place_in_image(saliency: FloatArray, width: int) -> tuple[int, int]:
+    """Where the maximum of a map is in the image: (x, y) in pixels.
+
+    Args:
+        saliency: (h, w), of every second sample of every second sample, and so on (A.5).
+        width: of the image.
+    """
+    row, column = np.unravel_index(int(saliency.argmax()), saliency.shape)
+    spacing = 2 ** round(np.log2(width / saliency.shape[1]))
+    return int(column) * spacing, int(row) * spacing
 
 
 def bare(axes: Axes) -> None:

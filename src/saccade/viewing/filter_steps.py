@@ -53,9 +53,9 @@ def belief_figure(before: Belief, after: Belief, observed: FloatArray | None = N
     ground.set_title(f"{SIGMAS:.0f} sigma{larger}", fontsize=10)
     size = len(after.s)
     draw_correlations(first, before.P, size)
-    first.set_title("correlations before", fontsize=10)
+    first.set_title("correlations before", fontsize=10, loc="left")
     draw_correlations(second, after.P, size)
-    second.set_title("and after", fontsize=10)
+    second.set_title("and after", fontsize=10, loc="left")
     if size > len(before.s):
         low = len(before.s) - 0.5
         new = Rectangle((-0.5, low), size, 2, fill=False, edgecolor=RED, linewidth=2, clip_on=False)
@@ -79,7 +79,7 @@ def correlation_figure(beliefs: Sequence[Belief], titles: Sequence[str]) -> Figu
         axes.set_axis_off()
     for axes, belief, title in zip(panels, beliefs, titles, strict=False):
         draw_correlations(axes, belief.P, size)
-        axes.set_title(title, fontsize=10)
+        axes.set_title(title, fontsize=10, loc="left")
     return figure
 
 
@@ -88,7 +88,7 @@ def draw_correlations(axes: Axes, P: FloatArray, size: int) -> None:
     sigma = np.sqrt(np.diagonal(P).clip(1e-300))
     correlation = P / sigma / sigma[:, None]
     correlation[:, np.diagonal(P) <= 0] = 0
-    axes.imshow(correlation, cmap=SIGNED, vmin=-1, vmax=1)
+    axes.imshow(correlation, cmap=SIGNED, vmin=-1, vmax=1, interpolation="nearest")
     axes.set_xlim(-0.5, size - 0.5)
     axes.set_ylim(size - 0.5, -0.5)
     bare(axes)

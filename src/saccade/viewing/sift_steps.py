@@ -47,10 +47,8 @@ class DescribedPoint:
     """(16, 16, 2) the samples (x, y)."""
     gradients: tuple[FloatArray, FloatArray]
     """Two (16, 16): length with weight, and angle in the frame of the point."""
-    subregions: FloatArray
-    """(4, 4, 8)"""
     vector: FloatArray
-    """(128,)"""
+    """(128,) by row and column of the subregion and by bin."""
 
 
 def scale_space_figure(
@@ -96,7 +94,7 @@ def candidate_figure(
         fates: of each; one of `FATES`.
         keypoints: what was kept, with sizes.
     """
-    figure = figure_for(image.shape[1], image.shape[0], columns=1, rows=1, panel=9)
+    figure = figure_for(image.shape[1], image.shape[0], columns=1, rows=1, panel=11)
     axes = figure.subplots()
     axes.imshow(faded(np.asarray(image, np.float32)), cmap="gray", vmin=0, vmax=1)
     fate = np.array(fates)
@@ -170,7 +168,7 @@ def descriptor_figure(point: DescribedPoint) -> Figure:
     picture_axes(left, "gradients, weighted")
     _show_patch(middle, point)
     row, column, bin_ = (each.ravel() for each in np.indices((4, 4, 8)))
-    length = point.subregions.ravel() * (2.2 / (float(point.subregions.max()) or 1.0))
+    length = point.vector * (2.2 / (float(point.vector.max()) or 1.0))
     dx, dy = length * np.cos(bin_ * np.pi / 4), length * np.sin(bin_ * np.pi / 4)
     arrows["width"] = 0.012
     middle.quiver(4 * column + 2, 4 * row + 2, dx, dy, headwidth=1, headlength=0, **arrows)
@@ -193,6 +191,8 @@ def _show_patch(axes: Axes, point: DescribedPoint) -> None:
     patch = cv2.remap(gaussian, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     low, high = float(patch.min()), float(patch.max())
     axes.imshow(patch, cmap="gray", vmin=low - 1.2 * (high - low), vmax=high, extent=(0, 16, 16, 0))
+    axes.set_xlim(0, 16)
+    axes.set_ylim(16, 0)
     for line in (4, 8, 12):
         axes.axhline(line, color=ORANGE, linewidth=1.2)
         axes.axvline(line, color=ORANGE, linewidth=1.2)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -15,6 +16,8 @@ from matplotlib.figure import Figure
 from saccade.viewing.page import Picture, escape, picture_html, web_file, whole_page
 from saccade.viewing.report import hashes
 
+WIDE = 36
+"""Letters of TeX from which a formula may be wider than a phone."""
 _CODE_OR_LINK = re.compile(r"`([^`]+)`|\[([^\]]+)\]\([^)]+\)")
 
 
@@ -91,9 +94,20 @@ def steps_page(title: str, lead: str, groups: Sequence[Group]) -> str:
 def figure_source(figure: Figure) -> str:
     """The address of a picture that holds a figure."""
     with BytesIO() as file:
-        options = {"quality": 86, "method": 4}
-        figure.savefig(file, format="webp", facecolor="white", pil_kwargs=options)
+        save_step(figure, file)
         return "data:image/webp;base64," + base64.b64encode(file.getvalue()).decode()
+
+
+def save_step(figure: Figure, file: BytesIO | Path) -> None:
+    """Write a figure of a step as WebP, without the room that its panels leave around them."""
+    figure.savefig(
+        file,
+        format="webp",
+        facecolor="white",
+        bbox_inches="tight",
+        pad_inches=0.06,
+        pil_kwargs={"quality": 86, "method": 4},
+    )
 
 
 def _group_html(group: Group) -> str:
@@ -124,8 +138,9 @@ def equations_html(equations: Sequence[Equation]) -> str:
 
 def _equation_html(equation: Equation) -> str:
     formula, number = mathml(equation.tex), escape(equation.number)
-    scrolls = f' tabindex="0" role="group" aria-label="equation {number}"'  # where there is no room
-    wide = scrolls if "<mtable" in formula or len(equation.tex) > 80 else ""
+    name = f"equation {number}" if number else "formula"
+    scrolls = f' tabindex="0" role="group" aria-label="{name}"'  # where there is no room
+    wide = scrolls if "<mtable" in formula or len(equation.tex) > WIDE else ""
     shown = f'<div class="formula"{wide}>{formula}</div>'
     code = equation.code
     if code is None:
