@@ -35,4 +35,3 @@ def steps_markdown(appendix: str) -> str:
         if "print" in step:
             parts.append(f'!!! info "Where the default differs"\n    {step["print"]}')
     return "\n\n".join(parts)
-

@@ -130,8 +130,8 @@ def walk(
     if chapter.path == textbook.path:
         figures, facts = made_of(appendix, chapter.offer, image, log)
         text = (
-            f"Computed by `{textbook.path}`. To try an equation of your own, copy this file, change "
-            f"it, and give the copy with `--module`: its `{name}` then takes the place of this one."
+            f"Computed by `{textbook.path}`. To try an equation of your own, copy this file, "
+            f"change it, and give the copy with `--module`: its `{name}` takes the place of this."
         )
         changes = ""
     else:
@@ -141,6 +141,11 @@ def walk(
         facts = {step: _beside(each, usual.get(step, {})) for step, each in facts.items()}
         text = f"Computed by `{chapter.path}` in place of the textbook. Its lines that differ:"
         changes = chapter.changes(textbook) or "none"
+    if appendix == "C" and log.motion == "compose":
+        text += (
+            " The controls of this log drive before they turn: each is taken as two, (d, φ) of the "
+            "way and of the rest of the turn, and what is uncertain sideways is left out."
+        )
     steps = [
         _step(table, chapter, textbook, figures.get(table["name"]), facts.get(table["name"], {}))
         for table in step_table()

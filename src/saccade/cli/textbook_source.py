@@ -74,7 +74,7 @@ def chapters_of(path: Path) -> list[Chapter]:
         source = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {reason_of(error)}") from error
-    spec = spec_from_file_location(f"textbook_{path.stem}", path)
+    spec = spec_from_file_location(f"textbook_{path.stem}", path.resolve())
     if spec is None or spec.loader is None:
         raise ConfigError(f"{path}: expected a Python file, whose name ends with .py")
     module = module_from_spec(spec)
@@ -107,7 +107,7 @@ def blamed_on(path: Path) -> Iterator[None]:
         line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
         trace = error.__traceback__
         while trace is not None:
-            if Path(trace.tb_frame.f_code.co_filename) == path:
+            if Path(trace.tb_frame.f_code.co_filename) == path.resolve():
                 line = trace.tb_lineno
             trace = trace.tb_next
         where = f"{path}, line {line}" if line else f"{path}: what it returns cannot be shown"
@@ -168,7 +168,7 @@ def _used_by(statement: ast.stmt, tree: ast.Module, cited: list[ast.stmt]) -> li
         return []
     head = statement.test if isinstance(statement, ast.If) else statement
     used = {each.id for each in ast.walk(head) if isinstance(each, ast.Name)}
-    found = []
+    found: list[ast.stmt] = []
     for each in ast.walk(max(inside, key=lambda each: each.lineno)):
         if isinstance(each, ast.Assign) and each.lineno < statement.lineno and each not in cited:
             names = {name for target in each.targets for name in _assigned(target)}

@@ -7,33 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.types import FloatArray, Image, LandmarkLog
-from saccade.viewing.contrast_steps import (
-    channel_figure,
-    conspicuity_figure,
-    feature_figure,
-    place_in_image,
-    pyramid_figure,
-)
-from saccade.viewing.filter_steps import Belief, belief_figure, correlation_figure
-from saccade.viewing.sift_steps import (
-    FATES,
-    DescribedPoint,
-    candidate_figure,
-    descriptor_figure,
-    orientation_figure,
-    scale_space_figure,
-)
+from saccade.types import FloatArray, LandmarkLog
+from saccade.viewing.contrast_steps import contrast_figures, place_in_image
+from saccade.viewing.filter_steps import Belief, filter_figures
+from saccade.viewing.sift_steps import FATES, sift_figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCANS = 8
 """Of a log: as many are shown."""
-CHOICE = 60
-"""Of the strongest keypoints the largest is shown, whose patch is inside and visibly turned."""
-TURNED = 0.5
-"""Least absolute sine of twice its orientation."""
 
 
 def made_of(
@@ -50,43 +33,13 @@ def made_of(
     """
     if appendix == "C":
         trace = filter_trace(log, offer)
-        return filter_figures(trace) if draw else {}, filter_facts(trace)
+        return filter_figures(trace.steps, trace.scans) if draw else {}, filter_facts(trace)
     figures, facts = {
         "A": (contrast_figures, contrast_facts),
         "B": (sift_figures, sift_facts),
     }[appendix]
     result = offer(image)
     return figures(image, result) if draw else {}, facts(result)
-
-
-def contrast_figures(image: Image, result: Any) -> "dict[str, Figure]":
-    """The steps of appendix A, by name.
-
-    Args:
-        image: (H, W, 3) in [0, 1].
-        result: a `ContrastSaliency`.
-    """
-    features = result.features
-    normalized = {key: feature.normalized for key, feature in features.items()}
-    words = {
-        key: f"m = {each.mean_of_maxima:.2f}, weight {each.weight:.2f}"
-        for key, each in normalized.items()
-    }
-    conspicuity = {
-        name: (getattr(result, name), f"m = {each.mean_of_maxima:.2f}, weight {each.weight:.2f}")
-        for name, each in result.conspicuity.items()
-    }
-    return {
-        "channels": channel_figure(image, result.channels),
-        "pyramids": pyramid_figure(result.pyramids),
-        "features": feature_figure({key: each.contrast for key, each in features.items()}),
-        "normalization": feature_figure(
-            {key: each.map for key, each in normalized.items()},
-            words,
-            {key: each.maxima for key, each in normalized.items()},
-        ),
-        "conspicuity": conspicuity_figure(image, conspicuity, result.saliency),
-    }
 
 
 def contrast_facts(result: Any) -> dict[str, dict[str, str]]:
@@ -106,28 +59,6 @@ def contrast_facts(result: Any) -> dict[str, dict[str, str]]:
     }
 
 
-def sift_figures(image: Image, result: Any) -> "dict[str, Figure]":
-    """The steps of appendix B, by name; those of one keypoint where there is any.
-
-    Args:
-        image: (H, W, 3) in [0, 1].
-        result: a `SiftResult`.
-    """
-    xy = [np.array([c.column, c.row], float) * 2**c.octave for c in result.candidates]
-    fates = [candidate.fate for candidate in result.candidates]
-    figures = {
-        "scale-space": scale_space_figure(result.scale_space, result.differences),
-        "candidates": candidate_figure(
-            image, np.reshape(xy, (-1, 2)), fates, result.keypoints
-        ),
-    }
-    point = described_point(result)
-    if point is not None:
-        figures["orientation"] = orientation_figure(image, point)
-        figures["descriptor"] = descriptor_figure(point)
-    return figures
-
-
 def sift_facts(result: Any) -> dict[str, dict[str, str]]:
     """What came of the steps of appendix B, by step and name."""
     fates = [candidate.fate for candidate in result.candidates]
@@ -138,37 +69,6 @@ def sift_facts(result: Any) -> dict[str, dict[str, str]]:
         | {name: str(fates.count(name)) for name in FATES},
         "orientation": {"keypoints": f"{len(result.keypoints)}{share}"},
     }
-
-
-def described_point(result: Any) -> DescribedPoint | None:
-    """The largest of the strong keypoints whose patch is all inside the image."""
-    inside = []
-    for each in result.descriptions[:CHOICE]:
-        candidate = result.candidates[each.candidate]
-        height, width = result.scale_space[candidate.octave][0].shape
-        corners = each.grid[[0, 0, -1, -1], [0, -1, 0, -1]]
-        if (corners >= 0).all() and (corners <= (width - 1, height - 1)).all():
-            inside.append((each.sigma * 2**candidate.octave, each, candidate))
-    if not inside:
-        return None
-    turned = [each for each in inside if abs(np.sin(2 * each[1].angle)) > TURNED]
-    _, chosen, candidate = max(turned or inside, key=lambda each: each[0])
-    octave = result.scale_space[candidate.octave]
-    closest = int(np.clip(round(candidate.i + candidate.offset[2]), 0, len(octave) - 1))
-    same = [each for each in result.descriptions if each.candidate == chosen.candidate]
-    return DescribedPoint(
-        gaussian=octave[closest],
-        octave=candidate.octave,
-        x=chosen.x,
-        y=chosen.y,
-        sigma=chosen.sigma,
-        angle=chosen.angle,
-        histogram=chosen.histogram,
-        dominant=[each.angle for each in same],
-        grid=chosen.grid,
-        gradients=(chosen.magnitudes * chosen.weights, chosen.orientations),
-        vector=chosen.vector,
-    )
 
 
 @dataclass
@@ -226,13 +126,6 @@ def filter_trace(log: LandmarkLog, make: Any, scans: int = SCANS) -> FilterTrace
         if len(trace.scans) == scans:
             break
     return trace
-
-
-def filter_figures(trace: FilterTrace) -> "dict[str, Figure]":
-    """The steps of appendix C, by name; those that the log has."""
-    titles, beliefs = zip(*trace.scans, strict=True)
-    figures = {name: belief_figure(*step) for name, step in trace.steps.items()}
-    return {"state": correlation_figure(beliefs, titles), **figures}
 
 
 def filter_facts(trace: FilterTrace) -> dict[str, dict[str, str]]:

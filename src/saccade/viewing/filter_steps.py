@@ -1,7 +1,8 @@
 """The steps of EKF-SLAM as ellipses and correlations (appendix C)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,14 +31,21 @@ class Belief:
     """(3 + 2N, 3 + 2N) covariance."""
 
 
-def belief_figure(before: Belief, after: Belief, observed: FloatArray | None = None) -> Figure:
-    """A step of the filter from above, and the correlations before and after it.
+def filter_figures(
+    steps: Mapping[str, tuple[Belief, Belief, FloatArray | None]],
+    scans: Sequence[tuple[str, Belief]],
+) -> dict[str, Figure]:
+    """The steps of a filter, and how its correlations grow, by name.
 
     Args:
-        before: the state that the step began with.
-        after: what it made of it.
-        observed: (2,) where the observation of the step puts its landmark.
+        steps: what each made of the state before it, and (2,) the place it observed, by name.
+        scans: titles and states, which become "state".
     """
+    return {"state": _growth(scans), **{name: _step(*step) for name, step in steps.items()}}
+
+
+def _step(before: Belief, after: Belief, observed: FloatArray | None) -> Figure:
+    """The state from above, and the correlations before and after the step."""
     figure = Figure(figsize=(11.5, 4.3), layout="compressed", dpi=110)
     ground, first, second = figure.subplots(1, 3, width_ratios=(1.35, 1, 1))
     scale = _enlargement(before, after, observed)
@@ -52,9 +60,9 @@ def belief_figure(before: Belief, after: Belief, observed: FloatArray | None = N
     larger = "" if scale == 1 else f", drawn {scale} times as large"
     ground.set_title(f"{SIGMAS:.0f} sigma{larger}", fontsize=10)
     size = len(after.s)
-    draw_correlations(first, before.P, size)
+    _draw_correlations(first, before.P, size)
     first.set_title("correlations before", fontsize=10, loc="left")
-    draw_correlations(second, after.P, size)
+    _draw_correlations(second, after.P, size)
     second.set_title("and after", fontsize=10, loc="left")
     if size > len(before.s):
         low = len(before.s) - 0.5
@@ -63,27 +71,21 @@ def belief_figure(before: Belief, after: Belief, observed: FloatArray | None = N
     return figure
 
 
-def correlation_figure(beliefs: Sequence[Belief], titles: Sequence[str]) -> Figure:
-    """The correlations of several states, all on one grid: how they grow.
-
-    Args:
-        beliefs: the states.
-        titles: of each.
-    """
-    columns = min(len(beliefs), 4)
-    rows = -(-len(beliefs) // columns)
+def _growth(scans: Sequence[tuple[str, Belief]]) -> Figure:
+    """The correlations of several states, all on one grid."""
+    columns = min(len(scans), 4)
+    rows = -(-len(scans) // columns)
     figure = Figure(figsize=(2.9 * columns, 3.1 * rows), layout="compressed", dpi=110)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    size = max(len(belief.s) for belief in beliefs)
-    for axes in panels[len(beliefs) :]:
+    for axes in panels[len(scans) :]:
         axes.set_axis_off()
-    for axes, belief, title in zip(panels, beliefs, titles, strict=False):
-        draw_correlations(axes, belief.P, size)
+    for axes, (title, belief) in zip(panels, scans, strict=False):
+        _draw_correlations(axes, belief.P, max(len(each.s) for _, each in scans))
         axes.set_title(title, fontsize=10, loc="left")
     return figure
 
 
-def draw_correlations(axes: Axes, P: FloatArray, size: int) -> None:
+def _draw_correlations(axes: Axes, P: FloatArray, size: int) -> None:
     """The correlation matrix of a covariance, in the corner of a size x size grid."""
     sigma = np.sqrt(np.diagonal(P).clip(1e-300))
     correlation = P / sigma / sigma[:, None]
@@ -103,14 +105,12 @@ def draw_correlations(axes: Axes, P: FloatArray, size: int) -> None:
         axes.tick_params(length=0)
 
 
-def _draw_belief(
-    axes: Axes, belief: Belief, robot: str, landmark: str, scale: int
-) -> FloatArray:
+def _draw_belief(axes: Axes, belief: Belief, robot: str, landmark: str, scale: int) -> FloatArray:
     """Pose and landmarks with their ellipses; returns (k, 2) what must be in the picture."""
     places = np.concatenate([belief.s[None, :2], belief.s[3:].reshape(-1, 2)])
     outlines = ellipse_outlines(places, _blocks(belief), SIGMAS * scale)
     for color, own in ((robot, outlines[:1]), (landmark, outlines[1:])):
-        style = {"facecolor": (color, 0.15), "edgecolor": (color, 0.95), "linewidth": 1.2}
+        style: Any = {"facecolor": (color, 0.15), "edgecolor": (color, 0.95), "linewidth": 1.2}
         axes.add_collection(PolyCollection([*own], **style), autolim=False)
     axes.plot(*places[1:].T, ".", color=landmark, markersize=5)
     heading = belief.s[2]

@@ -124,7 +124,9 @@ def step_html(step: Step) -> str:
     if step.picture is not None:
         parts.append(picture_html(step.picture))
     if step.facts:
-        rows = (f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in step.facts.items())
+        rows = (
+            f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in step.facts.items()
+        )
         parts.append(f"<dl>{''.join(rows)}</dl>")
     if step.default:
         parts.append(f'<p class="default">{prose_html(step.default)}</p>')
