@@ -39,8 +39,8 @@ def textbook(
         typer.Option(
             "--module",
             metavar="FILE",
-            help="A Python file that defines contrast_saliency, sift or EkfSlam, to be taken in "
-            "place of the textbook's; may be given several times.",
+            help="A Python file whose contrast_saliency, sift or EkfSlam takes the place of the "
+            "textbook's; may be given several times.",
         ),
     ] = None,
     longest: Annotated[
@@ -48,14 +48,15 @@ def textbook(
     ] = 480,
     as_json: Json = False,
 ) -> None:
-    """Walk through the equations of the source with a photograph or a log of your own.
+    """Walk through the equations of the source with a photograph or a log.
 
-    In --out appears a page (report.html) that shows each step of appendix A, B and C: the
-    equation, the code that computes it, and the picture. Of a photograph these are the
-    contrast-saliency model and SIFT, and EKF-SLAM in a small made world; of a log EKF-SLAM alone.
+    In --out appears a page (report.html) that shows each step of appendix A,
+    B and C: the equation, the code that computes it, and the picture. Of a
+    photograph these are the contrast-saliency model and SIFT, and EKF-SLAM
+    in a small made world; of a log EKF-SLAM alone.
 
-    To try an equation of your own, copy a file of saccade.textbook, change it, and name it with
-    --module.
+    To try an equation of your own, copy a file of saccade.textbook, change
+    it, and name the copy with --module.
     """
     from saccade import datasets
     from saccade.cli.output import print_json, print_table, say, write_text
