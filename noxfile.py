@@ -1,5 +1,9 @@
 """What is too slow for every change, each by one command: `uvx nox -s NAME`."""
 
+import tarfile
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import nox
 
 nox.options.default_venv_backend = "uv"
@@ -8,7 +12,7 @@ nox.options.sessions = []
 
 @nox.session
 def sbom(session: nox.Session) -> None:
-    """dist/sbom.json (CycloneDX) and dist/licenses.md of what `pip install saccade` installs."""
+    """dist/sbom.json (CycloneDX) and dist/licenses.md of what the core install brings."""
     session.install(".")
     python = f"{session.virtualenv.location}/bin/python"
     session.run(
@@ -79,3 +83,54 @@ def opencv(session: nox.Session, opencv: str) -> None:
     wanted = f"opencv-python-headless=={opencv}.*"
     session.install("--upgrade", ".[parquet,hdf5]", wanted, *TESTING)
     run_tests(session)
+
+
+WITHOUT_EXTRAS = (
+    *("packaging", "extras", "cli", "image", "contrast_settings", "symmetry", "scanpath"),
+    *("sift", "descriptor", "matching", "ekf", "run", "drive_simulation", "files"),
+)
+"""The tests of what works with nothing but the core dependencies."""
+
+
+@nox.session(venv_backend="none")
+def wheel(session: nox.Session) -> None:
+    """Wheel and sdist, each alone in a clean environment: `-- dist` takes those of that folder."""
+    with TemporaryDirectory(prefix="saccade-wheel-") as folder:
+        work = Path(folder)
+        dist = Path(*session.posargs).resolve() if session.posargs else work / "dist"
+        if not session.posargs:
+            session.run("uv", "build", "--quiet", "--out-dir", str(dist))
+        (built,), (sdist,) = dist.glob("*.whl"), dist.glob("*.tar.gz")
+        session.run("uvx", "twine", "check", "--strict", str(built), str(sdist))
+        with tarfile.open(sdist) as archive:
+            archive.extractall(work, filter="data")
+        source = work / sdist.name.removesuffix(".tar.gz")
+        for package in (built, sdist):
+            use_alone(session, package, source, work / f"from{package.suffix}")
+
+
+def use_alone(session: nox.Session, package: Path, source: Path, home: Path) -> None:
+    """Install a package into a new environment in `home`, run it there, then the sdist's tests."""
+    home.mkdir()
+    scripts = home / "env" / "bin"
+    saccade = str(scripts / "saccade")
+    install = ("uv", "pip", "install", "--quiet", "--python", str(scripts / "python"))
+    session.run("uv", "venv", "--quiet", str(home / "env"))
+    session.run(*install, str(package))
+    (data,) = (home / "env").glob("lib/*/site-packages/saccade/data")
+    drive = str(data / "victoria_park.txt")
+    with session.chdir(home):
+        version = session.run(saccade, "--version", silent=True)
+        if version.split()[1] != source.name.rpartition("-")[2]:
+            session.error(f"{package.name} prints the version {version}")
+        session.run(saccade, "--help", silent=True)
+        session.run(saccade, "look", str(data / "coffee.jpg"))
+        session.run(saccade, "slam", drive, "--no-film")
+        refused = session.run(saccade, "slam", drive, "--live", success_codes=[2], silent=True)
+        if "pip install 'rerun-sdk>=" not in refused:
+            session.error(f"without the extra `live` it says {refused}")
+    session.run(*install, "pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100")
+    with session.chdir(source):
+        tests = (f"tests/test_{name}.py" for name in WITHOUT_EXTRAS)
+        env = {"SACCADE_DIST": str(package.parent)}
+        session.run(str(scripts / "pytest"), "-q", *tests, env=env)

@@ -2,6 +2,7 @@
 
     uv run python benchmarks/drive.py FOLDER            a folder in KITTI's layout with truth
     uv run python benchmarks/drive.py FOLDER --tracks   its stereo tracks instead of its images
+    uv run python benchmarks/drive.py FOLDER --tracks --every 1    not by the defaults
     uv run python benchmarks/drive.py FOLDER --frames 160 --seeds 4
     uv run python benchmarks/drive.py FOLDER --in-view 80    a map of 500 landmarks
 
@@ -64,12 +65,13 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=160)
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--in-view", type=int, default=visual.VisualConfig.in_view)
+    parser.add_argument("--every", type=int, default=visual.VisualConfig.every)
     given = parser.parse_args()
     print("                 visual            inside           frames a second                 map")
     print(
         "seed   ATE  odometry  odometry  return  3 sigma  whole run  median  peer  ratio  landmarks"
     )
-    config = visual.VisualConfig(every=1 if given.tracks else 4, in_view=given.in_view)
+    config = visual.VisualConfig(every=given.every, in_view=given.in_view)
     whole = (read_tracks_drive if given.tracks else read_kitti_drive)(given.folder)
     rows = []
     for seed in range(1 if given.tracks else given.seeds):

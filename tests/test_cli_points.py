@@ -14,6 +14,7 @@ import pytest
 import saccade
 from conftest import looks_like_a_picture
 from saccade import exchange
+from saccade.extras import install_command
 from test_exchange import assert_same
 
 DATA = Path(str(files("saccade") / "data"))
@@ -122,9 +123,8 @@ def test_a_format_without_its_library_is_named_before_the_work(run, monkeypatch,
     monkeypatch.setitem(sys.modules, "h5py", None)
     code, _, err = run("detect", *HALLWAY, "--format", "hdf5")
     assert code == 2
-    assert err == (
-        "saccade: hdf5: needs h5py, which is not installed; pip install 'saccade[hdf5]'\n"
-    )
+    command = install_command("hdf5")
+    assert err == f"saccade: hdf5: needs h5py, which is not installed; {command}\n"
     assert not list(tmp_path.iterdir())
 
 

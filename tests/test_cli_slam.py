@@ -5,6 +5,7 @@ import json
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -16,9 +17,13 @@ from evo.tools import file_interface
 
 import interrupting
 import saccade
+from circle import simulate
 from saccade import slam
+from saccade.cli.slam_files import figures
 from saccade.cli.slam_report import WORDS, facts
 from saccade.datasets import load
+from saccade.extras import install_command
+from saccade.types import Trajectory
 from saccade.video import read_video
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
@@ -86,10 +91,37 @@ def test_every_figure_is_told_in_words(made):
     plain = {name for name, value in row.items() if isinstance(value, (int, float))}
     assert plain - {"format"} <= WORDS.keys()
     shown = facts(row)
-    assert shown["odometry alone ends off by"] == f"{row['odometry_end_m']:.3f} m"
+    apart = f"{row['odometry_end_from_estimate_m']:.3f} m"  # this log has no truth
+    assert shown["odometry alone ends off the filter's estimate by"] == apart
     low, high = row["nis_band"]
     band = f"{low:.2f} to {high:.2f} in 95 % of consistent filters"
     assert shown[WORDS["nis_mean"]] == f"{row['nis_mean']:.3f}; {band}"
+
+
+def test_how_far_odometry_ends_from_what(rng):
+    """From the truth where it is in the frame of the log, else from what the filter believes."""
+    log, poses, _ = simulate(rng, steps=40)
+    result = slam.run(log)
+    ends = result.dead_reckoning.pose[-1, :2]
+    off_truth = np.hypot(*(ends - poses[-1, :2]))
+    off_estimate = np.hypot(*(ends - result.trajectory.pose[-1, :2]))
+    places = np.column_stack([poses[:, :2] + 100, np.full(len(poses), np.nan)])  # as GPS has
+    for truth, expected in (
+        (Trajectory(log.time, poses), {"odometry_end_error_m": off_truth}),
+        (Trajectory(log.time, places), {"odometry_end_from_estimate_m": off_estimate}),
+        (None, {"odometry_end_from_estimate_m": off_estimate}),
+    ):
+        found = figures(replace(log, truth=truth), result, None)
+        ending = {name: each for name, each in found.items() if name.startswith("odometry_end")}
+        assert ending == pytest.approx(expected)
+
+
+def test_the_truth_may_end_before_the_log(rng):
+    log, poses, _ = simulate(rng, steps=40)
+    result = slam.run(log)
+    found = figures(replace(log, truth=Trajectory(log.time[:31], poses[:31])), result, None)
+    apart = result.dead_reckoning.pose[30, :2] - poses[30, :2]
+    assert found["odometry_end_error_m"] == pytest.approx(np.hypot(*apart))
 
 
 def test_parquet_has_what_csv_has(made):
@@ -140,8 +172,7 @@ def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
         code, out, err = run("slam", short, *option)
         assert (code, out) == (2, "")
         assert err == (
-            f"saccade: {extra}: needs {module}, which is not installed; "
-            f"pip install 'saccade[{extra}]'\n"
+            f"saccade: {extra}: needs {module}, which is not installed; {install_command(extra)}\n"
         )
     assert not Path("saccade-slam").exists()
 

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from saccade.cli import main
+from saccade.cli.detectors import find_detector
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
 from saccade.evaluation.features import FeatureScores, score_pairs
 from saccade.evaluation.homography import corner_error, inside, project
 from saccade.evaluation.repeatability import Features, PairScores, score_pair
+from saccade.exchange.colmap import import_pycolmap
+from saccade.image import as_gray
 from saccade.keypoints.matching import nearest_neighbors
 
 SHIFT = np.array([[1, 0, 10.0], [0, 1, 0], [0, 0, 1]])
@@ -179,10 +182,65 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
         assert err.strip().count("\n") == 0
 
 
+@pytest.fixture
+def texture(rng):
+    """(160, 200, 3) noise in [0, 1] in which there are some hundred points."""
+    gray = cv2.GaussianBlur(rng.random((160, 200)), (0, 0), 2)
+    gray = np.rint(255 * (gray - gray.min()) / np.ptp(gray)) / 255
+    return np.repeat(gray[:, :, None], 3, axis=2)
+
+
+def kept_places(name, image, count):
+    """The places of a detector's points that `--points` keeps."""
+    found = find_detector(name, None, None, count)(image)
+    return set(
+        map(tuple, Features(found.xy, found.descriptors, image.shape[:2]).strongest(count).xy)
+    )
+
+
+@pytest.mark.parametrize("count", [10, 50])
+def test_of_opencvs_points_the_strongest_are_kept(texture, count):
+    points = cv2.SIFT.create().detect(np.rint(255 * texture[:, :, 0]).astype(np.uint8))
+    strength = {point.pt: point.response for point in points}
+    assert len(strength) > 2 * count
+    strongest = sorted(strength, key=strength.get, reverse=True)[:count]
+    assert kept_places("opencv", texture, count) == set(strongest)
+
+
+def test_descriptors_stay_with_their_points(texture):
+    gray = np.rint(255 * texture[:, :, 0]).astype(np.uint8)
+    points, descriptors = cv2.SIFT.create().detectAndCompute(gray, None)
+    found = find_detector("opencv", None, None, 10)(texture)
+    rows = {(*point.pt, *map(int, d)) for point, d in zip(points, descriptors, strict=True)}
+    ours = zip(found.xy.tolist(), found.descriptors.tolist(), strict=True)
+    assert {(*xy, *descriptor) for xy, descriptor in ours} == rows
+
+
+@pytest.mark.parametrize("name", ["sift", "must"])
+def test_of_our_points_the_strongest_are_kept(texture, name):
+    every = find_detector(name, None, None, 10_000)(texture)
+    strength = dict(zip(map(tuple, every.xy), every.response, strict=True))
+    strongest = sorted(strength, key=strength.get, reverse=True)[:10]
+    assert kept_places(name, texture, 10) == set(strongest)
+
+
+@pytest.mark.peer
+def test_of_colmaps_points_those_are_kept_that_colmap_would_keep(texture):
+    """Whole planes of its scale space, from the largest scale on, until there are enough."""
+    pytest.importorskip("pycolmap")
+    pycolmap = import_pycolmap()
+    options = pycolmap.FeatureExtractionOptions()
+    options.sift.max_num_features = 20
+    gray = np.ascontiguousarray(as_gray(texture), np.float32)
+    points, _ = pycolmap.FeatureExtractor.create(options).extract_from_float32_array(gray)
+    theirs = {(point.x - 0.5, point.y - 0.5) for point in points}
+    kept = kept_places("colmap", texture, 20)
+    assert len(kept) == 20
+    assert len(kept & theirs) >= 19  # a point between two planes may count to either
+
+
 @pytest.mark.peer
 def test_colmap_is_one_of_the_detectors():
-    from saccade.cli.detectors import find_detector
-
     pytest.importorskip("pycolmap")
     spot = np.exp(-((np.indices((80, 90)) - [[[41.3]], [[50.6]]]) ** 2).sum(axis=0) / 50)
     points = find_detector("colmap", None, None)(np.repeat(spot[:, :, None], 3, axis=2))

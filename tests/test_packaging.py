@@ -8,7 +8,9 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
+import tomllib
 import zipfile
+from email.parser import BytesParser
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -17,9 +19,9 @@ import pytest
 from packaging.requirements import Requirement
 
 import saccade
+from conftest import ROOT
 
-ROOT = Path(__file__).parents[1]
-SOURCE = Path(saccade.__file__).parent
+SOURCE = ROOT / "src" / "saccade"
 PERMISSIVE = {
     *("0BSD", "Apache-2.0", "Apache-2.0 WITH LLVM-exception", "BSD-2-Clause", "BSD-3-Clause"),
     *("CC0-1.0", "ISC", "MIT", "MIT-CMU", "PSF-2.0", "Zlib"),
@@ -40,7 +42,11 @@ EITHER = {"python-dateutil"}
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """A wheel made from the sdist, and the sdist."""
+    """A wheel made from the sdist, and the sdist; or those that are in $SACCADE_DIST."""
+    if "SACCADE_DIST" in os.environ:
+        out = Path(os.environ["SACCADE_DIST"])
+        (wheel,), (sdist,) = out.glob("*.whl"), out.glob("*.tar.gz")
+        return wheel, sdist
     uv = shutil.which("uv")
     if uv is None:
         pytest.skip("uv, which builds, is not installed")
@@ -75,6 +81,36 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
         "src/saccade/data/README.md",
         "src/saccade/viewing/web/uPlot.LICENSE",
     }
+
+
+def test_the_wheel_says_of_itself_what_pyproject_says(built):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    info = f"{project['name']}-{saccade.__version__}.dist-info"
+    with zipfile.ZipFile(built[0]) as wheel:
+        told = BytesParser().parsebytes(wheel.read(f"{info}/METADATA"))
+        commands = wheel.read(f"{info}/entry_points.txt").decode()
+        assert b"Root-Is-Purelib: true" in wheel.read(f"{info}/WHEEL")
+    assert (told["Name"], told["Version"]) == (project["name"], saccade.__version__)
+    assert told["Summary"] == project["description"]
+    assert told["Requires-Python"] == project["requires-python"]
+    assert told["License-Expression"] == project["license"]
+    assert set(told.get_all("Classifier")) == set(project["classifiers"])
+    assert set(told["Keywords"].split(",")) == set(project["keywords"])
+    assert told["Description-Content-Type"] == "text/markdown"
+    text = told.get_payload(decode=True).decode()
+    assert text == (ROOT / "README.md").read_text(encoding="utf-8")
+    assert commands.split() == ["[console_scripts]", "saccade", "=", "saccade.cli:main"]
+    extras = project["optional-dependencies"]
+    assert set(told.get_all("Provides-Extra")) == set(extras)
+    wanted = project["dependencies"] + [
+        f"{line}; extra == '{extra}'" for extra, lines in extras.items() for line in lines
+    ]
+    assert set(map(Requirement, told.get_all("Requires-Dist"))) == set(map(Requirement, wanted))
+
+
+def test_the_citation_and_the_package_are_of_one_version():
+    (cited,) = re.findall(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.M)
+    assert cited == saccade.__version__
 
 
 def test_every_picture_that_is_shipped_has_its_licence():
@@ -122,7 +158,7 @@ main()
 
 
 def test_the_core_install_asks_for_nothing_in_return():
-    """Every package that comes with `pip install saccade`, by what its own metadata says."""
+    """Every package that the core install brings, by what its own metadata says."""
     for name in core_packages():
         licences = licences_of(name)
         good = [licence in PERMISSIVE for licence in licences]

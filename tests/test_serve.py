@@ -27,6 +27,7 @@ from saccade.cli.controls import RANGES, TITLES, controls, field_help
 from saccade.cli.settings import load_settings, preset_names, settings_from
 from saccade.cli.workbench import HELD, Workbench
 from saccade.errors import ConfigError, ImageError
+from saccade.extras import install_command
 
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 from starlette.testclient import TestClient
@@ -434,7 +435,7 @@ def test_without_its_libraries_the_extra_is_named(run, monkeypatch):
     code, _, message = run("serve", "--no-browser")
     assert (code, message) == (
         2,
-        "saccade: serve: needs uvicorn, which is not installed; pip install 'saccade[serve]'\n",
+        "saccade: serve: needs uvicorn, which is not installed; " + install_command("serve") + "\n",
     )
 
 

@@ -1,6 +1,7 @@
 """Smoothing against SciPy's least squares, worlds that are known, and recorded drives."""
 
 import dataclasses
+import re
 import sys
 
 import numpy as np
@@ -12,6 +13,7 @@ from circle import simulate
 from saccade import slam
 from saccade.datasets import load
 from saccade.errors import ConfigError, LogError
+from saccade.extras import install_command
 from saccade.slam import SmoothConfig, observe, smooth, wrap
 from saccade.slam.consistency import normalized_squared
 from saccade.types import LandmarkLog
@@ -235,7 +237,7 @@ def test_what_is_not_determined_is_named():
 def test_a_missing_library_is_named(monkeypatch):
     log = _open_world(0.01)
     monkeypatch.setitem(sys.modules, "gtsam", None)
-    with pytest.raises(ConfigError, match=r"pip install 'saccade\[smooth\]'"):
+    with pytest.raises(ConfigError, match=re.escape(install_command("smooth"))):
         smooth(log, slam.run(log))
 
 

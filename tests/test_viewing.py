@@ -1,5 +1,6 @@
 """Pictures hold what they are said to hold, and pages show every word as a word."""
 
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from saccade.errors import ConfigError, OutputError
+from saccade.extras import install_command
 from saccade.types import (
     Keypoints,
     LandmarkMap,
@@ -280,9 +282,9 @@ def test_a_viewer_that_does_not_start_is_one_line(monkeypatch):
 def test_a_missing_viewer_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "rerun", None)
     still = Trajectory(np.zeros(1), np.zeros((1, 3)))
-    with pytest.raises(ConfigError, match=r"pip install 'saccade\[live\]'"):
+    with pytest.raises(ConfigError, match=re.escape(install_command("live"))):
         save_rrd(tmp_path / "map.rrd", "a drive", [], np.zeros(1), still)
-    with pytest.raises(ConfigError, match=r"pip install 'saccade\[live\]'"):
+    with pytest.raises(ConfigError, match=re.escape(install_command("live"))):
         LiveMap("a drive", np.zeros(1), still)
 
 

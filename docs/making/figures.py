@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -245,22 +245,30 @@ def _draw_descriptor(axes: Axes, image: np.ndarray, point: "saccade.Keypoints") 
         image, np.c_[turn, shift], (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
     axes.imshow(viewing.symmetry.faded(patch), cmap="gray", vmin=0, vmax=1)
-    values = point.descriptors.reshape(4, 4, 8) / point.descriptors.max()
-    for row, column, bin_ in np.ndindex(4, 4, 8):
-        x, y = (column + 0.5) * side / 4, (row + 0.5) * side / 4
-        length = values[row, column, bin_] * side / 9
-        direction = bin_ * np.pi / 4
-        axes.plot(
-            [x, x + length * np.cos(direction)],
-            [y, y + length * np.sin(direction)],
-            color=ORANGE,
-            linewidth=2,
-            solid_capstyle="round",
-        )
+    rays = descriptor_rays(point.descriptors[0], side)
+    axes.add_collection(LineCollection([*rays], colors=ORANGE, linewidths=2, capstyle="round"))
     for line in range(1, 4):
         axes.axhline(line * side / 4, color=BLUE, linewidth=0.8)
         axes.axvline(line * side / 4, color=BLUE, linewidth=0.8)
     picture_axes(axes, "a descriptor: 4 x 4 subregions, 8 directions each")
+
+
+def descriptor_rays(descriptor: np.ndarray, side: float) -> np.ndarray:
+    """Where each entry of a descriptor is drawn in its patch, whose x axis is the point's angle.
+
+    Args:
+        descriptor: (128,) rows of subregions, whose directions turn from y towards x.
+        side: of the patch.
+
+    Returns:
+        (128, 2, 2) the two ends of each ray, from the middle of its subregion along its gradient.
+    """
+    row, column, turn = np.indices((4, 4, 8)).reshape(3, -1)
+    middle = (np.stack([column, row], axis=1) + 0.5) * side / 4
+    angle = -turn * np.pi / 4
+    length = side / 9 * descriptor / descriptor.max()
+    ray = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.stack([middle, middle + ray], axis=1)
 
 
 def _park() -> "tuple[saccade.LandmarkLog, slam.SlamResult]":

@@ -1,6 +1,9 @@
-"""Libraries that only some of the work needs."""
+"""Optional dependencies: imports them, or says how to install them."""
 
+import json
+import shlex
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any
 
 from saccade.errors import ConfigError
@@ -20,5 +23,24 @@ def import_optional(library: str, extra: str) -> Any:
         return import_module(library)
     except ImportError as error:
         raise ConfigError(
-            f"{extra}: needs {library}, which is not installed; pip install 'saccade[{extra}]'"
+            f"{extra}: needs {library}, which is not installed; {install_command(extra)}"
         ) from error
+
+
+def install_command(extra: str) -> str:
+    """The shell command that installs what an extra requires.
+
+    In a clone, where the install is editable or there is none, uv installs the extra. Elsewhere
+    pip installs its requirements by their own names: `saccade` on PyPI is another project.
+    """
+    try:
+        package = distribution("saccade")
+        origin = json.loads(package.read_text("direct_url.json") or "{}")  # PEP 610
+        editable = origin.get("dir_info", {}).get("editable", False)
+    except PackageNotFoundError:
+        editable = True
+    if editable:
+        return f"uv sync --extra {extra}"
+    lines = (line.partition(";") for line in package.requires or ())
+    required = (name.strip() for name, _, marker in lines if f"'{extra}'" in marker)
+    return f"pip install {shlex.join(required)}"

@@ -37,7 +37,9 @@ class Keypoints:
     octave: npt.NDArray[np.int32]
     """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself, or not known."""
     descriptors: npt.NDArray[np.uint8] | npt.NDArray[np.float32] | None = None
-    """(n, 128) uint8, or float32 of unit length; None where only places were asked for."""
+    """(n, 128) uint8, or float32 of unit length: 4 x 4 subregions, row by row in the frame of the
+    angle, of 8 directions that turn from y towards x, as OpenCV's do; those of
+    `saccade.textbook.sift` turn from x towards y. None where only places were asked for."""
 
     @classmethod
     def at(cls, xy: npt.ArrayLike, size: npt.ArrayLike, angle: npt.ArrayLike = 0.0) -> "Keypoints":

@@ -24,6 +24,8 @@ def find_detector(
 ) -> Callable[[Any], Any]:
     """A detector: from an (H, W, 3) image in [0, 1] to an object with xy and descriptors.
 
+    The points come strongest first, COLMAP's largest first, those of a callable as it gives them.
+
     Args:
         name: one of `NAMES`, or module:callable.
         preset: of ours.
@@ -119,6 +121,7 @@ def _by_saliency(sift: Any) -> Callable[[Any], Any]:
 
 
 def _opencv() -> Callable[[Any], Any]:
+    """OpenCV's SIFT as it is installed; it gives its points by place, hence the sorting."""
     from types import SimpleNamespace
 
     import cv2
@@ -134,13 +137,15 @@ def _opencv() -> Callable[[Any], Any]:
         )
         if not points:
             return SimpleNamespace(xy=np.zeros((0, 2)), descriptors=np.zeros((0, 128)))
-        xy = np.array([point.pt for point in points])
-        return SimpleNamespace(xy=xy, descriptors=descriptors.astype(np.uint8))
+        order = np.argsort([-point.response for point in points], kind="stable")
+        xy = np.array([point.pt for point in points])[order]
+        return SimpleNamespace(xy=xy, descriptors=descriptors[order].astype(np.uint8))
 
     return detect
 
 
 def _colmap() -> Callable[[Any], Any]:
+    """COLMAP's SIFT, the largest first: it has no responses, and of too many keeps the largest."""
     from types import SimpleNamespace
 
     import numpy as np
@@ -156,9 +161,10 @@ def _colmap() -> Callable[[Any], Any]:
     def detect(image: Any) -> Any:
         gray = np.ascontiguousarray(as_gray(image), np.float32)
         points, descriptors = sift.extract_from_float32_array(gray)
+        order = np.argsort([-point.compute_scale() for point in points], kind="stable")
         # Its first pixel's centre is (0.5, 0.5).
-        xy = np.array([(point.x, point.y) for point in points]).reshape(-1, 2) - 0.5
-        return SimpleNamespace(xy=xy, descriptors=descriptors.data)
+        xy = np.array([(point.x, point.y) for point in points]).reshape(-1, 2)[order] - 0.5
+        return SimpleNamespace(xy=xy, descriptors=descriptors.data[order])
 
     return detect
 

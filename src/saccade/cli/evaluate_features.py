@@ -44,7 +44,9 @@ def features(
     points: Annotated[
         list[int] | None,
         typer.Option(
-            min=1, help="Only so many places of each image, the strongest; may be repeated."
+            min=1,
+            help="Only so many places of each image, the strongest, COLMAP's largest; "
+            "may be repeated.",
         ),
     ] = None,
     disturb: Annotated[
@@ -68,8 +70,8 @@ def features(
     neighbors at 1, 3 and 5 px without and with the ratio test, matching score, and the area under
     the curve of the homography's corner error; means over the pairs with 95 % bootstrap intervals.
     With --points our own detectors have no threshold, so that there are so many also where
-    contrast is low. A module:callable takes an (H, W, 3) image in [0, 1] and gives an object with
-    xy and descriptors, the strongest first.
+    contrast is low; OpenCV's and COLMAP's keep theirs. A module:callable takes an (H, W, 3) image
+    in [0, 1] and gives an object with xy and descriptors, the strongest first.
     """
     from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import print_json, print_table

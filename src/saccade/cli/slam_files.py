@@ -148,10 +148,7 @@ def figures(
     log: "LandmarkLog", result: "SlamResult", smoothed: "SmoothResult | None"
 ) -> dict[str, Any]:
     """What a run says of itself in numbers; distances from the truth where that is known."""
-    import numpy as np
-
     low, high = result.consistency.band
-    apart = (result.trajectory.pose - result.dead_reckoning.pose)[-1, :2]
     row: dict[str, Any] = {
         "log": log.name,
         "poses": len(result.trajectory),
@@ -159,7 +156,7 @@ def figures(
         "observations_used": int((result.association >= 0).sum()),
         "landmarks": len(result.map),
         "landmarks_dropped": result.removed,
-        "odometry_end_m": float(np.hypot(*apart)),
+        **_odometry_end(log, result),
         "odometry_bias": _bias(result),
         "nis_mean": finite(result.consistency.mean),
         "nis_band": [low, high],
@@ -173,6 +170,17 @@ def figures(
         drives["smoothed_position"] = smoothed.trajectory
         maps["smoothed_landmark"] = smoothed.map
     return row | _distances(log, drives, maps)
+
+
+def _odometry_end(log: "LandmarkLog", result: "SlamResult") -> dict[str, float]:
+    """How far odometry alone ends from the truth, or, without one, from the filter's estimate."""
+    import numpy as np
+
+    reckoned, other, name = result.dead_reckoning, result.trajectory, "odometry_end_from_estimate_m"
+    if log.truth is not None and is_in_frame(log.truth):
+        other, name = log.truth, "odometry_end_error_m"
+    end = np.array([min(reckoned.time[-1], other.time[-1])])
+    return {name: float(np.hypot(*(reckoned.at(end) - other.at(end))[0, :2]))}
 
 
 def _bias(result: "SlamResult") -> dict[str, float] | None:

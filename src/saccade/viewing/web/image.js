@@ -51,10 +51,22 @@ function drawPoints(context, points, chosen, scale) {
   if (chosen >= 0) outlined(context, ON_PHOTO.chosen, 3, () => circle(chosen));
 }
 
+/**
+ * Where a descriptor is drawn: of each of its 128 entries x, y of both ends of a ray. There are 4 x 4
+ * cells of 8 directions, which turn from y towards x; the x axis is the angle of the point.
+ */
+function descriptorRays(values, cell) {
+  const most = Math.max(1, ...values);
+  return Array.from(values, (value, i) => {
+    const bin = i >> 3, angle = (-(i & 7) * Math.PI) / 4, length = (0.48 * cell * value) / most;
+    const x = ((bin & 3) + 0.5) * cell, y = ((bin >> 2) + 0.5) * cell;
+    return [x, y, x + length * Math.cos(angle), y + length * Math.sin(angle)];
+  });
+}
+
 /** A descriptor as its histograms: 4 x 4 places, 8 directions in each. */
 function drawDescriptor(canvas, values, colors) {
   const context = sized(canvas), cell = canvas.clientWidth / 4;
-  const most = Math.max(1, ...values);
   context.strokeStyle = colors.line;
   context.strokeRect(0.5, 0.5, 4 * cell - 1, 4 * cell - 1);
   context.beginPath();
@@ -68,13 +80,10 @@ function drawDescriptor(canvas, values, colors) {
   context.strokeStyle = colors.blue;
   context.lineWidth = 2;
   context.beginPath();
-  values.forEach((value, i) => {
-    const bin = i >> 3, angle = ((i & 7) * Math.PI) / 4;
-    const x = ((bin & 3) + 0.5) * cell, y = ((bin >> 2) + 0.5) * cell;
-    const length = (0.48 * cell * value) / most;
+  for (const [x, y, endX, endY] of descriptorRays(values, cell)) {
     context.moveTo(x, y);
-    context.lineTo(x + length * Math.cos(angle), y + length * Math.sin(angle));
-  });
+    context.lineTo(endX, endY);
+  }
   context.stroke();
 }
 

@@ -1,0 +1,71 @@
+"""What a log is worth less when something in it is withheld.
+
+    uv run python benchmarks/withheld.py mrclam6.npz mrclam9.npz dlr_3298.npz cityTrees10000.txt
+
+Of each log, and of every robot in it, the filter runs three times by its defaults: on the log as it
+is, without the systematic errors of the odometry as a part of the state, and without the names of
+the landmarks. A landmark of the map without names is what most of its observations were of;
+"found" counts how many different ones there are, and the others were of another landmark ("wrong").
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from saccade import datasets, slam
+from saccade.datasets.mrclam import ROBOTS
+from saccade.errors import ConfigError
+from saccade.evaluation.trajectory import position_rmse
+from saccade.types import LandmarkLog
+
+
+def robots(path: Path) -> Iterator[LandmarkLog]:
+    """The log, or that of each robot where there are several."""
+    try:
+        for robot in range(1, ROBOTS + 1):
+            yield datasets.load("auto", path, robot=robot)
+    except ConfigError:
+        yield datasets.load("auto", path)
+
+
+def rmse(log: LandmarkLog, result: slam.SlamResult) -> float:
+    """Metres from the truth, where there is one."""
+    return float("nan") if log.truth is None else position_rmse(result.trajectory, log.truth)
+
+
+def associated(log: LandmarkLog, result: slam.SlamResult) -> tuple[int, float]:
+    """How many of the named landmarks are in the map, and the share of wrong associations."""
+    used = np.flatnonzero(result.association >= 0)
+    if len(used) == 0:
+        return 0, float("nan")
+    landmark, name = result.association[used], np.unique(log.landmark, return_inverse=True)[1][used]
+    counts = np.zeros((len(result.map), int(name.max(initial=-1)) + 1), np.int64)
+    np.add.at(counts, (landmark, name), 1)
+    return len(np.unique(counts.argmax(1))), 1 - counts.max(1).sum() / len(used)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("logs", type=Path, nargs="+")
+    print("                                  position (m)                 without names")
+    print("log                    as it is  no bias  no names   map  found      wrong  used")
+    for path in parser.parse_args().logs:
+        for log in robots(path):
+            hidden = replace(log, landmark=np.full_like(log.landmark, -1))
+            plain = replace(log, odometry_bias=(0.0, 0.0, 0.0))
+            result = slam.run(hidden)
+            found, wrong = associated(log, result)
+            errors = [rmse(log, each) for each in (slam.run(log), slam.run(plain), result)]
+            print(
+                f"{log.name:22} {errors[0]:8.3f} {errors[1]:8.3f}  {errors[2]:8.3f} "
+                f"{len(result.map):5}  {found:4} of {len(np.unique(log.landmark)):4} {wrong:5.1%}"
+                f" {(result.association >= 0).mean():5.1%}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
