@@ -11,6 +11,7 @@ from latex2mathml.converter import convert
 
 UNNAMED = re.compile(r"<th( [^>]*)?></th>")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+STEPS = re.compile(r"<!-- steps of appendix ([ABC]) -->")
 ROOT = Path(__file__).parents[2]
 
 
@@ -25,7 +26,11 @@ def on_pre_build(config: Any) -> None:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """The changelog of the repository, its links as seen from here."""
+    """The steps through the appendices; the changelog, its links as seen from here."""
+    if page.file.src_uri == "appendices.md":
+        from appendices import steps_markdown
+
+        return STEPS.sub(lambda found: steps_markdown(found[1]), markdown)
     if page.file.src_uri != "changelog.md":
         return markdown
     return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")

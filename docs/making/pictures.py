@@ -13,6 +13,7 @@ from io import StringIO
 from multiprocessing import get_context
 from pathlib import Path
 
+from appendices import draw as draw_appendix
 from figures import PAGES, story
 from saccade.viewing import save_figure
 
@@ -29,6 +30,7 @@ def make_all(folder: Path) -> None:
         with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
             made = [pool.submit(run_example, example, folder) for example in examples]
             made += [pool.submit(draw_page, name, folder) for name in PAGES]
+            made += [pool.submit(draw_appendix, each, folder) for each in "ABC"]
         for each in made:
             each.result()
         stamp.write_text(state)

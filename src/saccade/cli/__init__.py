@@ -26,6 +26,7 @@ from saccade.cli.match import match
 from saccade.cli.serve import serve
 from saccade.cli.simulate import simulate
 from saccade.cli.slam import slam
+from saccade.cli.textbook import textbook
 from saccade.errors import OutputError, SaccadeError
 
 _INTERRUPTED = "interrupted"
@@ -54,6 +55,7 @@ app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
 app.command(epilog="Example: saccade check kitti/07")(check)
 app.command(epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
 app.command(epilog="Example: saccade drive KITTI/07 --out mapped")(drive)
+app.command(epilog="Example: saccade textbook photo.jpg --module my_contrast.py")(textbook)
 app.command(epilog="Example: saccade serve --port 8014")(serve)
 app.command(epilog="Example: saccade demo --out saccade-demo")(demo)
 app.add_typer(evaluate, name="evaluate")

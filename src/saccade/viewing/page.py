@@ -69,7 +69,7 @@ def section_html(section: Section, inside: str = "") -> str:
     """A section as HTML, with more HTML behind its text."""
     parts = [
         f"<section>\n<h2>{escape(section.heading)}</h2>\n<p>{escape(section.text)}</p>{inside}",
-        *map(_picture, section.pictures),
+        *map(picture_html, section.pictures),
     ]
     if section.facts:
         rows = "".join(
@@ -83,7 +83,8 @@ def section_html(section: Section, inside: str = "") -> str:
     return "\n".join([*parts, "</section>"])
 
 
-def _picture(picture: Picture) -> str:
+def picture_html(picture: Picture) -> str:
+    """A picture with its caption; a wide one scrolls where there is no room for it."""
     image = f'<img src="{escape(picture.source)}" alt="{escape(picture.alternative)}">'
     if picture.wide:
         image = (

@@ -1,0 +1,35 @@
+"""Write the formulas of the steps as MathML: `python docs/making/formulas.py`.
+
+`saccade textbook` shows them, and LaTeX is nothing that it could read.
+"""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+from latex2mathml.converter import convert
+
+from saccade.viewing.steps import step_table
+
+FORMULAS = Path(str(files("saccade.viewing") / "web" / "formulas.json"))
+
+
+def formulas_json() -> str:
+    """Every formula of the steps by its TeX."""
+    formulas = [equation[1] for step in step_table() for equation in step["equations"]]
+    table = {tex: mathml_of(tex) for tex in formulas}
+    return json.dumps(table, indent=1, ensure_ascii=False) + "\n"
+
+
+def mathml_of(tex: str) -> str:
+    """A formula with fractions at full size, and with brackets around matrices drawn by the style.
+
+    Without a mathematical font a browser does not stretch a bracket.
+    """
+    mathml = convert(tex).replace(' display="inline"', ' displaystyle="true"')
+    mathml = mathml.replace("<mo>&#x00028;</mo><mtable>", '<mtable class="matrix">')
+    return mathml.replace("</mtable><mo>&#x00029;</mo>", "</mtable>")
+
+
+if __name__ == "__main__":
+    FORMULAS.write_text(formulas_json(), encoding="utf-8")

@@ -1,0 +1,201 @@
+"""The steps of the Scale-Invariant Feature Transform as pictures (appendix B)."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from saccade.types import FloatArray, Image
+from saccade.viewing.contrast_steps import SIGNED, bare
+from saccade.viewing.keypoints import draw_keypoints
+from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, figure_for, picture_axes
+from saccade.viewing.symmetry import faded
+
+FATES = {
+    "low contrast": (GRAY, "."),
+    "edge": (RED, "x"),
+    "unstable": (BLUE, "s"),
+    "kept": (GREEN, "o"),
+}
+"""Color and marker of a candidate by what became of it."""
+CHOICE = 60
+"""Of so many of the strongest keypoints the largest is shown that is inside and visibly turned."""
+TURNED = 0.5
+"""Least absolute sine of twice its orientation."""
+PATCH = 160
+"""Pixels of the turned patch to a side."""
+
+
+def sift_figures(image: Image, result: Any) -> dict[str, Figure]:
+    """The steps from an image to its keypoints, by name; those of a keypoint if there is any.
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+        result: the `SiftResult` of the textbook.
+    """
+    figures = {
+        "scale-space": _scale_space(result.scale_space, result.differences),
+        "candidates": _candidates(image, result),
+    }
+    point = _shown_point(result)
+    if point is not None:
+        candidate = result.candidates[point.candidate]
+        octave = result.scale_space[candidate.octave]
+        scale = round(candidate.i + candidate.offset[2])
+        L = octave[min(max(scale, 0), len(octave) - 1)]
+        same = [each.angle for each in result.descriptions if each.candidate == point.candidate]
+        figures["orientation"] = _orientation(image, point, L, 2**candidate.octave, same)
+        figures["descriptor"] = _descriptor(point, L)
+    return figures
+
+
+def _shown_point(result: Any) -> Any:
+    """The description of one keypoint; None where no patch is inside the image."""
+    inside = []
+    for each in result.descriptions[:CHOICE]:
+        octave = result.candidates[each.candidate].octave
+        height, width = result.scale_space[octave][0].shape
+        if (each.grid >= 0).all() and (each.grid <= (width - 1, height - 1)).all():
+            inside.append((abs(np.sin(2 * each.angle)) > TURNED, each.sigma * 2**octave, each))
+    return max(inside, key=lambda each: each[:2])[2] if inside else None
+
+
+def _scale_space(
+    gaussians: Sequence[Sequence[FloatArray]], differences: Sequence[Sequence[FloatArray]]
+) -> Figure:
+    """Two rows an octave: L, and below it D."""
+    height, width = gaussians[0][0].shape
+    columns, rows = len(gaussians[0]), 2 * len(gaussians)
+    figure = figure_for(width, height, columns, rows, panel=2.1)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for octave, (smoothed, subtracted) in enumerate(zip(gaussians, differences, strict=True)):
+        upper, lower = panels[2 * octave], panels[2 * octave + 1]
+        for i, (axes, L) in enumerate(zip(upper, smoothed, strict=True)):
+            axes.imshow(L, cmap="gray", vmin=0, vmax=1)
+            axes.set_title(rf"$\sigma = {2**octave if octave else ''} k^{i} \sigma_0$", fontsize=9)
+        most = max(float(np.abs(D).max()) for D in subtracted) or 1.0
+        for axes, D in zip(lower, subtracted, strict=False):
+            axes.imshow(D, cmap=SIGNED, vmin=-most, vmax=most)
+        for axes in (*upper, *lower):
+            bare(axes)
+        h, w = smoothed[0].shape
+        upper[0].set_ylabel(f"octave {octave + 1}: L\n{w} x {h}", fontsize=9)
+        lower[0].set_ylabel(f"D, to ±{most:.2f}", fontsize=9)
+    return figure
+
+
+def _candidates(image: Image, result: Any) -> Figure:
+    """Every candidate by the first test it failed, and the keypoints that remain."""
+    height, width = image.shape[:2]
+    figure = figure_for(width, height, columns=1, rows=1, panel=11)
+    axes = figure.subplots()
+    axes.imshow(faded(np.asarray(image, np.float32)), cmap="gray", vmin=0, vmax=1)
+    for name, (color, marker) in FATES.items():
+        there = [each for each in result.candidates if each.fate == name]
+        x = [each.column * 2**each.octave for each in there]
+        y = [each.row * 2**each.octave for each in there]
+        size = 3 if marker == "." else 5
+        axes.plot(x, y, marker, color=color, markersize=size, label=f"{len(there)} {name}")
+    draw_keypoints(axes, result.keypoints)
+    axes.set_axis_off()
+    axes.set_xlim(-0.5, width - 0.5)
+    axes.set_ylim(height - 0.5, -0.5)
+    figure.legend(loc="outside lower center", ncols=len(FATES), frameon=False, markerscale=1.6)
+    return figure
+
+
+def _orientation(
+    image: Image, point: Any, L: FloatArray, spacing: int, dominant: Sequence[float]
+) -> Figure:
+    """The patch of a keypoint, its grid of samples in L, and its histogram of directions."""
+    figure = Figure(figsize=(11.5, 3.6), layout="compressed", dpi=110)
+    whole, close, bars = figure.subplots(1, 3, width_ratios=(1.35, 1, 1.35))
+    corners = _corners(point.grid)
+    whole.imshow(image)
+    whole.plot(*(corners * spacing).T, color=ORANGE, linewidth=2)
+    picture_axes(whole, "the keypoint and its patch")
+    close.imshow(L, cmap="gray")
+    margin = 1.5 * point.sigma
+    low, high = corners.min(0) - margin, corners.max(0) + margin
+    close.set_xlim(low[0], high[0])
+    close.set_ylim(high[1], low[1])
+    close.plot(*point.grid.reshape(-1, 2).T, ".", color=BLUE, markersize=3)
+    a, b, c, d, _ = corners
+    for t in (0, 0.25, 0.5, 0.75, 1):  # the borders of the subregions
+        close.plot(*np.array([a + (b - a) * t, d + (c - d) * t]).T, color=ORANGE, linewidth=1.2)
+        close.plot(*np.array([a + (d - a) * t, b + (c - b) * t]).T, color=ORANGE, linewidth=1.2)
+    length = 6 * point.sigma
+    tip = point.x + length * np.cos(point.angle), point.y + length * np.sin(point.angle)
+    arrow = {"color": RED, "width": 2, "headwidth": 9}
+    close.annotate("", tip, (point.x, point.y), arrowprops=arrow)
+    picture_axes(close, "16 x 16 samples, turned")
+    fraction = point.histogram / (float(point.histogram.max()) or 1.0)
+    bars.bar(np.arange(36) * 10 + 5, fraction, width=9, color=np.where(fraction > 0.8, BLUE, GRAY))
+    bars.axhline(0.8, color="black", linestyle="--", linewidth=1)
+    for angle in dominant:
+        bars.axvline(np.degrees(angle) % 360, color=RED, linewidth=1.5)
+    bars.set_title("36 bins; over 80 % of the highest: blue", fontsize=10)
+    bars.set_xlabel("direction, from x towards y [degrees]")
+    bars.xaxis.set_major_locator(MultipleLocator(90))
+    return figure
+
+
+def _descriptor(point: Any, L: FloatArray) -> Figure:
+    """The gradients in the turned patch, and the descriptor as stars and as bars."""
+    figure = Figure(figsize=(11.5, 3.6), layout="compressed", dpi=110)
+    left, middle, right = figure.subplots(1, 3, width_ratios=(1, 1, 1.6))
+    x, y = np.meshgrid(np.arange(16) + 0.5, np.arange(16) + 0.5)
+    lengths = point.magnitudes * point.weights
+    row, column, bin_ = (each.ravel() for each in np.indices((4, 4, 8)))
+    _show_patch(left, point.grid, L)
+    _draw_arrows(left, (x, y), lengths, point.orientations, 1.4, width=0.007)
+    picture_axes(left, "gradients, weighted")
+    centers, directions = (4 * column + 2, 4 * row + 2), bin_ * np.pi / 4
+    rays = {"width": 0.012, "headwidth": 1, "headlength": 0}
+    _show_patch(middle, point.grid, L)
+    _draw_arrows(middle, centers, point.vector, directions, 2.2, **rays)
+    picture_axes(middle, "4 x 4 histograms of 8 directions")
+    right.bar(np.arange(128), point.vector, width=1.0, color=BLUE)
+    right.set_xlim(-0.5, 127.5)
+    right.xaxis.set_major_locator(MultipleLocator(32))
+    right.set_xlabel("four subregions of 8 bins between two ticks: a row of the patch")
+    right.set_title("128 values of unit length", fontsize=10)
+    return figure
+
+
+def _show_patch(axes: Axes, grid: FloatArray, L: FloatArray) -> None:
+    """L as the point sees it: turned upright, 16 samples a side, pale, with its subregions."""
+    across, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
+    u = (np.arange(PATCH) + 0.5) * (16 / PATCH) - 0.5  # in samples from the first
+    places = grid[0, 0] + u[:, None, None] * down + u[:, None] * across  # (PATCH, PATCH, 2)
+    x, y = (np.ascontiguousarray(places[..., i], np.float32) for i in (0, 1))
+    border = cv2.BORDER_REPLICATE
+    patch = cv2.remap(np.asarray(L, np.float32), x, y, cv2.INTER_LINEAR, borderMode=border)
+    low, high = float(patch.min()), float(patch.max())
+    axes.imshow(patch, cmap="gray", vmin=low - 1.2 * (high - low), vmax=high, extent=(0, 16, 16, 0))
+    for line in (4, 8, 12):
+        axes.axhline(line, color=ORANGE, linewidth=1.2)
+        axes.axvline(line, color=ORANGE, linewidth=1.2)
+    axes.set_xlim(0, 16)
+    axes.set_ylim(16, 0)
+
+
+def _draw_arrows(
+    axes: Axes, at: Any, length: FloatArray, angle: Any, longest: float, **style: float
+) -> None:
+    """Arrows of lengths and angles, the longest as long as is said."""
+    step = length * (longest / (float(length.max()) or 1.0))
+    options: Any = {"angles": "xy", "scale_units": "xy", "scale": 1, "color": BLUE, **style}
+    axes.quiver(*at, step * np.cos(angle), step * np.sin(angle), **options)
+
+
+def _corners(grid: FloatArray) -> FloatArray:
+    """(5, 2) the closed outline of the samples, half a spacing beyond the outermost."""
+    across, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
+    signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
+    middle = grid.reshape(-1, 2).mean(0)
+    return np.asarray(middle + 8 * (signs[:, :1] * across + signs[:, 1:] * down))
