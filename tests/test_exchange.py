@@ -350,7 +350,7 @@ def test_learned_descriptors_are_refused(rng, tmp_path):
 @pytest.mark.parametrize(("library", "kind"), [("h5py", "hdf5"), ("pyarrow", "parquet")])
 def test_a_missing_library_is_named(monkeypatch, rng, tmp_path, library, kind):
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(ConfigError, match=rf"{kind}: needs {library}.*saccade\[{kind}\]"):
+    with pytest.raises(ConfigError, match=f"{kind}: needs {library}.* uv sync --extra {kind}"):
         written(kind, tmp_path / "x", random_points(rng, 1))
     with pytest.raises(ConfigError, match=rf"{kind}: needs {library}"):
         getattr(exchange, f"read_{kind}")(tmp_path / "x")

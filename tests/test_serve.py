@@ -369,7 +369,8 @@ def test_every_setting_is_on_the_page_and_every_preset_in_its_range():
         }
         assert {field["name"] for field in group["fields"]} == own
         assert all(field["help"] for field in group["fields"])
-        assert list(group["presets"]) == preset_names(kind)
+        hidden = {"kootstra2010"} if kind == "must" else set()  # only its descriptor is another
+        assert list(group["presets"]) == [each for each in preset_names(kind) if each not in hidden]
         for values in group["presets"].values():
             for name, value in values[kind].items():
                 field = next(each for each in group["fields"] if each["name"] == name)

@@ -14,6 +14,13 @@ Maps: TypeAlias = Literal["zarr", "png"]
 
 POINTS = ("sift", "must", "symroid")
 MAPS = ("saliency", "contrast", "symmetry")
+ADDED_SETTINGS = {
+    "SiftConfig": ("orientation_bins", "descriptor_dtype"),
+    "MustConfig": ("descriptor",),
+    "SymRoidConfig": ("descriptor",),
+}
+"""Settings that the first release did not have. At their defaults they are left out of what
+describes a job, so that what it extracted is known to be the same."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,11 @@ class Job:
 
     def described(self) -> dict[str, Any]:
         """All that the result depends on but the version, for JSON."""
-        told: dict[str, Any] = {"what": self.what, "settings": asdict(self.settings)}
+        settings, default = asdict(self.settings), type(self.settings)()
+        for name in ADDED_SETTINGS.get(type(self.settings).__name__, ()):
+            if getattr(self.settings, name) == getattr(default, name):
+                del settings[name]
+        told: dict[str, Any] = {"what": self.what, "settings": settings}
         if self.what == "scanpath":
             network = None if self.network is None else asdict(self.network)
             told |= {"network": network, "fixations": self.fixations}

@@ -140,13 +140,18 @@ def controls() -> dict[str, Any]:
 
 
 def _group(kind: str, title: str) -> dict[str, Any]:
-    from saccade.cli.settings import load_settings, preset_names
+    from saccade.cli.settings import DEFAULT, load_settings, preset_names
 
     settings = load_settings(kind)
     own = [each.name for each in fields(settings) if not is_dataclass(getattr(settings, each.name))]
     ranked = [*FIRST[kind], *(name for name in own if name not in FIRST[kind])]
     help_of, hints = field_help(type(settings)), get_type_hints(type(settings))
-    presets = {name: _values(kind, load_settings(kind, name)) for name in preset_names(kind)}
+    presets: dict[str, dict[str, dict[str, Any]]] = {}
+    for name in preset_names(kind):
+        values = _values(kind, load_settings(kind, name))
+        on_page = load_settings(kind, name) == settings or values != presets[DEFAULT]
+        if on_page:  # another preset may differ from the default in what the page does not show
+            presets[name] = values
     return {
         "kind": kind,
         "title": title,
@@ -160,14 +165,14 @@ def _group(kind: str, title: str) -> dict[str, Any]:
 
 
 def _values(kind: str, settings: Any) -> dict[str, dict[str, Any]]:
-    """By kind, what a configuration and those that it holds are set to."""
+    """By kind, what a configuration and those that it holds are set to, if they have a title."""
     values: dict[str, Any] = {}
     found = {kind: values}
     for each in fields(settings):
         value = getattr(settings, each.name)
-        if is_dataclass(value):
+        if each.name in TITLES:
             found |= _values(each.name, value)
-        else:
+        elif not is_dataclass(value):
             values[each.name] = value
     return found
 
