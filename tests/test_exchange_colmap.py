@@ -194,5 +194,5 @@ def test_reading_changes_nothing(tmp_path):
 
 def test_a_missing_library_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
-    with pytest.raises(ConfigError, match="colmap: needs pycolmap.* uv sync --extra colmap"):
+    with pytest.raises(ConfigError, match=r"colmap: needs pycolmap.* uv sync --extra colmap"):
         exchange.write_colmap(tmp_path / "x.db", {}, {})
