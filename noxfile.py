@@ -28,7 +28,8 @@ def fuzz(session: nox.Session) -> None:
     """Break files for ten minutes, at random and as coverage guides."""
     session.install(".", "--group", "dev")
     tests = ("tests/test_fuzz.py", "tests/test_odd_words.py")
-    session.run("pytest", "-q", *tests, env={"FUZZ_EXAMPLES": "200"})
+    at_random = ("--hypothesis-profile", "random")
+    session.run("pytest", "-q", *at_random, *tests, env={"FUZZ_EXAMPLES": "200"})
     session.run("python", "tests/fuzz/run.py", "--seconds", "600")
 
 

@@ -16,6 +16,7 @@ from evo.tools import file_interface
 
 import interrupting
 import saccade
+from fuzz.limits import PATIENCE
 from saccade import slam
 from saccade.cli.slam_report import WORDS, facts
 from saccade.datasets import load
@@ -41,7 +42,7 @@ def made(short, tmp_path_factory):
         capture_output=True,
         text=True,
         check=True,
-        timeout=300,
+        timeout=PATIENCE,
     )
     return json.loads(done.stdout), folder
 
@@ -156,7 +157,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
         cwd=tmp_path,
         stderr=subprocess.PIPE,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
         check=False,
     )
     assert running.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)

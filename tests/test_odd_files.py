@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fuzz.limits import limited
+from fuzz.limits import PATIENCE, limited
 from fuzz.targets import TARGETS, points
 from refusals import refuses
 from saccade import exchange, read_image
@@ -105,7 +105,7 @@ def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=PATIENCE,
     )
     assert done.returncode == 2
     assert "bomb.png: expected at most 268,435,456 pixels" in done.stderr
@@ -282,7 +282,7 @@ def in_child(words, folder, prepare):
         stderr=subprocess.PIPE,
         text=True,
         check=False,
-        timeout=300,
+        timeout=PATIENCE,
     )
     return done.returncode, done.stderr
 

@@ -72,7 +72,7 @@ def here(tmp_path_factory):
 
 
 def ends_well_or_in_one_line(run, *words):
-    with limited(20):
+    with limited():
         code, _, err = run(*words)
     assert "Traceback" not in err
     assert code in (0, 1, 2), (words, code, err)

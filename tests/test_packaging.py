@@ -17,6 +17,7 @@ import pytest
 from packaging.requirements import Requirement
 
 import saccade
+from fuzz.limits import PATIENCE
 
 ROOT = Path(__file__).parents[1]
 SOURCE = Path(saccade.__file__).parent
@@ -50,7 +51,7 @@ def built(tmp_path_factory):
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     (wheel,), (sdist,) = out.glob("*.whl"), out.glob("*.tar.gz")
@@ -112,7 +113,7 @@ main()
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     assert str(tmp_path / "site") in done.stderr

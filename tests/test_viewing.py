@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
+from fuzz.limits import PATIENCE
 from saccade.errors import ConfigError, OutputError
 from saccade.types import (
     Keypoints,
@@ -242,7 +243,7 @@ def _entities(path):
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     return done.stdout
 
