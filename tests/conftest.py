@@ -1,5 +1,6 @@
 """Where the tests find their data."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import pytest
 
 from encodable_reports import pytest_report_to_serializable  # noqa: F401
 from fuzz.limits import PATIENCE
-from saccade.cli import main
+from saccade.cli import TRACEBACK, main
 
+os.environ[TRACEBACK] = "1"  # or an error that nobody foresaw would look like one that is told
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
 CHROMIUM = Path("/usr/bin/chromium")

@@ -26,7 +26,7 @@ from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError
 from test_odd_machines import without_privileges
 
-NAMES = ("with space", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
+NAMES = ("with space", "no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
 HUGE = 65_000
 
 

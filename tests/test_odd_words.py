@@ -15,7 +15,8 @@ from test_fuzz import EXAMPLES
 
 WORDS = (
     *("", " ", "-", "--", "x", "nan", "inf", "-inf", "-1", "0", "0.5", "1e300", "1e-320", "1_0"),
-    *("99999999999999999999", "2147483648", "true", "auto", "é漢字", "\ud800", "a\nb", "'", "["),
+    *("99999999999999999999", "2147483648", "true", "auto", "é漢字", "a\nb", "'", "["),
+    *("\ud800", "\udcff.png"),
     *("[red]", "~", "?*", "absent://x", "absent.png", "absent:run", "a.png", "folder.png"),
 )
 READS = {

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import VIDEO_SUFFIXES, check_file, reason_of, whole_file
+from saccade.files import VIDEO_SUFFIXES, check_file, reason_of, text_path, whole_file
 from saccade.image import quiet_opencv
 from saccade.types import Image
 
@@ -81,7 +81,8 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
             if not writers:
                 size = (frame.shape[1], frame.shape[0])
                 code = cv2.VideoWriter.fourcc(*"mp4v")
-                writers.append(cv2.VideoWriter(str(temporary), code, rate, size))
+                with text_path(temporary) as name:
+                    writers.append(cv2.VideoWriter(name, code, rate, size))
             writers[0].write(np.ascontiguousarray(frame[:, :, ::-1]))
 
         try:
@@ -141,5 +142,5 @@ def _opened(path: str | Path) -> cv2.VideoCapture:
         check_file(Path(path))
     except (OSError, ValueError) as error:
         raise ImageError(f"{path}: cannot be read: {reason_of(error)}") from error
-    with quiet_opencv():
-        return cv2.VideoCapture(str(path))
+    with quiet_opencv(), text_path(Path(path)) as name:
+        return cv2.VideoCapture(name)
