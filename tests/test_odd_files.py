@@ -23,7 +23,8 @@ from saccade import exchange, read_image
 from saccade.batch import open_source
 from saccade.batch.machine import workers_for
 from saccade.datasets import load
-from saccade.errors import ImageError, KeypointsError, LogError
+from saccade.errors import ImageError, KeypointsError, LogError, OutputError
+from saccade.video import video_writer
 from test_odd_machines import without_privileges
 
 NAMES = ("with space", "no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
@@ -270,6 +271,23 @@ def test_a_disk_that_takes_nothing(tmp_path, photo, what, words):
 def full():
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+
+
+def test_a_video_on_a_full_disk(tmp_path):
+    """OpenCV says nothing."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    noise = np.random.default_rng(5).integers(0, 256, (3, 240, 320, 3)).astype(np.uint8)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with (
+            refuses(OutputError, "film.mp4: cannot be written: the video is cut short"),
+            video_writer(tmp_path / "film.mp4", 10) as write,
+        ):
+            for frame in noise:
+                write(frame)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
 
 
 def in_child(words, folder, prepare):

@@ -96,7 +96,7 @@ LIBRARIES = {
     "no-starlette": ("serve",),
 }
 """Commands that go by an optional library, by the environment without it."""
-OFTEN = {"bytes": ("index", "find", "slam"), "full-disk": ("export", "look"), "full": ("config",)}
+OFTEN = {"bytes": ("index", "find", "slam"), "full-disk": ("export", "index"), "full": ("config",)}
 """Commands that once did not withstand an environment."""
 TURNS = [name for name in ENVIRONMENTS if name not in ("bare", *LIBRARIES) and name[:3] != "no-"]
 EACH = 2

@@ -81,7 +81,7 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
             if not writers:
                 size = (frame.shape[1], frame.shape[0])
                 code = cv2.VideoWriter.fourcc(*"mp4v")
-                with text_path(temporary) as name:
+                with quiet_opencv(), text_path(temporary) as name:
                     writers.append(cv2.VideoWriter(name, code, rate, size))
             writers[0].write(np.ascontiguousarray(frame[:, :, ::-1]))
 
@@ -90,6 +90,8 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
         finally:
             for writer in writers:
                 writer.release()
+        if writers:
+            _check_written(temporary)
 
 
 class VideoFrames:
@@ -134,6 +136,14 @@ class VideoFrames:
         if not whole or self._next != number + 1:
             raise ImageError(f"{self.path}, frame {number}: cannot be decoded")
         return np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
+
+
+def _check_written(path: Path) -> None:
+    """OpenCV says nothing of a disk that is full: what it could not end it cannot open."""
+    capture = _opened(path)
+    if not capture.isOpened():
+        raise OSError(None, "the video is cut short; is the disk full?", str(path))
+    capture.release()
 
 
 def _opened(path: str | Path) -> cv2.VideoCapture:
