@@ -31,8 +31,9 @@ def sbom(session: nox.Session) -> None:
 def fuzz(session: nox.Session) -> None:
     """Break files for ten minutes, at random and as coverage guides."""
     session.install(".", "--group", "dev")
-    tests = ("tests/test_fuzz.py", "tests/test_odd_words.py")
-    session.run("pytest", "-q", *tests, env={"FUZZ_EXAMPLES": "200"})
+    tests = [f"tests/test_{name}.py" for name in ("fuzz", "odd_words", "odd_machines")]
+    at_random = ("--hypothesis-profile", "random")
+    session.run("pytest", "-q", *at_random, *tests, env={"FUZZ_EXAMPLES": "200"})
     session.run("python", "tests/fuzz/run.py", "--seconds", "600")
 
 

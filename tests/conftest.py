@@ -9,8 +9,11 @@ import hypothesis
 import numpy as np
 import pytest
 
-from saccade.cli import main
+from encodable_reports import pytest_report_to_serializable  # noqa: F401
+from fuzz.limits import PATIENCE
+from saccade.cli import TRACEBACK, main
 
+os.environ[TRACEBACK] = "1"  # or an error that nobody foresaw would look like one that is told
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
 CHROMIUM = Path("/usr/bin/chromium")
@@ -33,7 +36,15 @@ REFERENCE_IMAGES = (
 hypothesis.settings.register_profile(
     "saccade",
     deadline=None,  # the first example compiles
-    derandomize="CI" in os.environ,  # one change, one verdict; at home new examples every time
+    derandomize=True,  # one state of the code, one verdict
+    database=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],  # that of a busy machine
+)
+hypothesis.settings.register_profile(
+    "random",  # new examples every time: for a search, as `uvx nox -s fuzz` is one
+    hypothesis.settings.get_profile("saccade"),
+    derandomize=False,
+    print_blob=True,
 )
 hypothesis.settings.load_profile("saccade")
 
@@ -66,7 +77,10 @@ def browser():
         pytest.skip(f"no browser at {CHROMIUM}")
     flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
     with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=flags)
+        chromium = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=flags, timeout=1000 * PATIENCE
+        )
+        api.expect.set_options(timeout=1000 * PATIENCE)
         yield chromium
         chromium.close()
 

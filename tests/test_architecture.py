@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import saccade
+from fuzz.limits import PATIENCE
 
 SOURCE = Path(saccade.__file__).parent
 FOUNDATION = {"types", "frames", "errors", "files", "extras", "npz", "formats"}
@@ -106,7 +107,7 @@ atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules], file=s
 {statement}
 """
     done = subprocess.run(
-        [sys.executable, "-c", report], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", report], capture_output=True, text=True, check=True, timeout=PATIENCE
     )
     assert done.stderr.strip() == "[]"
 
@@ -151,7 +152,7 @@ print(saccade.__file__, len(saccade.Sift()(image)) > 0)
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -166,7 +167,7 @@ def test_kernels_mean_the_same_without_the_compiler():
         env=environment,
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=PATIENCE,
         check=False,
     )
     assert done.returncode == 0, done.stdout[-3000:]

@@ -18,6 +18,7 @@ from evo.tools import file_interface
 import interrupting
 import saccade
 from circle import simulate
+from fuzz.limits import PATIENCE
 from saccade import slam
 from saccade.cli.slam_files import figures
 from saccade.cli.slam_report import WORDS, facts
@@ -46,7 +47,7 @@ def made(short, tmp_path_factory):
         capture_output=True,
         text=True,
         check=True,
-        timeout=300,
+        timeout=PATIENCE,
     )
     return json.loads(done.stdout), folder
 
@@ -187,7 +188,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
         cwd=tmp_path,
         stderr=subprocess.PIPE,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
         check=False,
     )
     assert running.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)

@@ -17,6 +17,7 @@ import zarr
 import extracting
 from dying import deadly
 from extracting import SIFT, check_complete, check_whole, extract_here, photographs
+from fuzz.limits import PATIENCE
 from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
@@ -148,7 +149,7 @@ def killed(folder, tmp_path_factory):
         paths[number].write_bytes(paths[(number + 5) % IMAGES].read_bytes())
     paths[GONE].rename(root / "photos" / "new.png")
     words = [folder, root / "out", str(KILLS), root / "photos", root / "changed", root / "before"]
-    subprocess.run([sys.executable, extracting.__file__, *words], check=True, timeout=100)
+    subprocess.run([sys.executable, extracting.__file__, *words], check=True, timeout=PATIENCE)
     return root
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from extracting import check_complete, photographs
+from fuzz.limits import PATIENCE
 
 distributed = pytest.importorskip("distributed")
 
@@ -18,13 +19,14 @@ IMAGES = 30
 
 
 @pytest.fixture
-def cluster(tmp_path):
+def cluster(tmp_path, monkeypatch):
     """Address of a scheduler, and the number of the process of one of its two workers."""
+    monkeypatch.setattr("saccade.batch.cluster.PATIENCE", PATIENCE)
     command = [sys.executable, str(Path(__file__).with_name("dask_cluster.py")), tmp_path]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, text=True, **pipes) as process:
         address, first, _ = process.stdout.readline().split()
-        with distributed.Client(address, set_as_default=False) as client:
+        with distributed.Client(address, timeout=PATIENCE, set_as_default=False) as client:
             client.wait_for_workers(2)
         yield address, int(first)
         process.stdin.close()
@@ -49,7 +51,7 @@ def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):
     )
     assert code == 0, err
     assert f'"images": {IMAGES}' in printed
-    assert killed.wait(1)
+    assert killed.wait(PATIENCE)
     check_complete(source, out)
 
 

@@ -1,11 +1,13 @@
 """Where images may be: folders, patterns, lists, tars, videos, memory and a bucket."""
 
+import json
 import tarfile
 from pathlib import Path
 
 import cv2
 import fsspec
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from extracting import check_complete, check_whole, extract_here, photographs
@@ -155,3 +157,71 @@ def test_a_source_that_is_none_is_named(source, words, tmp_path, monkeypatch):
     Path("empty").mkdir()
     with pytest.raises(ImageError, match=words):
         open_source(source)
+
+
+ODD = "bild-\udcff.png"
+"""What Python calls a file whose name ends in a byte that is not UTF-8."""
+
+
+def column(path, name):
+    with path.open("rb") as file:  # Arrow's paths are text
+        return pq.read_table(file)[name].to_pylist()
+
+
+@pytest.mark.parametrize("source", ["photos", "photos/*", "photos\udcfe/*.png"])
+def test_a_name_that_is_no_text_ends_nothing(run, tmp_path, source):
+    folder = tmp_path / source.partition("/")[0]
+    photographs(tmp_path / "made", 3)
+    (tmp_path / "made").rename(folder)
+    (folder / "001.png").rename(folder / ODD)
+    words = ("extract", source, "--out", "out\udcfd", "--workers", 1, "--json")
+    code, printed, err = run(*words)
+    assert (code, err) == (0, "")
+    assert json.loads(printed)["done"] == 3
+    out = tmp_path / "out\udcfd"
+    assert sorted(column(next((out / "images").iterdir()), "image")) == [
+        "000.png",
+        "002.png",
+        r"bild-\xff.png",
+    ]
+    code, printed, _ = run(*words)
+    assert (code, json.loads(printed)["already_done"]) == (0, 3)
+    (folder / ODD).write_text("no image")
+    code, printed, err = run(*words)
+    assert (code, json.loads(printed)["errors"]) == (1, 1)
+    (told,) = column(out / "errors.parquet", "error")
+    assert r"bild-\xff.png: expected an image" in told
+
+
+def test_names_that_would_be_one_are_refused(run, tmp_path):
+    photos = photographs(tmp_path / "photos", 2)
+    photos[0].rename(photos[0].with_name(ODD))
+    photos[1].rename(photos[1].with_name(r"bild-\xff.png"))
+    code, _, err = run("extract", "photos", "--workers", 1)
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert r"photos/bild-\xff.png: expected one file of this name" in err
+
+
+def test_members_of_a_tar_may_have_any_name(run, tmp_path):
+    photos = photographs(tmp_path / "photos", 2)
+    with tarfile.open(tmp_path / "photos\udcfe.tar", "w") as archive:
+        archive.add(photos[0], "a.png")
+        archive.add(photos[1], ODD)
+    for done, same in ((2, 0), (0, 2)):
+        code, printed, err = run("extract", "photos\udcfe.tar", "--workers", 1, "--json")
+        assert (code, err) == (0, "")
+        assert (json.loads(printed)["done"], json.loads(printed)["already_done"]) == (done, same)
+    (record,) = (tmp_path / "saccade-extract" / "images").iterdir()
+    assert column(record, "image") == [r"photos\xfe.tar/a.png", r"photos\xfe.tar/bild-\xff.png"]
+
+
+def test_a_video_may_have_any_name(run, tmp_path):
+    """OpenCV takes text alone."""
+    with video_writer(tmp_path / "film\udcff.mp4", 10) as write:
+        for _ in range(2):
+            write(np.zeros((48, 64, 3), np.uint8))
+    assert len(list(read_video(tmp_path / "film\udcff.mp4"))) == 2
+    code, printed, err = run("extract", "film\udcff.mp4", "--workers", 1, "--json")
+    assert (code, err, json.loads(printed)["done"]) == (0, "", 2)
+    (record,) = (tmp_path / "saccade-extract" / "images").iterdir()
+    assert column(record, "image") == [rf"film\xff.mp4/{frame:08d}" for frame in range(2)]

@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.io import savemat
 from scipy.stats import mannwhitneyu, pearsonr
 
+from fuzz.limits import PATIENCE
 from saccade.datasets.fixations import read_fixations
 from saccade.errors import ImageError, LogError
 from saccade.evaluation import fixations as metrics
@@ -232,7 +233,7 @@ for metric in (auc, nss):
         pytest.skip("pysaliency, the peer, is not installed")
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", script],
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False, timeout=PATIENCE,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     theirs, ours = (np.array(line.split(), float) for line in done.stdout.splitlines())

@@ -16,17 +16,18 @@ import h5py
 import numpy as np
 import pytest
 
-from fuzz.limits import limited
+from fuzz.limits import PATIENCE, limited
 from fuzz.targets import TARGETS, points
 from refusals import refuses
 from saccade import exchange, read_image
 from saccade.batch import open_source
 from saccade.batch.machine import workers_for
 from saccade.datasets import load
-from saccade.errors import ImageError, KeypointsError, LogError
+from saccade.errors import ImageError, KeypointsError, LogError, OutputError
+from saccade.video import video_writer
 from test_odd_machines import without_privileges
 
-NAMES = ("with space", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
+NAMES = ("with space", "no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
 HUGE = 65_000
 
 
@@ -105,7 +106,7 @@ def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=PATIENCE,
     )
     assert done.returncode == 2
     assert "bomb.png: expected at most 268,435,456 pixels" in done.stderr
@@ -272,6 +273,23 @@ def full():
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
 
 
+def test_a_video_on_a_full_disk(tmp_path):
+    """OpenCV says nothing."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    noise = np.random.default_rng(5).integers(0, 256, (3, 240, 320, 3)).astype(np.uint8)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with (
+            refuses(OutputError, "film.mp4: cannot be written: the video is cut short"),
+            video_writer(tmp_path / "film.mp4", 10) as write,
+        ):
+            for frame in noise:
+                write(frame)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+
+
 def in_child(words, folder, prepare):
     """The exit code of a command, and what it said."""
     done = subprocess.run(
@@ -282,7 +300,7 @@ def in_child(words, folder, prepare):
         stderr=subprocess.PIPE,
         text=True,
         check=False,
-        timeout=300,
+        timeout=PATIENCE,
     )
     return done.returncode, done.stderr
 

@@ -20,6 +20,7 @@ from packaging.requirements import Requirement
 
 import saccade
 from conftest import ROOT
+from fuzz.limits import PATIENCE
 
 SOURCE = ROOT / "src" / "saccade"
 PERMISSIVE = {
@@ -56,7 +57,7 @@ def built(tmp_path_factory):
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     (wheel,), (sdist,) = out.glob("*.whl"), out.glob("*.tar.gz")
@@ -148,7 +149,7 @@ main()
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     assert str(tmp_path / "site") in done.stderr

@@ -6,6 +6,7 @@ from html import escape
 import numpy as np
 import pytest
 
+from fuzz.limits import PATIENCE
 from saccade.cli.album import Album
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
@@ -24,6 +25,8 @@ from saccade.viewing.report_table import table_part
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 LANDMARKS = np.array([[0.0, 0.0], [8.0, 4.0], [4.0, 4.0]])
 STEPS = 12
+DRAWN = "() => new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))"
+"""Waits until what was asked for has been drawn."""
 TO = "\N{EN DASH}"
 
 
@@ -37,7 +40,7 @@ def opened(browser, tmp_path):
         file.write_text(text, encoding="utf-8")
         page = browser.new_page(**how)
         pages.append(page)
-        page.set_default_timeout(10_000)
+        page.set_default_timeout(1000 * PATIENCE)
         page.on("console", lambda message: troubles.append(message.text))
         page.on("pageerror", lambda error: troubles.append(str(error)))
         page.on("dialog", lambda dialog: troubles.append(dialog.message))
@@ -114,7 +117,7 @@ def _scrub(page, step):
 
 
 def _pixels(page):
-    page.wait_for_timeout(80)
+    page.evaluate(DRAWN)
     return page.locator("canvas.ground").screenshot()
 
 

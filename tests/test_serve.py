@@ -21,6 +21,7 @@ import pytest
 from PIL import Image as Pillow
 
 import saccade
+from fuzz.limits import PATIENCE
 from saccade.cli import snippets
 from saccade.cli.attending import Model
 from saccade.cli.controls import RANGES, TITLES, controls, field_help
@@ -337,7 +338,9 @@ def test_the_copied_command_says_what_was_set(tmp_path):
     stub.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > said\n")
     stub.chmod(0o755)
     environment = {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
-    subprocess.run(["bash", "-ec", command], cwd=tmp_path, env=environment, timeout=60, check=True)
+    subprocess.run(
+        ["bash", "-ec", command], cwd=tmp_path, env=environment, timeout=PATIENCE, check=True
+    )
     words = (tmp_path / "said").read_text().splitlines()
     assert words == ["look", f"./{name}", "--fixations", "3", "--config", "attention.toml"]
     set_so = load_settings("attention", path=tmp_path / "attention.toml")
@@ -459,7 +462,7 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
         port = int(
             re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C ends it", line)[1]
         )
-        with socket.create_connection(("127.0.0.1", port), timeout=30) as raw:
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as raw:
             head = f"POST /photo?name=a.png HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
             head += "Transfer-Encoding: chunked\r\n\r\n"
             body = _upright()
@@ -475,7 +478,7 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
             with pytest.raises(OSError), socket.create_connection((address, port), timeout=1):
                 pass
         process.send_signal(signal.SIGINT)
-        out, rest = process.communicate(timeout=60)
+        out, rest = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
         process.wait()

@@ -4,11 +4,13 @@ import base64
 import re
 import socket
 import threading
-import time
+from contextlib import contextmanager
 from importlib.resources import files
+from urllib.request import urlopen
 
 import pytest
 
+from fuzz.limits import PATIENCE
 from saccade.cli.controls import controls
 from saccade.cli.workbench import Workbench
 
@@ -32,15 +34,29 @@ PASTE = DROP.replace(
 
 
 class _Counting(Workbench):
-    """Counts how often it looks, and takes its time."""
+    """Counts how often it looks, and waits when it is told to."""
 
-    looks = 0
-    pause = 0.0
+    def __init__(self):
+        super().__init__()
+        self.looks, self._may_look = 0, threading.Event()
+        self._may_look.set()
 
     def look(self, wishes):
         self.looks += 1
-        time.sleep(self.pause)
+        self._may_look.wait(PATIENCE)
         return super().look(wishes)
+
+    @contextmanager
+    def held(self, address):
+        """Until the block ends, and the server has read what was sent in it, no look ends."""
+        self.looks = 0
+        self._may_look.clear()
+        try:
+            yield
+            for _ in range(3):  # all that is there, what of it was closed, and once more
+                urlopen(f"{address}state", timeout=PATIENCE).close()
+        finally:
+            self._may_look.set()
 
     def warm(self):
         """The tests compile what they need."""
@@ -59,7 +75,7 @@ def served():
         thread.start()
         yield bench, f"http://127.0.0.1:{port}/"
         server.should_exit = True
-        thread.join(20)
+        thread.join(PATIENCE)
 
 
 @pytest.fixture
@@ -71,7 +87,7 @@ def opened(browser, served):
     def open_page(**how):
         page = browser.new_page(**how)
         pages.append(page)
-        page.set_default_timeout(20_000)
+        page.set_default_timeout(1000 * PATIENCE)
         expected = "status of 4"  # what the server refuses is told on the page
         page.on("console", lambda said: expected in said.text or troubles.append(said.text))
         page.on("pageerror", lambda error: troubles.append(str(error)))
@@ -179,33 +195,26 @@ def test_what_nobody_waits_for_any_more_is_not_begun(served):
     photo = bench.open((DATA / "horse.jpg").read_bytes(), "horse.jpg")["photo"]
     body = f'{{"photo": "{photo}", "fixations": 1, "model": "contrast"}}'
     words = f"POST /look HTTP/1.1\r\nHost: {place[0]}:{place[1]}\r\nContent-Length: {len(body)}"
-    bench.looks, bench.pause = 0, 0.4
-    try:
-        with socket.create_connection(place) as first, socket.create_connection(place) as last:
+    with socket.create_connection(place) as first, socket.create_connection(place) as last:
+        with bench.held(address):
             first.sendall(f"{words}\r\n\r\n{body}".encode())
             for _ in range(6):
                 with socket.create_connection(place) as gone:
                     gone.sendall(f"{words}\r\n\r\n{body}".encode())
-                    time.sleep(0.02)  # for it to be read before they leave
             last.sendall(f"{words}\r\n\r\n{body}".encode())
-            answers = [each.recv(12) for each in (first, last)]
-    finally:
-        bench.pause = 0.0
+        answers = [each.recv(12) for each in (first, last)]
     assert answers == [b"HTTP/1.1 200"] * 2
     assert bench.looks == 2
 
 
 def test_a_slider_that_moves_quickly_is_not_followed_everywhere(opened, served):
-    bench, _ = served
+    bench, address = served
     page = opened()
-    bench.looks, bench.pause = 0, 0.05
-    try:
+    with bench.held(address):
         for i in range(40):
             _slide(page, "contrast_weight", 0.05 * (1 + i))
-        expect(page.locator("pre").first).to_contain_text("contrast_weight=2.0")
-        _settle(page)
-    finally:
-        bench.pause = 0.0
+    expect(page.locator("pre").first).to_contain_text("contrast_weight=2.0")
+    _settle(page)
     assert 1 <= bench.looks < 25
 
 

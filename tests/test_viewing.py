@@ -12,6 +12,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
+from fuzz.limits import PATIENCE
 from saccade.errors import ConfigError, OutputError
 from saccade.extras import install_command
 from saccade.types import (
@@ -244,7 +245,7 @@ def _entities(path):
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     return done.stdout
 

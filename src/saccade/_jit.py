@@ -9,15 +9,24 @@ import hashlib
 import inspect
 import logging
 import os
+import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core import event
-from numba.extending import get_cython_function_address
+from saccade.errors import ConfigError
+
+try:
+    with warnings.catch_warnings():  # Numba would go on, with its own traceback in a warning
+        warnings.filterwarnings("error", "Environment variable", RuntimeWarning)
+        import numba
+    from numba.core import event
+    from numba.extending import get_cython_function_address
+except (RuntimeWarning, ValueError) as error:
+    given = ", ".join(each for each in os.environ if each.startswith("NUMBA_")) or "Numba"
+    raise ConfigError(f"{given}: Numba cannot be loaded: {str(error).splitlines()[0]}") from error
 
 _logger = logging.getLogger(__name__)
 

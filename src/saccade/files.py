@@ -40,6 +40,27 @@ def check_file(path: Path, most: int | None = None) -> None:
         raise OSError(None, expected, str(path))
 
 
+def as_text(name: str) -> str:
+    """A name of a file, with a backslash, x and two digits for a byte that is not UTF-8."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
+
+
+@contextmanager
+def text_path(path: Path) -> Iterator[str]:
+    """A path for a library that takes no other than text: a link, where a name is none.
+
+    Args:
+        path: a file that is there.
+    """
+    if as_text(str(path)) == str(path):
+        yield str(path)
+        return
+    with tempfile.TemporaryDirectory(prefix="saccade-") as folder:
+        link = Path(folder) / f"file{as_text(path.suffix)}"
+        link.symlink_to(path.absolute())
+        yield str(link)
+
+
 def open_file(path: Path) -> BinaryIO:
     """A file, open for reading: every reader of ours comes by here.
 
@@ -78,7 +99,7 @@ def make_folder(path: Path) -> None:
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # no name can hold a null or a lone surrogate
         raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
 
 
@@ -113,6 +134,8 @@ def whole_file(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(path)
+    except OutputError:  # of another file, in the block
+        raise
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
     finally:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import VIDEO_SUFFIXES, check_file, reason_of, whole_file
+from saccade.files import VIDEO_SUFFIXES, check_file, reason_of, text_path, whole_file
 from saccade.image import quiet_opencv
 from saccade.types import Image
 
@@ -81,7 +81,8 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
             if not writers:
                 size = (frame.shape[1], frame.shape[0])
                 code = cv2.VideoWriter.fourcc(*"mp4v")
-                writers.append(cv2.VideoWriter(str(temporary), code, rate, size))
+                with quiet_opencv(), text_path(temporary) as name:
+                    writers.append(cv2.VideoWriter(name, code, rate, size))
             writers[0].write(np.ascontiguousarray(frame[:, :, ::-1]))
 
         try:
@@ -89,6 +90,8 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
         finally:
             for writer in writers:
                 writer.release()
+        if writers:
+            _check_written(temporary)
 
 
 class VideoFrames:
@@ -135,11 +138,19 @@ class VideoFrames:
         return np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
 
 
+def _check_written(path: Path) -> None:
+    """OpenCV says nothing of a disk that is full: what it could not end it cannot open."""
+    capture = _opened(path)
+    if not capture.isOpened():
+        raise OSError(None, "the video is cut short; is the disk full?", str(path))
+    capture.release()
+
+
 def _opened(path: str | Path) -> cv2.VideoCapture:
     """OpenCV's reader of a video: it would open anything, and take a pattern for a name."""
     try:
         check_file(Path(path))
     except (OSError, ValueError) as error:
         raise ImageError(f"{path}: cannot be read: {reason_of(error)}") from error
-    with quiet_opencv():
-        return cv2.VideoCapture(str(path))
+    with quiet_opencv(), text_path(Path(path)) as name:
+        return cv2.VideoCapture(name)

@@ -28,12 +28,16 @@ def main() -> int:
     parser.add_argument("targets", nargs="*", default=QUICK)
     parser.add_argument("--seconds", type=int, default=20, help="for all targets together")
     parser.add_argument("--here", action="store_true", help="one target, in this process")
+    parser.add_argument("--runs", type=int, default=-1, help="at most, of each target")
+    parser.add_argument("--seed", type=int, default=0, help="of chance; 0: another every time")
     asked = parser.parse_args()
+    chosen = [f"-runs={asked.runs}", f"-seed={asked.seed}"]
     if asked.here:
-        fuzz(asked.targets[0], asked.seconds)
+        fuzz(asked.targets[0], [f"-max_total_time={asked.seconds}", *chosen])
     share = max(1, asked.seconds // len(asked.targets))
     for name in asked.targets:
         words = [sys.executable, __file__, name, "--seconds", str(share), "--here"]
+        words += ["--runs", str(asked.runs), "--seed", str(asked.seed)]
         done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
         runs = [line for line in done.stderr.splitlines() if line.startswith("Done ")]
         print(f"{name}: {runs[0] if runs else done.stderr[-3000:]}", flush=True)
@@ -42,7 +46,7 @@ def main() -> int:
     return 0
 
 
-def fuzz(name: str, seconds: int) -> None:
+def fuzz(name: str, chosen: list[str]) -> None:
     """Never comes back: libFuzzer ends the process."""
     import atheris
 
@@ -72,7 +76,7 @@ def fuzz(name: str, seconds: int) -> None:
 
     FOUND.mkdir(exist_ok=True)
     limits = [f"-rss_limit_mb={MEGABYTES}", f"-timeout={SECONDS}", "-max_len=20000"]
-    words = [f"-max_total_time={seconds}", f"-artifact_prefix={FOUND}/{name}-", str(corpus)]
+    words = [*chosen, f"-artifact_prefix={FOUND}/{name}-", str(corpus)]
     atheris.Setup([sys.argv[0], *limits, *words], once)
     atheris.Fuzz()
 

@@ -21,9 +21,9 @@ from saccade.batch.manifest import read_manifest, record_files
 from saccade.batch.shards import read_record, read_rows
 from saccade.batch.store import Folder
 from saccade.batch.tables import ENTRIES, point_schema
-from saccade.errors import ConfigError, KeypointsError, require
+from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.extras import import_optional
-from saccade.files import check_file, read_text, whole_file
+from saccade.files import check_file, one_line, read_text, text_path, whole_file
 from saccade.formats import FORMATS, check_format
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
@@ -85,9 +85,9 @@ class Index:
         place = Path(folder) / FOLDER
         try:
             told = json.loads(read_text(place / "images.json"))
-            vectors = str(place / "vectors.faiss")
-            check_file(Path(vectors))
-            self._vectors = self._faiss.read_index(vectors, self._faiss.IO_FLAG_MMAP)
+            check_file(place / "vectors.faiss")
+            with text_path(place / "vectors.faiss") as name:
+                self._vectors = self._faiss.read_index(name, self._faiss.IO_FLAG_MMAP)
             self._places = map_array(place / "places.npy")
             version = told.get("format")
         except (OSError, ValueError, RuntimeError, AttributeError) as error:
@@ -233,7 +233,12 @@ def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
             places.append(xy)
             vectors.add(descriptors.astype(np.float32))
         np.save(places_path, np.concatenate([np.zeros((0, 2), np.float32), *places]))
-        faiss.write_index(vectors, str(vectors_path))
+        try:
+            with text_path(vectors_path) as name:
+                faiss.write_index(vectors, name)
+        except RuntimeError as error:
+            message = f"{place / 'vectors.faiss'}: cannot be written: {one_line(error)}"
+            raise OutputError(message) from error
         told = {
             "format": FORMATS["index"],
             "what": what,

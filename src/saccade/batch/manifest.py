@@ -116,8 +116,8 @@ def write_errors(store: Store, job: Job, lost: Sequence[tuple[str, str]]) -> Tot
         others += sum(version != job.version for version in record["version"].to_pylist())
     found = pa.concat_tables(batches)
     if len(found):
-        with store.writing(ERROR_FILE) as path:
-            pq.write_table(found, path, **parquet_options(ERRORS))
+        with store.writing(ERROR_FILE) as path, path.open("wb") as file:
+            pq.write_table(found, file, **parquet_options(ERRORS))
     else:
         store.remove(ERROR_FILE)
     return Totals(images, rows, errors + len(lost), shards, others)

@@ -178,8 +178,8 @@ def _write(
             made.append(row)
     records = [{name: row[name] for name in RECORD.names} for row in [*kept.values(), *made]]
     rows = pa.Table.from_batches([batch_of(records, RECORD)])
-    with store.writing(f"{RECORDS}/{shard.file}") as path:
-        pq.write_table(rows, path, **parquet_options(RECORD))
+    with store.writing(f"{RECORDS}/{shard.file}") as path, path.open("wb") as file:
+        pq.write_table(rows, file, **parquet_options(RECORD))
     return made
 
 
@@ -188,12 +188,13 @@ def _one(job: Job, item: Item) -> tuple[dict[str, Any], Product | None]:
     row: dict[str, Any] = dict.fromkeys(RECORD.names)
     row |= {"image": item.name, "rows": 0}
     row |= {"configuration": job.fingerprint, "version": job.version}
+    analyze = analysis(job)  # what the machine lacks is no error of an image
     try:
         content = read_content(item)
         row["content"] = digest_of(content)
         start = time.perf_counter()
         image = decoded(content, item.name)
-        product = analysis(job)(item.name, image)
+        product = analyze(item.name, image)
     except (SaccadeError, MemoryError) as error:
         return {**row, "error": str(error) or "not enough memory"}, None
     except Exception as error:  # one image must not end the work on a million
@@ -211,7 +212,8 @@ def _writing(job: Job, store: Store, shard: Shard) -> Iterator[Any]:
     with (
         writing_maps(job, store, shard.name) as add_map,
         store.writing(f"{job.what}/{shard.file}") as path,
-        pq.ParquetWriter(path, schema, **parquet_options(schema)) as writer,
+        path.open("wb") as file,  # Arrow takes no path that is not text
+        pq.ParquetWriter(file, schema, **parquet_options(schema)) as writer,
     ):
 
         def flush() -> None:

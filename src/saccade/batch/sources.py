@@ -3,7 +3,7 @@
 import os
 import tarfile
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 
 from saccade.errors import ImageError
 from saccade.extras import import_optional
-from saccade.files import IMAGE_SUFFIXES, VIDEO_SUFFIXES, open_file, read_text
+from saccade.files import IMAGE_SUFFIXES, VIDEO_SUFFIXES, as_text, open_file, read_text
 
 LIST_SUFFIXES = (".txt", ".lst")
 TAR_SUFFIX = ".tar"
@@ -48,15 +48,33 @@ class Files:
     """Files of their own; some hundred bytes of memory each."""
 
     root: str
-    """What stands before every name."""
+    """What stands before every path."""
     names: Sequence[str]
     """Sorted."""
+    odd: Mapping[str, str]
+    """By name, the paths that are no text."""
+
+    @classmethod
+    def of(cls, root: str, paths: Sequence[str]) -> "Files":
+        """Of paths below a root.
+
+        Raises:
+            ImageError: two would share a name.
+        """
+        odd = {name: path for path in paths if (name := as_text(path)) != path}
+        if shared := odd.keys() & set(paths) if odd else ():
+            raise ImageError(
+                f"{as_text(root)}{min(shared)}: expected one file of this name, and "
+                f"another whose name is no UTF-8 would share it; rename one"
+            )
+        return cls(root, sorted(map(as_text, paths)), odd)
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __getitem__(self, number: int) -> Item:
-        return Item(self.names[number], self.root + self.names[number])
+        name = self.names[number]
+        return Item(name, self.root + self.odd.get(name, name))
 
     def find(self, name: str) -> int | None:
         """The number of an image."""
@@ -109,11 +127,11 @@ class Tar:
     @classmethod
     def of(cls, place: str) -> "Tar":
         """Go through a tar once, and remember where each image lies."""
-        prefix = f"{Path(place).name}/"
+        prefix = f"{as_text(Path(place).name)}/"
         try:
             with open_place(place) as file, tarfile.open(fileobj=file, mode="r:") as archive:
                 members = sorted(
-                    (each.name.removeprefix("./"), each.offset_data, each.size)
+                    (as_text(each.name).removeprefix("./"), each.offset_data, each.size)
                     for each in archive
                     if each.isfile() and is_image(each.name)
                 )
@@ -153,17 +171,21 @@ class Video:
 
         return cls(place, len(VideoFrames(place)), every)
 
+    @property
+    def _prefix(self) -> str:
+        return f"{as_text(Path(self.place).name)}/"
+
     def __len__(self) -> int:
         return -(-self.frames // self.every)
 
     def __getitem__(self, number: int) -> Item:
         frame = number * self.every
-        return Item(f"{Path(self.place).name}/{frame:08d}", self.place, frame)
+        return Item(f"{self._prefix}{frame:08d}", self.place, frame)
 
     def find(self, name: str) -> int | None:
         """The number of a frame."""
-        folder, _, frame = name.rpartition("/")
-        if folder != Path(self.place).name or not frame.isdigit() or int(frame) % self.every:
+        frame = name.removeprefix(self._prefix)
+        if frame == name or not frame.isdigit() or int(frame) % self.every:
             return None
         return int(frame) // self.every if int(frame) < self.frames else None
 
@@ -261,8 +283,8 @@ def _local(source: str, every: int) -> Source:
     path = Path(source)
     if path.is_dir():
         with os.scandir(source) as entries:
-            names = sorted(each.name for each in entries if is_image(each.name))
-        return Files(f"{source.rstrip('/')}/", names)
+            names = [each.name for each in entries if is_image(each.name)]
+        return Files.of(f"{source.rstrip('/')}/", names)
     if not path.exists() and any(sign in source for sign in SIGNS):
         root = _before_signs(source)
         found = Path(root).glob(source.removeprefix(root))
@@ -302,7 +324,7 @@ def _mixed(names: Sequence[str], root: str, every: int = 0) -> Source:
             containers.append(Video.of(root + name, every))
         else:
             plain.append(name)
-    files = Files(root, plain)
+    files = Files.of(root, plain)
     return Several([files, *containers] if plain else containers) if containers else files
 
 

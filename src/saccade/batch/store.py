@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from saccade.batch.sources import remote_system
 from saccade.errors import OutputError
-from saccade.files import open_file, reason_of, whole_file
+from saccade.files import make_folder, open_file, reason_of, whole_file
 
 LEFTOVERS = ".partial"
 """Folder of files that are being written; hidden from those who read the data set."""
@@ -93,8 +93,8 @@ class Folder:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Until the block ends, or the process: however it ends."""
+        make_folder(self._root)
         try:
-            self._root.mkdir(parents=True, exist_ok=True)
             with (self._root / LOCK).open("w") as file:
                 _lock(file, self.place)
                 shutil.rmtree(self._root / LEFTOVERS, ignore_errors=True)

@@ -197,7 +197,7 @@ def column(values: npt.NDArray[Any], dtype: npt.DTypeLike) -> pa.Array:
 
 def texts(values: Sequence[str | None]) -> pa.Array:
     """A column of text, from its buffers: all that takes Python objects would load pandas."""
-    packed = [(value or "").encode() for value in values]
+    packed = [(value or "").encode("utf-8", "backslashreplace") for value in values]
     offsets = np.cumsum([0, *map(len, packed)], dtype=np.int32)
     buffers = [_validity(values), pa.py_buffer(offsets), pa.py_buffer(b"".join(packed))]
     return pa.Array.from_buffers(pa.string(), len(values), buffers)

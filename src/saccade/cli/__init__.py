@@ -6,6 +6,7 @@ Data goes to stdout, messages to stderr. Exit 0: done; 1: failed; 2: bad input.
 import logging
 import os
 import sys
+from contextlib import suppress
 from typing import Annotated, Any, NoReturn, cast
 
 import typer
@@ -17,6 +18,7 @@ from saccade.cli.convert import convert
 from saccade.cli.demo import demo
 from saccade.cli.detect import detect
 from saccade.cli.drive import drive
+from saccade.cli.environment import prepare_libraries, prepare_streams
 from saccade.cli.evaluate import evaluate
 from saccade.cli.export import export
 from saccade.cli.extract import extract
@@ -28,7 +30,10 @@ from saccade.cli.simulate import simulate
 from saccade.cli.slam import slam
 from saccade.cli.textbook import textbook
 from saccade.errors import OutputError, SaccadeError
+from saccade.files import one_line
 
+TRACEBACK = "SACCADE_TRACEBACK"
+"""Environment variable: where it is set, an error that nobody foresaw shows where it came from."""
 _INTERRUPTED = "interrupted"
 
 _UsageError = cast("type[Exception]", typer.BadParameter.__base__)
@@ -84,8 +89,10 @@ def _root(
 
 
 def main() -> None:
-    """Run a command; turn what is wrong with its input into one line and an exit code."""
+    """Run a command; turn whatever ends it into one line and an exit code."""
+    prepare_streams()
     try:
+        prepare_libraries()
         code = app(standalone_mode=False) or 0
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -102,6 +109,10 @@ def main() -> None:
     except OSError as error:
         _discard_stdout()
         _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 1)
+    except Exception as error:  # of a library, in an environment that it did not foresee
+        if os.environ.get(TRACEBACK):
+            raise
+        _end(f"{type(error).__name__}: {one_line(error)}; {TRACEBACK}=1 shows where", 1)
     if code == 130:  # Typer's word for Ctrl-C
         _end(_INTERRUPTED, 130)
     sys.exit(code)
@@ -117,7 +128,8 @@ def _refuse(error: Any) -> NoReturn:
 
 
 def _end(message: str, code: int) -> NoReturn:
-    print(f"saccade: {message}", file=sys.stderr)
+    with suppress(OSError):  # of a disk that is full behind stderr too
+        print(f"saccade: {message}", file=sys.stderr)
     sys.exit(code)
 
 

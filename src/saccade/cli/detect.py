@@ -188,10 +188,13 @@ def write_together(
 
 def names_below(paths: Sequence[Path]) -> dict[Path, str]:
     """Each path from the deepest folder that holds all, as COLMAP and hloc name images."""
+    from saccade.files import as_text
+
     if not paths:
         return {}
     absolute = [path.absolute() for path in paths]
     root = os.path.commonpath([path.parent for path in absolute])
     return {
-        path: each.relative_to(root).as_posix() for path, each in zip(paths, absolute, strict=True)
+        path: as_text(each.relative_to(root).as_posix())
+        for path, each in zip(paths, absolute, strict=True)
     }

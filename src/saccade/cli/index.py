@@ -21,10 +21,10 @@ def index(
 
     It appears in DIR/index, and is made anew when images have come.
     """
+    _require()
     from saccade.batch.index import FOLDER, build_index
     from saccade.cli.output import print_json, print_table
 
-    _require()
     made = build_index(folder, points)
     if as_json:
         print_json(made)
@@ -54,10 +54,10 @@ def find(
     similar points are candidates; of each it is counted how many matches agree on
     one geometry of the two views. The exit code is 1 where no image has enough.
     """
+    _require()
     from saccade.batch.index import FindConfig, Index
     from saccade.cli.output import print_json, print_table, say
 
-    _require()
     held = Index(folder)
     found = held.find(
         _points(held, image), FindConfig(candidates=max(candidates, top), agreeing=agreeing)

@@ -20,7 +20,7 @@ messages' headers, from the first image on. Without odometry nothing is known of
 
 import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from posixpath import commonpath
@@ -38,7 +38,7 @@ from saccade.datasets.lens import Lens
 from saccade.datasets.ros_messages import calibration_of, measured, pixels_of, pose_of, seconds_of
 from saccade.datasets.ros_transforms import mounting
 from saccade.datasets.steps import Steps, steps_from_poses, unknown_steps
-from saccade.errors import DriveError, ImageError
+from saccade.errors import DriveError, ImageError, SaccadeError
 from saccade.extras import import_optional
 from saccade.files import LARGEST_TEXT, check_file, open_file, reason_of
 from saccade.frames import Camera, Drive, Frame
@@ -87,6 +87,7 @@ class Bag:
             _check(self.path)
             reader = highlevel.AnyReader([self.path], default_typestore=default)
             reader.open()
+            _check_connections(reader.connections)
         except Exception as error:  # rosbags raises what the broken bytes happen to provoke
             raise DriveError(f"{self.path}: expected a ROS bag: {_first_line(error)}") from error
         return reader
@@ -155,6 +156,28 @@ def _check(path: Path) -> None:
             raise ValueError("it does not begin as one of version 2.0 does")
 
 
+def _check_connections(connections: Sequence[Any]) -> None:
+    """Refuse what metadata.yaml may say of a topic: rosbags takes any type, and sums and sorts."""
+    for each in connections:
+        for name, expected in (("topic", str), ("msgtype", str), ("msgcount", int)):
+            value = getattr(each, name)
+            if not isinstance(value, expected):
+                message = f"{name} of a topic: expected {expected.__name__}, found {value!r}"
+                raise TypeError(message)
+
+
+@contextmanager
+def _reading(name: str, kind: type[DriveError | ImageError]) -> Iterator[None]:
+    """Refuse messages without the fields of their type: a bag brings its own definitions."""
+    try:
+        yield
+    except SaccadeError:
+        raise
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
+        message = f"{name}: expected messages as ROS defines them: {_first_line(error)}"
+        raise kind(message) from error
+
+
 def _close(readers: list[Any]) -> None:
     for reader in readers:
         with suppress(Exception):  # a database of another thread closes when it is forgotten
@@ -196,7 +219,9 @@ class BagFrames:
         topic, stamp = self.topics[which], int(self.recorded[i, which])
         if not topic or stamp < 0:
             return None
-        return pixels_of(self.bag.at(topic, stamp), f"{self.bag.path}, {topic}, frame {i}")
+        name = f"{self.bag.path}, {topic}, frame {i}"
+        with _reading(name, ImageError):
+            return pixels_of(self.bag.at(topic, stamp), name)
 
     def _straight(self, pixels: Image | None, which: int, i: int) -> Image | None:
         name = f"{self.bag.path}, {self.topics[which]}, frame {i}"
@@ -210,7 +235,11 @@ def read_rosbag_drive(path: Path) -> Drive:
         DriveError: the bag is broken, or has no images or no calibration.
         ConfigError: rosbags is not installed.
     """
-    bag = Bag(path)
+    with _reading(str(path), DriveError):
+        return _drive(Bag(path), path)
+
+
+def _drive(bag: Bag, path: Path) -> Drive:
     topics = _image_topics(bag)
     stamps, clock = bag.stamps(topics[0])
     number, remarks = in_time(clock, f"{path}, {topics[0]}")

@@ -58,9 +58,9 @@ def save_drive(
     try:
         _write(temporary / "new", drive, progress)
         _exchange(path, temporary / "new", temporary / "old")
+    except OutputError as error:
+        raise OutputError(str(error).replace(str(temporary / "new"), str(path))) from error
     except OSError as error:
-        if isinstance(error, OutputError):
-            raise
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

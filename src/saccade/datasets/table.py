@@ -38,8 +38,8 @@ def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> No
         import_optional("pyarrow.parquet", "parquet"),
     )
     table = arrow.table({name: arrow.array(c, from_pandas=True) for name, c in columns.items()})
-    with whole_file(path) as temporary:
-        parquet.write_table(table, temporary)
+    with whole_file(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
+        parquet.write_table(table, file)
 
 
 def symmetric_columns(names: tuple[str, ...], matrices: FloatArray) -> dict[str, FloatArray]:

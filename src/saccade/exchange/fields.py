@@ -1,5 +1,6 @@
 """The fields of interest points, checked wherever they come in or go out."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -62,9 +63,9 @@ def check_name(name: str) -> str:
     """The name of an image, if it is one that every format can hold.
 
     Raises:
-        KeypointsError: it is empty, or a path that starts or ends with a slash.
+        KeypointsError: it is empty, no text, or a path that starts or ends with a slash.
     """
-    if not name or name != name.strip("/") or "\0" in name:
+    if not name or name != name.strip("/") or re.search(r"[\0\ud800-\udfff]", name):
         raise KeypointsError(f"image: expected a name such as folder/photo.jpg, found {name!r}")
     return name
 

@@ -6,7 +6,9 @@ As here, the centre of the first pixel is (0, 0): hloc adds the half pixel of CO
 imports. `octaves` and `norms`, which it does not know, bring back what we wrote.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +47,7 @@ def write_hdf5(
         OutputError: the file cannot be written.
     """
     h5py = import_optional("h5py", "hdf5")
-    with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+    with whole_file(path) as temporary, _created(h5py, temporary) as file:
         file.attrs[NOTE] = FORMATS["points"]
         for name, points in keypoints.items():
             group = file.create_group(check_name(name))
@@ -54,6 +56,46 @@ def write_hdf5(
             if shapes is not None and name in shapes:
                 height, width = shapes[name][:2]
                 group.create_dataset("image_size", data=np.array([width, height]))
+
+
+@contextmanager
+def _created(h5py: Any, path: Path) -> Iterator[Any]:
+    """A new HDF5 file.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with _Patient(path, "w+b") as raw:
+        try:
+            with h5py.File(raw, "w") as file:
+                yield file
+        finally:
+            if raw.failure is not None:
+                raise raw.failure
+
+
+class _Patient(FileIO):
+    """A file that tells at the end what could not be written: h5py kills the process meanwhile."""
+
+    failure: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of it, or nothing that counts."""
+        left = memoryview(data).cast("B")
+        try:
+            while left:
+                left = left[super().write(left) :]
+        except OSError as error:
+            self.failure = self.failure or error
+        return len(memoryview(data).cast("B"))
+
+    def truncate(self, size: int | None = None) -> int:
+        """Give the file a size."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.failure = self.failure or error
+            return size or 0
 
 
 def read_hdf5(path: str | Path) -> dict[str, Keypoints]:

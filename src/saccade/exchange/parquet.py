@@ -62,8 +62,8 @@ def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
     """
     table = to_arrow(keypoints)
     pq = import_optional("pyarrow.parquet", "parquet")
-    with whole_file(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+    with whole_file(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
+        pq.write_table(table, file, compression="zstd")
 
 
 def read_parquet(path: str | Path) -> dict[str, Keypoints]:
