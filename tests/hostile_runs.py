@@ -43,6 +43,7 @@ COMMANDS = {
     "evaluate consistency": "--config {in}/world.toml --runs 1",
     "simulate world": "--config {in}/world.toml -o out",
     "simulate drive": "--config {in}/drive.toml --frames 2 -o out",
+    "textbook": "{in}/log.csv -o out",
     "config": "sift",
 }
 """Every command with words that have it do some of its work soon; {port} is taken."""
