@@ -31,7 +31,7 @@ def sbom(session: nox.Session) -> None:
 def fuzz(session: nox.Session) -> None:
     """Break files for ten minutes, at random and as coverage guides."""
     session.install(".", "--group", "dev")
-    tests = [f"tests/test_{name}.py" for name in ("fuzz", "odd_words", "odd_machines")]
+    tests = [f"tests/test_{name}.py" for name in ("fuzz", "odd_words", "restricted_machines")]
     at_random = ("--hypothesis-profile", "random")
     session.run("pytest", "-q", *at_random, *tests, env={"FUZZ_EXAMPLES": "200"})
     session.run("python", "tests/fuzz/run.py", "--seconds", "600")
@@ -49,7 +49,7 @@ ROOMS = (
     *("image", "pyramid", "contrast", "scanpath", "symmetry", "saliencytoolbox2", "edges"),
     *("sift", "descriptor", "must", "symroid", "matching", "exchange", "cli_points"),
     *("ekf", "run", "compressed", "association", "checkpoint", "matlab", "mrclam", "hard_logs"),
-    *("drive_layouts", "drive_simulation", "visual_motion", "viewing", "cli", "odd_machines"),
+    *("drive_layouts", "drive_simulation", "egomotion", "viewing", "cli", "restricted_machines"),
 )
 """The tests that reach most of each room; all of them with `-- tests`."""
 TESTING = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3")
@@ -58,7 +58,8 @@ TESTING = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3"
 def run_tests(session: nox.Session) -> None:
     """Run what was asked for, or the tests of `ROOMS`, and say with which libraries."""
     session.run("uv", "pip", "list", "--quiet", external=True)
-    asked = session.posargs or [f"tests/test_{room}.py" for room in ROOMS]
+    named = (Path("tests").rglob(f"test_{room}.py") for room in ROOMS)
+    asked = session.posargs or [str(path) for paths in named for path in paths]
     # Old libraries warn of what is new around them.
     session.run("pytest", "-q", "-W", "ignore::DeprecationWarning", *asked)
 
@@ -132,6 +133,7 @@ def use_alone(session: nox.Session, package: Path, source: Path, home: Path) -> 
             session.error(f"without the extra `live` it says {refused}")
     session.run(*install, "pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100")
     with session.chdir(source):
-        tests = (f"tests/test_{name}.py" for name in WITHOUT_EXTRAS)
+        named = (Path("tests").rglob(f"test_{name}.py") for name in WITHOUT_EXTRAS)
+        tests = [str(path) for paths in named for path in paths]
         env = {"SACCADE_DIST": str(package.parent)}
         session.run(str(scripts / "pytest"), "-q", *tests, env=env)

@@ -20,12 +20,12 @@ import cv2
 import numpy as np
 
 from saccade import visual
-from saccade.datasets.drive_kitti import read_kitti_drive
-from saccade.datasets.drive_tracks import read_tracks_drive
+from saccade.datasets.drives.kitti import read_kitti_drive
+from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.drives import score_drive
-from saccade.evaluation.palindrome import PalindromeConfig, palindrome
+from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
 from saccade.frames import Drive
-from saccade.visual.following import gray_bytes
+from saccade.visual.optical_flow import gray_bytes
 
 WARM = 24
 """Frames that are driven before the first that count."""

@@ -27,7 +27,7 @@ from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source, shards, tables
 from saccade.batch.engines import Here, Processes
 from saccade.batch.export import read_points
-from saccade.batch.forking import begin_loading
+from saccade.batch.forkserver import begin_loading
 from saccade.batch.index import Found, Index, build_index
 from saccade.keypoints.sift_config import SiftConfig
 

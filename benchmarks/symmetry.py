@@ -78,7 +78,7 @@ def milliseconds(rgb: np.ndarray, rounds: int) -> dict[str, float]:
 def difference(rgb: np.ndarray) -> dict[str, float]:
     """The greatest difference from the twin, for both kinds, on a crop of the grey photograph."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    import oracles_symmetry
+    from support import oracles_symmetry
 
     gray = cv2.cvtColor(rgb[330:400, 150:230], cv2.COLOR_RGB2GRAY)
     return {

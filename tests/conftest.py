@@ -4,7 +4,6 @@ import os
 import sys
 from pathlib import Path
 
-import cv2
 import hypothesis
 import numpy as np
 import pytest
@@ -12,26 +11,13 @@ import pytest
 from encodable_reports import pytest_report_to_serializable  # noqa: F401
 from fuzz.limits import PATIENCE
 from saccade.cli import TRACEBACK, main
+from support.filmed_wall import filmed
+from support.places import SHARED
 
 os.environ[TRACEBACK] = "1"  # or an error that nobody foresaw would look like one that is told
-ROOT = Path(__file__).resolve().parents[1]
-SHARED = ROOT.parent / "shared"
+__all__ = ["filmed"]
+
 CHROMIUM = Path("/usr/bin/chromium")
-REFERENCE_IMAGES = (
-    "photo_astronaut",
-    "photo_chelsea",
-    "photo_coffee",
-    "photo_motorcycle",
-    "photo_rocket",
-    "popout_color",
-    "popout_color_gray",
-    "popout_conjunction",
-    "popout_intensity",
-    "popout_orientation",
-    "synthetic_single_square",
-    "synthetic_symmetric_shapes",
-)
-"""What the reference implementations of saliency were run on."""
 
 hypothesis.settings.register_profile(
     "saccade",
@@ -98,8 +84,3 @@ def run(monkeypatch, capsys, tmp_path):
         return ended.value.code or 0, printed.out, printed.err
 
     return call
-
-
-def looks_like_a_picture(path):
-    picture = cv2.imread(str(path))
-    return picture is not None and min(picture.shape[:2]) > 200 and picture.std() > 10

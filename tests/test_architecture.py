@@ -38,11 +38,12 @@ ALLOWED = {
     "simulation": FOUNDATION | {"image", "slam"},
     "datasets": FOUNDATION | {"image", "video"},
     "evaluation": FOUNDATION,
-    "checking": FOUNDATION | {"visual"},
+    "diagnostics": FOUNDATION | {"visual"},
     "exchange": FOUNDATION,
     "batch": FOUNDATION | {"image", "video", "attention", "keypoints", "exchange"},
     "viewing": FOUNDATION,
-    "serving": FOUNDATION | {"viewing"},
+    "settings": {"errors", "files"},
+    "serving": FOUNDATION | {"settings", "image", "attention", "keypoints", "viewing"},
 }
 """What each room may import besides itself; `cli` may import everything, nobody imports it."""
 HEAVY = ("numba", "cv2", "scipy", "matplotlib")

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import ROOT
-from extracting import check_whole, extract_here, photographs
 from saccade.datasets import save_drive
-from saccade.datasets.camera_file import read_calibration
-from site_pages import PAGES, code_of, prose_of
-from test_drive_writing import small_drive
+from saccade.datasets.drives.camera_file import read_calibration
+from support.documentation import PAGES, code_of, prose_of
+from support.extraction import check_whole, extract_here, photographs
+from support.places import ROOT
+from support.small_drive import small_drive
 
 DOCS = ROOT / "docs"
 PAGE = (DOCS / "keypoints.md").read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ import runpy
 import cv2
 import pytest
 
-from conftest import ROOT
+from support.places import ROOT
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 

@@ -9,9 +9,9 @@ import tomllib
 import pytest
 from packaging.requirements import Requirement
 
-from conftest import ROOT
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
+from support.places import ROOT
 
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
     "optional-dependencies"

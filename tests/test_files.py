@@ -6,9 +6,9 @@ import socket
 import pytest
 
 from fuzz.limits import limited
-from refusals import refuses
 from saccade.errors import OutputError
 from saccade.files import LARGEST_FILE, check_file, read_bytes, read_text, whole_file
+from support.error_checks import refuses
 
 
 @pytest.mark.parametrize("kind", ["device", "pipe", "socket"])

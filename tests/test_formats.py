@@ -12,16 +12,16 @@ import pytest
 
 import saccade
 from fuzz.targets import a_log, points
-from refusals import refuses
 from saccade import SiftConfig, exchange, slam
 from saccade.batch.index import Index
 from saccade.batch.manifest import read_manifest
 from saccade.batch.store import Folder
-from saccade.cli.settings import load_settings
 from saccade.datasets import load
-from saccade.datasets.camera_file import read_calibration
+from saccade.datasets.drives.camera_file import read_calibration
 from saccade.errors import ConfigError, KeypointsError
 from saccade.formats import FORMATS
+from saccade.settings import load_settings
+from support.error_checks import refuses
 
 FIRST = Path(__file__).parent / "data" / "release-0.1"
 LOADS = ("load", "savez", "savez_compressed", "read_array")

@@ -5,7 +5,6 @@ tests/test_fuzz.py` looks longer, and at others. `tests/fuzz/run.py` lets what t
 a file guide how it is broken.
 """
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -18,9 +17,9 @@ from hypothesis import strategies as st
 from fuzz.limits import PATIENCE, limited
 from fuzz.mutations import broken
 from fuzz.targets import TARGETS
-from refusals import result_or_refusal
+from support.error_checks import result_or_refusal
+from support.fuzz_examples import EXAMPLES
 
-EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "12"))
 RUN = Path(__file__).parent / "fuzz" / "run.py"
 COMMANDS = {
     "look": ("bmp", "look {0}/a.bmp --json"),

@@ -224,7 +224,7 @@ def test_a_step_is_at_most_a_tenth_of_the_shortest_time():
 
 
 def dataclasses_of(room):
-    for info in pkgutil.iter_modules(room.__path__, f"{room.__name__}."):
+    for info in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
         module = importlib.import_module(info.name)
         for each in vars(module).values():
             if dataclasses.is_dataclass(each) and each.__module__ == info.name:

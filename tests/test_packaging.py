@@ -19,8 +19,8 @@ import pytest
 from packaging.requirements import Requirement
 
 import saccade
-from conftest import ROOT
 from fuzz.limits import PATIENCE
+from support.places import ROOT
 
 SOURCE = ROOT / "src" / "saccade"
 PERMISSIVE = {

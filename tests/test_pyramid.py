@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-import oracles_attention as oracles
 from saccade.attention.channels import quotient_opponency
 from saccade.image import read_image
 from saccade.pyramid import (
@@ -18,6 +17,7 @@ from saccade.pyramid import (
     level_shape,
     resize,
 )
+from support import oracles_attention as oracles
 
 sides = st.integers(1, 17)
 images = st.tuples(sides, sides).flatmap(

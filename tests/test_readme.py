@@ -3,8 +3,8 @@
 import re
 from importlib.resources import files
 
-from conftest import ROOT
-from site_pages import anchors_of
+from support.documentation import anchors_of
+from support.places import ROOT
 
 NUMBER = r"(?<![\w.])\d*\.?\d+(?![\w.]\d)"
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -183,7 +183,7 @@ def contrast_and_symmetry() -> Figure:
 
 def must() -> Figure:
     """Twenty points of MUST with the pairs that made them."""
-    from saccade.cli.explaining import what_made
+    from saccade.cli.symmetry_overlay import what_made
 
     image, find = photo("chelsea"), saccade.Must(saccade.MustConfig(max_keypoints=20))
     return viewing.pair_figure(image, what_made(find, image, find(image)))

@@ -1,7 +1,7 @@
 """The one decorator for hot loops, and what spreads them over threads; only here is Numba.
 
-A kernel and the kernels it calls share one folder: what is cached on disk is compiled anew
-when a file of that folder has changed.
+A kernel and the kernels it calls share one package: what is cached on disk is compiled anew
+when a file of that package has changed.
 """
 
 import ctypes
@@ -68,7 +68,7 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
                 function, cache=cache, nogil=True, error_model="numpy", fastmath=set(fastmath)
             )
             if cache and hasattr(dispatcher, "_cache"):
-                _watch_folder(dispatcher, Path(inspect.getfile(function)).parent)
+                _stamp(dispatcher, Path(inspect.getfile(function)))
             return cast("F", dispatcher)
 
         try:
@@ -85,16 +85,23 @@ def is_to_compile(function: Callable[..., Any]) -> bool:
     return file is not None and not file._load_index()
 
 
-def _watch_folder(dispatcher: Any, folder: Path) -> None:
-    """Let a cache be stale when any file of the folder changed; Numba looks at one file only."""
+def _stamp(dispatcher: Any, source: Path) -> None:
+    """Let a cache be stale when any file of the package changed; Numba looks at one file only."""
     file = dispatcher._cache._cache_file
-    file._source_stamp = (file._source_stamp, _sources(folder))
+    file._source_stamp = (file._source_stamp, _sources(_package(source)))
+
+
+def _package(source: Path) -> Path:
+    """The package of `saccade` that holds a file, or its folder."""
+    home = Path(__file__).parent
+    return next((each for each in source.parents if each.parent == home), source.parent)
 
 
 @cache
 def _sources(folder: Path) -> str:
     digest = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
+    inside = folder != Path(__file__).parent
+    for path in sorted(folder.rglob("*.py") if inside else folder.glob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from saccade import Keypoints, exchange, slam
 from saccade.datasets import load, load_drive, save, save_drive
-from saccade.datasets.camera_poses import read_tum_poses
+from saccade.datasets.drives.camera_poses import read_tum_poses
 from saccade.datasets.fixations import read_fixations
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import SaccadeError
@@ -277,7 +277,7 @@ def _resume(folder: Path) -> object:
 
 
 def _settings(folder: Path) -> object:
-    from saccade.cli.settings import load_settings
+    from saccade.settings import load_settings
 
     return load_settings("sift", path=folder / "sift.toml")
 
@@ -390,7 +390,7 @@ def _runs(folder: Path) -> object:
 
 def _bag(version: int, file: str) -> Target:
     def make(folder: Path) -> None:
-        from ros_bags import stereo, write_bag
+        from support.ros_bags import stereo, write_bag
 
         write_bag(folder, version, stereo)
 
@@ -413,7 +413,7 @@ def _wished(folder: Path) -> object:
 def _answer(address: str, body: bytes) -> object:
     from starlette.testclient import TestClient
 
-    from saccade.cli.workbench import Photo, Workbench
+    from saccade.serving.analysis import Photo, Workbench
     from saccade.serving.app import Samples, application
 
     bench = Workbench()
@@ -428,7 +428,7 @@ def _answer(address: str, body: bytes) -> object:
 
 
 def _written(name: str, text: str, kind: str) -> Target:
-    from saccade.cli.settings import load_settings
+    from saccade.settings import load_settings
 
     return Target(
         lambda folder: (folder / name).write_text(text),

@@ -42,7 +42,7 @@ class Mutant:
 def sample(folder: Path, count: int, chance: random.Random) -> tuple[int, list[Mutant]]:
     """How many mutants the files of a folder have, and some, the same share of every file."""
     every = []
-    for path in sorted(folder.glob("*.py")):
+    for path in sorted(folder.rglob("*.py")):
         nodes = list(ast_nodes(get_ast_from_path(path)))
         for name in operator_names():
             if not any(word in name for word in LEFT_OUT):

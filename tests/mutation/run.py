@@ -32,7 +32,7 @@ TESTS = {
     ),
     "slam": (
         *("models", "ekf", "association", "run", "compressed", "consistency", "exploring"),
-        *("tuning", "wheels", "checkpoint", "hard_logs", "smoothing", "limits"),
+        *("tuning", "odometry_bias", "checkpoint", "hard_logs", "smoothing", "limits"),
     ),
 }
 """Of each room."""
@@ -100,14 +100,15 @@ def prepare() -> None:
 
 def files(room: str) -> list[str]:
     """The tests of a room."""
-    return [f"tests/test_{name}.py" for name in TESTS[room]]
+    named = (Path("tests").rglob(f"test_{name}.py") for name in TESTS[room])
+    return [str(path) for paths in named for path in paths]
 
 
 def reach(path: Path) -> dict[str, Lines]:
     """By file and line the quick tests that run it: of all files of a room that have kernels,
     with these interpreted, or of all that have none, as this one does."""
-    room = path.parent
-    has_kernels = {each: "@kernel" in each.read_text() for each in room.glob("*.py")}
+    room = next(each for each in path.parents if each.parent.name == "saccade")
+    has_kernels = {each: "@kernel" in each.read_text() for each in room.rglob("*.py")}
     alike = [each for each in has_kernels if has_kernels[each] == has_kernels[path]]
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "reach.json"

@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from typing import Any, Protocol, TypeAlias
 
-from saccade.batch.forking import begin_loading
+from saccade.batch.forkserver import begin_loading
 from saccade.batch.shards import Report, Shard
 
 Work: TypeAlias = Callable[[Shard], Report]

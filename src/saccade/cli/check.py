@@ -8,7 +8,7 @@ import typer
 from saccade.cli.options import Json
 
 if TYPE_CHECKING:
-    from saccade.checking import CheckReport
+    from saccade.diagnostics import CheckReport
 
 
 def check(
@@ -39,8 +39,8 @@ def check(
     from rich.progress import Progress
 
     from saccade import datasets
-    from saccade.checking import CheckConfig, check_drive
     from saccade.cli.output import messages, print_json
+    from saccade.diagnostics import CheckConfig, check_drive
 
     drive = datasets.load_drive(cast("datasets.DriveKind", kind), sequence)
     console = messages()

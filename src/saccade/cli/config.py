@@ -23,7 +23,7 @@ def config(
     Save the preset you want to a file, change it, and hand it to a command
     with --config. Without --preset every preset is printed, a table each.
     """
-    from saccade.cli.settings import as_toml, load_settings, presets_as_toml
+    from saccade.settings import as_toml, load_settings, presets_as_toml
 
     if preset is not None:
         typer.echo(as_toml(load_settings(kind, preset)), nl=False)

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from saccade.cli.album import Album
 from saccade.cli.options import Json
+from saccade.cli.report_builder import Album
 
 LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
@@ -64,14 +64,14 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from saccade import datasets
-    from saccade.cli.ahead import filter_compiled_ahead
-    from saccade.cli.attending import Attention, Model
+    from saccade.cli.attention_models import Model, attention_model
     from saccade.cli.drive import map_drive
     from saccade.cli.look import look_at
     from saccade.cli.match import match_images
-    from saccade.cli.settings import load_settings
+    from saccade.cli.precompile import filter_compiled_ahead
     from saccade.cli.slam import map_log
     from saccade.keypoints.sift import Sift
+    from saccade.settings import load_settings
     from saccade.simulation import DriveConfig, simulate_drive
 
     columns = (TextColumn("{task.description:<44}"), BarColumn(), TimeElapsedColumn())
@@ -81,7 +81,7 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
         Progress(*columns, console=Console(stderr=True)) as progress,
     ):
         looking = progress.add_task("attention: where to look in a photograph", total=1)
-        attention = Attention.named(Model.both, preset=None, config=None)
+        attention = attention_model(Model.both, preset=None, config=None)
         looked = look_at(data / "rocket.jpg", out / "look", attention, fixations=10, album=album)
         progress.update(looking, completed=1)
 

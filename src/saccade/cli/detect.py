@@ -135,7 +135,7 @@ def detect_in(
     import numpy as np
 
     from saccade import exchange
-    from saccade.cli.explaining import what_made
+    from saccade.cli.symmetry_overlay import what_made
     from saccade.image import read_image
     from saccade.keypoints import Must
     from saccade.types import Regions

@@ -77,9 +77,9 @@ def make_detector(
     """
     from dataclasses import replace
 
-    from saccade.cli.settings import load_settings
     from saccade.errors import require
     from saccade.keypoints import Must, Sift, SymRoid
+    from saccade.settings import load_settings
 
     settings = load_settings(name, preset, config)
     if most is not None:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from saccade.cli.album import Album
 from saccade.cli.options import Json, Out, Preset, Settings
+from saccade.cli.report_builder import Album
 
 if TYPE_CHECKING:
     from saccade import datasets
@@ -68,7 +68,7 @@ def drive(
 
     from saccade import datasets
     from saccade.cli.output import messages, print_json, say
-    from saccade.cli.settings import load_settings
+    from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)
     given = {"detector": detector, "selection": selection, "landmarks": landmarks}

@@ -129,7 +129,7 @@ def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
     import numpy as np
 
     from saccade.evaluation.drives import same_places
-    from saccade.visual.recording import RECOGNIZED
+    from saccade.visual.run_log import RECOGNIZED
 
     n, seen = len(result.trajectory), result.meetings
     precision = None

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from saccade.cli.attending import Attention, Model, ModelChoice
+from saccade.cli.attention_models import Model, ModelChoice, attention_model
 from saccade.cli.evaluate_consistency import consistency
 from saccade.cli.evaluate_features import features
 from saccade.cli.evaluate_places import places
@@ -73,8 +73,8 @@ def fixations(
     """
     from dataclasses import asdict
 
-    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import print_json, print_table
+    from saccade.cli.report_builder import Table, write_table_page
 
     predict = _predictor(images, maps, model, preset, config)
     result = _score(images, fixations, predict, sigma, drop)
@@ -153,7 +153,7 @@ def _predictor(
     from saccade.pyramid import resize
 
     if maps is None:
-        attention = Attention.named(model, preset, config)
+        attention = attention_model(model, preset, config)
 
         def predicted(name: str) -> Any:
             image = read_image(images / name)

@@ -49,8 +49,8 @@ def consistency(
     """
     from rich.progress import Progress
 
-    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import messages, print_json, print_table
+    from saccade.cli.report_builder import Table, write_table_page
 
     worlds = _worlds(preset, config)
     filters = kind or list(FILTERS)
@@ -80,7 +80,7 @@ def consistency(
 
 
 def _worlds(presets: list[str] | None, path: Path | None) -> "dict[str, WorldConfig]":
-    from saccade.cli.settings import load_settings
+    from saccade.settings import load_settings
 
     if path is None:
         return {name: load_settings("world", name) for name in presets or WORLDS}

@@ -73,10 +73,10 @@ def features(
     contrast is low; OpenCV's and COLMAP's keep theirs. A module:callable takes an (H, W, 3) image
     in [0, 1] and gives an object with xy and descriptors, the strongest first.
     """
-    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import print_json, print_table
+    from saccade.cli.report_builder import Table, write_table_page
     from saccade.datasets.homography_pairs import homography_pairs
-    from saccade.evaluation.disturbance import Disturbance
+    from saccade.evaluation.degradation import Disturbance
 
     found = homography_pairs(pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))

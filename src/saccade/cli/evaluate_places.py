@@ -28,10 +28,10 @@ def places(
     if the place it is said to show is as many laps away, give or take two photographs.
     """
     from saccade import Sift, SiftConfig, read_image
-    from saccade.cli.album import Table, write_table_page
     from saccade.cli.output import print_json, print_table, tracked
+    from saccade.cli.report_builder import Table, write_table_page
     from saccade.image import find_images
-    from saccade.visual.places import Places, PlacesConfig
+    from saccade.visual.loop_detection import Places, PlacesConfig
 
     paths = sorted((path for each in images for path in find_images(each)), key=_number)
     sift = Sift(SiftConfig(max_keypoints=points, spread=True))

@@ -143,7 +143,7 @@ def _rows(tables: "dict[str, FloatArray]", axes: Axes) -> Iterator[dict[str, Any
 
     import numpy as np
 
-    from saccade.evaluation.choices import means
+    from saccade.evaluation.selection import means
 
     found = {name: means(table) for name, table in tables.items()}
     ranges = [range(len(each)) for each in axes[:3]]
@@ -164,7 +164,7 @@ def _overall(tables: "dict[str, FloatArray]", choices: Sequence[str]) -> list[di
     import numpy as np
 
     from saccade.cli.slam_files import finite
-    from saccade.evaluation.choices import mean_ranks, ratios
+    from saccade.evaluation.selection import mean_ranks, ratios
 
     ranks = [mean_ranks(tables["ate_m"], False), mean_ranks(tables["found_again"], True)]
     rank = np.mean(ranks, axis=0)
@@ -211,7 +211,7 @@ def _write_page(
     rows: Sequence[dict[str, Any]],
 ) -> None:
     """All of it as a page, the figure among it; None writes nothing."""
-    from saccade.cli.album import SORTED, Album
+    from saccade.cli.report_builder import SORTED, Album
     from saccade.viewing.page import Picture, Section
     from saccade.viewing.report import png_file
     from saccade.viewing.report_table import table_part
@@ -249,9 +249,9 @@ def _shown(score: list[float] | None, factor: float, decimals: int) -> str:
 def _drawn(path: Path, tables: "dict[str, FloatArray]", axes: Axes) -> Path:
     import numpy as np
 
-    from saccade.evaluation.choices import means
+    from saccade.evaluation.selection import means
     from saccade.viewing import save_figure
-    from saccade.viewing.choices import Panel, choice_figure
+    from saccade.viewing.selection import Panel, choice_figure
 
     panels = [
         Panel(TITLES[name], factor * means(tables[name]), 100.0 if factor == 100 else np.inf)

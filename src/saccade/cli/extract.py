@@ -136,7 +136,7 @@ def extract(
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
     from saccade.cli.output import print_json, resumable, say
-    from saccade.cli.settings import load_settings
+    from saccade.settings import load_settings
 
     job = Job(
         what.value,
@@ -182,7 +182,7 @@ def extract(
 
 def _begin_loading(source: str, workers: int | None) -> None:
     """Let workers load what they need while this process does: both take a second."""
-    from saccade.batch.forking import begin_loading
+    from saccade.batch.forkserver import begin_loading
     from saccade.files import IMAGE_SUFFIXES
 
     one_image = source.lower().endswith(IMAGE_SUFFIXES) and Path(source).is_file()

@@ -82,9 +82,9 @@ def find(
 
 def _points(held: Any, image: Path) -> Any:
     """The points of an image, found with the settings of the data set."""
-    from saccade.cli.settings import settings_from
     from saccade.image import read_image
     from saccade.keypoints import Must, Sift, SymRoid
+    from saccade.settings import settings_from
 
     detector = {"sift": Sift, "must": Must, "symroid": SymRoid}[held.what]
     points = detector(settings_from(held.what, held.settings, "index"))(read_image(image))

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from saccade.cli.album import Album
-from saccade.cli.attending import Attention, Model, ModelChoice, contrast_of, layers_of
+from saccade.cli.attention_models import Model, ModelChoice, attention_model
 from saccade.cli.options import Json, Out, Preset, Settings
+from saccade.cli.report_builder import Album
 
 if TYPE_CHECKING:
+    from saccade.attention.models import Attention
     from saccade.types import Float32Array, Scanpath
     from saccade.viewing import Section
     from saccade.viewing.report import Part
@@ -57,7 +58,7 @@ def look(
     (NAME.look.mp4) and the saliency of its frames (NAME.look.npz).
     """
     from saccade.cli.output import for_each_image, print_json, print_table
-    from saccade.cli.watch import watch
+    from saccade.cli.video import watch
     from saccade.errors import ConfigError
     from saccade.image import find_images
     from saccade.video import is_video
@@ -65,7 +66,7 @@ def look(
     by_shape = inhibition is Inhibition.shape
     if by_shape and model is Model.symmetry:
         raise ConfigError("inhibition: a shape needs --model contrast or both, found symmetry")
-    attention = Attention.named(model, preset, config, keep_features=by_shape)
+    attention = attention_model(model, preset, config, keep_features=by_shape)
 
     def look_or_watch(path: Path, name: str) -> dict[str, Any]:
         if is_video(path):
@@ -109,7 +110,7 @@ def look(
 def look_at(
     path: Path,
     out: Path,
-    attention: Attention,
+    attention: "Attention",
     fixations: int,
     *,
     by_shape: bool = False,
@@ -144,6 +145,8 @@ def look_at(
         maps = attention.maps(image)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
+    from saccade.attention.models import contrast_of, layers_of
+
     region = partial(proto_object, contrast_of(maps)) if by_shape else None
     fixated = scanpath(maps.saliency, image.shape, fixations=fixations, region=region)
     layers = layers_of(maps, attention.model)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from saccade.cli.album import Album
 from saccade.cli.detect import Most, Spread
 from saccade.cli.options import Json, Out, Preset, Settings
+from saccade.cli.report_builder import Album
 
 if TYPE_CHECKING:
     from saccade.keypoints.sift import Sift

@@ -131,7 +131,7 @@ def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any]:
 
 def _opened(series: Series) -> "Drive":
     from saccade import datasets
-    from saccade.evaluation.palindrome import PalindromeConfig, palindrome
+    from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
     from saccade.simulation import DriveConfig, simulate_drive
 
     if series.source is None:

@@ -29,10 +29,10 @@ def serve(
     from contextlib import suppress
     from importlib.resources import files
 
-    from saccade.cli.controls import controls
     from saccade.cli.output import say
-    from saccade.cli.workbench import Workbench
     from saccade.extras import import_optional
+    from saccade.serving.analysis import Workbench
+    from saccade.serving.controls import controls
 
     uvicorn = import_optional("uvicorn", "serve")
     import_optional("starlette", "serve")

@@ -32,8 +32,8 @@ def world(
     """
     from saccade import datasets
     from saccade.cli.output import print_json, print_table
-    from saccade.cli.settings import load_settings
     from saccade.files import make_folder
+    from saccade.settings import load_settings
     from saccade.simulation import simulate_world
 
     log = simulate_world(load_settings("world", preset, config), seed)
@@ -80,7 +80,7 @@ def drive(
     The same seed gives the same files; another one other walls and posters, too.
     """
     from saccade.cli.output import print_json, print_table
-    from saccade.cli.settings import load_settings
+    from saccade.settings import load_settings
     from saccade.simulation import simulate_drive
 
     wanted = load_settings("drive", preset, config)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from saccade.cli.album import Album
 from saccade.cli.options import Json, Out, Preset, Settings
+from saccade.cli.report_builder import Album
 
 if TYPE_CHECKING:
     from saccade.slam import Checkpoint, EkfConfig, Recorder, SlamResult, SmoothConfig, SmoothResult
@@ -79,8 +79,8 @@ def slam(
 
     from saccade import datasets
     from saccade.cli.output import messages, print_json, print_table, say
-    from saccade.cli.settings import load_settings
     from saccade.cli.slam_report import facts
+    from saccade.settings import load_settings
     from saccade.slam.tuning import tune as tuned
 
     settings = load_settings("slam", preset, config)

@@ -1,19 +1,19 @@
 """Recorded data, each source read into the nouns of `saccade.types` and `saccade.frames`."""
 
-from saccade.datasets.dlr import read_dlr
-from saccade.datasets.drive_loading import DriveKind, load_drive
-from saccade.datasets.drive_writing import save_drive
-from saccade.datasets.isam import Entries, read_isam
-from saccade.datasets.isam_writer import Dialect, write_isam
-from saccade.datasets.landmark_csv import write_landmarks
-from saccade.datasets.loading import Format, Kind, load, recognize, save
-from saccade.datasets.log_csv import read_log_csv, write_log_csv
-from saccade.datasets.mrclam import read_mrclam
-from saccade.datasets.mrclam_writer import write_mrclam
+from saccade.datasets.drives.loading import DriveKind, load_drive
+from saccade.datasets.drives.writing import save_drive
+from saccade.datasets.logs.dlr import read_dlr
+from saccade.datasets.logs.isam import Entries, read_isam
+from saccade.datasets.logs.isam_writer import Dialect, write_isam
+from saccade.datasets.logs.landmark_csv import write_landmarks
+from saccade.datasets.logs.loading import Format, Kind, load, recognize, save
+from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
+from saccade.datasets.logs.mrclam import read_mrclam
+from saccade.datasets.logs.mrclam_writer import write_mrclam
+from saccade.datasets.logs.victoria_park import read_victoria_park
 from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.datasets.table import symmetric_columns, write_table
 from saccade.datasets.tum import write_tum
-from saccade.datasets.victoria_park import read_victoria_park
 
 __all__ = [
     "Dialect",

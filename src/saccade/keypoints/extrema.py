@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade._jit import kernel, spread
-from saccade.keypoints.refinement import fit_extrema
+from saccade.keypoints._refinement_kernels import fit_extrema
 from saccade.types import Float32Array, FloatArray, IntArray
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]

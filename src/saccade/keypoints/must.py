@@ -9,7 +9,8 @@ import numpy.typing as npt
 from saccade._jit import spread
 from saccade.image import as_gray
 from saccade.keypoints.must_config import MustConfig
-from saccade.keypoints.points import Points, Workbench, detect, interest_points
+from saccade.keypoints.scale_space_points import Points, detect, interest_points
+from saccade.keypoints.workspaces import Workbench
 from saccade.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
 from saccade.scale_space import Workspace
 from saccade.types import Float32Array, Image, Keypoints

@@ -7,17 +7,17 @@ import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.image import as_gray
-from saccade.keypoints.given import check_given
-from saccade.keypoints.points import (
+from saccade.keypoints.scale_space_points import (
     Points,
-    Workbench,
     all_directions,
+    check_given,
     describe_all,
     detect,
     interest_points,
     scale_space_of,
 )
 from saccade.keypoints.sift_config import SiftConfig
+from saccade.keypoints.workspaces import Workbench
 from saccade.scale_space import SMALLEST_SIDE, difference_of_gaussians
 from saccade.types import Float32Array, Image, Keypoints
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from saccade.image import as_gray
-from saccade.keypoints.points import Points, descriptors_of, directions
+from saccade.keypoints.scale_space_points import Points, descriptors_of, directions
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.pair_sums import (
     MARGIN,

@@ -2,7 +2,7 @@
 
 from saccade.simulation.drive import simulate_drive
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
-from saccade.simulation.trials import Trials, run_trials
+from saccade.simulation.monte_carlo import Trials, run_trials
 from saccade.simulation.world import WorldConfig, simulate_world
 
 __all__ = [

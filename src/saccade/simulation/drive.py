@@ -8,7 +8,7 @@ import numpy as np
 from saccade.frames import Drive, Frame, steps_between
 from saccade.simulation.course import drive_course
 from saccade.simulation.drive_config import DriveConfig, OdometryConfig
-from saccade.simulation.light import Light
+from saccade.simulation.illumination import Light
 from saccade.simulation.rendering import render, render_depth
 from saccade.simulation.ring import ring_scene
 from saccade.simulation.scene import Scene

@@ -1,13 +1,14 @@
 """Where things are: range-bearing landmark SLAM; it never sees an image."""
 
-from saccade.slam.association import Association, KnownIdentity, NearestNeighbor
+from saccade.slam.association.gating import DROPPED, NEW
+from saccade.slam.association.jcbb import JointCompatibility
+from saccade.slam.association.nearest_neighbor import Association, KnownIdentity, NearestNeighbor
 from saccade.slam.checkpoint import Checkpoint
-from saccade.slam.compressed import CompressedSlam
 from saccade.slam.consistency import Consistency
-from saccade.slam.ekf import EkfSlam
-from saccade.slam.gating import DROPPED, NEW
-from saccade.slam.joint_compatibility import JointCompatibility
-from saccade.slam.landmarks import Candidates
+from saccade.slam.filter.compressed import CompressedSlam
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
+from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.models import (
     RANGE_BEARING,
     Motion,
@@ -19,12 +20,11 @@ from saccade.slam.models import (
     place,
     wrap,
 )
-from saccade.slam.outcomes import Innovation
-from saccade.slam.recording import Recorder
-from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
+from saccade.slam.results import Innovation
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
-from saccade.slam.smoothing import smooth
-from saccade.slam.smoothing_problem import SmoothConfig, SmoothResult
+from saccade.slam.smoothing.batch import smooth
+from saccade.slam.smoothing.problem import SmoothConfig, SmoothResult
+from saccade.slam.snapshots import Recorder
 
 __all__ = [
     "DROPPED",

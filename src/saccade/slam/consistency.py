@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy.special import chdtri
 
 from saccade.errors import LogError, require
+from saccade.slam.filter._kernels import TINY
+from saccade.slam.filter.error_state import INVARIANT, Retraction
 from saccade.slam.models import wrap
-from saccade.slam.retraction import INVARIANT, Retraction
-from saccade.slam.steps import TINY
 from saccade.types import FloatArray, Trajectory
 
 REGULAR = 1e-6

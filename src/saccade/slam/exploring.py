@@ -9,15 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.association import NearestNeighbor
-from saccade.slam.belief import LANDMARKS, Belief
-from saccade.slam.ekf import EkfSlam
-from saccade.slam.gating import NEW, associate
-from saccade.slam.landmarks import Candidates, Patience, Waiting, confirm
-from saccade.slam.outcomes import Replay
-from saccade.slam.presence import NEVER, Presence, Rule, Watch, look
-from saccade.slam.stepping import place, take_in, toward
-from saccade.slam.steps import is_full
+from saccade.slam.association.gating import NEW, associate
+from saccade.slam.association.nearest_neighbor import NearestNeighbor
+from saccade.slam.filter._kernels import is_full
+from saccade.slam.filter._range_bearing_kernels import place, take_in, toward
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.state import LANDMARKS, Belief
+from saccade.slam.map_management.candidates import Candidates, Patience, Waiting, confirm
+from saccade.slam.map_management.culling import NEVER, Presence, Rule, Watch, look
+from saccade.slam.results import Replay
 from saccade.slam.stretch import Stretch, arrive, see, step
 from saccade.types import FloatArray, IntArray
 

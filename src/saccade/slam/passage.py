@@ -5,18 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam.association import (
+from saccade.slam.association.gating import NEW
+from saccade.slam.association.nearest_neighbor import (
     Association,
     KnownIdentity,
     NearestNeighbor,
     number_by_first_sight,
 )
-from saccade.slam.ekf import EkfSlam
 from saccade.slam.exploring import Explorer
-from saccade.slam.gating import NEW
-from saccade.slam.landmarks import Candidates
-from saccade.slam.outcomes import Replay
-from saccade.slam.presence import Presence
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.map_management.candidates import Candidates
+from saccade.slam.map_management.culling import Presence
+from saccade.slam.results import Replay
 from saccade.slam.stretch import Stretch
 from saccade.types import FloatArray, IntArray, LandmarkLog
 

@@ -8,22 +8,22 @@ from typing import Literal, Self
 import numpy as np
 
 from saccade.errors import LogError, require
-from saccade.slam.association import (
+from saccade.slam.association.jcbb import JointCompatibility
+from saccade.slam.association.nearest_neighbor import (
     Association,
     KnownIdentity,
     NearestNeighbor,
 )
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.ekf import EkfSlam
-from saccade.slam.joint_compatibility import JointCompatibility
-from saccade.slam.landmarks import Candidates
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
+from saccade.slam.map_management.candidates import Candidates
+from saccade.slam.map_management.culling import Presence, View
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
-from saccade.slam.outcomes import Replay
 from saccade.slam.passage import Passage
-from saccade.slam.presence import Presence, View
-from saccade.slam.recording import Recorder
-from saccade.slam.retraction import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
+from saccade.slam.results import Replay
+from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}

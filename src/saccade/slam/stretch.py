@@ -5,11 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.belief import LANDMARKS, Belief
-from saccade.slam.checks import check_all
-from saccade.slam.outcomes import Replay
-from saccade.slam.stepping import move, sight, take_in, tell_pose
-from saccade.slam.steps import is_full
+from saccade.slam.filter._kernels import is_full
+from saccade.slam.filter._range_bearing_kernels import move, sight, take_in, tell_pose
+from saccade.slam.filter.state import LANDMARKS, Belief
+from saccade.slam.filter.validation import check_all
+from saccade.slam.results import Replay
 from saccade.types import FloatArray, IntArray
 
 

@@ -24,9 +24,9 @@ from saccade.visual.camera import (
     range_bearing,
 )
 from saccade.visual.config import VisualConfig
-from saccade.visual.following import ByteArray, Follow, disparities, follow, gray_bytes
-from saccade.visual.motion import Motion, Prior, motion_between, paired
-from saccade.visual.ranging import depth_at, first_disparities, stereo_depth_sigma
+from saccade.visual.depth import depth_at, first_disparities, stereo_depth_sigma
+from saccade.visual.egomotion import Motion, Prior, motion_between, paired
+from saccade.visual.optical_flow import ByteArray, Follow, disparities, follow, gray_bytes
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 

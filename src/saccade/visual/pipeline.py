@@ -11,12 +11,13 @@ import numpy.typing as npt
 from saccade.frames import Drive, Frame
 from saccade.pyramid import FloatMap
 from saccade.slam.checkpoint import Checkpoint
-from saccade.slam.outcomes import Expectation
-from saccade.slam.recording import Recorder
+from saccade.slam.results import Expectation
+from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
-from saccade.visual.ahead import Ahead, side_by_side
 from saccade.visual.camera import Sightings, is_inside, some, to_pixels
 from saccade.visual.config import VisualConfig
+from saccade.visual.egomotion import Motion, camera_motion
+from saccade.visual.frame_features import Memory, Senses
 from saccade.visual.frontend import (
     Followed,
     View,
@@ -25,9 +26,9 @@ from saccade.visual.frontend import (
     tells_depth,
     track,
 )
-from saccade.visual.mapping import VisualMap
-from saccade.visual.motion import Motion, camera_motion
-from saccade.visual.recognition import (
+from saccade.visual.ground_scale import Road
+from saccade.visual.prefetch import Ahead, side_by_side
+from saccade.visual.reidentification import (
     ASIDE,
     TOLERANCE,
     agreeing,
@@ -37,12 +38,11 @@ from saccade.visual.recognition import (
     rehearsed,
     within_gate,
 )
-from saccade.visual.recording import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.result import VisualResult
-from saccade.visual.road import Road
+from saccade.visual.run_log import FOLLOWED, RECOGNIZED, TAKEN_IN, Recording
 from saccade.visual.selection import preference
-from saccade.visual.senses import Memory, Senses
 from saccade.visual.triangulation import CameraWay
+from saccade.visual.visual_map import VisualMap
 
 
 def run(

@@ -17,10 +17,10 @@ from saccade import SiftConfig, exchange  # noqa: E402
 from saccade.batch import Job, extract, open_source  # noqa: E402
 from saccade.batch.engines import Here  # noqa: E402
 from saccade.batch.index import build_index  # noqa: E402
-from saccade.cli.settings import as_toml  # noqa: E402
 from saccade.datasets import save  # noqa: E402
-from saccade.datasets.camera_file import Calibration, write_calibration  # noqa: E402
+from saccade.datasets.drives.camera_file import Calibration, write_calibration  # noqa: E402
 from saccade.frames import Camera  # noqa: E402
+from saccade.settings import as_toml  # noqa: E402
 
 
 def main() -> None:

@@ -1,6 +1,0 @@
-"""What is wrong with a camera drive, before it is run."""
-
-from saccade.checking.checks import CheckConfig, check_drive
-from saccade.checking.findings import CheckReport, Finding
-
-__all__ = ["CheckConfig", "CheckReport", "Finding", "check_drive"]

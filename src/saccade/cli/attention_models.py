@@ -1,0 +1,31 @@
+"""Which attention model a command uses: its option, and the model with its settings."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from saccade.attention.models import Attention
+
+
+class Model(StrEnum):
+    """What draws the eye."""
+
+    contrast = "contrast"
+    symmetry = "symmetry"
+    both = "both"
+
+
+ModelChoice = Annotated[Model, typer.Option(help="What draws the eye.")]
+
+
+def attention_model(
+    model: Model, preset: str | None, config: Path | None, *, keep_features: bool = False
+) -> "Attention":
+    """The model with the settings that the command line names."""
+    from saccade.attention.models import KINDS, Attention
+    from saccade.settings import load_settings
+
+    return Attention(model, load_settings(KINDS[model], preset, config), keep_features)

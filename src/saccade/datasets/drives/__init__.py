@@ -1,0 +1,1 @@
+"""Camera drives, one file per layout."""

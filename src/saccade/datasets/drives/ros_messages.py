@@ -1,0 +1,141 @@
+"""What is in the messages of ROS: images, calibrations, poses."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from saccade.datasets.drives.camera_file import Calibration
+from saccade.datasets.text import LARGEST
+from saccade.errors import ConfigError, DriveError, ImageError
+from saccade.frames import Camera
+from saccade.types import FloatArray, Image
+
+_LAYOUTS = {
+    "mono8": (np.uint8, 1),
+    "8UC1": (np.uint8, 1),
+    "rgb8": (np.uint8, 3),
+    "bgr8": (np.uint8, 3),
+    "8UC3": (np.uint8, 3),
+    "rgba8": (np.uint8, 4),
+    "bgra8": (np.uint8, 4),
+    "mono16": (np.uint16, 1),
+    "16UC1": (np.uint16, 1),
+    "32FC1": (np.float32, 1),
+}
+"""Number type and channels by encoding; 8UC3 is in the order of OpenCV."""
+_BAYER = {
+    "bayer_rggb8": cv2.COLOR_BayerBG2RGB,
+    "bayer_bggr8": cv2.COLOR_BayerRG2RGB,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2RGB,
+    "bayer_grbg8": cv2.COLOR_BayerGB2RGB,
+}
+STRAIGHT = ("plumb_bob", "rational_polynomial", "")
+
+
+def seconds_of(message: Any) -> float:
+    """The time in the header of a message."""
+    stamp = message.header.stamp
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def pixels_of(message: Any, name: str) -> Image:
+    """The image of an Image or a CompressedImage: grey or RGB, or depth as it is.
+
+    Raises:
+        ImageError: an encoding that is not known, or too few bytes; `name` is in the message.
+    """
+    if hasattr(message, "format"):
+        pixels = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+        if pixels is None:
+            raise ImageError(f"{name}: expected an image, found {message.format[:40]!r}")
+        return pixels if pixels.ndim == 2 else cv2.cvtColor(pixels[..., :3], cv2.COLOR_BGR2RGB)
+    encoding = message.encoding
+    if encoding not in _LAYOUTS and encoding not in _BAYER:
+        known = ", ".join((*_LAYOUTS, *_BAYER))
+        raise ImageError(f"{name}: expected one of {known}, found {encoding!r}")
+    number, channels = _LAYOUTS.get(encoding, (np.uint8, 1))
+    kind = np.dtype(number).newbyteorder(">" if message.is_bigendian else "<")
+    height, width, step = message.height, message.width, message.step
+    row = width * channels * kind.itemsize
+    if step < row or len(message.data) < height * step:
+        raise ImageError(f"{name}: expected {height} rows of {row} bytes, found fewer")
+    rows = np.asarray(message.data, np.uint8)[: height * step].reshape(height, step)[:, :row]
+    pixels = np.ascontiguousarray(rows).view(kind).astype(number)
+    if encoding in _BAYER:
+        return cv2.cvtColor(pixels, _BAYER[encoding])
+    if channels == 1:
+        return pixels
+    pixels = pixels.reshape(height, width, channels)[..., :3]
+    backwards = encoding.startswith("bgr") or encoding == "8UC3"
+    return np.ascontiguousarray(pixels[..., ::-1] if backwards else pixels)
+
+
+def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
+    """The calibration in the CameraInfo of one camera, or of a rectified pair.
+
+    Args:
+        left: of the left camera.
+        right: of the right one, whose projection has the baseline; None where there is none.
+        name: for the message of an error.
+
+    Raises:
+        DriveError: a model of distortion that OpenCV's five coefficients are not.
+    """
+    K, D, P = (measured(_field(left, each), name) for each in "kdp")
+    P = P.reshape(3, 4)
+    if left.distortion_model not in STRAIGHT or len(D) not in (0, 4, 5):
+        raise DriveError(
+            f"{name}: expected plumb_bob with up to five coefficients, "
+            f"found {left.distortion_model!r} with {len(D)}"
+        )
+    baseline = 0.0
+    if right is not None:
+        P2 = measured(_field(right, "p"), name).reshape(3, 4)
+        baseline = -float(P2[0, 3] / P2[0, 0]) if P2[0, 0] else 0.0
+        if np.any(D):
+            raise DriveError(
+                f"{name}: expected rectified images of a stereo pair, found distortion {D.tolist()}"
+            )
+        K = P[:, :3].ravel()
+    try:
+        camera = Camera(
+            width=int(left.width),
+            height=int(left.height),
+            fx=float(K[0]),
+            fy=float(K[4]),
+            cx=float(K[2]),
+            cy=float(K[5]),
+            baseline=baseline,
+        )
+    except ConfigError as error:
+        raise DriveError(f"{name}: {error}") from error
+    return Calibration(camera, tuple(D.tolist()) if np.any(D) else ())
+
+
+def measured(values: Any, name: str) -> FloatArray:
+    """Numbers of a message as float64.
+
+    Raises:
+        DriveError: one is not finite, or larger than anything that is measured.
+    """
+    numbers = np.asarray(values, np.float64)
+    if not (np.abs(numbers) < LARGEST).all():
+        raise DriveError(f"{name}: expected finite numbers under {LARGEST:g}, found others")
+    return numbers
+
+
+def pose_of(message: Any) -> tuple[float, ...]:
+    """Place and quaternion x, y, z, w of an Odometry, a PoseStamped or a TransformStamped."""
+    if hasattr(message, "transform"):
+        place, turn = message.transform.translation, message.transform.rotation
+    else:
+        pose = message.pose
+        pose = pose.pose if hasattr(pose, "pose") else pose
+        place, turn = pose.position, pose.orientation
+    return place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
+
+
+def _field(message: Any, name: str) -> Any:
+    """A field that ROS 1 spells with a capital."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())

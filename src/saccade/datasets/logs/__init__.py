@@ -1,0 +1,1 @@
+"""Landmark logs, one file per format."""

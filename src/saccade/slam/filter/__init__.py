@@ -1,0 +1,1 @@
+"""The filters: the state, and its prediction, update and augmentation."""

@@ -1,0 +1,1 @@
+"""Which landmarks enter the map, and which are culled."""

@@ -1,0 +1,1 @@
+"""Smoothing of a whole log, or with a fixed lag."""

@@ -1,0 +1,143 @@
+"""Smoothing as it goes: each pose by all that is seen until a fixed time after it.
+
+A window moves along the drive. What leaves it is marginalized: it stays as a linear factor on
+what it was tied to (Dong-Si & Mourikis 2011, "Motion tracking with fixed-lag smoothing").
+Landmarks stay in the window. GTSAM's incremental smoother does the arithmetic.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from saccade.errors import LogError
+from saccade.slam.models import place
+from saccade.slam.smoothing.problem import SmoothingProblem, SmoothResult
+from saccade.types import FloatArray
+
+MOVES = 10
+"""Times by which the window is moved on in the time of a lag."""
+RELINEARIZED = 0.003
+"""Metres and radians by which a variable must move before its factors are linearized again."""
+
+
+def slide(problem: SmoothingProblem) -> SmoothResult:
+    """Smooth a drive with a fixed lag.
+
+    Args:
+        problem: of the whole drive, with the lag in its settings.
+
+    Raises:
+        LogError: the measurements leave variables undetermined; names them.
+    """
+    time = problem.log.time[problem.first] - problem.log.time[0]
+    newest = _stops(time, problem.config.lag / MOVES)
+    window = _Window(problem)
+    begin = 0
+    for end, later in zip(newest, [*newest[1:], -1], strict=True):
+        window.move_on(begin, end, float(time[end]), time)
+        left = len(time)  # all leave at the end of the drive
+        if later >= 0:  # a pose that is as old as the lag may leave when the window moves
+            left = int(np.searchsorted(time, time[later] - problem.config.lag, "right"))
+        window.record(min(left, end + 1))
+        begin = end + 1
+    return window.result(len(newest))
+
+
+class _Window:
+    """The smoother, and what is kept of the variables that it is about to forget."""
+
+    def __init__(self, problem: SmoothingProblem) -> None:
+        gtsam = problem.gtsam
+        parameters = gtsam.ISAM2Params()
+        parameters.setFactorization("QR")  # Cholesky gives up on a blind stretch
+        parameters.setRelinearizeThreshold(RELINEARIZED)
+        parameters.relinearizeSkip = 1
+        parameters.findUnusedFactorSlots = True
+        self.problem = problem
+        self.smoother = gtsam.IncrementalFixedLagSmoother(problem.config.lag, parameters)
+        self.values = gtsam.Values()
+        self.known: set[int] = set()
+        seen_from = problem.variable[problem.log.observation_pose[problem.used]]
+        self.edge = np.searchsorted(seen_from, np.arange(len(problem) + 1))
+        self.pose = np.empty((len(problem), 3))
+        self.spread = np.empty((len(problem), 3, 3))
+        self.weights = np.empty(len(problem.used))
+        self.recorded = 0
+
+    def move_on(self, begin: int, end: int, now: float, time: FloatArray) -> None:
+        """Take in the pose variables from `begin` to `end`, with all that is seen from them."""
+        problem, gtsam = self.problem, self.problem.gtsam
+        factors, values, stamps = gtsam.NonlinearFactorGraph(), gtsam.Values(), {}
+        pose = self.values.atPose2(problem.x(begin - 1)) if begin > 0 else None
+        for number in range(begin, end + 1):
+            control = problem.control(number)
+            pose = control.prior() if pose is None else pose.compose(control.measured())
+            factors.add(control)
+            values.insert(problem.x(number), pose)
+            stamps[problem.x(number)] = float(time[number])
+            for each in range(self.edge[number], self.edge[number + 1]):
+                factors.add(problem.sighting(each))
+                self._meet(each, pose, values)
+        stamps.update(dict.fromkeys(map(problem.l, self.known), now))
+        try:
+            self.smoother.update(factors, values, stamps)
+            for _ in range(problem.config.iterations):
+                if self.smoother.getISAM2Result().getVariablesRelinearized() == 0:
+                    break
+                self.smoother.update()
+            self.values = self.smoother.calculateEstimate()
+        except RuntimeError as error:
+            raise self._refusal(error) from error
+
+    def record(self, end: int) -> None:
+        """Keep what is believed of the pose variables before `end`."""
+        for number in range(self.recorded, end):
+            covariance = self.smoother.marginalCovariance(self.problem.x(number))
+            found = self.problem.pose(number, self.values, covariance)
+            self.pose[number], self.spread[number] = found
+            for each in range(self.edge[number], self.edge[number + 1]):
+                self.weights[each] = self.problem.weight(each, self.values)
+        self.recorded = max(self.recorded, end)
+
+    def result(self, moves: int) -> SmoothResult:
+        problem, drive = self.problem, self.problem.gtsam.Values(self.values)
+        for number, pose in enumerate(self.pose):
+            if drive.exists(problem.x(number)):
+                drive.erase(problem.x(number))
+            drive.insert(problem.x(number), problem.gtsam.Pose2(*pose))
+        problem.check(drive)
+        keys = list(map(self.problem.l, range(len(self.problem.filtered.map))))
+        xy = np.array([self.values.atPoint2(key) for key in keys]).reshape(-1, 2)
+        around = np.array([self.smoother.marginalCovariance(key) for key in keys])
+        return self.problem.result(
+            (self.pose, self.spread), (xy, around.reshape(-1, 2, 2)), self.weights, moves
+        )
+
+    def _meet(self, each: int, pose: Any, values: Any) -> None:
+        """A landmark that is seen for the first time begins where it is seen."""
+        k = self.problem.used[each]
+        number = int(self.problem.filtered.association[k])
+        if number not in self.known:
+            self.known.add(number)
+            here = np.array([pose.x(), pose.y(), pose.theta()])
+            values.insert(self.problem.l(number), place(here, self.problem.log.observation[k])[0])
+
+    def _refusal(self, error: RuntimeError) -> LogError:
+        name = self.problem.name(*self.problem.culprit(error))
+        return LogError(
+            f"smoothing: expected measurements that determine every pose and landmark within the "
+            f"lag of {self.problem.config.lag:g}, found that they leave open {name}; a longer lag "
+            "may, or the deviations in the log are too large, or of very different size"
+        )
+
+
+def _stops(time: FloatArray, every: float) -> list[int]:
+    """The newest pose each time that the window is moved on."""
+    stops, last = [], 0.0
+    for number, now in enumerate(time.tolist()):
+        if now - last >= every:
+            stops.append(number)
+            last = now
+    if not stops or stops[-1] < len(time) - 1:
+        stops.append(len(time) - 1)
+    return stops

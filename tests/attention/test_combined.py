@@ -1,0 +1,99 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from saccade.attention import (
+    AttentionConfig,
+    ContrastConfig,
+    SymmetryConfig,
+    attention_saliency,
+    contrast_saliency,
+    symmetry_saliency,
+)
+from saccade.errors import ConfigError
+from saccade.image import read_image
+from support.saliency_images import noise, rank_of_the_odd_item
+
+
+def test_each_model_is_as_it_is_alone():
+    image = noise(1, (90, 130))
+    maps = attention_saliency(image, keep_features=True)
+    contrast, symmetry = contrast_saliency(image), symmetry_saliency(image)
+    np.testing.assert_array_equal(maps.contrast.saliency, contrast.saliency)
+    np.testing.assert_array_equal(maps.symmetry.saliency, symmetry.saliency)
+    assert maps.contrast.features
+    assert maps.saliency.shape == contrast.saliency.shape
+    assert maps.saliency.dtype == np.float32
+    assert repr(maps) == "AttentionMaps(17 x 12 cells of a 130 x 90 image)"
+
+
+@pytest.mark.parametrize(("name", "other"), [("contrast", "symmetry"), ("symmetry", "contrast")])
+def test_a_model_that_counts_for_nearly_all_decides(name, other):
+    image = noise(2, (120, 160))
+    weights = {f"{name}_weight": 1.0, f"{other}_weight": 1e-6}
+    maps = attention_saliency(image, AttentionConfig(**weights))
+    expected = getattr(maps, name).saliency
+    scaled = (expected - expected.min()) / np.ptp(expected)
+    np.testing.assert_allclose(maps.saliency, scaled, atol=1e-3)
+
+
+def test_the_sum_of_both_by_hand():
+    """Without promotion it is the weighted sum, scaled to [0, 1]."""
+    image = noise(3, (120, 160))
+    config = AttentionConfig(contrast_weight=0.5, symmetry_weight=2.0, normalization="none")
+    maps = attention_saliency(image, config)
+    summed = 0.5 * maps.contrast.saliency + 2 * maps.symmetry.saliency  # both reach 0 and 1
+    np.testing.assert_allclose(maps.saliency, (summed - summed.min()) / np.ptp(summed), atol=1e-5)
+
+
+def test_maps_of_different_sizes_are_added():
+    config = AttentionConfig(
+        contrast=ContrastConfig(map_level=3), symmetry=SymmetryConfig(map_level=5)
+    )
+    maps = attention_saliency(noise(4, (400, 800)), config)
+    assert maps.saliency.shape == maps.contrast.saliency.shape == (50, 100)
+    assert maps.symmetry.saliency.shape == (13, 25)
+
+
+def test_the_source_has_both_models_count_the_same():
+    image = noise(5, (300, 400))
+    config = AttentionConfig.kootstra2010()
+    maps = attention_saliency(image, config)
+    assert config.contrast_weight == config.symmetry_weight
+    expected = contrast_saliency(image, ContrastConfig.kootstra2010()).saliency
+    np.testing.assert_array_equal(maps.contrast.saliency, expected)
+    expected = symmetry_saliency(image, SymmetryConfig.kootstra2010()).saliency
+    np.testing.assert_array_equal(maps.symmetry.saliency, expected)
+
+
+def test_a_flat_image_has_nothing_salient():
+    assert not attention_saliency(np.full((90, 90), 0.3)).saliency.any()
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [{"contrast_weight": 0.0}, {"symmetry_weight": np.nan}, {"normalization": "maxima"}],
+)
+def test_a_broken_setting_is_named(broken):
+    with pytest.raises(ConfigError, match=next(iter(broken))):
+        AttentionConfig(**broken)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("map_level", [3, 4])
+def test_pop_out(shared, map_level):
+    """Symmetry alone misses the odd orientation, for its items are all as symmetric."""
+    config = AttentionConfig()
+    config = dataclasses.replace(
+        config, contrast=dataclasses.replace(config.contrast, map_level=map_level)
+    )
+    rank = {}
+    for display in ("orientation", "intensity", "color", "color_gray", "conjunction"):
+        file = shared / "reference" / "saliency" / "images" / f"popout_{display}.png"
+        image = read_image(file)
+        maps = attention_saliency(image, config)
+        rank[display] = rank_of_the_odd_item(maps.saliency, image)
+    print(f"\nmap level {map_level}: {rank}")
+    assert rank.pop("conjunction") > 1
+    assert set(rank.values()) == {1}, rank

@@ -1,0 +1,125 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from saccade.attention.normalize import (
+    FLAT,
+    NORMALIZATIONS,
+    inhibit_laterally,
+    local_maxima,
+    normalize,
+    rescale,
+)
+from support import oracles_attention as oracles
+
+sides = st.integers(1, 9)
+steps = st.tuples(sides, sides).flatmap(
+    lambda shape: arrays(np.float32, shape, elements=st.integers(0, 4).map(float))
+)
+
+
+def peaks(*heights, base=0.0):
+    """A map with separate peaks of these heights."""
+    values = np.full((31, 41), base, np.float32)
+    for i, height in enumerate(heights):
+        values[4 + 11 * (i // 4), 4 + 10 * (i % 4)] = height
+    return values
+
+
+def test_rescale_spans_zero_to_one():
+    np.testing.assert_allclose(rescale(np.array([[2.0, 4.0, 3.0]])), [[0, 1, 0.5]])
+
+
+@pytest.mark.parametrize("method", NORMALIZATIONS)
+@pytest.mark.parametrize("value", [0.0, 1.0, 0.7])
+def test_a_flat_map_is_zero(method, value):
+    flat = np.full((6, 7), value, np.float32)
+    assert not normalize(flat, method).any()
+    flat[2, 3] += FLAT / 2
+    assert not normalize(flat, method).any()
+
+
+@pytest.mark.parametrize(
+    ("heights", "literal", "without_the_highest"),
+    [
+        ((5.0,), 1, 1),
+        ((2.0, 1.0), 0.25**2, 0.5**2),
+        ((4.0, 1.0, 1.0, 2.0), 0.5**2, (2 / 3) ** 2),
+        ((1.0, 1.0, 1.0), 0, 0),
+        ((1.0, 0.09), 1, 1),
+        ((1.0, 0.1), 0.45**2, 0.9**2),
+    ],
+)
+def test_weights_by_hand(heights, literal, without_the_highest):
+    values = peaks(*heights)
+    scaled = values / values.max()
+    np.testing.assert_allclose(normalize(values, "local-maxima"), scaled * literal, atol=1e-6)
+    np.testing.assert_allclose(
+        normalize(values, "local-maxima-1998"), scaled * without_the_highest, atol=1e-6
+    )
+    np.testing.assert_allclose(normalize(values, "none"), scaled)
+
+
+def test_a_plateau_is_one_maximum():
+    values = np.zeros((20, 20))
+    values[5:9, 5:12] = 1
+    assert list(local_maxima(values, 0.1, 1)) == [1]
+
+
+def test_a_lower_peak_nearby_is_no_maximum():
+    values = np.zeros((20, 20))
+    values[5, 5], values[5, 8] = 1, 0.5
+    for lying in (values, values.T):
+        assert sorted(local_maxima(lying, 0.1, 2)) == [0.5, 1]
+        assert sorted(local_maxima(lying, 0.1, 3)) == [1]
+        further = np.roll(lying, 1, axis=(0, 1))
+        further[5:7, 5:7], further[5, 5] = 0, 1
+        assert sorted(local_maxima(further, 0.1, 3)) == [0.5, 1]
+
+
+@given(steps, st.integers(1, 3))
+def test_local_maxima_are_their_definition(values, radius):
+    assert sorted(local_maxima(values, 1, radius)) == oracles.local_maxima(values, 1, radius)
+
+
+@given(st.tuples(sides, sides), st.integers(0, 2**32 - 1))
+def test_lateral_inhibition_is_its_formula(shape, seed):
+    values = np.random.default_rng(seed).random(shape)
+    expected = oracles.difference_of_gaussians_step(values)
+    np.testing.assert_allclose(inhibit_laterally(values, 1), expected, atol=1e-9)
+
+
+def test_lateral_inhibition_favors_one_peak_over_many_and_the_higher_of_two():
+    one, many, uneven = (
+        cv2.GaussianBlur(peaks(*heights), (0, 0), 1.5)
+        for heights in ([1.0], 12 * [1.0], [1.0, 0.6])
+    )
+    advantage = [
+        normalize(one, "iterative", iterations=n).max()
+        / normalize(many, "iterative", iterations=n).max()
+        for n in (1, 3, 5)
+    ]
+    assert 1 < advantage[0] < advantage[1] < advantage[2]
+    remaining = normalize(uneven, "iterative", iterations=5)
+    assert remaining[4, 14] / remaining[4, 4] < 0.95 * uneven[4, 14] / uneven[4, 4]
+
+
+@given(steps, st.sampled_from(NORMALIZATIONS), st.floats(0.1, 100), st.floats(-5, 5))
+def test_the_unit_of_a_map_does_not_matter(values, method, scale, offset):
+    values = values.astype(np.float64)
+    expected = normalize(values, method)
+    result = normalize(values * 2.0 ** round(np.log2(scale)) + round(offset), method)
+    np.testing.assert_allclose(result, expected, atol=1e-9)
+    assert result.min() >= 0
+    assert np.isfinite(result).all()
+
+
+def test_the_callers_map_is_left_alone(rng):
+    values = rng.random((12, 9))
+    before = values.copy()
+    for method in NORMALIZATIONS:
+        normalize(values, method)
+    np.testing.assert_array_equal(values, before)

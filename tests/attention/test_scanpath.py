@@ -1,0 +1,207 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saccade.attention.scanpath import ScanpathConfig, scanpath
+from saccade.attention.winner_take_all import Network, inhibit, leap_cell, leap_of
+from saccade.errors import ConfigError, ImageError
+from support import oracles_attention as oracles
+from support.reference_images import REFERENCE_IMAGES
+
+STEP = 1e-4
+
+
+def cells(path, cell=16):
+    """Rows, columns and steps of a scanpath on an image of `cell` px per cell."""
+    columns, rows = (path.xy.T + 0.5) / cell - 0.5
+    return rows, columns, np.rint(path.time / STEP)
+
+
+@pytest.fixture(params=REFERENCE_IMAGES)
+def reference(request, shared):
+    """Saliency, the disc's sigma in cells, and rows, columns and times of ten fixations."""
+    data = np.load(shared / "reference" / "saliency" / f"{request.param}.iterative.npz")
+    rows, columns = data["fix_disk_mapRC"].T - 1
+    sigma = 0.3 * float(data["foaSize"].item()) / 32
+    return data["salmap"], sigma, rows, columns, data["fix_disk_time_s"].ravel()
+
+
+def as_published(saliency, sigma):
+    """The reference's own map and disc."""
+    return ScanpathConfig(peak=0, inhibition_sigma=sigma / max(saliency.shape))
+
+
+@pytest.mark.shared
+def test_fixations_of_the_reference(reference):
+    saliency, sigma, rows, columns, times = reference
+    shape = tuple(16 * side for side in saliency.shape)
+    path = scanpath(saliency, shape, 10, as_published(saliency, sigma))
+    our_rows, our_columns, our_steps = cells(path)
+    np.testing.assert_allclose(our_rows, rows, atol=1e-9)
+    np.testing.assert_allclose(our_columns, columns, atol=1e-9)
+    assert np.abs(our_steps - times / STEP).max() < 1.01
+    np.testing.assert_array_equal(path.saliency, saliency[rows.astype(int), columns.astype(int)])
+
+
+@pytest.mark.shared
+def test_the_slow_twin_has_the_fixations_of_the_reference(shared):
+    data = np.load(shared / "reference" / "saliency" / "popout_orientation.iterative.npz")
+    rows, columns, steps = oracles.scanpath(
+        data["salmap"], 10, 0.3 * float(data["foaSize"].item()) / 32
+    )
+    np.testing.assert_array_equal(np.stack([rows, columns], 1) + 1, data["fix_disk_mapRC"])
+    assert np.abs(steps - data["fix_disk_time_s"].ravel() / STEP).max() < 1.01
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("shape", [(7, 9), (1, 12)])
+def test_leaps_end_where_steps_do(seed, shape):
+    saliency = np.random.default_rng(seed).random(shape) * 2
+    sigma = 0.8
+    path = scanpath(saliency, (16 * shape[0], 16 * shape[1]), 6, as_published(saliency, sigma))
+    rows, columns, steps = cells(path)
+    slow_rows, slow_columns, slow_steps = oracles.scanpath(saliency, 6, sigma)
+    np.testing.assert_allclose(rows, slow_rows, atol=1e-9)
+    np.testing.assert_allclose(columns, slow_columns, atol=1e-9)
+    assert np.abs(steps - slow_steps).max() <= 1
+
+
+def both_leaps(V, W, g, current, steps, decay):
+    net = Network(
+        leak=2e-4,
+        forget=1e-3,
+        decay=decay,
+        gain=5.0,
+        threshold=1e-3,
+        reset=-0.02,
+        kick=200.0,
+        surround=1e-4,
+        sigma=1.0,
+        last_step=100_000,
+    )
+    slow = oracles.leap_cell(V, W, g, current, 2e-4, 1e-3, decay, 5.0, steps)
+    return leap_cell(net, leap_of(net, steps), V, W, g, current), slow
+
+
+@pytest.mark.kernel
+@given(
+    V=st.floats(0, 0.02),
+    W=st.floats(-0.02, 0.001),
+    g=st.floats(-5e-4, 1.5),
+    current=st.floats(1e-7, 1e-5),
+    steps=st.integers(1, 100),
+)
+def test_a_leap_is_its_steps(V, W, g, current, steps):
+    fast, slow = both_leaps(V, W, g, current, steps, 0.0)
+    np.testing.assert_allclose(fast, slow, rtol=1e-6, atol=1e-9)
+    fast, slow = both_leaps(V, W, g, current, steps, 1e-4)
+    hundredth_of_the_threshold = 1e-5
+    np.testing.assert_allclose(fast, slow, rtol=2e-3, atol=hundredth_of_the_threshold)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("g", [-2e-4, 0.0, 8e-4, 1 - 2e-4])
+def test_a_leap_is_its_steps_at_the_poles_of_the_closed_form(g):
+    fast, slow = both_leaps(0.004, -0.01, g, 2e-6, 100, 0.0)
+    np.testing.assert_allclose(fast, slow, rtol=1e-5)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_that_join_late_are_none_too_late(seed):
+    """Few peaks over a faint ground: most cells join after a few fixations, or never."""
+    saliency = 2 * np.random.default_rng(seed).random((9, 11)) ** 3
+    path = scanpath(saliency, saliency.shape, 8, as_published(saliency, 0.6))
+    rows, columns, steps = cells(path, 1)
+    slow_rows, slow_columns, slow_steps = oracles.scanpath(saliency, 8, 0.6)
+    np.testing.assert_allclose(rows, slow_rows, atol=1e-9)
+    np.testing.assert_allclose(columns, slow_columns, atol=1e-9)
+    assert np.abs(steps - slow_steps).max() <= 1
+
+
+@pytest.mark.kernel
+def test_inhibition_is_a_disc_in_a_faint_surround():
+    column, row = np.divmod(np.arange(63), 7)
+    net = Network(2e-4, 1e-3, 1e-4, 5.0, 1e-3, -0.02, 200.0, 1e-2, 0.9, 100_000)
+    g = np.full(63, 0.25)
+    inhibit(net, np.array([3.0, 5.0, 0.5, 0.0]), np.zeros((0, 7, 9), bool), row, column, g)
+    d2 = (row - 3) ** 2 + (column - 5) ** 2
+    expected = np.exp(-d2 / (2 * 0.9**2)) - 1e-2 * np.exp(-d2 / (2 * 3.6**2))
+    np.testing.assert_allclose(g, 0.25 + 0.5 * expected, rtol=1e-12)
+
+
+def test_an_empty_map_has_no_fixations():
+    assert len(scanpath(np.zeros((4, 5)), (40, 50))) == 0
+
+
+def test_a_flat_map_is_read_from_its_first_cell():
+    path = scanpath(np.ones((6, 8)), (60, 80), fixations=3)
+    np.testing.assert_allclose(path.xy[0], [4.5, 4.5])
+    assert len({tuple(xy) for xy in path.xy}) == 3
+    assert (np.diff(path.time) > 0).all()
+
+
+def test_ties_go_down_the_columns_first():
+    saliency = np.zeros((9, 9))
+    saliency[7, 1] = saliency[1, 7] = 1
+    path = scanpath(saliency, (9, 9), fixations=2)
+    np.testing.assert_allclose(path.xy, [[1, 7], [7, 1]])
+
+
+def test_the_gaze_rests_at_the_time_limit():
+    lone = np.zeros((20, 20))
+    lone[3, 4] = 1
+    path = scanpath(lone, (20, 20), 50, ScanpathConfig(time_limit=2.5))
+    assert 0 < len(path) < 50
+    assert path.time[-1] <= 2.5
+    assert len(scanpath(np.full((3, 3), 1e-3), (3, 3), 5, ScanpathConfig(peak=0))) == 0
+
+
+def test_the_first_fixation_takes_the_time_of_the_closed_form():
+    """V and W of one cell without inhibition are sums of two exponentials."""
+    s = 1.5
+    t = np.arange(0, 0.3, 1e-6)
+    V = 0.01 * s * (1 - np.exp(-2 * t))
+    W = 5 * 0.01 * s * (1 - 10 / 8 * np.exp(-2 * t) + 2 / 8 * np.exp(-10 * t))
+    W -= 0.02 * np.exp(-10 * t)
+    assert V[0] == 0
+    assert W[0] == pytest.approx(-0.02)
+    path = scanpath(np.array([[s]]), (1, 1), 1, ScanpathConfig(peak=0))
+    assert path.time[0] == pytest.approx(t[np.argmax(W > 1e-3)], abs=3 * STEP)
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.tuples(st.integers(4, 12), st.integers(4, 12)))
+def test_the_most_salient_place_is_first_but_for_ties_and_none_follows_itself(seed, shape):
+    saliency = np.random.default_rng(seed).random(shape)
+    path = scanpath(saliency, shape, 4)
+    assert path.saliency[0] > 0.99 * saliency.max()
+    assert (np.diff(path.time) > 0).all()
+    assert (np.abs(np.diff(path.xy, axis=0)).max(axis=1, initial=0) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("saliency", "words"),
+    [
+        (np.ones(4), "shape"),
+        (np.ones((0, 4)), "shape"),
+        (np.array([[1.0, np.nan]]), "finite"),
+        (np.array([[1.0, -1.0]]), "at least 0"),
+    ],
+)
+def test_a_broken_map_is_named(saliency, words):
+    with pytest.raises(ImageError, match=rf"saliency: .*{words}"):
+        scanpath(saliency, (10, 10))
+
+
+def test_broken_arguments_are_named():
+    with pytest.raises(ImageError, match="image_shape"):
+        scanpath(np.ones((2, 2)), (0, 4))
+    with pytest.raises(ConfigError, match="fixations"):
+        scanpath(np.ones((2, 2)), (4, 4), fixations=-1)
+    with pytest.raises(ConfigError, match="time_step"):
+        ScanpathConfig(time_step=0.05)
+    with pytest.raises(ConfigError, match="threshold"):
+        ScanpathConfig(threshold=0)

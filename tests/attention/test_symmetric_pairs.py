@@ -1,0 +1,90 @@
+import cv2
+import numpy as np
+import pytest
+
+from saccade.attention import SymmetryConfig, symmetric_pairs, symmetry_saliency
+from saccade.errors import ConfigError, ImageError
+from support import oracles_symmetry as oracles
+
+ALL = 10_000
+KINDS = ("isotropic", "color")
+
+
+def spot(x, y, shape=(120, 160)):
+    """A bright disc on a dark ground."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    return (np.hypot(columns - x, rows - y) < 9).astype(np.float32)
+
+
+def test_pairs_of_a_disc_face_each_other_across_its_middle():
+    config = SymmetryConfig(levels=(1, 2), level_weights=(3.0, 2.0), viewing_size=0)
+    pairs = symmetric_pairs(spot(100, 60), (100, 60), config)
+    assert sorted(pairs.level) == [1, 1, 1, 1, 2, 2, 2, 2]
+    assert (np.diff(pairs.strength) <= 0).all()
+    middles = (pairs.first + pairs.second) / 2
+    np.testing.assert_allclose(middles, (100, 60) * np.ones((8, 1)), atol=2)
+    for place, angle in ((pairs.first, pairs.first_angle), (pairs.second, pairs.second_angle)):
+        inwards = (100, 60) - place
+        heading = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        assert ((inwards * heading).sum(axis=1) > 0.9 * np.hypot(*inwards.T)).all()
+    assert repr(pairs) == "SymmetricPairs(8 pairs)"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_all_pairs_of_a_place_are_its_symmetry(kind):
+    """What every pair contributes adds up to the value of the map."""
+    image = np.random.default_rng(4).random((30, 40, 3)).astype(np.float32)
+    config = SymmetryConfig(
+        kind=kind,
+        channels="rgb",
+        border="missing",
+        levels=(0,),
+        level_weights=(1.0,),
+        map_level=1,
+        viewing_size=0,
+    )
+    level = symmetry_saliency(image, config).levels[0]
+    for x, y in ((20, 15), (3, 2), (38, 20), (20, 28)):
+        pairs = symmetric_pairs(image, (x, y), config, most=ALL)
+        assert pairs.strength.sum() == pytest.approx(level[y, x], rel=1e-4)
+    expected = oracles.symmetry(image[10:21, 15:26], kind, 1, 4, 4, 60)[5, 5]
+    pairs = symmetric_pairs(image[10:21, 15:26], (5, 5), config, most=ALL)
+    assert pairs.strength.sum() == pytest.approx(expected, rel=1e-4)
+
+
+def test_within_a_radius_the_most_symmetric_place_is_taken():
+    config = SymmetryConfig(kind="isotropic", levels=(2,), level_weights=(1.0,), viewing_size=0)
+    off = symmetric_pairs(spot(100, 60), (92, 66), config, most=1)
+    near = symmetric_pairs(spot(100, 60), (92, 66), config, within=12, most=1)
+    middle = (near.first[0] + near.second[0]) / 2
+    assert np.hypot(*(middle - (100, 60))) < 4
+    assert near.strength[0] > off.strength[0]
+
+
+def test_nothing_is_symmetric_on_a_flat_ground():
+    assert len(symmetric_pairs(np.full((80, 80), 0.5), (40, 40))) == 0
+
+
+def test_an_enlarged_image_has_the_enlarged_pairs():
+    """The levels follow the size of the image, and so do the places."""
+    image = cv2.GaussianBlur(spot(100, 60, (300, 400)), (0, 0), 2)
+    large = cv2.resize(image, None, fx=8, fy=8, interpolation=cv2.INTER_CUBIC)
+    here = symmetric_pairs(image, (100, 60), most=1)
+    there = symmetric_pairs(large, (803.5, 483.5), most=1)
+    assert (np.sort(there.level) == np.sort(here.level) + 3).all()
+    span_here, span_there = (
+        np.hypot(*(p.first - p.second).T)[np.argsort(p.level)][:3] for p in (here, there)
+    )
+    np.testing.assert_allclose(span_there / span_here, 8, rtol=0.3)
+
+
+@pytest.mark.parametrize("xy", [(-1, 5), (5, 40), (50, 5), (np.nan, 5)])
+def test_a_place_outside_is_refused(xy):
+    with pytest.raises(ImageError, match="place: expected inside 50 x 40 px"):
+        symmetric_pairs(np.zeros((40, 50)), xy)
+
+
+@pytest.mark.parametrize("broken", [{"most": 0}, {"within": -1.0}])
+def test_a_broken_setting_is_named(broken):
+    with pytest.raises(ConfigError, match=next(iter(broken))):
+        symmetric_pairs(np.zeros((40, 40)), (5, 5), **broken)

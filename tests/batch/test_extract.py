@@ -1,0 +1,327 @@
+"""Many images into one table, whatever happens meanwhile."""
+
+import json
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import zarr
+
+from fuzz.limits import PATIENCE
+from saccade import __version__, attention_saliency, read_image, scanpath
+from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
+from saccade.batch import Job, extract, open_source
+from saccade.batch.engines import Here, Processes
+from saccade.batch.shards import Report, Shard
+from saccade.batch.sources import Item
+from saccade.batch.store import LEFTOVERS
+from saccade.cli.extract import Pace
+from saccade.errors import ConfigError, OutputError
+from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
+from support import extraction
+from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
+from support.killed_process import deadly
+
+IMAGES = 15
+KILLS = 20
+GONE = 7
+"""Number of an image."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("many") / "photos"
+    photographs(path, IMAGES)
+    return path
+
+
+def test_what_comes_out_is_what_the_detector_finds(folder, tmp_path):
+    result = extract_here(folder, tmp_path)
+    assert (result.done, result.same, result.totals.images) == (IMAGES, 0, IMAGES)
+    assert result.totals.shards == IMAGES / 3
+    assert result.totals.rows > 5 * IMAGES
+    check_complete(folder, tmp_path)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["complete"]
+    assert manifest["configuration"]["settings"]["contrast_threshold"] == 0.016
+    assert (manifest["images"], manifest["rows"]) == (IMAGES, result.totals.rows)
+    assert not (tmp_path / LEFTOVERS).exists()
+
+
+def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
+    source, out = tmp_path / "photos", tmp_path / "out"
+    paths = photographs(source, 10)
+    extract_here(source, out)
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*/part-*")}
+    assert extract_here(source, out).done == 0
+    assert before == {path: path.stat().st_mtime_ns for path in out.glob("*/part-*")}
+    paths[4].write_bytes(paths[0].read_bytes())
+    photographs(source, 12)[4].write_bytes(paths[0].read_bytes())
+    paths[4].touch()
+    result = extract_here(source, out)
+    assert (result.done, result.same) == (3, 9)
+    check_complete(source, out)
+
+
+def test_what_another_version_did_is_told_and_done_anew_on_request(run, tmp_path):
+    photographs(tmp_path / "photos", 4)
+    extract_here(tmp_path / "photos", tmp_path / "out", Job("sift", SiftConfig(), version="0.0.1"))
+    words = ("extract", "photos", "--out", "out", "--workers", 1, "--json")
+    photographs(tmp_path / "photos", 5)
+    code, printed, err = run(*words)
+    assert (code, json.loads(printed)["by_other_versions"]) == (0, 4)
+    assert "4 images were done by another version; --redo does them anew" in err
+    code, printed, err = run(*words, "--redo")
+    assert (code, err, json.loads(printed)["by_other_versions"]) == (0, "", 0)
+    assert set(pq.read_table(tmp_path / "out/images")["version"].to_pylist()) == {__version__}
+
+
+def test_the_pace_is_that_of_what_is_done_now():
+    pace = Pace(100)
+    assert pace.after(Report(same=40), time.monotonic()) == ""
+    start = pace.since
+    assert pace.after(Report(done=10), start + 5) == "2.0 images/s  0:00:25 left"
+    said = pace.after(Report(done=10, failed=1, lost=[("a", "why")]), start + 8)
+    assert said == "2.6 images/s  0:00:15 left  2 errors"
+
+
+def test_exact_points_are_exact(folder, tmp_path):
+    extract_here(folder, tmp_path, Job("sift", SiftConfig(), exact=True))
+    found = check_whole(tmp_path)["004.png"]
+    points = saccade_sift(folder / "004.png")
+    np.testing.assert_array_equal(found[["x", "y"]], points.xy)
+    np.testing.assert_array_equal(found.response, points.response)
+    assert b"".join(found.descriptor) == points.descriptors.tobytes()
+
+
+def saccade_sift(path):
+    from saccade import Sift
+
+    return Sift(threads=1)(read_image(path))
+
+
+def test_other_settings_do_not_mix(folder, tmp_path):
+    extract_here(folder, tmp_path)
+    other = Job("sift", SiftConfig(max_keypoints=3))
+    with pytest.raises(ConfigError, match=r"settings\.max_keypoints 0, found 3 asked for"):
+        extract_here(folder, tmp_path, other)
+    assert extract_here(folder, tmp_path, other, redo=True).done == IMAGES
+    assert all(len(rows) <= 6 for rows in check_whole(tmp_path).values())
+
+
+def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
+    source, out = tmp_path / "photos", tmp_path / "out"
+    paths = photographs(source, 10)
+    paths[3].write_text("no image")
+    paths[5].write_bytes(paths[5].read_bytes()[:200])
+    images = open_source(str(source))
+    paths[7].unlink()  # it was seen, and is gone when its turn comes
+    result = extract(images, SIFT, str(out), Here(), size=3)
+    errors = pq.read_table(out / "errors.parquet").to_pandas().set_index("image").error
+    assert list(errors.index) == ["003.png", "005.png", "007.png"]
+    assert "expected an image" in errors["003.png"]
+    assert "cut short" in errors["005.png"]
+    assert "No such file" in errors["007.png"]
+    assert (result.totals.images, result.totals.errors) == (7, 3)
+    photographs(source, 10)
+    assert extract_here(source, out).totals.errors == 0
+    assert not (out / "errors.parquet").exists()
+    check_complete(source, out)
+
+
+@pytest.fixture(scope="module")
+def killed(folder, tmp_path_factory):
+    """What runs left that kill -9 ended at twenty random moments: `out`, and `changed`.
+
+    In the source of the second some images have changed since `before`, one is new, one is gone.
+    """
+    root = tmp_path_factory.mktemp("killed")
+    paths = photographs(root / "photos", IMAGES)
+    extract_here(root / "photos", root / "before")
+    for number in (1, 6, 8, 12):
+        paths[number].write_bytes(paths[(number + 5) % IMAGES].read_bytes())
+    paths[GONE].rename(root / "photos" / "new.png")
+    words = [folder, root / "out", str(KILLS), root / "photos", root / "changed", root / "before"]
+    subprocess.run([sys.executable, extraction.__file__, *words], check=True, timeout=PATIENCE)
+    return root
+
+
+def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, killed):
+    """A second run ends what the one that was killed began."""
+    unfinished = 0
+    for number in range(1, KILLS + 1):
+        out = killed / "out" / str(number)
+        done = len(check_whole(out))
+        unfinished += 0 < done < IMAGES
+        result = extract_here(folder, out)
+        assert (result.same, result.done) == (done, IMAGES - done)
+        assert len(check_whole(out)) == IMAGES
+    assert unfinished > KILLS / 4
+    check_complete(folder, out)
+
+
+def test_killed_while_images_are_done_anew_no_points_are_another_images(killed):
+    """The same where images have changed; the points of the one that is gone stay."""
+    gone = check_whole(killed / "before")[f"{GONE:03d}.png"]
+    two = 0
+    for number in range(1, KILLS + 1):
+        out = killed / "changed" / str(number)
+        records = [path.name for path in (out / "images").iterdir()]
+        two += len({name[:23] for name in records}) < len(records)
+        extract_here(killed / "photos", out)
+        kept = check_whole(out).pop(f"{GONE:03d}.png")
+        assert kept.reset_index(drop=True).equals(gone.reset_index(drop=True))
+        check_complete(killed / "photos", out, [f"{GONE:03d}.png"])
+    assert two > 0
+
+
+def test_a_full_disk_is_told(folder, tmp_path):
+    """No file may be larger than 6 KB: some of the points are, those of the records are not."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6 << 10, before[1]))
+    try:
+        result = extract_here(folder, tmp_path, size=8)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    errors = pq.read_table(tmp_path / "errors.parquet").to_pandas()
+    assert result.totals.errors == len(errors) > 0
+    assert errors.error.str.contains("cannot be written: File too large").all()
+    assert len(check_whole(tmp_path)) == IMAGES - len(errors) > 0
+    extract_here(folder, tmp_path)
+    check_complete(folder, tmp_path)
+
+
+def test_a_disk_that_is_full_until_there_is_room_again(folder, tmp_path):
+    """A file system of 48 KB, which only a superuser may make."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=48k", "none", disk]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        result = extract_here(folder, disk / "out", Job("sift", SiftConfig(), exact=True))
+        errors = pq.read_table(disk / "out" / "errors.parquet").to_pandas()
+        assert 0 < result.totals.errors == len(errors) < IMAGES
+        assert errors.error.str.contains("cannot be written: No space left on device").all()
+        assert len(check_whole(disk / "out")) == IMAGES - len(errors)
+        subprocess.run(["mount", "-o", "remount,size=1m", disk], check=True)
+        result = extract_here(folder, disk / "out", Job("sift", SiftConfig(), exact=True))
+        assert (result.totals.errors, result.done) == (0, len(errors))
+        assert len(check_whole(disk / "out")) == IMAGES
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+def test_only_one_run_at_a_time(folder, tmp_path):
+    from saccade.batch.store import open_store
+
+    with open_store(str(tmp_path)).locked(), pytest.raises(OutputError, match="another run"):
+        extract_here(folder, tmp_path)
+
+
+def test_processes_find_the_same_as_one(folder, tmp_path):
+    extract_here(folder, tmp_path / "1")
+    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), size=3)
+    two = check_whole(tmp_path / "2")
+    assert all(two[name].equals(rows) for name, rows in check_whole(tmp_path / "1").items())
+
+
+def test_a_shard_that_kills_its_process_costs_no_other():
+    shards = [Shard(str(number), [Item(f"{number}.png", "")]) for number in range(8)]
+    reports = list(Processes(2).run(deadly, iter(shards)))
+    assert sorted(each.rows for each in reports if each.done) == [0, 1, 2, 4, 5, 6, 7]
+    ((name, why),) = [lost for each in reports for lost in each.lost]
+    assert name == "3.png"
+    assert "died" in why
+
+
+@pytest.mark.parametrize("what", ["saliency", "scanpath", "symroid"])
+def test_every_kind_is_what_its_function_gives(what, tmp_path):
+    (path,) = photographs(tmp_path / "photos", 1)
+    image = read_image(path)
+    kind = SymRoidConfig if what == "symroid" else AttentionConfig
+    extract_here(path, tmp_path, Job(what, kind(), fixations=4))
+    (found,) = check_whole(tmp_path, what).values()
+    saliency = attention_saliency(image).saliency
+    if what == "symroid":
+        regions = SymRoid()(image)
+        np.testing.assert_allclose(found[["x", "y"]], regions.xy, atol=1 / 512)
+        np.testing.assert_allclose(
+            found[["left", "top", "right", "bottom"]], regions.boxes, rtol=2**-12
+        )
+    elif what == "scanpath":
+        expected = scanpath(saliency, image.shape, 4)
+        np.testing.assert_allclose(found[["x", "y"]], expected.xy)
+        np.testing.assert_allclose(found.time, expected.time)
+        assert list(found.fixation) == [1, 2, 3, 4][: len(expected)]
+    else:
+        (row,) = found.to_dict("records")
+        archive = zarr.storage.ZipStore(tmp_path / row["file"], mode="r")
+        held = zarr.open_group(archive, mode="r")[row["array"]]
+        assert held.dtype == np.float16
+        np.testing.assert_allclose(held[...], saliency, atol=5e-4)
+        assert saliency[cell_of(row, saliency.shape, image.shape)] == saliency.max()
+        archive.close()
+
+
+def cell_of(row, shape, image_shape):
+    """The cell of a map at a place of the image."""
+    y, x = ((row[each] + 0.5) * s / i for each, s, i in zip("yx", shape, image_shape, strict=False))
+    return int(y), int(x)
+
+
+def test_maps_as_png(tmp_path):
+    paths = photographs(tmp_path / "photos", 4)
+    job = Job("contrast", ContrastConfig(), maps="png")
+    extract_here(tmp_path / "photos", tmp_path / "out", job)
+    paths[1].write_bytes(paths[0].read_bytes())
+    assert extract_here(tmp_path / "photos", tmp_path / "out", job).done == 1
+    rows = check_whole(tmp_path / "out", "contrast")
+    for path in paths:
+        file = tmp_path / "out" / rows[path.name].file.iloc[0]
+        expected = contrast_saliency(read_image(path)).saliency
+        np.testing.assert_allclose(cv2.imread(str(file), -1) / 65535, expected, atol=5e-4)
+
+
+def test_maps_that_have_not_changed_are_kept(tmp_path):
+    paths = photographs(tmp_path / "photos", 3)
+    job = Job("contrast", ContrastConfig())
+    extract_here(tmp_path / "photos", tmp_path / "out", job)
+    paths[1].write_bytes(paths[0].read_bytes())
+    assert extract_here(tmp_path / "photos", tmp_path / "out", job).done == 1
+    (file,) = (tmp_path / "out" / "maps").iterdir()
+    group = zarr.open_group(zarr.storage.ZipStore(file, mode="r"), mode="r")
+    for path in paths:
+        expected = contrast_saliency(read_image(path)).saliency
+        np.testing.assert_allclose(group[path.name][...], expected, atol=5e-4)
+
+
+def test_ctrl_c_finishes_what_has_begun_and_says_how_to_go_on(folder, run, tmp_path, monkeypatch):
+    from saccade.batch import extraction
+
+    do = extraction.extract_shard
+
+    def interrupted(job, place, shard, redo):
+        signal.raise_signal(signal.SIGINT)
+        return do(job, place, shard, redo)
+
+    words = ("extract", folder, "--out", "out", "--workers", 1, "--shard", 3)
+    with monkeypatch.context() as patched:
+        patched.setattr(extraction, "extract_shard", interrupted)
+        code, printed, err = run(*words, "--json")
+    assert code == 130
+    assert "stopped after 3 of 15 images; give the same command to go on" in err
+    assert json.loads(printed)["complete"] is False
+    assert not json.loads((tmp_path / "out" / "manifest.json").read_text())["complete"]
+    assert len(check_whole(tmp_path / "out")) == 3
+    code, printed, err = run(*words, "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(printed)["already_done"] == 3
+    check_complete(folder, tmp_path / "out")

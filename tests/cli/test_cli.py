@@ -1,0 +1,452 @@
+"""The commands as a person runs them: what they print, write and return."""
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+
+import cv2
+import numpy as np
+import PIL.Image
+import pytest
+
+import saccade
+from saccade.cli.output import names_for, print_json
+from support.pictures import looks_like_a_picture
+
+DATA = Path(str(files("saccade") / "data"))
+ROCKET = DATA / "rocket.jpg"
+HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
+COMMANDS = ("look", "detect", "match", "slam", "drive", "check", "convert", "demo", "config")
+KINDS = ("attention", "contrast", "must", "scanpath", "sift", "slam", "symmetry", "symroid")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_an_example(run, command):
+    code, out, _ = run(command, "--help")
+    assert code == 0
+    assert f"Example: saccade {command}" in out
+
+
+def test_the_list_of_commands_is_complete(run):
+    code, out, _ = run("--help")
+    assert code == 0
+    assert all(command in out for command in COMMANDS)
+
+
+def test_version(run):
+    assert run("--version")[:2] == (0, "saccade 0.1.0\n")
+
+
+def test_look(run, tmp_path):
+    code, out, _ = run("look", ROCKET, "--fixations", 4, "--out", "looked", "--json")
+    assert code == 0
+    (row,) = json.loads(out)["images"]
+    assert looks_like_a_picture(row["picture"])
+    x, y, time, saliency = np.array(row["scanpath"]).T
+    assert len(x) == 4
+    assert ((x >= 0) & (x < row["width"]) & (y >= 0) & (y < row["height"])).all()
+    assert (np.diff(time) > 0).all()
+    with np.load(tmp_path / "looked" / "rocket.look.npz") as arrays:
+        assert saliency[0] == pytest.approx(arrays["saliency"].max())
+        assert arrays["intensity"].shape == arrays["color"].shape == arrays["saliency"].shape
+        np.testing.assert_allclose(arrays["scanpath_xy"], np.stack([x, y], axis=1))
+
+
+@pytest.mark.parametrize(
+    ("model", "more"),
+    [
+        ("contrast", {"intensity", "color", "orientation"}),
+        ("symmetry", set()),
+        ("both", {"contrast", "symmetry", "intensity", "color", "orientation"}),
+    ],
+)
+def test_look_by_each_model(run, tmp_path, model, more):
+    saliency = {
+        "contrast": saccade.contrast_saliency,
+        "symmetry": saccade.symmetry_saliency,
+        "both": saccade.attention_saliency,
+    }[model]
+    code, _, _ = run("look", ROCKET, "--model", model)
+    assert code == 0
+    expected = saliency(saccade.read_image(ROCKET)).saliency
+    with np.load(tmp_path / "saccade-look" / "rocket.look.npz") as arrays:
+        np.testing.assert_array_equal(arrays["saliency"], expected)
+        maps = {name for name in arrays if not name.startswith("scan")}
+        assert maps == {"format", "saliency", *more}
+
+
+def test_a_shape_needs_the_features_of_contrast(run):
+    code, _, err = run("look", ROCKET, "--model", "symmetry", "--inhibition", "shape")
+    assert code == 2
+    assert "a shape needs --model contrast or both" in err
+
+
+def test_settings_within_settings_can_be_handed_back(run, tmp_path):
+    text = run("config", "attention", "--preset", "kootstra2010")[1]
+    (tmp_path / "mine.toml").write_text(text)
+    named = run("look", ROCKET, "--preset", "kootstra2010", "--json")
+    assert named[0] == 0
+    assert run("look", ROCKET, "--config", "mine.toml", "--json") == named
+    for broken, words in (("kind = 1", "symmetry: kind"), ("gain = -1", "symmetry: gain")):
+        (tmp_path / "broken.toml").write_text(f"[symmetry]\n{broken}\n")
+        code, _, err = run("look", ROCKET, "--config", "broken.toml")
+        assert code == 2
+        assert f"broken.toml: {words}" in err
+
+
+def test_look_prints_a_table_for_people(run):
+    code, out, _ = run("look", ROCKET, "--fixations", 3)
+    assert code == 0
+    assert "saccade-look/rocket.look.png" in out.replace("\n", "")
+    assert out.count("\n") < 15
+    assert re.search(r"fixation +x \[px\] +y \[px\] +time \[ms\] +saliency", out)
+
+
+def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules["saccade.cli.demo"], "FRAMES", 16)
+    code, out, err = run("demo")
+    assert code == 0
+    page = (tmp_path / "saccade-demo" / "index.html").read_text()
+    links = [part.split('"')[0] for mark in ('src="', 'href="') for part in page.split(mark)[1:]]
+    assert len(links) >= 8
+    assert all((tmp_path / "saccade-demo" / link).is_file() for link in links)
+    assert "saccade-demo/index.html" in out.replace("\n", "")
+    assert "try: saccade look" in err
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_config_prints_every_preset_as_toml(run, kind):
+    code, out, _ = run("config", kind)
+    assert code == 0
+    assert "default" in tomllib.loads(out)
+
+
+def test_a_printed_configuration_can_be_handed_back(run, tmp_path):
+    _, out, _ = run("config", "sift", "--preset", "kootstra2010")
+    (tmp_path / "mine.toml").write_text(out)
+    named = run("detect", ROCKET, "--preset", "kootstra2010", "--json")
+    filed = run("detect", ROCKET, "--config", "mine.toml", "--json")
+    assert named[0] == 0
+    assert filed == named
+
+
+BAD_SETTINGS = {
+    "unknown.toml": ("nonsense = 1", "no setting 'nonsense'"),
+    "typed.toml": ('max_keypoints = "many"', "max_keypoints"),
+    "broken.toml": ("= 3", "expected TOML"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_SETTINGS)
+def test_bad_settings_are_named(run, tmp_path, name):
+    text, words = BAD_SETTINGS[name]
+    (tmp_path / name).write_text(text)
+    code, _, err = run("detect", ROCKET, "--config", name)
+    assert code == 2
+    assert name in err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+LOG = "ODOMETRY 0 1 1 0 0 0.01 0 0 0.01 0 0.01\nLANDMARK 1 2 3 0 0.1 0 0.1\n"
+BAD_INPUT = {
+    "missing": (["look", "missing.png"], None, ["missing.png", "No such file"]),
+    "not an image": (["look", "text.png"], b"hello", ["text.png", "expected an image"]),
+    "empty file": (["detect", "empty.png"], b"", ["empty.png", "empty"]),
+    "bad preset": (["look", ROCKET, "--preset", "best"], None, ["kootstra2010", "'best'"]),
+    "bad kind": (["config", "soup"], None, ["contrast", "'soup'"]),
+    "missing log": (["slam", "missing.txt"], None, ["missing.txt"]),
+    "empty log": (["slam", "empty.txt"], b"", ["empty.txt"]),
+    "broken line": (["slam", "broken.txt"], f"{LOG}LANDMARK 1 x\n".encode(), ["line 3"]),
+    "cut line": (["slam", "cut.txt"], f"{LOG}ODOMETRY 1 2 1 0".encode(), ["line 3"]),
+    "not finite": (["slam", "nan.txt"], LOG.replace("3 0", "nan 0").encode(), ["line 2"]),
+    "bad format": (["slam", DATA / "victoria_park.txt", "--format", "x"], None, ["mrclam"]),
+    "bad association": (
+        ["slam", DATA / "victoria_park.txt", "--association", "x"],
+        None,
+        ["association", "'x'"],
+    ),
+    "unwritable": (["look", ROCKET, "--out", ROCKET / "sub"], None, ["rocket.jpg"]),
+}
+
+
+@pytest.mark.parametrize("what", BAD_INPUT)
+def test_bad_input_gets_one_clear_line(run, tmp_path, what):
+    words, content, expected = BAD_INPUT[what]
+    if content is not None:
+        (tmp_path / words[1]).write_bytes(content)
+    code, out, err = run(*words)
+    assert code == (1 if what == "unwritable" else 2)
+    assert out == ""
+    assert err.startswith("saccade: ")
+    assert err.count("\n") == 1
+    assert all(word in err for word in expected), err
+
+
+def test_an_image_that_is_too_small_is_named(run, tmp_path):
+    cv2.imwrite(str(tmp_path / "dot.png"), np.zeros((2, 2), np.uint8))
+    code, _, err = run("look", "dot.png")
+    assert code == 2
+    assert "dot.png" in err
+    assert err.count("\n") == 1
+
+
+def test_one_bad_image_does_not_stop_the_others(run, tmp_path):
+    (tmp_path / "bad.png").write_bytes(b"?")
+    code, _, err = run("detect", "bad.png", HALLWAY[0], "--max", 5)
+    assert code == 2
+    assert "bad.png" in err
+    assert "1 of 2 images left out" in err
+    assert (tmp_path / "saccade-detect" / "hallway_1.keypoints.npz").is_file()
+
+
+def test_images_of_one_name_do_not_overwrite_each_other(run, tmp_path):
+    (tmp_path / "other").mkdir()
+    twin = tmp_path / "other" / "hallway_1.jpg"
+    twin.write_bytes(HALLWAY[1].read_bytes())
+    code, out, _ = run("detect", HALLWAY[0], twin, "--max", 5, "--json")
+    assert code == 0
+    assert len({row["arrays"] for row in json.loads(out)["images"]}) == 2
+
+
+def write_video(path, frames):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (96, 64))
+    for number in range(frames):
+        frame = np.zeros((64, 96, 3), np.uint8)
+        frame[20:36, 6 * number : 6 * number + 16] = 255
+        writer.write(frame)
+    writer.release()
+
+
+def test_look_takes_folders_patterns_and_videos(run, tmp_path):
+    (tmp_path / "photos").mkdir()
+    for number, name in enumerate(("b.jpg", "a.jpg", "c.png")):
+        picture = cv2.imread(str(HALLWAY[number % 2]))
+        cv2.imwrite(str(tmp_path / "photos" / name), picture)
+    (tmp_path / "photos" / "notes.txt").write_text("no image")
+    write_video(tmp_path / "moving.mp4", 8)
+    code, out, _ = run("look", "photos", "photos/*.png", "moving.mp4", "--every", 2, "--json")
+    assert code == 0
+    *photos, video = json.loads(out)["images"]
+    assert [Path(row["image"]).name for row in photos] == ["a.jpg", "b.jpg", "c.png"]
+    assert video["frames"] == 4
+    with np.load(video["arrays"]) as arrays:
+        np.testing.assert_allclose(arrays["time"], [0, 0.2, 0.4, 0.6])
+        columns = [maps.sum(axis=0).argmax() / maps.shape[1] for maps in arrays["saliency"]]
+    assert columns == sorted(columns)
+    assert columns[-1] > columns[0]
+    film = cv2.VideoCapture(video["film"])
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 4
+    assert film.get(cv2.CAP_PROP_FPS) == 5
+    assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 192
+
+
+def test_a_folder_without_images_is_named(run, tmp_path):
+    (tmp_path / "empty").mkdir()
+    code, _, err = run("look", "empty")
+    assert code == 2
+    assert "empty: expected images" in err
+
+
+def test_a_broken_video_is_named(run, tmp_path):
+    (tmp_path / "broken.mp4").write_bytes(b"no video" * 100)
+    code, _, err = run("look", "broken.mp4")
+    assert code == 2
+    assert "broken.mp4" in err.splitlines()[-1]
+    assert not (tmp_path / "saccade-look" / "broken.look.mp4").exists()
+
+
+def test_the_scanpath_can_be_played(run):
+    code, out, _ = run("look", ROCKET, "--fixations", 3, "--scanpath-film", "--json")
+    assert code == 0
+    (row,) = json.loads(out)["images"]
+    times = [time for _, _, time, _ in row["scanpath"]]
+    with PIL.Image.open(row["film"]) as film:
+        assert film.n_frames == 4
+        lengths = []
+        for number in range(4):
+            film.seek(number)
+            lengths.append(film.info["duration"] / 1000)
+    np.testing.assert_allclose(lengths[:3], 4 * np.diff([0, *times]), atol=0.011)
+
+
+def test_objects_can_be_inhibited_whole(run):
+    disc = json.loads(run("look", ROCKET, "--json")[1])["images"][0]
+    shape = json.loads(run("look", ROCKET, "--inhibition", "shape", "--json")[1])["images"][0]
+    assert shape["scanpath"][0] == disc["scanpath"][0]
+    assert shape["scanpath"] != disc["scanpath"]
+
+
+@pytest.fixture
+def gazes(tmp_path, rng):
+    """Two photographs, people who looked at their upper left, and maps that say so."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    rows = ["image,viewer,index,x,y"]
+    for number, path in enumerate(HALLWAY):
+        name = f"{number}.jpg"
+        (folder / name).write_bytes(path.read_bytes())
+        corner = 40 + 200 * number
+        rows += [f"{name},{v},0,250,190" for v in range(5)]
+        rows += [f"{name},{v},1,{corner + x},{30 + v}" for v, x in enumerate(rng.uniform(0, 9, 5))]
+        saliency = np.zeros((384, 512), np.float32)
+        saliency[:80, corner : corner + 60] = 1
+        np.save(folder / f"{number}.npy", saliency)
+    (tmp_path / "gazes.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def test_evaluate_fixations_of_maps_that_a_user_brings(run, gazes):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
+    code, out, _ = run(*words, "--maps", gazes, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert set(found["images"]) == {"0.jpg", "1.jpg"}
+    assert found["mean"]["auc"] > 0.95
+    assert found["mean"]["shuffled_auc"] == 1.0
+    assert found["low"]["nss"] <= found["mean"]["nss"] <= found["high"]["nss"]
+    code, out, _ = run(*words, "--per-image", "--report", "scores.html")
+    assert code == 0
+    assert "0.jpg" in out
+    assert "0.jpg" in Path("scores.html").read_text()
+
+
+def test_evaluate_fixations_leaves_out_who_looked_away(run, gazes, tmp_path):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
+    before = json.loads(run(*words, "--json")[1])
+    with (tmp_path / "gazes.csv").open("a") as table:
+        table.write("0.jpg,6,1,-30,10\n1.jpg,6,1,512,10\n")
+    code, out, err = run(*words, "--json")
+    assert code == 0
+    assert json.loads(out) == before
+    assert "2 fixations outside their images are left out" in err
+    code, _, err = run(*words, "--drop", 5)
+    assert code == 2
+    assert "lower --drop" in err
+
+
+def test_evaluate_fixations_names_what_is_missing(run, gazes):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations"]
+    assert "nowhere.csv" in run(*words, "nowhere.csv")[2]
+    (gazes / "1.npy").unlink()
+    (gazes / "1.jpg").unlink()
+    code, _, err = run(*words, "gazes.csv", "--maps", gazes)
+    assert code == 2
+    assert "1.jpg" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["soup"], "No such command 'soup'; see saccade --help"),
+        (["look"], "Missing argument 'IMAGE...'; see saccade look --help"),
+        (["match", "a.png"], "Missing argument 'B'; see saccade match --help"),
+        (["look", "a.png", "--fixations", "0"], "--fixations"),
+        (["look", "-dash.png"], "No such option"),
+        (["look", ""], "empty name"),
+    ],
+)
+def test_a_wrong_command_line_gets_one_clear_line(run, words, expected):
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert err.startswith("saccade: ")
+    assert err.count("\n") == 1
+    assert expected in err
+
+
+def test_without_words_the_help_is_shown(run):
+    code, out, err = run()
+    assert (code, err) == (2, "")
+    assert out.count("Usage:") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (MemoryError("2 GiB"), 1, "not enough memory: 2 GiB"),
+        (OSError(28, "No space left on device", "result"), 1, "result: No space left on device"),
+    ],
+)
+def test_what_ends_a_run_is_one_line(run, monkeypatch, error, code, words):
+    def ends(*_):
+        raise error
+
+    monkeypatch.setattr("saccade.image.read_image", ends)
+    monkeypatch.setattr("saccade.cli._discard_stdout", lambda: None)
+    assert run("detect", ROCKET) == (code, "", f"saccade: {words}\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device")
+def test_a_full_disk_behind_stdout_is_one_line(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "saccade", "config", "sift"],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert ended.returncode == 1
+    assert ended.stderr == "saccade: standard output: No space left on device\n"
+
+
+def test_json_has_no_nan(capsys):
+    with pytest.raises(ValueError, match="JSON"):
+        print_json({"score": float("nan")})
+    assert capsys.readouterr().out == ""
+
+
+def test_brackets_in_a_name_are_no_markup(run, tmp_path):
+    folder = tmp_path / "a["
+    folder.mkdir()
+    (folder / "b]c[red].jpg").write_bytes(HALLWAY[0].read_bytes())
+    code, out, _ = run("detect", "a[/b]c[red].jpg", "--max", 5)
+    assert code == 0
+    assert "a[/b]c[red].jpg" in out
+
+
+def test_names_for_results_are_numbered_where_they_would_meet():
+    paths = [Path(name) for name in ("a.png", "b/a.jpg", "a-2.png", "a.png", "c/a.png")]
+    names = names_for(paths)
+    assert list(names) == [*dict.fromkeys(paths)]
+    assert len(set(names.values())) == 4
+    assert names[Path("a.png")] == "a"
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_byte_order_mark_changes_nothing(run, tmp_path, mark):
+    (tmp_path / "log.txt").write_text(mark + LOG, encoding="utf-8")
+    (tmp_path / "slam.toml").write_text(f"{mark}gate = 0.9\n", encoding="utf-8")
+    code, out, err = run("slam", "log.txt", "--config", "slam.toml", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["landmarks"] == 1
+
+
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        (np.zeros((4, 5, 3, 2)), "shape"),
+        (np.array([["a"]]), "numbers"),
+        (np.full((4, 5), np.nan), "NaN"),
+        (np.array([{}], dtype=object), "expected a map"),
+    ],
+)
+def test_maps_that_are_none_are_named(run, gazes, array, words):
+    np.save(gazes / "1.npy", array)
+    code, out, err = run(
+        "evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv", "--maps", gazes
+    )
+    assert (code, out) == (2, "")
+    assert "1.npy" in err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_maps_of_whole_numbers_are_maps(run, gazes):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv"]
+    found = run(*words, "--maps", gazes, "--json")
+    for path in gazes.glob("*.npy"):
+        np.save(path, np.load(path).astype(np.int64))
+    assert run(*words, "--maps", gazes, "--json") == found

@@ -1,0 +1,210 @@
+"""`saccade detect` and `saccade match` as a person runs them."""
+
+import csv
+import json
+import sys
+from importlib.resources import files
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+import saccade
+from saccade import exchange
+from saccade.extras import install_command
+from support.keypoint_files import assert_same
+from support.pictures import looks_like_a_picture
+
+DATA = Path(str(files("saccade") / "data"))
+HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
+
+
+def rows_of(table):
+    with Path(table).open() as lines:
+        return list(csv.DictReader(lines))
+
+
+def test_detect(run, tmp_path):
+    code, out, _ = run("detect", *HALLWAY, "--max", 50, "--json")
+    assert code == 0
+    rows = json.loads(out)["images"]
+    assert [row["points"] for row in rows] == [50, 50]
+    assert all(looks_like_a_picture(row["picture"]) for row in rows)
+    with np.load(tmp_path / rows[0]["arrays"], allow_pickle=False) as arrays:
+        assert arrays["xy"].shape == (50, 2)
+        assert arrays["descriptors"].shape == (50, 128)
+
+
+@pytest.mark.parametrize("detector", ["must", "symroid"])
+def test_detect_by_symmetry_shows_what_made_the_points(run, tmp_path, detector):
+    code, out, _ = run("detect", HALLWAY[0], "--detector", detector, "--max", 12, "--json")
+    assert code == 0
+    (row,) = json.loads(out)["images"]
+    assert row["points"] == 12
+    assert looks_like_a_picture(row["picture"])
+    assert looks_like_a_picture(row["pairs"])
+    image = saccade.read_image(HALLWAY[0])
+    if detector == "must":
+        expected = saccade.Must(saccade.MustConfig(max_keypoints=12))(image)
+    else:
+        regions = saccade.SymRoid(saccade.SymRoidConfig(max_keypoints=12))(image)
+        np.testing.assert_allclose(row["boxes"], regions.boxes)
+        expected = regions.keypoints
+    assert_same(exchange.read_npz(row["arrays"]), expected)
+
+
+def test_regions_are_not_spread(run):
+    code, _, err = run("detect", HALLWAY[0], "--detector", "symroid", "--spread", "--max", 5)
+    assert code == 2
+    assert "spread: expected a detector of points" in err
+
+
+def test_detect_writes_every_format(run):
+    words = [word for each in ("npz", "csv", "parquet", "hdf5") for word in ("--format", each)]
+    code, out, _ = run("detect", *HALLWAY, *words, "--max", 40, "--json")
+    assert code == 0
+    result = json.loads(out)
+    sift = saccade.Sift(saccade.SiftConfig(max_keypoints=40))
+    expected = {path.name: sift(saccade.read_image(path)) for path in HALLWAY}
+    parquet = exchange.read_parquet(result["files"]["parquet"])
+    hdf5 = exchange.read_hdf5(result["files"]["hdf5"])
+    for row, (name, points) in zip(result["images"], expected.items(), strict=True):
+        assert_same(parquet[name], points)
+        assert_same(hdf5[name], points)
+        assert_same(exchange.read_npz(row["arrays"]), points)
+        assert_same(exchange.read_csv(row["table"]), points, ("xy", "size", "angle", "octave"))
+    with h5py.File(result["files"]["hdf5"]) as file:
+        np.testing.assert_array_equal(
+            file["hallway_1.jpg/image_size"], cv2.imread(str(HALLWAY[0])).shape[1::-1]
+        )
+
+
+@pytest.mark.peer
+def test_detect_writes_what_colmap_opens(run):
+    pytest.importorskip("pycolmap")
+    code, out, _ = run("detect", *HALLWAY, "--format", "colmap", "--json")
+    assert code == 0
+    result = json.loads(out)
+    assert "arrays" not in result["images"][0]
+    found = exchange.read_colmap(result["files"]["colmap"])
+    assert [len(each) for each in found.keypoints.values()] == [
+        row["points"] for row in result["images"]
+    ]
+    height, width = cv2.imread(str(HALLWAY[0])).shape[:2]
+    assert found.shapes == dict.fromkeys(("hallway_1.jpg", "hallway_2.jpg"), (height, width))
+
+
+def test_images_are_named_from_the_folder_that_holds_them_all(run, tmp_path):
+    for place in ("photos/a/photo.png", "photos/b/photo.png"):
+        (tmp_path / place).parent.mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / place), np.eye(64, dtype=np.uint8) * 255)
+    run("detect", "photos/a", "photos/b", "--format", "parquet", "--out", "out")
+    assert list(exchange.read_parquet("out/keypoints.parquet")) == ["a/photo.png", "b/photo.png"]
+
+
+def test_one_bad_image_does_not_keep_the_others_from_the_table(run, tmp_path):
+    (tmp_path / "bad.jpg").write_text("no image")
+    code, _, err = run("detect", "bad.jpg", HALLWAY[0], "--format", "parquet", "--out", "out")
+    assert code == 2
+    assert "1 of 2 images left out; the others are in out" in err
+    (found,) = exchange.read_parquet("out/keypoints.parquet").values()
+    assert len(found) > 100
+
+
+def test_nothing_is_written_where_the_only_image_is_bad(run, tmp_path):
+    (tmp_path / "bad.jpg").write_text("no image")
+    assert run("detect", "bad.jpg", "--format", "parquet", "--out", "out")[0] == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_format_without_its_library_is_named_before_the_work(run, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    code, _, err = run("detect", *HALLWAY, "--format", "hdf5")
+    assert code == 2
+    command = install_command("hdf5")
+    assert err == f"saccade: hdf5: needs h5py, which is not installed; {command}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_detect_spreads_points(run):
+    places = []
+    for words in ((), ("--spread",)):
+        _, out, _ = run("detect", HALLWAY[0], "--max", 60, "--json", *words)
+        (row,) = json.loads(out)["images"]
+        assert row["points"] == 60
+        places.append(exchange.read_npz(row["arrays"]).xy // 50)
+    assert len(np.unique(places[1], axis=0)) > 1.2 * len(np.unique(places[0], axis=0))
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("detect", HALLWAY[0], "--spread"), "spread: expected max_keypoints over 0"),
+        (("detect", HALLWAY[0], "--format", "xml"), "'xml' is not one of 'npz', 'csv'"),
+        (("match", *HALLWAY, "--geometry", "affine"), "'affine' is not one of 'fundamental'"),
+        (("match", *HALLWAY, "--tolerance", "0"), "--tolerance"),
+    ],
+)
+def test_a_wrong_option_gets_one_clear_line(run, words, expected):
+    code, out, err = run(*words)
+    assert code == 2
+    assert out == ""
+    assert expected in err
+    assert err.count("\n") == 1
+
+
+def test_match_lists_inliers_of_the_epipolar_geometry(run):
+    code, out, _ = run("match", *HALLWAY, "--json")
+    assert code == 0
+    result = json.loads(out)
+    assert looks_like_a_picture(result["picture"])
+    rows = rows_of(result["table"])
+    assert len(rows) == result["matches"] > 30
+    places = np.array([[float(row[k]) for k in ("x1", "y1", "x2", "y2")] for row in rows])
+    inlier = np.array([row["inlier"] == "1" for row in rows])
+    assert inlier.sum() == result["inliers"] > 0.6 * len(rows)
+    assert result["geometry"] == "fundamental"
+    first, second = (np.c_[each, np.ones(len(rows))] for each in (places[:, :2], places[:, 2:]))
+    lines = first @ np.array(result["matrix"]).T
+    miss = np.abs((lines * second).sum(axis=1)) / np.hypot(lines[:, 0], lines[:, 1])
+    assert np.percentile(miss[inlier], 95) < 2.5
+    assert np.median(miss[~inlier]) > 3
+    # A plain RANSAC of another make tells them apart alike.
+    _, theirs = cv2.findFundamentalMat(places[:, :2], places[:, 2:], cv2.FM_RANSAC, 2.0, 0.999)
+    assert ((theirs.ravel() != 0) == inlier).mean() > 0.85
+
+
+def test_match_is_the_same_every_time(run):
+    outputs = []
+    for folder in ("a", "b"):
+        code, out, _ = run("match", *HALLWAY, "--json", "--out", folder)
+        assert code == 0
+        outputs.append((json.loads(out)["matrix"], Path(folder, "matches.csv").read_bytes()))
+    assert outputs[0] == outputs[1]
+
+
+def test_match_without_geometry(run):
+    code, out, _ = run("match", *HALLWAY, "--geometry", "none", "--json")
+    assert code == 0
+    result = json.loads(out)
+    assert "inliers" not in result
+    assert "inlier" not in rows_of(result["table"])[0]
+
+
+@pytest.mark.parametrize("geometry", ["homography", "none"])
+def test_match_prints_how_many_are_inliers(run, geometry):
+    code, out, _ = run("match", *HALLWAY, "--geometry", geometry)
+    assert code == 0
+    assert ("inliers" in out) == (geometry != "none")
+
+
+def test_images_that_share_nothing(run, tmp_path):
+    for number in (1, 2):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((50, 60), 77, np.uint8))
+    code, out, _ = run("match", "1.png", "2.png", "--json")
+    assert code == 0
+    result = json.loads(out)
+    assert result["matches"] == result["inliers"] == 0
+    assert result["matrix"] is None

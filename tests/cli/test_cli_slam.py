@@ -1,0 +1,234 @@
+"""`saccade slam` as a person runs it: what it writes, and what becomes of it when it is stopped."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow.parquet
+import pytest
+from evo.tools import file_interface
+
+import saccade
+from fuzz.limits import PATIENCE
+from saccade import slam
+from saccade.cli.slam_files import figures
+from saccade.cli.slam_report import WORDS, facts
+from saccade.datasets import load
+from saccade.extras import install_command
+from saccade.types import Trajectory
+from saccade.video import read_video
+from support import interrupted_run
+from support.circular_log import simulate
+
+PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """The first 300 lines of the park."""
+    path = tmp_path_factory.mktemp("log") / "park.txt"
+    path.write_text("".join(PARK.read_text().splitlines(keepends=True)[:300]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(short, tmp_path_factory):
+    """What one run with everything printed and wrote."""
+    folder = tmp_path_factory.mktemp("made")
+    done = subprocess.run(
+        [sys.executable, "-m", "saccade", "slam", str(short), "--out", str(folder), "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE,
+    )
+    return json.loads(done.stdout), folder
+
+
+def _rows(path):
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _column(rows, name):
+    return np.array([float(row[name] or "nan") for row in rows])
+
+
+def test_a_run_writes_all_that_is_known(made, short):
+    row, folder = made
+    result = slam.run(load("auto", short))
+    assert json.loads((folder / "run.json").read_text()) == row
+    assert row["version"] == saccade.__version__
+    assert row["settings"]["filter"] == "invariant"
+    assert row["odometry_bias"] is None  # this log does not say that there may be one
+    files = row["files"]
+    assert {*map(Path, files.values()), folder / "run.json"} == {*folder.iterdir()}
+    trajectory = file_interface.read_tum_trajectory_file(files["trajectory"])
+    assert trajectory.num_poses == row["poses"] == len(result.trajectory)
+    landmarks = _rows(files["landmarks"])
+    assert len(landmarks) == row["landmarks"] == len(result.map)
+    assert {"id", "x", "y", "cov_xx", "cov_xy", "cov_yy"} <= set(landmarks[0])
+    poses = _rows(files["poses"])
+    same = partial(np.testing.assert_allclose, rtol=1e-12)  # as two processes may compile it
+    same(_column(poses, "x"), result.trajectory.pose[:, 0])
+    same(_column(poses, "cov_x_heading"), result.trajectory.covariance[:, 0, 2])
+    seen = _rows(files["innovations"])
+    same(_column(seen, "nis"), result.consistency.nis)
+    v = np.stack([_column(seen, "innovation_1"), _column(seen, "innovation_2")], 1)
+    a, b, d = (_column(seen, f"cov_{name}") for name in ("1_1", "1_2", "2_2"))
+    square = (d * v[:, 0] ** 2 - 2 * b * v[:, 0] * v[:, 1] + a * v[:, 1] ** 2) / (a * d - b * b)
+    np.testing.assert_allclose(square, result.consistency.nis, rtol=1e-6)
+
+
+def test_every_figure_is_told_in_words(made):
+    row, _ = made
+    plain = {name for name, value in row.items() if isinstance(value, (int, float))}
+    assert plain - {"format"} <= WORDS.keys()
+    shown = facts(row)
+    apart = f"{row['odometry_end_from_estimate_m']:.3f} m"  # this log has no truth
+    assert shown["odometry alone ends off the filter's estimate by"] == apart
+    low, high = row["nis_band"]
+    band = f"{low:.2f} to {high:.2f} in 95 % of consistent filters"
+    assert shown[WORDS["nis_mean"]] == f"{row['nis_mean']:.3f}; {band}"
+
+
+def test_how_far_odometry_ends_from_what(rng):
+    """From the truth where it is in the frame of the log, else from what the filter believes."""
+    log, poses, _ = simulate(rng, steps=40)
+    result = slam.run(log)
+    ends = result.dead_reckoning.pose[-1, :2]
+    off_truth = np.hypot(*(ends - poses[-1, :2]))
+    off_estimate = np.hypot(*(ends - result.trajectory.pose[-1, :2]))
+    places = np.column_stack([poses[:, :2] + 100, np.full(len(poses), np.nan)])  # as GPS has
+    for truth, expected in (
+        (Trajectory(log.time, poses), {"odometry_end_error_m": off_truth}),
+        (Trajectory(log.time, places), {"odometry_end_from_estimate_m": off_estimate}),
+        (None, {"odometry_end_from_estimate_m": off_estimate}),
+    ):
+        found = figures(replace(log, truth=truth), result, None)
+        ending = {name: each for name, each in found.items() if name.startswith("odometry_end")}
+        assert ending == pytest.approx(expected)
+
+
+def test_the_truth_may_end_before_the_log(rng):
+    log, poses, _ = simulate(rng, steps=40)
+    result = slam.run(log)
+    found = figures(replace(log, truth=Trajectory(log.time[:31], poses[:31])), result, None)
+    apart = result.dead_reckoning.pose[30, :2] - poses[30, :2]
+    assert found["odometry_end_error_m"] == pytest.approx(np.hypot(*apart))
+
+
+def test_parquet_has_what_csv_has(made):
+    files = made[0]["files"]
+    for name in ("poses", "innovations"):
+        table = pyarrow.parquet.read_table(files[f"{name}_parquet"])
+        rows = _rows(files[name])
+        assert table.column_names == list(rows[0])
+        for column in table.column_names:
+            ours = table[column].to_numpy(zero_copy_only=False)
+            np.testing.assert_array_equal(ours, _column(rows, column))
+
+
+def test_pictures_and_film_are_there(made):
+    files = made[0]["files"]
+    for name in ("picture", "innovation_picture"):
+        picture = cv2.imread(files[name])
+        assert min(picture.shape[:2]) > 400
+        assert picture.std() > 10
+    frames = [frame for _, frame in read_video(files["film"])]
+    assert len(frames) > 100
+    assert frames[0].shape == (720, 1280, 3)
+    assert (np.abs(frames[0].astype(int) - frames[-1]) > 60).any(2).sum() > 300
+
+
+def test_smoothing_is_written_beside_the_filter(run, short):
+    code, out, _ = run("slam", short, "--smooth", "--no-film", "--json")
+    row = json.loads(out)
+    assert code == 0
+    smoothed = slam.smooth(load("auto", short), slam.run(load("auto", short)))
+    best, before = (np.loadtxt(row["files"][name])[:, 1:3] for name in ("trajectory", "filter"))
+    np.testing.assert_allclose(best, smoothed.trajectory.pose[:, :2], atol=1e-8)
+    assert np.abs(before - best).max() > 0.001
+    assert row["smooth"]["method"] == "batch"
+    code, out, _ = run("slam", short, "--lag", "20", "--no-film", "--json")
+    assert json.loads(out)["smooth"]["lag"] == 20.0
+    code, out, err = run("slam", short, "--lag", "0")
+    assert (code, out, err) == (2, "", "saccade: lag: expected over 0 and finite, found 0.0\n")
+
+
+def test_what_an_option_needs_is_named_before_the_work(run, short, monkeypatch):
+    for option, module, extra in (
+        (["--smooth"], "gtsam", "smooth"),
+        (["--rrd", "a.rrd"], "rerun", "live"),
+        (["--live"], "rerun", "live"),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        code, out, err = run("slam", short, *option)
+        assert (code, out) == (2, "")
+        assert err == (
+            f"saccade: {extra}: needs {module}, which is not installed; {install_command(extra)}\n"
+        )
+    assert not Path("saccade-slam").exists()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, how):
+    whole = json.loads(run("slam", short, "--out", "whole", "--no-film", "--json")[1])
+    command = ["slam", short, "--out", "stopped", "--no-film", "--checkpoint", "0"]
+    kept = tmp_path / "stopped" / "checkpoint.npz"
+    running = subprocess.run(
+        [sys.executable, interrupted_run.__file__, str(int(how)), *map(str, command)],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert running.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)
+    assert kept.exists()
+    if how == signal.SIGINT:
+        assert (
+            f"the same command goes on from {Path('stopped', 'checkpoint.npz')}" in running.stderr
+        )
+        assert "Traceback" not in running.stderr
+    code, out, _ = run("slam", short, "--out", "stopped", "--no-film", "--json")
+    assert code == 0
+    resumed = json.loads(out)
+    assert not kept.exists()
+    for name in ("trajectory", "landmarks", "poses", "innovations"):
+        assert Path(resumed["files"][name]).read_bytes() == Path(whole["files"][name]).read_bytes()
+    resumed["files"] = whole["files"]
+    assert resumed == whole
+
+
+def test_a_log_in_another_format_makes_the_same_map(run, short):
+    before = json.loads(run("slam", short, "--no-film", "--json")[1])
+    for name in ("park.csv", "park.g2o"):
+        code, out, _ = run("convert", short, name, "--json")
+        assert (code, json.loads(out)["file"]) == (0, name)
+        after = json.loads(run("slam", name, "--no-film", "--json")[1])
+        assert after["nis_mean"] == pytest.approx(before["nis_mean"], rel=1e-3)
+        assert after["landmarks"] == before["landmarks"]
+    code, out, err = run("convert", short, "park.bag")
+    assert (code, out) == (2, "")
+    assert "park.bag" in err
+
+
+def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):
+    """Nothing is driven and nothing is seen, and all of it is written."""
+    (tmp_path / "one.csv").write_text(
+        "time,forward,left,turn,cov_forward_forward,cov_left_left,cov_turn_turn,"
+        "range,bearing,cov_range_range,cov_bearing_bearing\n0,,,,,,,,,,\n"
+    )
+    code, out, err = run("slam", "one.csv", "--smooth", "--json")
+    assert (code, err) == (0, "")
+    row = json.loads(out)
+    assert (row["poses"], row["landmarks"], row["nis_mean"]) == (1, 0, None)
+    assert all(Path(file).stat().st_size > 0 for file in row["files"].values())

@@ -1,0 +1,152 @@
+"""Odd words on the command line, and odd things where files are expected: one line, and soon."""
+
+import os
+
+import cv2
+import pytest
+import typer
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fuzz.limits import limited
+from fuzz.targets import TARGETS, a_picture
+from saccade.cli import app
+from support.fuzz_examples import EXAMPLES
+
+WORDS = (
+    *("", " ", "-", "--", "x", "nan", "inf", "-inf", "-1", "0", "0.5", "1e300", "1e-320", "1_0"),
+    *("99999999999999999999", "2147483648", "true", "auto", "é漢字", "a\nb", "'", "["),
+    *("\ud800", "\udcff.png"),
+    *("[red]", "~", "?*", "absent://x", "absent.png", "absent:run", "a.png", "folder.png"),
+)
+READS = {
+    "look {}": ("png", "mp4"),
+    "look a.png --config {}": ("toml",),
+    "detect {}": ("png",),
+    "match {} a.png": ("png",),
+    "slam {}": ("csv", "npz", "mat", "g2o"),
+    "convert {} there.csv": ("csv", "g2o"),
+    "check {}": ("bag", "npz", "mp4"),
+    "check {} --format rosbag": ("bag",),
+    "drive {}": ("npz", "mp4"),
+    "extract {} --workers 1": ("png", "tar", "txt", "mp4"),
+    "export {}": ("db",),
+    "index {}": ("db",),
+    "find {}": ("png",),
+    "find a.png --in {}": ("db",),
+    "config {}": ("toml",),
+    "evaluate fixations --images . --fixations {}": ("csv", "mat"),
+    "evaluate fixations --images {} --fixations fixations.csv": ("png",),
+    "evaluate fixations --images . --maps {} --fixations fixations.csv": ("npy",),
+    "evaluate features --pairs {}": ("png",),
+    "evaluate places {} --lap 2": ("png",),
+    "evaluate selection {} --no-simulator": ("bag", "npz"),
+    "evaluate consistency --config {}": ("toml",),
+    "simulate world --config {}": ("toml",),
+    "simulate drive --config {}": ("toml",),
+}
+"""Commands, each with how the names end of what it takes."""
+KINDS = ("endless", "nothing", "pipe", "folder", "empty", "holes")
+WRITES = (
+    *("detect a.png -o", "match a.png a.png -o", "slam log.csv -o", "convert log.csv", "demo -o"),
+    *("evaluate selection -o", "simulate world -o", "simulate drive --frames 2 -o"),
+)
+"""Commands that lack what is to be made."""
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """A folder with something of everything that is no file, under every ending."""
+    folder = tmp_path_factory.mktemp("odd")
+    cv2.imwrite(str(folder / "a.png"), a_picture())
+    TARGETS["log-csv"].make(folder)
+    TARGETS["fixations"].make(folder)
+    for ending in sorted({each for endings in READS.values() for each in endings}):
+        (folder / f"endless.{ending}").symlink_to("/dev/zero")
+        (folder / f"nothing.{ending}").symlink_to("/dev/null")
+        os.mkfifo(folder / f"pipe.{ending}")
+        (folder / f"folder.{ending}").mkdir()
+        (folder / f"empty.{ending}").touch()
+        (folder / f"holes.{ending}").touch()
+        os.truncate(folder / f"holes.{ending}", 1 << 42)
+    return folder
+
+
+def ends_well_or_in_one_line(run, *words):
+    with limited():
+        code, _, err = run(*words)
+    assert "Traceback" not in err
+    assert code in (0, 1, 2), (words, code, err)
+    told = [line for line in err.splitlines() if line.strip()]
+    assert code == 0 or told[-1].startswith("saccade: "), (words, err)
+    assert code != 2 or len(told) == 1, (words, err)
+    return code
+
+
+@pytest.mark.parametrize("command", READS)
+def test_what_is_no_file_is_refused(run, monkeypatch, here, command):
+    monkeypatch.chdir(here)
+    for ending in READS[command]:
+        for kind in KINDS:
+            if (kind, ending) == ("empty", "toml"):
+                continue  # all is as it is by default
+            code = ends_well_or_in_one_line(run, *command.format(f"{kind}.{ending}").split())
+            assert code == 2 or kind == "empty" or command.startswith("extract"), (kind, ending)
+
+
+@pytest.mark.parametrize("command", WRITES)
+def test_a_result_takes_the_place_of_no_pipe(run, monkeypatch, here, command):
+    monkeypatch.chdir(here)
+    assert ends_well_or_in_one_line(run, *command.split(), "pipe.csv") == 1
+    assert (here / "pipe.csv").is_fifo()
+
+
+def commands(group, *names):
+    """Every command: its words, and its parameters."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, *names, name)
+        else:
+            yield (*names, name), command.params
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+GOOD = {
+    ("look",): ["a.png"],
+    ("detect",): ["a.png"],
+    ("match",): ["a.png", "a.png"],
+    ("convert",): ["log.csv", "there.csv"],
+}
+"""What a command takes that soon is done with it; the others get nothing that is there."""
+ENDS = {
+    ("serve",): ["--max-upload", "0"],
+    ("demo",): ["--out", "a.png"],
+    ("evaluate", "consistency"): ["--config", "absent.toml"],
+    ("evaluate", "selection"): ["--choice", "absent"],
+    ("simulate", "world"): ["--config", "absent.toml"],
+    ("simulate", "drive"): ["--config", "absent.toml"],
+}
+"""Last words, for commands that need nothing and work for long: other options are read before."""
+
+
+def is_harmless(word):
+    """Whether it can stand in a command line, and leaves the folder alone if it names a file."""
+    return "\0" not in word and not word.startswith("/") and ".." not in word
+
+
+@settings(max_examples=3 * EXAMPLES, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_odd_words_are_taken_or_refused(run, monkeypatch, here, data):
+    monkeypatch.chdir(here)
+    names = data.draw(st.sampled_from(sorted(COMMANDS)))
+    odd = st.sampled_from(WORDS) | st.text(max_size=8).filter(is_harmless) | st.floats().map(str)
+    words = [*names, *GOOD.get(names, [])]
+    for each in COMMANDS[names]:
+        if each.param_type_name == "argument" and names not in GOOD:
+            words += [data.draw(odd)]
+    options = [each for each in COMMANDS[names] if each.param_type_name == "option"]
+    for each in data.draw(st.lists(st.sampled_from(options), min_size=1, max_size=3, unique=True)):
+        words.append(data.draw(st.sampled_from(each.opts)))
+        if not each.is_flag:
+            words.append(data.draw(odd))
+    ends_well_or_in_one_line(run, *words, *ENDS.get(names, []))

@@ -1,0 +1,326 @@
+"""Camera drives in the layouts of others, written here as their sources write them."""
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade.datasets import load_drive
+from saccade.errors import ConfigError, DriveError, ImageError
+from saccade.video import video_writer
+from support.error_checks import refuses
+
+POINT = np.array([[0.4, -0.25, 4.0]])
+"""Where a bright dot is in the left camera's frame, in metres."""
+
+
+def dotted(xy, shape=(120, 160)):
+    """An image with a dot (uint8) at a place between the pixels."""
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    apart = np.square(x - xy[0]) + np.square(y - xy[1])
+    return np.rint(255 * np.exp(-apart / 8)).astype(np.uint8)
+
+
+def dot(image):
+    """Where it is."""
+    image = image if image.ndim == 2 else image[..., 0]
+    weight = np.where(image > 5, image, 0).astype(float)
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    return np.array([(weight * x).sum(), (weight * y).sum()]) / weight.sum()
+
+
+def seen(K, distortion, turn=(0.0, 0.0, 0.0), moved=(0.0, 0.0, 0.0)):
+    """Where the point is in the image of a bent lens, by OpenCV."""
+    xy, _ = cv2.projectPoints(POINT, np.array(turn), np.array(moved), K, np.array(distortion))
+    return xy.ravel()
+
+
+def save(path, image):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), image)
+
+
+def turned_poses(n=6, step=0.5, turn=0.2):
+    """Poses of a camera (x right, y down, z ahead) that drives a curve to the right:
+    n places (n, 3), n quaternions x, y, z, w."""
+    angle = turn * np.arange(n)
+    place = np.cumsum(step * np.stack([np.sin(angle), 0 * angle, np.cos(angle)], 1), 0)
+    nothing = np.zeros(n)
+    return place, np.stack([nothing, np.sin(angle / 2), nothing, np.cos(angle / 2)], 1)
+
+
+class TestTum:
+    def write(self, folder, rows=6):
+        K = np.array([[517.3, 0, 318.6], [0, 516.5, 255.3], [0, 0, 1]])
+        bent = (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)
+        image = cv2.cvtColor(dotted(seen(K, bent), (480, 640)), cv2.COLOR_GRAY2BGR)
+        depth = np.zeros((480, 640), np.uint16)
+        depth[200:260, 300:420] = 20000  # 4 m
+        lines = {"rgb": [], "depth": []}
+        for i in range(rows):
+            save(folder / "rgb" / f"{i}.png", image)
+            save(folder / "depth" / f"{i}.png", depth)
+            lines["rgb"].append(f"{1305031102.175 + i / 30:.6f} rgb/{i}.png")
+            lines["depth"].append(f"{1305031102.160 + i / 30:.6f} depth/{i}.png")
+        del lines["depth"][2]
+        for name, listed in lines.items():
+            (folder / f"{name}.txt").write_text("# timestamp filename\n" + "\n".join(listed))
+        place, turn = turned_poses(rows)
+        time = 1305031102.175 + np.arange(rows) / 30
+        np.savetxt(folder / "groundtruth.txt", np.column_stack([time, place, turn]), fmt="%.6f")
+        return folder
+
+    def test_images_are_straight_and_depth_is_beside_them(self, tmp_path):
+        drive = load_drive("auto", self.write(tmp_path / "rgbd_dataset_freiburg1_xyz"))
+        assert len(drive) == 6
+        frame = drive.load(1)
+        expected = [517.3 * 0.1 + 318.6, 516.5 * -0.0625 + 255.3]
+        np.testing.assert_allclose(dot(frame.image), expected, atol=0.05)
+        assert frame.depth[int(expected[1]), int(expected[0])] == pytest.approx(4.0)
+        assert np.isnan(frame.depth[0, 0])
+        assert drive.load(2).depth is None
+
+    def test_truth_is_that_of_the_robot_under_the_camera(self, tmp_path):
+        drive = load_drive("tum-rgbd", self.write(tmp_path / "fr1"))
+        np.testing.assert_allclose(drive.truth.pose[:, 2], -0.2 * np.arange(6), atol=1e-5)
+        steps = np.diff(drive.truth.pose[:, :2], axis=0)
+        heading = drive.truth.pose[1:, 2]
+        along = np.stack([np.cos(heading), np.sin(heading)], 1) * 0.5
+        np.testing.assert_allclose(steps, along, atol=1e-5)
+        np.testing.assert_allclose(drive.truth_off_plane, 0, atol=1e-5)
+
+    def test_without_wheels_nothing_is_known_of_the_way(self, tmp_path):
+        drive = load_drive("tum-rgbd", self.write(tmp_path / "fr1"))
+        assert not drive.control.any()
+        np.testing.assert_allclose(
+            np.sqrt(np.diagonal(drive.control_covariance[0])), np.array([2, 2, 1]) / 30, rtol=1e-3
+        )
+
+    def test_frames_out_of_order_or_twice_are_mended_and_told(self, tmp_path):
+        folder = self.write(tmp_path / "fr1")
+        lines = (folder / "rgb.txt").read_text().splitlines()
+        shuffled = [lines[0], lines[2], lines[1], *lines[3:], lines[4]]
+        (folder / "rgb.txt").write_text("\n".join(shuffled))
+        drive = load_drive("tum-rgbd", folder)
+        assert len(drive) == 6
+        assert (np.diff(drive.time) > 0).all()
+        assert "time goes back 2 times, first at frame 1" in drive.remarks[0]
+        assert "times that come twice: 1, first at frame 6" in drive.remarks[1]
+
+    def test_what_is_broken_is_named(self, tmp_path):
+        folder = self.write(tmp_path / "fr1")
+        (folder / "rgb" / "3.png").unlink()
+        with refuses(ImageError, "3.png: cannot be read"):
+            load_drive("tum-rgbd", folder).load(3)
+        save(folder / "rgb" / "4.png", np.zeros((48, 64), np.uint8))
+        with refuses(ImageError, "4.png: expected 640 x 480 px as the calibration, found 64 x 48"):
+            load_drive("tum-rgbd", folder).load(4)
+        (folder / "rgb.txt").write_text("12.5 rgb/1.png\n13.5\n")
+        with refuses(DriveError, "rgb.txt, line 2: expected a time and a file, found '13.5'"):
+            load_drive("tum-rgbd", folder)
+        folder.rename(tmp_path / "desk")
+        (tmp_path / "desk" / "rgb.txt").write_text("12.5 rgb/1.png\n")
+        with refuses(DriveError, "expected camera.toml, or freiburg1, 2 or 3"):
+            load_drive("tum-rgbd", tmp_path / "desk")
+
+
+SENSOR = """# General sensor definitions.
+sensor_type: camera
+comment: VI-Sensor cam0 (MT9M034)
+
+# Sensor extrinsics wrt. the body-frame.
+T_BS:
+  cols: 4
+  rows: 4
+  data: [{}]
+
+# Camera specific definitions.
+rate_hz: 20
+resolution: [160, 120]
+camera_model: pinhole
+intrinsics: [{}] #fu, fv, cu, cv
+distortion_model: radial-tangential
+distortion_coefficients: [{}]
+"""
+
+
+class TestEuroc:
+    K = np.array([[100.0, 0, 80], [0, 101.0, 60], [0, 0, 1]])
+    BENT = (-0.28, 0.07, 0.0002, 0.00002)
+    STAMP = 1403636579763555584
+
+    def write(self, folder, rows=5):
+        # the body's x is up, its y to the right, its z ahead
+        body = np.array([[0, -1.0, 0, 0.02], [1, 0, 0, -0.05], [0, 0, 1, 0.01], [0, 0, 0, 1]])
+        turn = np.array([0.01, -0.02, 0.005])
+        turned, _ = cv2.Rodrigues(turn)
+        right = np.eye(4)
+        right[:3, :3], right[:3, 3] = turned, -turned @ [0.11, 0.001, -0.002]
+        dots = seen(self.K, self.BENT), seen(self.K, self.BENT, turn, right[:3, 3])
+        mounted = body, body @ np.linalg.inv(right)
+        for name, xy, pose in zip(("cam0", "cam1"), dots, mounted, strict=True):
+            stamps = [self.STAMP + 50_000_000 * i for i in range(rows)]
+            for stamp in stamps:
+                save(folder / "mav0" / name / "data" / f"{stamp}.png", dotted(xy))
+            lines = [f"{stamp},{stamp}.png" for stamp in stamps]
+            (folder / "mav0" / name / "data.csv").write_text(
+                "#timestamp [ns],filename\r\n" + "\r\n".join(lines) + "\r\n"
+            )
+            numbers = (pose.ravel(), (100, 101, 80, 60), self.BENT)
+            (folder / "mav0" / name / "sensor.yaml").write_text(
+                SENSOR.format(*(", ".join(map(repr, map(float, each))) for each in numbers))
+            )
+        return folder
+
+    def write_gyroscope(self, folder, rate=0.6):
+        rows = [f"{self.STAMP + 5_000_000 * i},{rate},0.0,0.0,9.8,0,0" for i in range(60)]
+        (folder / "mav0" / "imu0").mkdir()
+        (folder / "mav0" / "imu0" / "data.csv").write_text(
+            "#t,wx,wy,wz,ax,ay,az\n" + "\n".join(rows)
+        )
+
+    def test_both_cameras_are_straight_and_their_rows_the_same(self, tmp_path):
+        drive = load_drive("auto", self.write(tmp_path))
+        frame, camera = drive.load(2), drive.camera
+        left, right = dot(frame.image), dot(frame.right)
+        assert camera.baseline == pytest.approx(np.linalg.norm([0.11, 0.001, -0.002]), rel=1e-6)
+        assert abs(left[1] - right[1]) < 0.1
+        depth = camera.fx * camera.baseline / (left[0] - right[0])
+        ray = np.array([*((left - [camera.cx, camera.cy]) / camera.fx), 1.0])
+        assert np.linalg.norm(ray * depth) == pytest.approx(np.linalg.norm(POINT), rel=0.03)
+        np.testing.assert_allclose(drive.time, 0.05 * np.arange(5), atol=1e-9)
+
+    def test_the_gyroscope_tells_the_turn_and_nothing_the_way(self, tmp_path):
+        folder = self.write(tmp_path)
+        self.write_gyroscope(folder)
+        drive = load_drive("euroc", folder / "mav0")
+        np.testing.assert_allclose(drive.control[:, 2], 0.6 * 0.05, rtol=2e-3)
+        assert not drive.control[:, :2].any()
+        assert (drive.control_covariance[:, 0, 0] >= np.square(2 * 0.0499)).all()
+
+    def test_truth_is_on_the_plane(self, tmp_path):
+        folder = self.write(tmp_path)
+        # the body's z, which is ahead, lies along the world's y; its x is the world's z
+        upright = np.array([[0, 1.0, 0], [0, 0, 1], [1, 0, 0]])
+        rows = []
+        for i in range(5):
+            turn, _ = cv2.Rodrigues(np.array([0, 0, 0.1 * i]))
+            x, y, z, w = quaternion(turn @ upright)
+            rows.append([self.STAMP + 50_000_000 * i, 0, 0.3 * i, 1, w, x, y, z, *np.zeros(9)])
+        path = folder / "mav0" / "state_groundtruth_estimate0" / "data.csv"
+        path.parent.mkdir()
+        path.write_text("#t,...\n" + "\n".join(",".join(map(repr, row)) for row in rows))
+        drive = load_drive("euroc", folder)
+        np.testing.assert_allclose(drive.truth.pose[:, 2], 0.1 * np.arange(5), atol=2e-3)
+        # the camera's lever arm is left out: it is within centimetres of the body
+        np.testing.assert_allclose(drive.truth.pose[:, 0], 0.3 * np.arange(5), atol=0.03)
+        np.testing.assert_allclose(drive.truth_off_plane, 0, atol=0.05)
+
+    def test_what_is_broken_is_named(self, tmp_path):
+        folder = self.write(tmp_path)
+        path = folder / "mav0" / "cam1" / "sensor.yaml"
+        path.write_text(path.read_text().replace("resolution", "size"))
+        with refuses(DriveError, "sensor.yaml: expected 2 numbers as resolution, found 0"):
+            load_drive("euroc", folder)
+        (folder / "mav0" / "cam0" / "data.csv").write_text("now,1.png\n")
+        with refuses(DriveError, "data.csv, line 1: expected nanoseconds, found 'now'"):
+            load_drive("euroc", folder)
+
+
+def quaternion(R):
+    """x, y, z, w of a rotation."""
+    vector = cv2.Rodrigues(R)[0].ravel()
+    angle = np.linalg.norm(vector)
+    axis = vector / angle if angle > 0 else np.array([1.0, 0, 0])
+    return [*(axis * np.sin(angle / 2)).tolist(), float(np.cos(angle / 2))]
+
+
+CAMERA = "width = 64\nheight = 48\nfx = 50\nfy = 50\ncx = 32\ncy = 24\nrate = 20\n"
+
+
+class TestFolder:
+    def write(self, folder, n=12):
+        for i in range(n):
+            save(folder / f"{i}.png", np.full((48, 64), 10 * i, np.uint8))
+        (folder / "camera.toml").write_text(CAMERA)
+        return folder
+
+    def test_images_come_in_the_order_of_their_numbers(self, tmp_path):
+        drive = load_drive("auto", self.write(tmp_path))
+        assert [drive.load(i).image[0, 0] for i in range(12)] == [10 * i for i in range(12)]
+        np.testing.assert_allclose(drive.time, np.arange(12) / 20)
+
+    def test_odometry_and_truth_lie_beside_them(self, tmp_path):
+        folder = self.write(tmp_path)
+        (folder / "odometry.csv").write_text(
+            "# wheels\ntime_s,ahead_mps,turn_radps\n"
+            + "".join(f"{t / 10},2,0.5\n" for t in range(7))
+        )
+        (folder / "groundtruth.tum").write_text("0 3 4 0 0 0 0.6 0.8\n0.6 3 5 0 0 0 0.6 0.8\n")
+        drive = load_drive("folder", folder)
+        chord = 2 * 2 / 0.5 * np.sin(0.5 * 0.05 / 2)  # of an arc of radius v / w
+        np.testing.assert_allclose(np.hypot(*drive.control[:, :2].T), chord)
+        np.testing.assert_allclose(drive.control[:, 2], 0.025)
+        np.testing.assert_allclose(drive.start, [3, 4, 2 * np.arctan2(0.6, 0.8)])
+
+    def test_calibration_says_what_is_wrong_with_it(self, tmp_path):
+        folder = self.write(tmp_path)
+        wrong = {
+            "fz = 3\n": "found 'fz'",
+            "place = [1, 2]\n": "place: expected three numbers in metres",
+            "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n": "rotation: expected a rotation",
+            "distortion = [0.1]\n": "distortion: expected k1, k2, p1, p2",
+            "place = 'here'\n": "place: expected numbers, found 'here'",
+            "rate = ": "camera.toml: expected TOML",
+        }
+        for line, message in wrong.items():
+            (folder / "camera.toml").write_text(CAMERA.replace("rate = 20\n", "") + line)
+            with refuses(DriveError, message):
+                load_drive("folder", folder)
+
+    def test_odometry_says_what_is_wrong_with_it(self, tmp_path):
+        folder = self.write(tmp_path)
+        speeds = "time_s,ahead_mps,turn_radps\n"
+        wrong = {
+            "x,y\n1,2\n": "expected the header ahead_m,left_m,turn_rad or time_s",
+            speeds + "0,1,1\n0.1,1\n": "line 3: expected 3 cells, found 2",
+            speeds + "0,1,1\n0.1,1,much\n": "line 3: expected a finite number",
+            speeds + "0,1,1\n0.1,1,1\n": "expected speeds from 0.000 to 0.550 s as the frames",
+            speeds + "0,1,1\n0.4,1,1\n0.3,1,1\n0.6,1,1\n": "time goes back from 0.400 to 0.300",
+            "ahead_m,left_m,turn_rad,cov_ahead_ahead,cov_ahead_left,cov_ahead_turn,cov_left_left,"
+            "cov_left_turn,cov_turn_turn\n" + "1,0,0,1,0,0,1,0,1\n": "a step to each of 12 frames",
+        }
+        for text, message in wrong.items():
+            (folder / "odometry.csv").write_text(text)
+            with refuses(DriveError, message):
+                load_drive("folder", folder)
+
+    def test_a_video_is_a_drive_even_if_it_is_cut(self, tmp_path):
+        rng = np.random.default_rng(0)
+        frames = [np.repeat(rng.integers(0, 255, (48, 64, 1), np.uint8), 3, 2) for _ in range(30)]
+        with video_writer(tmp_path / "way.avi", 10) as write:
+            for frame in frames:
+                write(frame)
+        (tmp_path / "camera.toml").write_text(CAMERA)
+        drive = load_drive("auto", tmp_path / "way.avi")
+        assert len(drive) == 30
+        np.testing.assert_allclose(drive.time, np.arange(30) / 10)
+        forth = [drive.load(i).image for i in range(30)]
+        for i in (29, 3, 3, 17, 0):
+            np.testing.assert_array_equal(drive.load(i).image, forth[i])
+        data = (tmp_path / "way.avi").read_bytes()
+        (tmp_path / "cut.avi").write_bytes(data[: len(data) // 2])
+        cut = load_drive("auto", tmp_path / "cut.avi")
+        assert 5 < len(cut) < 25
+        np.testing.assert_array_equal(cut.load(4).image, forth[4])
+
+
+def test_what_is_no_drive_is_refused(tmp_path):
+    with refuses(DriveError, "expected a camera drive, found no such file or folder"):
+        load_drive("auto", tmp_path / "nowhere")
+    with refuses(DriveError, "expected one of image_0 (kitti), rgb.txt (tum-rgbd), mav0 (euroc)"):
+        load_drive("auto", tmp_path)
+    (tmp_path / "drive.txt").write_text("")
+    with refuses(DriveError, "expected a folder, a video, a .bag or an .npz"):
+        load_drive("auto", tmp_path / "drive.txt")
+    with refuses(ConfigError, "kind: expected one of auto, kitti"):
+        load_drive("lego", tmp_path)

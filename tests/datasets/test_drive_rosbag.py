@@ -1,0 +1,144 @@
+"""Drives from bags of ROS 1 and 2."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from ruamel.yaml import YAML
+
+from saccade.datasets import load_drive
+from saccade.errors import DriveError, ImageError
+from support.error_checks import refuses, result_or_refusal
+from support.ros_bags import FRAMES, pictures, stereo, write_bag
+
+
+@pytest.fixture(params=[1, 2])
+def bag(request, tmp_path):
+    """A function that writes lists of (topic, type, seconds, message) and gives the path."""
+    return lambda make: write_bag(tmp_path, request.param, make)
+
+
+def test_a_stereo_bag(bag):
+    drive = load_drive("auto", bag(stereo))
+    assert len(drive) == FRAMES
+    assert drive.camera.baseline == pytest.approx(0.2)
+    np.testing.assert_allclose(drive.camera.place, [0.1, 0, 0.7], atol=1e-12)
+    ahead = drive.camera.rotation @ [0, 0, 1]  # the optical axis looks to the robot's left
+    np.testing.assert_allclose(ahead, [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(drive.camera.rotation @ [0, 1, 0], [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(drive.time, np.arange(FRAMES) / 10, atol=1e-6)
+    for i in (3, 0, 5):
+        np.testing.assert_array_equal(drive.load(i).image, pictures()[0, i])
+        np.testing.assert_array_equal(drive.load(i).right, pictures()[1, i])
+    assert drive.load(4).right is None
+    np.testing.assert_allclose(drive.control, [[0.2, 0, 0]] * 5, atol=1e-6)
+    np.testing.assert_allclose(drive.start, [1, 2, 0], atol=1e-6)
+    np.testing.assert_allclose(drive.truth.at(drive.time)[:, 0], 1 + 0.16 * np.arange(FRAMES))
+
+
+def test_a_bag_is_read_by_any_thread(bag):
+    drive = load_drive("auto", bag(stereo))
+    with ThreadPoolExecutor(1) as other:
+        np.testing.assert_array_equal(other.submit(drive.load, 3).result().image, pictures()[0, 3])
+    np.testing.assert_array_equal(drive.load(5).image, pictures()[0, 5])
+
+
+def test_a_bag_with_depth_and_colours(bag):
+    color = np.random.default_rng(4).integers(0, 255, (48, 64, 3), np.uint8)
+    depth = np.full((48, 64), 1500, np.uint16)
+    depth[0] = 0
+
+    def make(messages):
+        for i in range(3):
+            t = 7 + i / 10
+            image = messages.image(t, color, "bgr8")
+            yield "/camera/rgb/image_raw", "sensor_msgs/msg/Image", t, image
+            yield "/camera/rgb/camera_info", "sensor_msgs/msg/CameraInfo", t, messages.info(t)
+            deep = messages.image(t + 0.004, depth, "16UC1")
+            yield "/camera/depth/image_raw", "sensor_msgs/msg/Image", t, deep
+
+    frame = load_drive("rosbag", bag(make)).load(1)
+    np.testing.assert_array_equal(frame.image, color[..., ::-1])
+    assert np.isnan(frame.depth[0]).all()
+    assert (frame.depth[1:] == 1.5).all()
+
+
+def test_what_is_broken_is_named(bag):
+    def unknown(messages):
+        broken = messages.image(1.0, pictures()[0, 0], "yuv9")
+        yield "/image", "sensor_msgs/msg/Image", 1.0, broken
+        yield "/camera_info", "sensor_msgs/msg/CameraInfo", 1.0, messages.info(1.0)
+
+    with refuses(ImageError, "way", "/image, frame 0: expected one of mono8", "found 'yuv9'"):
+        load_drive("rosbag", bag(unknown)).load(0)
+
+
+def test_a_bag_without_images_is_none(bag):
+    def make(messages):
+        yield "/odom", "nav_msgs/msg/Odometry", 1.0, messages.odometry(1.0, 0.0, 0.0, 0.0)
+
+    with refuses(DriveError, "expected a topic of images, found /odom"):
+        load_drive("rosbag", bag(make))
+
+
+def test_what_is_no_bag_is_refused(tmp_path):
+    (tmp_path / "way.bag").write_bytes(b"no bag at all")
+    with refuses(DriveError, "way.bag: expected a ROS bag"):
+        load_drive("auto", tmp_path / "way.bag")
+
+
+def nodes(tree, *above):
+    """The way to every node of a tree of mappings and lists."""
+    yield above
+    children = dict(enumerate(tree)) if isinstance(tree, list) else tree
+    for key, child in children.items() if isinstance(children, dict) else ():
+        yield from nodes(child, *above, key)
+
+
+def with_node(tree, way, value):
+    """The tree with another value at a node that is not its root."""
+    tree = deepcopy(tree)
+    node = tree
+    for key in way[:-1]:
+        node = node[key]
+    node[way[-1]] = value
+    return tree
+
+
+def test_any_value_in_the_metadata_is_read_or_refused(tmp_path):
+    """JSON is YAML."""
+    path = write_bag(tmp_path, 2, stereo)
+    file = path / "metadata.yaml"
+    good = YAML(typ="safe").load(file)
+    topics = good["rosbag2_bagfile_information"]["topics_with_message_count"]
+    del topics[2:]
+    for way in list(nodes(good))[1:]:
+        for value in ("x", {}, -1.5):
+            file.write_text(json.dumps(with_node(good, way, value)))
+            result_or_refusal(lambda: load_drive("rosbag", path).load(0))
+
+
+@pytest.mark.parametrize("command", ["check", "drive"])
+def test_a_count_of_messages_that_is_none_is_refused(run, tmp_path, command):
+    path = write_bag(tmp_path, 2, stereo)
+    text = (path / "metadata.yaml").read_text().replace("message_count: 1\n", "message_count: x\n")
+    (path / "metadata.yaml").write_text(text)
+    code, _, err = run(command, path)
+    assert (code, len(err.splitlines())) == (2, 1), err
+    assert "way: expected a ROS bag: msgcount of a topic: expected int, found 'x'" in err
+
+
+@pytest.mark.parametrize("definition", ["uint64 other", "string header\nuint32 height"])
+def test_a_definition_that_is_not_that_of_ros_is_refused(tmp_path, definition):
+    kind = "sensor_msgs/msg/Image"
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition, kind))
+    with Writer(tmp_path / "way.bag") as writer:
+        image = writer.add_connection("/image", kind, typestore=store)
+        writer.write(image, 1, bytes(8))
+    with refuses(DriveError, "way.bag: expected messages as ROS defines them"):
+        load_drive("rosbag", tmp_path / "way.bag")

@@ -1,0 +1,375 @@
+"""Every format that we write is read back, by us and where it can by GTSAM."""
+
+import dataclasses
+
+import gtsam
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saccade import slam
+from saccade.datasets import (
+    OdometryNoise,
+    load,
+    read_mrclam,
+    save,
+    write_isam,
+    write_mrclam,
+)
+from saccade.errors import ConfigError, LogError
+from saccade.slam import compose, drive
+from saccade.types import LandmarkLog, LandmarkMap, Trajectory
+from support.error_checks import result_or_refusal
+
+SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
+
+
+def _spread(rng, n, d, scale):
+    root = rng.normal(size=(n, d, d)) * 0.3 + np.eye(d)
+    C = scale**2 * root @ root.transpose(0, 2, 1)
+    return (C + C.transpose(0, 2, 1)) / 2
+
+
+def a_log(seed=1, motion="compose", steps=12, seen=30):
+    """Any log at all: what is in it need not come from a world."""
+    rng = np.random.default_rng(seed)
+    size = 3 if motion == "compose" else 2
+    return LandmarkLog(
+        name="any",
+        start=np.array([4.0, -2.0, 0.7]),
+        time=np.cumsum(rng.uniform(0.1, 1.0, steps + 1)),
+        motion=motion,
+        control=rng.normal(size=(steps, size)),
+        control_covariance=_spread(rng, steps, size, 0.1),
+        observation_pose=np.sort(rng.integers(0, steps + 1, seen)),
+        observation=np.stack([rng.uniform(1, 20, seen), rng.uniform(-np.pi, np.pi, seen)], 1),
+        observation_covariance=_spread(rng, seen, 2, 0.05),
+        landmark=rng.integers(0, 9, seen),
+    )
+
+
+def _fields(log):
+    return {f.name: getattr(log, f.name) for f in dataclasses.fields(log) if f.name != "name"}
+
+
+logs = st.builds(
+    a_log,
+    st.integers(0, 2**32),
+    st.sampled_from(["compose", "drive"]),
+    st.integers(0, 9),
+    st.integers(0, 20),
+)
+
+
+@given(logs, st.booleans())
+@settings(max_examples=40)
+def test_csv_keeps_every_digit(tmp_path_factory, log, named):
+    if not named:
+        log = dataclasses.replace(log, landmark=np.full(len(log.landmark), -1))
+    path = tmp_path_factory.mktemp("csv") / "any.csv"
+    save(path, log)
+    again = load("auto", path)
+    for name, value in _fields(log).items():
+        np.testing.assert_array_equal(getattr(again, name), value, err_msg=name)
+
+
+def _as_relative_poses(log):
+    """The same log with relative poses, by the models' own Jacobians."""
+    if log.motion == "compose":
+        return log.control, log.control_covariance
+    found = [drive(np.zeros(3), u) for u in log.control]
+    spread = [Fu @ U @ Fu.T for (_, _, Fu), U in zip(found, log.control_covariance, strict=True)]
+    control = np.array([[*u[:2], c[1]] for (u, _, _), c in zip(found, log.control, strict=True)])
+    return control.reshape(-1, 3), np.array(spread).reshape(-1, 3, 3)
+
+
+@pytest.mark.parametrize("dialect", ["g2o", "isam", "toro", "gtsam"])
+@given(log=logs.filter(lambda log: len(log.control) > 0))
+@settings(max_examples=25)
+def test_text_is_read_back(tmp_path_factory, dialect, log):
+    path = tmp_path_factory.mktemp(dialect) / f"any.{SUFFIX[dialect]}"
+    write_isam(path, log, dialect)
+    again = load("auto", path)
+    control, spread = _as_relative_poses(log)
+    np.testing.assert_array_equal(again.time, np.arange(len(log.time)))
+    np.testing.assert_allclose(again.control, control, atol=1e-12)
+    close = {"rtol": 1e-6, "atol": 1e-9 if log.motion == "compose" or dialect == "gtsam" else 2e-8}
+    np.testing.assert_allclose(again.control_covariance, spread, **close)
+    np.testing.assert_array_equal(again.observation_pose, log.observation_pose)
+    np.testing.assert_allclose(again.observation, log.observation, atol=1e-9)
+    np.testing.assert_allclose(
+        again.observation_covariance, log.observation_covariance, rtol=1e-6, atol=1e-9
+    )
+    after = len(log.time) if dialect == "g2o" else 0
+    np.testing.assert_array_equal(again.landmark, log.landmark + after)
+    start = log.start if dialect in ("g2o", "toro") else np.zeros(3)
+    np.testing.assert_array_equal(again.start, start)
+
+
+def test_ranges_and_bearings_are_read_back(tmp_path):
+    log = a_log()
+    log = dataclasses.replace(log, observation_covariance=log.observation_covariance * np.eye(2))
+    write_isam(tmp_path / "any.g2o", log, "g2o", range_bearing=True)
+    again = load("g2o", tmp_path / "any.g2o")
+    np.testing.assert_array_equal(again.observation, log.observation)
+    np.testing.assert_allclose(again.observation_covariance, log.observation_covariance)
+    with pytest.raises(LogError, match="observation 0: expected range and bearing without corr"):
+        write_isam(tmp_path / "any.g2o", a_log(), "g2o", range_bearing=True)
+
+
+def test_gtsam_reads_what_we_write(tmp_path):
+    log = a_log()
+    log = dataclasses.replace(log, observation_covariance=log.observation_covariance * np.eye(2))
+    path = tmp_path / "any.g2o"
+    write_isam(path, log, "g2o", range_bearing=True)
+    graph, values = gtsam.load2D(
+        str(path), maxIndex=10**6, noiseFormat=gtsam.NoiseFormat.NoiseFormatG2O
+    )
+    assert graph.size() == len(log.control) + len(log.observation)
+    factors = [graph.at(i) for i in range(graph.size())]
+    steps = [f for f in factors if isinstance(f, gtsam.BetweenFactorPose2)]
+    for factor, u, U in zip(steps, log.control, log.control_covariance, strict=True):
+        measured = factor.measured()
+        found = [measured.x(), measured.y(), measured.theta()]
+        np.testing.assert_allclose(found[:2], u[:2], atol=1e-12)
+        np.testing.assert_allclose(np.exp(1j * found[2]), np.exp(1j * u[2]), atol=1e-12)
+        np.testing.assert_allclose(factor.noiseModel().covariance(), U, atol=1e-9)
+    sights = [f for f in factors if isinstance(f, gtsam.BearingRangeFactor2D)]
+    for factor, z, R in zip(sights, log.observation, log.observation_covariance, strict=True):
+        measured = factor.measured()
+        np.testing.assert_allclose(measured.range(), z[0])
+        np.testing.assert_allclose(measured.bearing().theta(), z[1], atol=1e-12)
+        np.testing.assert_allclose(factor.noiseModel().sigmas(), np.sqrt(np.diag(R))[::-1])
+    poses = [np.array([*log.start])]
+    for u in log.control:
+        poses.append(compose(poses[-1], u)[0])
+    for number, pose in enumerate(poses):
+        found = values.atPose2(number)
+        np.testing.assert_allclose([found.x(), found.y()], pose[:2], atol=1e-9)
+    names = {int(gtsam.symbol("l", len(log.time) + name)) for name in log.landmark.tolist()}
+    assert names <= set(values.keys())
+
+
+def test_gtsam_and_we_read_the_same_g2o(tmp_path):
+    """A file by other hands: ids that leave gaps, edges out of order, a correlated matrix."""
+    path = tmp_path / "hand.g2o"
+    path.write_text(
+        "VERTEX_SE2 10 1 2 0.5\nVERTEX_SE2 12 2 2 0.4\nVERTEX_SE2 15 3 2 0.1\n"
+        "VERTEX_XY 11 4 4\n"
+        "EDGE_SE2 12 15 1 0.2 -0.3 90 1 2 80 3 400\n"
+        "EDGE_SE2 10 12 1 0 0.1 100 1 2 50 3 400\n"
+        "BR 12 11 0.3 2.5 0.01 0.1\n"
+        "EDGE_SE2_XY 10 11 1.5 0.5 20 1 30\n"
+        "FIX 10\n"
+    )
+    log = load("auto", path)
+    assert log.time.tolist() == [10, 12, 15]
+    assert log.start.tolist() == [1, 2, 0.5]
+    assert log.observation_pose.tolist() == [0, 1]
+    assert log.landmark.tolist() == [11, 11]
+    np.testing.assert_allclose(
+        log.observation, [[np.hypot(1.5, 0.5), np.arctan2(1, 3)], [2.5, 0.3]]
+    )
+    np.testing.assert_allclose(log.observation_covariance[1], np.diag([0.01, 0.0001]))
+    graph, _ = gtsam.load2D(str(path), maxIndex=100, noiseFormat=gtsam.NoiseFormat.NoiseFormatG2O)
+    later, earlier = graph.at(0), graph.at(1)
+    for factor, u, U in zip((earlier, later), log.control, log.control_covariance, strict=True):
+        pose = factor.measured()
+        np.testing.assert_allclose([pose.x(), pose.y(), pose.theta()], u)
+        np.testing.assert_allclose(factor.noiseModel().covariance(), U)
+
+
+@pytest.mark.parametrize("dialect", ["g2o", "isam", "toro", "gtsam"])
+def test_a_format_without_nameless_landmarks_says_so(tmp_path, dialect):
+    log = a_log()
+    log = dataclasses.replace(log, landmark=np.where(log.landmark == 3, -1, log.landmark))
+    with pytest.raises(LogError, match="expected the identity of every landmark"):
+        write_isam(tmp_path / "any", log, dialect)
+    with pytest.raises(LogError, match="expected the identity of every landmark"):
+        write_mrclam(tmp_path / "any", log)
+    assert not (tmp_path / "any").exists()
+
+
+def test_formats_that_do_not_exist_are_named(tmp_path):
+    with pytest.raises(ConfigError, match="kind"):
+        save(tmp_path / "a.bag", a_log(), "rosbag")
+    with pytest.raises(ConfigError, match=r"ends in \.csv, \.g2o"):
+        save(tmp_path / "a.bag", a_log())
+    with pytest.raises(ConfigError, match="dialect"):
+        write_isam(tmp_path / "a.txt", a_log(), "g3o")
+
+
+@pytest.mark.parametrize("motion", ["compose", "drive"])
+def test_mrclam_drives_the_same_way(tmp_path, motion):
+    log = a_log(motion=motion, steps=20)
+    truth = Trajectory(log.time, np.random.default_rng(2).normal(size=(21, 3)))
+    known = LandmarkMap(np.arange(9), np.random.default_rng(3).normal(size=(9, 2)))
+    save(tmp_path / "set", dataclasses.replace(log, truth=truth, landmark_truth=known))
+    again = read_mrclam(tmp_path / "set", 1, OdometryNoise(0, 0, 0))
+    at = np.searchsorted(again.time, log.time[log.observation_pose])
+    np.testing.assert_array_equal(again.time[at], log.time[log.observation_pose])
+    np.testing.assert_array_equal(again.observation_pose, at)
+    np.testing.assert_array_equal(again.observation, log.observation)
+    np.testing.assert_array_equal(again.landmark, log.landmark + 6)
+    np.testing.assert_array_equal(again.truth.pose, truth.pose)
+    np.testing.assert_array_equal(again.landmark_truth.id, np.arange(9) + 6)
+    np.testing.assert_array_equal(again.landmark_truth.xy, known.xy)
+    ours = slam.dead_reckon(dataclasses.replace(log, start=truth.pose[0])).pose
+    theirs = slam.dead_reckon(again).pose
+    there = np.searchsorted(again.time, log.time)
+    inside = again.time[there.clip(max=len(again.time) - 1)] == log.time
+    assert inside.sum() > 12
+    np.testing.assert_allclose(theirs[there[inside], :2], ours[inside, :2], atol=1e-9)
+
+
+def test_mrclam_needs_time_to_move(tmp_path):
+    log = a_log()
+    stopped = dataclasses.replace(log, time=np.maximum(log.time, log.time[3]))
+    with pytest.raises(LogError, match="control 0: expected a way that takes time"):
+        write_mrclam(tmp_path / "set", stopped)
+
+
+CSV = """time,forward,left,turn,cov_forward_forward,cov_left_left,cov_turn_turn,\
+landmark,range,bearing,cov_range_range,cov_bearing_bearing
+0,,,,,,,,,,,
+0,,,,,,,7,2.5,0.1,0.01,0.0001
+1,0.5,0,0.1,0.01,0.01,0.001,,,,,
+1,,,,,,,,3.5,-0.1,0.01,0.0001
+"""
+
+
+def test_the_least_csv_is_a_log(tmp_path):
+    path = tmp_path / "least.csv"
+    path.write_text(CSV)
+    log = load("auto", path)
+    assert log.start.tolist() == [0, 0, 0]
+    assert log.control.tolist() == [[0.5, 0, 0.1]]
+    np.testing.assert_array_equal(log.control_covariance, [np.diag([0.01, 0.01, 0.001])])
+    assert log.landmark.tolist() == [7, -1]
+    assert log.observation_pose.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (CSV, "", "line 1: expected the columns time, x, y, heading, forward, .* found no time"),
+        ("bearing,", "azimuth,", "line 1: .* found 'azimuth'"),
+        ("time,forward", "time,time", "line 1: .*found no forward"),
+        ("landmark,range", "range,range", "line 1: .*found one twice"),
+        (",cov_turn_turn", "", "found no cov_turn_turn"),
+        (CSV[CSV.index("\n0") :], "\n", "expected a row for the first pose, found none"),
+        ("0,,,,,,,,,,,\n", "", "line 2: expected the first pose, found time, landmark, range"),
+        ("1,0.5,0,0.1", "1,0.5,0", "line 4: expected 12 cells, found 11"),
+        ("1,0.5,0,0.1", "1,0.5,0,x", "line 4: expected a finite number .* 'x'"),
+        ("1,0.5,0,0.1", "1,0.5,0,", "line 4: expected a finite number .* 'nothing'"),
+        ("1,0.5,0,0.1", "-1,0.5,0,0.1", "line 4: time goes back from 0 to -1"),
+        ("0.001,,,,,", "0.001,,2,0.3,,", "line 4: expected .* or range, bearing, found both"),
+        ("1,,,,,,,,3.5,-0.1,", "1,,,,,,,,,,", "line 5: .* found neither"),
+        (
+            "1,,,,,,,,3.5",
+            "2,,,,,,,,3.5",
+            "line 5: expected an observation at the time .* 1, found 2",
+        ),
+        ("7,2.5", "-3,2.5", "line 3: expected the number of a landmark, found '-3'"),
+        ("7,2.5", f"{10**20},2.5", "line 3: expected up to 18 digits"),
+        ("0.01,0.0001\n1", '0.01,"0.0001\n1', "line 3|line 6|line 5"),
+    ],
+)
+def test_broken_csv_is_named(tmp_path, old, new, message):
+    assert old in CSV
+    path = tmp_path / "broken.csv"
+    path.write_text(CSV.replace(old, new, 1))
+    with pytest.raises(LogError, match=message) as caught:
+        load("auto", path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def _texts():
+    """A good file of each text format, for breaking."""
+    yield "log.csv", CSV
+    yield (
+        "log.g2o",
+        (
+            "VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0.1 100 0 0 100 0 100\nVERTEX_XY 5 1 2\n"
+            "EDGE_SE2_XY 1 5 1.5 0.5 20 1 30\nBR 0 5 0.3 2.0 0.01 0.1\nFIX 0\n"
+        ),
+    )
+    yield (
+        "log.txt",
+        ("ODOMETRY 0 1 1 0 0.5 0.01 0 0 0.02 0.001 0.03\nLANDMARK 1 2 3 4 0.5 0.1 0.4\n"),
+    )
+    yield "log.graph", "VERTEX2 0 0 0 0\nEDGE2 0 1 1 0 0 50 0 50 50 0 0\n"
+
+
+def _broken(data, text):
+    """A text with some letters replaced, and perhaps its end cut off."""
+    odd = ["nan", "inf", "-1", "1e300", "1e-300", "0", "", "x", "9" * 21, "\x00", ",", " ", "\n"]
+    for _ in range(data.draw(st.integers(1, 4))):
+        start = data.draw(st.integers(0, len(text)))
+        end = data.draw(st.integers(start, min(len(text), start + 6)))
+        patch = data.draw(st.sampled_from(odd) | st.text(max_size=4))
+        text = text[:start] + patch + text[end:]
+    return text[: data.draw(st.integers(0, len(text)) | st.just(len(text)))]
+
+
+def _runs_or_refuses(log):
+    result, _ = result_or_refusal(lambda: slam.run(log))
+    if result is not None:
+        assert np.isfinite(result.trajectory.pose).all()
+        assert np.isfinite(result.trajectory.covariance).all()
+        assert np.isfinite(result.map.xy).all()
+
+
+@pytest.mark.parametrize(("name", "text"), list(_texts()), ids=[name for name, _ in _texts()])
+@given(data=st.data())
+def test_any_broken_text_is_one_line_or_a_log_that_runs(tmp_path_factory, name, text, data):
+    path = tmp_path_factory.mktemp("fuzz") / name
+    path.write_text(_broken(data, text), encoding="utf-8", errors="surrogatepass")
+    log, refusal = result_or_refusal(lambda: load("auto", path))
+    if log is None:
+        assert refusal.startswith(str(path))
+        return
+    _runs_or_refuses(log)
+
+
+MRCLAM = {
+    "Barcodes.dat": "1 5\n2 14\n6 72\n7 27\n",
+    "Robot1_Odometry.dat": "100.0 1.0 0.0\n101.0 1.0 0.5\n102.0 0.0 0.0\n",
+    "Robot1_Measurement.dat": "101.0 72 2.0 0.5\n101.3 27 1.0 0.0\n",
+    "Robot1_Groundtruth.dat": "99.0 1.0 1.0 0.0\n101.0 1.0 1.0 0.2\n",
+    "Landmark_Groundtruth.dat": "6 3.0 1.0 0.001 0.002\n7 9 9 0.1 0.1\n",
+}
+
+
+@pytest.mark.parametrize("subject", ["999999999999999999999", "6.5", "-1e90"])
+def test_a_subject_that_is_no_number_of_one_is_one_line(tmp_path, subject):
+    for name, text in MRCLAM.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "Barcodes.dat").write_text(f"1 5\n{subject} 72\n")
+    with pytest.raises(LogError, match="barcodes, row 2: expected whole numbers"):
+        read_mrclam(tmp_path)
+
+
+@pytest.mark.parametrize("name", MRCLAM)
+@given(data=st.data())
+def test_any_broken_mrclam_is_one_line_or_a_log_that_runs(tmp_path_factory, name, data):
+    folder = tmp_path_factory.mktemp("fuzz")
+    for each, text in MRCLAM.items():
+        (folder / each).write_text(text)
+    (folder / name).write_text(_broken(data, MRCLAM[name]), errors="surrogatepass")
+    log, refusal = result_or_refusal(lambda: load("auto", folder))
+    if log is None:
+        assert str(folder) in refusal
+        return
+    _runs_or_refuses(log)
+
+
+@given(st.binary(max_size=300))
+@pytest.mark.parametrize("name", ["log.csv", "log.g2o", "log.txt"])
+def test_any_bytes_are_one_line_or_a_log(tmp_path_factory, name, data):
+    path = tmp_path_factory.mktemp("fuzz") / name
+    path.write_bytes(data)
+    _, refusal = result_or_refusal(lambda: load("auto", path))
+    assert refusal == "" or refusal.startswith(str(path))

@@ -1,0 +1,212 @@
+"""The MRCLAM reader on a folder made by hand, and on a real set with its truth."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.datasets import OdometryNoise, load
+from saccade.datasets.logs.mrclam import Platform
+from saccade.datasets.logs.mrclam import read_mrclam as load_mrclam
+from saccade.errors import ConfigError, LogError
+from saccade.evaluation.trajectory import landmark_rmse, position_rmse
+from saccade.slam import observe
+
+HEADER = "# made by hand\n# Time [s]    ...\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A robot that goes straight on at 1 m/s for 2 s; robot 2 and landmark 6 are before it."""
+    files = {
+        "Barcodes.dat": "1 \t 5\n2 14\n6 72\n7 27\n",
+        "Landmark_Groundtruth.dat": "6 \t 3.0 \t 1.0 \t 0.001 \t 0.002\n7 9 9 0.1 0.1\n",
+        "Robot1_Odometry.dat": "100.0 \t 1.0 \t 0.0\n101.0 1.0 0.0\n102.0 0.0 0.0\n",
+        "Robot1_Measurement.dat": "101.0 14 2.0 0.1\n101.0 72 2.0 0.5\n101.3 99 1.0 0.0\n",
+        "Robot1_Groundtruth.dat": "99.0 1.0 1.0 0.0\n101.0 1.0 1.0 0.2\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).write_text(HEADER + text)
+    return tmp_path
+
+
+def test_folder_becomes_a_log(folder):
+    log = load("auto", folder, robot=1, odometry_noise=OdometryNoise(0.1, 0, 0))
+    np.testing.assert_allclose(log.time, [100, 100.5, 101, 101.5, 102])
+    np.testing.assert_allclose(log.control, [[0.5, 0, 0]] * 4)
+    np.testing.assert_allclose(log.control_covariance[:, 0, 0], 0.01 * 0.5)
+    assert log.landmark.tolist() == [6]  # neither the robot nor the unknown barcode
+    assert log.observation_pose.tolist() == [2]
+    np.testing.assert_array_equal(log.observation, [[2.0, 0.5]])
+    np.testing.assert_allclose(log.start, [1, 1, 0.1])
+    assert log.landmark_truth.id.tolist() == [6, 7]
+    np.testing.assert_allclose(log.landmark_truth.covariance[0], np.diag([1e-6, 4e-6]))
+    assert len(log.truth) == 2
+
+
+def test_folder_without_truth_begins_at_the_origin(folder):
+    (folder / "Robot1_Groundtruth.dat").unlink()
+    (folder / "Landmark_Groundtruth.dat").unlink()
+    log = load("mrclam", folder, robot=1)
+    assert log.truth is None
+    assert log.landmark_truth is None
+    np.testing.assert_array_equal(log.start, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("Robot1_Odometry.dat", "1 2 3\n5 2\n", "line 4: expected 3 numbers .*found 2"),
+        ("Robot1_Odometry.dat", "1 2 3\n5 2 x\n", "line 4: expected a finite number .*'x'"),
+        ("Robot1_Odometry.dat", "1 2 3\n0.5 2 3\n", "line 4: time goes back from 1.000 to 0.500"),
+        ("Robot1_Odometry.dat", "1 2 3\n2 2 3\n1.9 0 0\n", "line 5: time goes back from 2.000"),
+        ("Robot1_Groundtruth.dat", "1 2 3 4\n0.9 2 3 4\n", "line 4: time goes back"),
+        ("Robot1_Measurement.dat", "1 2 nan 4\n", "line 3: expected a finite number .*'nan'"),
+        ("Robot1_Odometry.dat", "", "expected odometry of robot 1, found none"),
+    ],
+)
+def test_broken_lines_are_named(folder, name, text, message):
+    (folder / name).write_text(HEADER + text)
+    with pytest.raises(LogError, match=message) as caught:
+        load("mrclam", folder, robot=1)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_time_from_another_age_is_refused(folder):
+    (folder / "Robot1_Measurement.dat").write_text("1e12 72 2 0.1\n")
+    with pytest.raises(LogError, match="expected times within 1000000 s"):
+        load("mrclam", folder, robot=1)
+
+
+def test_stale_first_sample_is_left_out(folder):
+    before = load("mrclam", folder, robot=1)
+    path = folder / "Robot1_Odometry.dat"
+    path.write_text("100.1 0.5 3.0\n" + path.read_text())
+    np.testing.assert_array_equal(load("mrclam", folder, robot=1).control, before.control)
+
+
+def test_missing_parts_are_named(folder, tmp_path):
+    with pytest.raises(LogError, match=r"Robot3_Odometry\.dat: cannot be read"):
+        load("mrclam", folder, robot=3)
+    with pytest.raises(ConfigError, match="robot"):
+        load("mrclam", folder, robot=6)
+    path = tmp_path / "cut.npz"
+    np.savez(path, barcodes=np.zeros((2, 2)), robot1_odometry=np.zeros((3, 2)))
+    with pytest.raises(LogError, match="robot1_odometry: expected numbers in the columns time"):
+        load("auto", path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(LogError, match=r"cut\.npz"):
+        load("mrclam", path)
+
+
+@pytest.fixture(scope="module")
+def set_six(shared):
+    return shared / "data/logs/mrclam/mrclam6.npz"
+
+
+@pytest.mark.shared
+def test_folder_and_archive_are_the_same_log(set_six, tmp_path):
+    tables = np.load(set_six)
+    names = {
+        "barcodes": "Barcodes.dat",
+        "landmarks": "Landmark_Groundtruth.dat",
+        "robot1_odometry": "Robot1_Odometry.dat",
+        "robot1_measurement": "Robot1_Measurement.dat",
+        "robot1_groundtruth": "Robot1_Groundtruth.dat",
+    }
+    for table, name in names.items():
+        text = "\n".join(" \t ".join(map(repr, row)) for row in tables[table].tolist())
+        (tmp_path / name).write_text(HEADER + text)
+    one, two = load("auto", set_six, robot=1), load("auto", tmp_path, robot=1)
+    for field in ("start", "time", "control", "observation", "landmark"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
+    assert len(one.observation) > 500
+    assert set(one.landmark.tolist()) == set(range(6, 21))
+
+
+@pytest.fixture(scope="module")
+def five(set_six):
+    """The robots of set 6, as the default configuration has them."""
+    logs = [load("mrclam", set_six, robot=robot) for robot in range(1, 6)]
+    return [(log, slam.run(log)) for log in logs]
+
+
+@pytest.mark.shared
+def test_rmse_of_five_robots_of_one_configuration(five):
+    position = [position_rmse(result.trajectory, log.truth) for log, result in five]
+    drift = [position_rmse(result.dead_reckoning, log.truth) for log, result in five]
+    landmark = [landmark_rmse(result.map, log.landmark_truth) for log, result in five]
+    for name, rmse in (("position", position), ("landmark", landmark), ("odometry", drift)):
+        print(f"\nMRCLAM 6, {name}: {np.mean(rmse):.3f} m, {np.round(rmse, 3).tolist()}", end="")
+    assert np.mean(position) <= 0.18
+    assert np.mean(landmark) <= 0.07
+    assert all(p < 0.4 * d for p, d in zip(position, drift, strict=True))
+    assert all(len(result.map) == 15 for _, result in five)
+    assert all(np.isfinite(result.trajectory.covariance).all() for _, result in five)
+
+
+@pytest.mark.shared
+def test_noise_that_is_twice_or_half_as_large_changes_little(set_six, five):
+    log = five[2][0]  # robot 3, some of whose bearings are wrong
+    for factor in (0.5, 2.0):
+        result = slam.run(log, slam.EkfConfig(sensor_noise_scale=factor))
+        assert position_rmse(result.trajectory, log.truth) < 0.25
+
+
+@pytest.mark.shared
+def test_without_weights_the_wrong_bearings_do_harm(set_six, five):
+    """Otherwise the other tests show nothing of the weights."""
+    log, weighted = five[2]
+    plain = slam.run(log, slam.EkfConfig(huber=np.inf))
+    rmse = [position_rmse(r.trajectory, log.truth) for r in (weighted, plain)]
+    assert rmse[0] < 0.3 * rmse[1]
+
+
+@pytest.mark.shared
+def test_hidden_names_are_not_made_up(five):
+    """The fifteen bars stand in six groups, 0.18 m apart: odometry cannot tell all of them."""
+    rmse = []
+    for log, _ in five:
+        result = slam.run(dataclasses.replace(log, landmark=np.full_like(log.landmark, -1)))
+        assert 6 <= len(result.map) <= 17
+        rmse.append(position_rmse(result.trajectory, log.truth))
+    print(f"\nMRCLAM 6, names hidden: {np.mean(rmse):.3f} m, {np.round(rmse, 3).tolist()}")
+    assert np.mean(rmse) < 0.3
+
+
+@pytest.mark.shared
+def test_what_a_platform_says_of_its_ranges_is_what_the_survey_says(set_six):
+    """Against the truth: the ranges as logged are off by several per cent, as read by one."""
+
+    def error(platform):
+        log = load_mrclam(set_six, 2, platform=platform)
+        at = log.time[log.observation_pose]
+        heading = np.interp(at, log.truth.time, np.unwrap(log.truth.pose[:, 2]))
+        xy = [np.interp(at, log.truth.time, log.truth.pose[:, i]) for i in range(2)]
+        there = log.landmark_truth.xy[np.searchsorted(log.landmark_truth.id, log.landmark)]
+        z = [observe(p, m)[0] for p, m in zip(np.transpose([*xy, heading]), there, strict=True)]
+        return np.median(np.abs(log.observation[:, 0] / np.array(z)[:, 0] - 1))
+
+    assert error(Platform.utias()) < 0.02
+    assert error(Platform.ideal()) > 0.04
+
+
+@pytest.mark.shared
+def test_barcodes_of_the_published_sets_say_whose_robots_they_are(set_six, folder):
+    ranges = [
+        load_mrclam(set_six, 1, platform=p).observation[:, 0]
+        for p in (None, Platform.utias(), Platform.ideal())
+    ]
+    np.testing.assert_array_equal(ranges[0], ranges[1])
+    assert (ranges[0] != ranges[2]).all()
+    assert load("mrclam", folder, robot=1).odometry_bias == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.shared
+def test_a_set_without_truth_runs(shared):
+    log = load("auto", shared / "data/logs/mrclam/mrclam9.npz", robot=4)
+    result = slam.run(log)
+    assert log.truth is None
+    assert np.isfinite(result.trajectory.pose).all()
+    assert len(result.map) == 15

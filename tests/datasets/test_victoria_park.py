@@ -1,0 +1,253 @@
+"""The Victoria Park log, raw and as GTSAM has it, and cityTrees: real sizes, outside answers."""
+
+import dataclasses
+from importlib.resources import files
+
+import gtsam
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from saccade import slam
+from saccade.datasets import OdometryNoise, load
+from saccade.datasets.logs.victoria_park import center_motion
+from saccade.errors import LogError
+from saccade.slam import compose, place
+from support.alignment import align
+
+
+@pytest.fixture(scope="module")
+def text_log():
+    return files("saccade") / "data" / "victoria_park.txt"
+
+
+@pytest.fixture(scope="module")
+def filtered(text_log):
+    """Without weights: the loss of GTSAM's graphs here is the plain one."""
+    log = load("victoria-park", text_log)
+    return log, slam.run(log, slam.EkfConfig(huber=np.inf))
+
+
+def _smoothed_map(graph, pose_keys, result):
+    """GTSAM's map from a graph without a fixed pose, begun at the filter's estimate."""
+    values = gtsam.Values()
+    for key, pose in zip(pose_keys, result.trajectory.pose, strict=True):
+        values.insert(key, gtsam.Pose2(*pose))
+    landmark_keys = [gtsam.symbol("l", i) for i in result.map.id.tolist()]
+    for key, xy in zip(landmark_keys, result.map.xy, strict=True):
+        values.insert(key, xy)
+    fixed = gtsam.noiseModel.Isotropic.Sigma(3, 1e-6)
+    graph.add(gtsam.PriorFactorPose2(pose_keys[0], gtsam.Pose2(0, 0, 0), fixed))
+    best = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    return np.array([best.atPoint2(key) for key in landmark_keys])
+
+
+def _graph(log):
+    """The measurements and the noise of a log, as GTSAM's factors."""
+    graph = gtsam.NonlinearFactorGraph()
+    noise = gtsam.noiseModel.Gaussian.Covariance
+    for i, (u, U) in enumerate(zip(log.control, log.control_covariance, strict=True)):
+        graph.add(gtsam.BetweenFactorPose2(i, i + 1, gtsam.Pose2(*u), noise(U)))
+    for i, z, R, landmark in zip(
+        log.observation_pose, log.observation, log.observation_covariance, log.landmark, strict=True
+    ):
+        swapped = noise(np.ascontiguousarray(R[::-1, ::-1]))  # GTSAM puts the bearing first
+        key = gtsam.symbol("l", int(landmark))
+        graph.add(gtsam.BearingRangeFactor2D(int(i), key, gtsam.Rot2(z[1]), z[0], swapped))
+    return graph
+
+
+def _median_distance(ours, theirs):
+    apart = np.hypot(*(align(ours, theirs) - theirs).T)
+    print(f"\nlandmarks from GTSAM's: median {np.median(apart):.3f} m, largest {apart.max():.3f} m")
+    return np.median(apart)
+
+
+def test_map_agrees_with_gtsams_own_reading_of_the_file(text_log, filtered):
+    log, result = filtered
+    graph, _ = gtsam.load2D(str(text_log))
+    smoothed = _smoothed_map(graph, log.time.astype(int).tolist(), result)
+    assert len(result.map) == 151
+    assert _median_distance(result.map.xy, smoothed) < 0.5
+
+
+def test_map_agrees_with_gtsam_under_the_noise_of_the_file(filtered):
+    log, result = filtered
+    smoothed = _smoothed_map(_graph(log), range(len(log.time)), result)
+    assert _median_distance(result.map.xy, smoothed) < 0.5
+
+
+def test_every_observation_of_the_text_log_is_used(filtered):
+    log, result = filtered
+    assert (len(log.control), len(log.observation)) == (6968, 3640)
+    assert (result.association >= 0).all()
+    assert result.map.sightings.sum() == 3640
+    assert np.linalg.eigvalsh(result.trajectory.covariance).min() > -1e-12
+
+
+def _to_gps(trajectory, gps, keep=0.9):
+    """Distances from GPS, of the nearest share `keep`, which alone decide the alignment."""
+    inside = (gps.time >= trajectory.time[0]) & (gps.time <= trajectory.time[-1])
+    at, there = gps.time[inside], gps.pose[inside, :2]
+    here = np.stack([np.interp(at, trajectory.time, trajectory.pose[:, i]) for i in (0, 1)], 1)
+    near = np.ones(len(at), bool)
+    for _ in range(30):
+        apart = np.hypot(*(align(here, there, near) - there).T)
+        near = apart <= np.quantile(apart, keep)
+    return apart[near]
+
+
+@pytest.fixture(scope="module")
+def raw_log(shared):
+    return load("auto", shared / "data/logs/victoria_park/VictoriaParkSinSincronizar.mat")
+
+
+@pytest.mark.shared
+def test_raw_log_is_read_whole(raw_log):
+    assert len(raw_log.time) == 7249
+    assert len(raw_log.observation) > 50_000
+    assert (raw_log.landmark == -1).all()
+    assert np.abs(raw_log.observation[:, 1]).max() <= np.pi / 2
+    assert len(raw_log.truth) == 4466
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("noise", "limit"), [(1.0, 1.45), (0.5, 1.45), (2.0, 1.45)])
+def test_raw_log_without_names_comes_close_to_gps(raw_log, noise, limit):
+    result = slam.run(raw_log, slam.EkfConfig(motion_noise_scale=noise, sensor_noise_scale=noise))
+    assert len(result.trajectory) == 7249
+    apart = _to_gps(result.trajectory, raw_log.truth)
+    rmse = np.sqrt((apart**2).mean())
+    print(f"\n{len(result.map)} landmarks, {rmse:.3f} m from GPS (the nearest 90 %)")
+    assert rmse < limit
+    assert np.sqrt((_to_gps(result.dead_reckoning, raw_log.truth) ** 2).mean()) > 20
+    assert 180 <= len(result.map) <= 260
+    assert np.isfinite(result.trajectory.covariance).all()
+
+
+@pytest.mark.shared
+def test_joint_compatibility_goes_the_same_way(raw_log):
+    """The first thousand scans, in which trees are a few metres apart."""
+    last = int(np.searchsorted(raw_log.observation_pose, 1000))
+    start = dataclasses.replace(
+        raw_log,
+        time=raw_log.time[:1000],
+        control=raw_log.control[:999],
+        control_covariance=raw_log.control_covariance[:999],
+        observation_pose=raw_log.observation_pose[:last],
+        observation=raw_log.observation[:last],
+        observation_covariance=raw_log.observation_covariance[:last],
+        landmark=raw_log.landmark[:last],
+        truth=None,
+    )
+    joint, mutual = (
+        slam.run(start, slam.EkfConfig(association=rule)) for rule in ("joint", "mutual")
+    )
+    apart = np.hypot(*(joint.trajectory.pose - mutual.trajectory.pose)[:, :2].T)
+    assert apart.max() < 0.2
+    assert abs(len(joint.map) - len(mutual.map)) <= 2
+    assert ((joint.association >= 0) == (mutual.association >= 0)).mean() > 0.99
+    assert (joint.association >= 0).mean() > 0.8
+
+
+@pytest.mark.shared
+def test_city_of_trees_is_found_where_it_was_made(shared):
+    folder = shared / "data/logs/citytrees"
+    log = load("auto", folder / "cityTrees10000.txt")
+    truth = slam.dead_reckon(load("auto", folder / "cityTrees10000_groundtruth.txt")).pose
+    result = slam.run(log)
+    first = np.unique(result.association, return_index=True)[1]
+    exact = load("isam", folder / "cityTrees10000_groundtruth.txt").observation
+    from_pose = truth[log.observation_pose[first]]
+    trees = np.array([place(p, z)[0] for p, z in zip(from_pose, exact[first], strict=True)])
+    apart = np.hypot(*(align(result.map.xy, trees) - trees).T)
+    assert len(result.map) == 100
+    assert np.sqrt((apart**2).mean()) < 0.1
+    path = result.trajectory.pose[:, :2]
+    off = np.hypot(*(align(path, truth[:, :2]) - truth[:, :2]).T)
+    assert np.sqrt((off**2).mean()) < 1.5
+    assert result.consistency.band[0] < result.consistency.mean < result.consistency.band[1]
+
+
+def _scans(first, second):
+    scans = np.empty(2, object)
+    scans[0], scans[1] = first, second
+    return scans
+
+
+def _tiny(path, **change):
+    trees = np.array([[10.0, 20.0], [np.pi / 2, np.pi / 4], [0.3, 0.4]])
+    variables = {
+        "time": np.arange(0, 2, 0.025)[None],
+        "u": np.tile([[2.0], [0.3]], (1, 80)),
+        "TLsr": np.array([[0.0, 1.0]]),
+        "zt": _scans(trees, np.empty((3, 0))),
+    }
+    savemat(path, variables | change)
+    return path
+
+
+@pytest.mark.parametrize("reference", ["laser", "axle"])
+def test_car_goes_in_a_circle_about_its_turning_point(tmp_path, reference):
+    """Every point of the car keeps its distance from the point about which it turns."""
+    log = load("auto", _tiny(tmp_path / "car.mat"), reference=reference)
+    speed, rate = center_motion(np.array([2.0]), np.array([0.3]))
+    radius = 2.83 / np.tan(0.3)
+    np.testing.assert_allclose(speed / rate, radius)
+    np.testing.assert_allclose((radius - 0.76) * rate, 2.0)  # the left wheel is what counts
+    point = np.array([3.78, 0.5]) if reference == "laser" else np.zeros(2)
+    center = np.array([0, radius]) - point
+    moved, _, _ = compose(np.zeros(3), log.control[0])
+    np.testing.assert_allclose(moved[2], rate)
+    np.testing.assert_allclose(np.hypot(*(moved[:2] - center)), np.hypot(*center))
+
+
+def test_trees_are_the_same_from_laser_and_axle(tmp_path):
+    path = _tiny(tmp_path / "car.mat")
+    laser, axle = load("auto", path), load("auto", path, reference="axle")
+    np.testing.assert_allclose(laser.observation, [[10, 0], [20, -np.pi / 4]])
+    assert laser.observation_pose.tolist() == [0, 0]
+
+    def xy(log):
+        r, bearing = log.observation.T
+        return np.stack([r * np.cos(bearing), r * np.sin(bearing)], 1)
+
+    np.testing.assert_allclose(xy(axle), xy(laser) + np.array([3.78, 0.5]))
+    for one, two in zip(laser.observation_covariance, axle.observation_covariance, strict=True):
+        assert two[1, 1] < one[1, 1]  # the axle is farther off
+    assert axle.observation_covariance[0, 0, 1] != 0
+
+
+def test_noise_of_the_laser_is_that_of_the_axle_moved(tmp_path):
+    noise = OdometryNoise(0.1, 0.1, 0.1)
+    path = _tiny(tmp_path / "car.mat")
+    logs = [load("auto", path, reference=r, odometry_noise=noise) for r in ("laser", "axle")]
+    laser, axle = (log.control_covariance[0] for log in logs)
+    assert laser[2, 2] == pytest.approx(axle[2, 2])
+    assert np.linalg.det(laser) == pytest.approx(np.linalg.det(axle))
+    assert laser[1, 1] > axle[1, 1]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"TLsr": np.array([[1.0, 0.0]])}, "TLsr to be finite and ascending"),
+        ({"u": np.full((2, 80), np.nan)}, "found others"),
+        ({"u": np.zeros((2, 79))}, r"expected u of shape \(2, 80\)"),
+        ({"zt": _scans(np.full((3, 1), np.nan), np.ones((3, 1)))}, "scan 0"),
+        ({"zt": _scans(np.ones((3, 1)), np.ones((2, 4)))}, r"scan 1: .*found shape \(2, 4\)"),
+    ],
+)
+def test_broken_raw_logs_are_refused(tmp_path, change, message):
+    with pytest.raises(LogError, match=message):
+        load("auto", _tiny(tmp_path / "car.mat", **change))
+
+
+def test_raw_log_that_is_cut_or_another_is_refused(tmp_path):
+    path = _tiny(tmp_path / "car.mat")
+    path.write_bytes(path.read_bytes()[:1500])
+    with pytest.raises(LogError, match=r"car\.mat"):
+        load("auto", path)
+    savemat(path, {"a": 1})
+    with pytest.raises(LogError, match="found no time, u, TLsr, zt"):
+        load("auto", path)

@@ -1,0 +1,265 @@
+"""What `saccade check` finds, in drives with one trap each."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade.datasets import load_drive
+from saccade.diagnostics import check_drive
+from saccade.diagnostics.checks import report_on
+from saccade.diagnostics.survey import chosen_frames, look_through
+from saccade.errors import ImageError
+from saccade.frames import Frame
+from support.winding_drive import FRAMES, winding
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return winding()
+
+
+@pytest.fixture(scope="module")
+def look(drive):
+    return look_through(drive, 300)
+
+
+def found(report):
+    return {finding.check: finding for finding in report.findings if finding.severity != "note"}
+
+
+def turned(camera, axis, degrees):
+    turn, _ = cv2.Rodrigues(np.deg2rad(degrees) * np.array(axis, float))
+    return replace(camera, rotation=turn @ camera.rotation)
+
+
+def test_a_drive_without_traps_is_clean(drive, look):
+    report = report_on(drive, look)
+    assert report.clean
+    assert report.figures["turn_scale"] == pytest.approx(1, abs=0.02)
+    assert report.figures["way_scale"] == pytest.approx(1, abs=0.02)
+    assert report.figures["turn_noise_deg"] == pytest.approx(np.rad2deg(0.01), rel=0.2)
+    assert report.figures["way_noise_m"] == pytest.approx(0.01, rel=0.2)
+    assert report.figures["clock_lag_frames"] == 0
+
+
+def drift(degrees_per_second):
+    turn = np.array([0, 0, np.deg2rad(degrees_per_second) * 0.1])
+    return lambda d: replace(d, control=d.control + turn)
+
+
+def jump(drive):
+    control = drive.control.copy()
+    control[40, 0] += 3.0
+    control[100, 2] += 1.0
+    return replace(drive, control=control)
+
+
+def gap(drive):
+    time = drive.time + np.where(np.arange(len(drive)) >= 50, 3.0, 0.0)
+    return replace(drive, time=time)
+
+
+def other_turns(control):
+    order = np.random.default_rng(1).permutation(len(control))
+    return np.column_stack([control[:, :2], control[order, 2]])
+
+
+TRAPS = {
+    "turn sign": (lambda d: replace(d, control=d.control * [1, 1, -1]), -1.0, 0.1),
+    "turn scale": (lambda d: replace(d, control=d.control * [1, 1, 1.4]), 1.4, 0.03),
+    "turn drift": (drift(-4.0), -4.0, 0.3),
+    "turn noise": (
+        lambda d: replace(d, control_covariance=d.control_covariance / [[1, 1, 9]]), 0.01, 2e-3,
+    ),
+    "turn": (lambda d: replace(d, control=other_turns(d.control)), 0, 0.3),
+    "clock lag": (lambda d: replace(d, control=np.roll(d.control, 6, 0)), 0.6, 0.11),
+    "way sign": (lambda d: replace(d, control=d.control * [-1, 1, 1]), 0.0, 0.1),
+    "way scale": (lambda d: replace(d, control=d.control * [0.7, 1, 1]), 0.7, 0.02),
+    "way ahead noise": (
+        lambda d: replace(d, control_covariance=d.control_covariance / [[16, 1, 1]]), 0.01, 2e-3,
+    ),
+    "odometry jump": (jump, 2, 0),
+    "gaps": (gap, 3.1, 1e-6),
+    "camera place": (
+        lambda d: replace(d, camera=replace(d.camera, place=np.array([-0.5, -0.1, 1.0]))), 0.5, 0.1,
+    ),
+    "principal point": (
+        lambda d: replace(d, camera=replace(d.camera, width=1280, height=960)), 25, 1,
+    ),
+    "field of view": (lambda d: replace(d, camera=replace(d.camera, fx=4000.0, fy=4000.0)), 9, 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("check", TRAPS)
+def test_a_trap_is_found_with_its_number(check, drive, look):
+    change, value, within = TRAPS[check]
+    report = report_on(change(drive), look)
+    assert not report.clean
+    finding = found(report)[check]
+    assert finding.value == pytest.approx(value, abs=within)
+    assert set(found(report)) == {check}
+
+
+def test_where_it_is_is_said(drive, look):
+    assert found(report_on(jump(drive), look))["odometry jump"].frames == (41, 101)
+    assert found(report_on(gap(drive), look))["gaps"].frames == (50,)
+
+
+@pytest.mark.parametrize(
+    ("axis", "degrees", "check", "value"),
+    [
+        ((0, 0, 1), 8, "camera yaw", 8),
+        ((0, 1, 0), -6, "camera pitch", 6),
+        ((0, 0, 1), 90, "camera rotation", 90),
+        ((0, 0, 1), 180, "way sign", 0),
+    ],
+)
+def test_a_camera_that_looks_elsewhere_is_found(drive, axis, degrees, check, value):
+    askew = replace(drive, camera=turned(drive.camera, axis, degrees))
+    report = check_drive(askew)
+    assert set(found(report)) - {"turn"} == {check}
+    assert found(report)[check].value == pytest.approx(value, abs=1)
+
+
+def test_tilt_is_told_by_images_and_by_truth():
+    rocking = winding(tilt=np.deg2rad(9))
+    look = look_through(rocking, 300)
+    assert found(report_on(rocking, look))["tilt"].value == pytest.approx(18, abs=4)
+    lift = np.zeros((FRAMES, 3))
+    lift[:, 1] = np.deg2rad(9) * np.sin(1.5 * rocking.time)
+    lift[:, 0] = 0.01 * np.arange(FRAMES)
+    known = replace(rocking, truth_off_plane=lift)
+    report = report_on(known, look)
+    assert found(report)["tilt"].value == pytest.approx(9, abs=0.7)
+    part = known.until(120)  # the truth goes on
+    for each, rise in ((report, 2.39), (report_on(part, look_through(part, 300)), 1.19)):
+        (height,) = (finding for finding in each.findings if finding.check == "height")
+        assert height.value == pytest.approx(rise)
+
+
+def test_tracks_that_stand_still_are_found(drive):
+    def load(i):
+        frame = drive.load(i)
+        if i not in (30, 31, 77):
+            return frame
+        return replace(frame, tracks=drive.load(i - 1 if i != 31 else 29).tracks)
+
+    report = check_drive(replace(drive, load=load))
+    assert found(report)["repeated frames"].frames == (30, 31, 77)
+
+
+def test_without_odometry_it_says_so(drive, look):
+    report = report_on(replace(drive, control=np.zeros_like(drive.control)), look)
+    assert report.clean
+    assert [finding.check for finding in report.findings] == ["no odometry"]
+
+
+def beginning(drive, n):
+    """The first n frames of a drive."""
+    return replace(
+        drive,
+        time=drive.time[:n],
+        control=drive.control[: n - 1],
+        control_covariance=drive.control_covariance[: n - 1],
+    )
+
+
+class TestPictures:
+    def test_one_without_traps_is_clean(self, filmed):
+        assert not found(check_drive(filmed))
+
+    def test_what_is_wrong_with_single_frames_is_found(self, filmed):
+        def load(i):
+            frame = filmed.load(i)
+            if 5 <= i < 9:
+                return replace(frame, image=np.zeros_like(frame.image))
+            if i == 12:
+                return replace(filmed.load(11), time=frame.time)
+            if 20 <= i < 26:
+                return replace(frame, image=cv2.GaussianBlur(frame.image, (0, 0), 4))
+            if i == 30:
+                raise ImageError("30.png: the image is cut short")
+            return frame
+
+        report = found(check_drive(replace(filmed, load=load)))
+        assert report["black frames"].frames == (5, 6, 7, 8)
+        assert report["repeated frames"].frames == (12,)
+        assert report["blurred frames"].frames == tuple(range(20, 26))
+        assert report["unreadable frames"].frames == (30,)
+        assert "30.png: the image is cut short" in str(report["unreadable frames"])
+
+    def test_frames_without_a_common_world_are_found(self, filmed):
+        def load(i):
+            image = np.random.default_rng(i).integers(0, 255, (120, 160), np.uint8)
+            return Frame(i / 10, cv2.GaussianBlur(image, (0, 0), 1.5))
+
+        report = check_drive(replace(filmed, load=load))
+        assert found(report)["motion"].value < 40
+
+    def test_a_camera_that_stands_is_no_trap(self, filmed):
+        def load(i):
+            noise = np.random.default_rng(i).integers(0, 3, (120, 160), np.uint8)
+            return Frame(i / 10, filmed.load(0).image // 2 + noise)
+
+        standing = replace(filmed, load=load)
+        assert not found(check_drive(standing))
+        slipping = replace(standing, control=filmed.control + np.array([0.1, 0.0, 0.0]))
+        report = check_drive(slipping)
+        assert set(found(report)) == {"standing"}
+        assert found(report)["standing"].value == pytest.approx(100)
+
+    def test_cameras_that_are_exchanged_are_found(self, filmed):
+        def load(i):
+            frame = filmed.load(i)
+            return replace(frame, image=frame.right, right=frame.image)
+
+        assert found(check_drive(replace(filmed, load=load)))["disparity sign"].value > 90
+
+    def test_rows_that_do_not_fit_are_found(self, filmed):
+        def load(i):
+            frame = filmed.load(i)
+            return replace(frame, right=np.roll(frame.right, 3, 0))
+
+        assert found(check_drive(replace(filmed, load=load)))["rows"].value == pytest.approx(
+            3, abs=0.3
+        )
+
+
+def test_a_long_drive_is_looked_at_in_stretches():
+    assert chosen_frames(50, 60) == list(range(50))
+    chosen = chosen_frames(1000, 100)
+    assert len(chosen) == 100
+    assert chosen[0] == 0
+    assert chosen[-1] == 999
+    assert (np.diff(chosen) == 1).sum() == 96
+
+
+@pytest.mark.shared
+def test_the_traps_of_kitti_are_found_and_the_mended_file_is_clean(shared):
+    folder = shared / "data" / "drives" / "kitti07"
+    clean = beginning(load_drive("tracks", folder / "stereo_tracks_clean.npz"), 300)
+    look = look_through(clean, 300)
+    assert len(look) == 300
+    assert not found(report_on(clean, look))
+
+    matrix = np.load(folder / "calib.npz")["cam_T_imu"]
+    as_it_reads = -matrix[:3, :3].T @ matrix[:3, 3]
+    wrong = replace(clean, camera=replace(clean.camera, place=as_it_reads))
+    assert set(found(report_on(wrong, look))) == {"camera place"}
+
+    refreshed = beginning(load_drive("tracks", folder / "stereo_tracks.npz"), 500)
+    report = found(check_drive(refreshed))
+    assert set(report) == {"repeated frames"}
+    expected = np.load(folder / "stereo_tracks_clean.npz")["refresh"]
+    np.testing.assert_array_equal(report["repeated frames"].frames, expected[expected < 500])
+
+
+@pytest.mark.shared
+def test_images_of_kitti_are_clean_and_a_wrong_turn_in_them_is_found(shared):
+    drive = load_drive("kitti", shared / "data" / "drives" / "kitti07")
+    look = look_through(drive, 60)
+    assert not found(report_on(drive, look))
+    mirrored = replace(drive, control=drive.control * [1, 1, -1])
+    assert set(found(report_on(mirrored, look))) == {"turn sign"}

@@ -1,0 +1,92 @@
+"""What is done to images, and points that are counted by places."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade.errors import ConfigError
+from saccade.evaluation.degradation import Disturbance
+from saccade.evaluation.repeatability import Features
+from support.run_command import run
+
+GRAY = np.full((120, 160, 3), 0.5, np.float32)
+
+
+def test_noise_has_its_deviation_and_its_seed():
+    noise = Disturbance.parse("noise:20")
+    noisy = noise.of(GRAY, seed=1)
+    assert noisy.dtype == np.float32
+    assert (255 * noisy).std() == pytest.approx(20, rel=0.02)
+    np.testing.assert_array_equal(noisy[:, :, 0], noisy[:, :, 2])  # a grey image stays grey
+    np.testing.assert_array_equal(noisy, noise.of(GRAY, seed=1))
+    assert (noisy != noise.of(GRAY, seed=2)).any()
+
+
+def test_contrast_is_scaled_about_middle_gray_in_whole_levels():
+    ramp = np.arange(256, dtype=np.float32)[None] / 255
+    scaled = 255 * Disturbance("contrast", 0.25).of(ramp, 0)
+    np.testing.assert_allclose(scaled, np.rint(scaled), atol=1e-4)
+    np.testing.assert_allclose(scaled, 127.5 + (255 * ramp - 127.5) / 4, atol=0.51)
+
+
+def test_blur_is_gaussian():
+    spot = np.zeros((41, 41), np.float32)
+    spot[20, 20] = 1
+    blurred = Disturbance("blur", 3.0).of(spot, 0)
+    expected = cv2.getGaussianKernel(25, 3)[12, 0] ** 2
+    assert blurred[20, 20] == pytest.approx(expected, abs=1 / 255)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("fog:1", "'fog'"),
+        ("noise", "noise:20"),
+        ("noise:much", "'noise:much'"),
+        ("noise:nan", "noise: expected above 0"),
+        ("contrast:2", "contrast: expected above 0, at most 1"),
+    ],
+)
+def test_nonsense_is_refused(text, words):
+    with pytest.raises(ConfigError, match=words):
+        Disturbance.parse(text)
+
+
+def test_the_strongest_places_have_all_of_their_points():
+    xy = np.array([[3.0, 1], [2, 2], [3, 1], [1, 1], [2, 2]])
+    features = Features(xy, np.arange(5)[:, None], (9, 9))
+    kept = features.strongest(2)
+    assert kept.descriptors.ravel().tolist() == [0, 1, 2, 4]
+    np.testing.assert_array_equal(kept.xy, xy[[0, 1, 2, 4]])
+    assert features.strongest(None) is features
+
+
+def test_evaluate_features_by_number_and_disturbance(monkeypatch, capsys, scene):
+    words = ["evaluate", "features", "--pairs", scene, "--json"]
+    ours = ("sift", "must", "symroid", "sift-random", "sift-salient")
+    named = [word for name in ours for word in ("--detector", name)]
+    asked = ["--points", 10, "--points", 20, "--disturb", "clean", "--disturb", "noise:20"]
+    code, out, _ = run(monkeypatch, capsys, *words, *named, *asked)
+    assert code == 0
+    detectors = json.loads(out)["detectors"]
+    assert len(detectors) == 5 * 4
+    for name in ours:
+        few, more = (detectors[f"{name}, {n} points"]["mean"] for n in (10, 20))
+        assert 10 <= few["keypoints"] < more["keypoints"]
+        assert few["repeatability"] > 0.3 or name == "sift-random", name
+    clean, noisy = (detectors[f"sift, 20 points{d}"]["mean"] for d in ("", ", noise:20"))
+    assert noisy["repeatability"] != clean["repeatability"]
+    code, _, err = run(monkeypatch, capsys, *words, "--disturb", "fog:1")
+    assert code == 2
+    assert "'fog'" in err
+
+
+def test_a_wider_radius_finds_more_again(monkeypatch, capsys, scene):
+    words = ["evaluate", "features", "--pairs", scene, "--json", "--disturb", "noise:20"]
+    found = []
+    for radius in (0.5, 3, 20):
+        _, out, _ = run(monkeypatch, capsys, *words, "--radius", radius)
+        found.append(json.loads(out)["detectors"]["sift, noise:20"]["mean"]["repeatability"])
+    assert found[0] < found[1] < found[2]

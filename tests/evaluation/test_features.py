@@ -1,0 +1,228 @@
+"""Repeatability and matching, against cases that can be counted by hand and against peers."""
+
+import json
+import sys
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade.cli.detectors import find_detector
+from saccade.datasets.homography_pairs import homography_pairs
+from saccade.errors import ConfigError, ImageError
+from saccade.evaluation.features import FeatureScores, score_pairs
+from saccade.evaluation.homography import corner_error, inside, project
+from saccade.evaluation.repeatability import Features, PairScores, score_pair
+from saccade.exchange.colmap import import_pycolmap
+from saccade.image import as_gray
+from saccade.keypoints.matching import nearest_neighbors
+from support.run_command import run
+from support.shift import SHIFT
+
+
+def found(xy, codes=None, shape=(100, 100)):
+    """Points whose descriptors are alike where their codes are."""
+    xy = np.array(xy, float).reshape(-1, 2)
+    codes = np.arange(len(xy)) if codes is None else np.array(codes)
+    descriptors = 100 * np.eye(16, dtype=np.uint8)[codes]
+    return Features(xy, descriptors, shape)
+
+
+def test_a_perfect_detector_has_full_marks(rng):
+    xy = rng.uniform(20, 80, (12, 2))
+    scores = score_pair(found(xy), found(xy + np.array([10, 0])), SHIFT, nearest_neighbors)
+    assert scores.keypoints == 12
+    for name in ("repeatability", "mma_1", "mma_5", "ratio_1", "score"):
+        assert getattr(scores, name) == 1, name
+    assert scores.localization < 1e-9
+    assert scores.auc_1 > 1 - 1e-3
+
+
+def test_what_is_counted_can_be_counted_by_hand():
+    here = [(10, 10), (10, 10), (30, 30), (50, 50), (95, 50)]  # one twice, one outside the other
+    there = [(20, 12), (40, 34), (60, 50), (5, 50), (90, 90)]  # one outside; one nobody has
+    first, second = found(here, [0, 5, 1, 2, 3]), found(there, [0, 1, 2, 3, 6])
+    scores = score_pair(first, second, SHIFT, nearest_neighbors)
+    assert scores.repeatability == pytest.approx(4 / 7)  # places at 2, 4, 0 px of 3 and of 4
+    assert scores.localization == pytest.approx(1.0)
+    assert scores.mma_1 == pytest.approx(1 / 4)  # of 0, 2, 4 and 100 px
+    assert scores.mma_3 == pytest.approx(2 / 4)
+    assert scores.mma_5 == pytest.approx(3 / 4)
+    assert scores.ratio_3 == pytest.approx(2 / 4)
+    assert scores.score == pytest.approx(2 / 3)
+
+
+@pytest.mark.parametrize("xy", [np.zeros((0, 2)), np.array([[5.0, 5.0]])])
+def test_few_points_score_without_complaint(xy):
+    for first, second in ((found(xy), found([])), (found([]), found(xy))):
+        scores = score_pair(first, second, SHIFT, nearest_neighbors)
+        assert scores.repeatability == scores.mma_3 == scores.score == scores.auc_10 == 0
+        assert scores.localization == 3
+
+
+def test_projection_is_opencvs(rng):
+    homography = np.eye(3) + 0.01 * rng.standard_normal((3, 3))
+    xy = rng.uniform(0, 10, (20, 2))
+    expected = cv2.perspectiveTransform(xy[None], homography)[0]
+    np.testing.assert_allclose(project(homography, xy), expected)
+    edges = np.array([[0, 0], [9, 4], [9.01, 4], [9, 4.01], [-0.01, 0]])
+    np.testing.assert_array_equal(inside(edges, (5, 10)), [True, True, False, False, False])
+
+
+def test_the_error_of_a_known_homography(rng):
+    xy = rng.uniform(0, 100, (60, 2))
+    moved = xy + np.array([12, 5])  # the truth says (10, 0)
+    assert corner_error(xy, moved, SHIFT, (100, 100)) == pytest.approx(np.hypot(2, 5), abs=1e-3)
+    assert corner_error(xy[:3], moved[:3], SHIFT, (100, 100)) == np.inf
+    same = np.repeat(xy[:1], 9, axis=0)
+    assert corner_error(same, same, SHIFT, (100, 100)) == np.inf
+
+
+def test_means_and_intervals():
+    def scores(value):
+        return PairScores(*[value] * 14)
+
+    result = FeatureScores([("a", "2"), ("a", "3"), ("b", "2")], [scores(v) for v in (1, 2, 6)])
+    low, high = result.interval()
+    assert result.mean() == scores(3)
+    assert 1 <= low.score < 3 < high.score <= 6
+    assert result.of("a").mean() == scores(1.5)
+
+
+def test_an_image_shared_by_pairs_is_looked_at_once():
+    seen = []
+
+    def features(name):
+        seen.append(name)
+        return found([(20, 20), (30, 30)])
+
+    pairs = [("1", "2", SHIFT), ("1", "3", SHIFT)]
+    assert len(list(score_pairs(features, pairs, nearest_neighbors))) == 2
+    assert seen == ["1", "2", "3"]
+
+
+def test_pairs_are_read(scene):
+    (pair,) = homography_pairs(scene.parent)
+    assert (pair.sequence, pair.first.name, pair.second.name) == ("noise", "1.png", "2.png")
+    np.testing.assert_array_equal(pair.homography, SHIFT)
+    (scene / "H_1_3.txt").write_text("1 0 0 0 1 0 0 0 1")
+    with pytest.raises(ImageError, match=r"noise: expected an image 3\.png"):
+        homography_pairs(scene)
+    for text in ("1 0 0 0 1", "1 0 0 0 1 0 0 0 x", "0 0 0 0 0 0 0 0 0", "nan 0 0 0 1 0 0 0 1"):
+        (scene / "H_1_2.txt").write_text(text)
+        with pytest.raises(ImageError, match=r"H_1_2\.txt: expected"):
+            homography_pairs(scene)
+    with pytest.raises(ImageError, match="nowhere: expected sequences"):
+        homography_pairs(scene / "nowhere")
+
+
+def corners(image):
+    """A detector as a user brings it."""
+    gray = np.rint(image.mean(axis=2) * 255).astype(np.uint8)
+    points, descriptors = cv2.ORB.create().detectAndCompute(gray, None)
+    return SimpleNamespace(xy=[point.pt for point in points], descriptors=descriptors)
+
+
+def nonsense(image):
+    return image
+
+
+def test_evaluate_features(monkeypatch, capsys, scene):
+    words = ["evaluate", "features", "--pairs", scene.parent]
+    detectors = ["--detector", "sift", "--detector", "opencv", "--detector", f"{__name__}:corners"]
+    code, out, _ = run(monkeypatch, capsys, *words, *detectors, "--json")
+    assert code == 0
+    result = json.loads(out)
+    assert result["pairs"] == 1
+    assert list(result["detectors"]) == ["sift", "opencv", f"{__name__}:corners"]
+    for name, scores in result["detectors"].items():
+        assert scores["mean"]["mma_3"] > 0.8, name
+        assert scores["sequences"]["noise"] == scores["mean"]
+    code, out, _ = run(monkeypatch, capsys, *words, "--per-sequence")
+    assert code == 0
+    assert "noise" in out
+
+
+def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
+    words = ["evaluate", "features", "--pairs", scene, "--detector"]
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    for name, expected in (
+        ("colmap", "needs pycolmap"),
+        ("surf", "found 'surf'"),
+        ("nowhere:detect", "No module named 'nowhere'"),
+        (f"{__name__}:SHIFT", "expected a callable"),
+        (f"{__name__}:nonsense", "expected an object with xy and descriptors"),
+    ):
+        code, _, err = run(monkeypatch, capsys, *words, name)
+        assert code == 2, name
+        assert expected in err
+        assert err.strip().count("\n") == 0
+
+
+@pytest.fixture
+def texture(rng):
+    """(160, 200, 3) noise in [0, 1] in which there are some hundred points."""
+    gray = cv2.GaussianBlur(rng.random((160, 200)), (0, 0), 2)
+    gray = np.rint(255 * (gray - gray.min()) / np.ptp(gray)) / 255
+    return np.repeat(gray[:, :, None], 3, axis=2)
+
+
+def kept_places(name, image, count):
+    """The places of a detector's points that `--points` keeps."""
+    found = find_detector(name, None, None, count)(image)
+    return set(
+        map(tuple, Features(found.xy, found.descriptors, image.shape[:2]).strongest(count).xy)
+    )
+
+
+@pytest.mark.parametrize("count", [10, 50])
+def test_of_opencvs_points_the_strongest_are_kept(texture, count):
+    points = cv2.SIFT.create().detect(np.rint(255 * texture[:, :, 0]).astype(np.uint8))
+    strength = {point.pt: point.response for point in points}
+    assert len(strength) > 2 * count
+    strongest = sorted(strength, key=strength.get, reverse=True)[:count]
+    assert kept_places("opencv", texture, count) == set(strongest)
+
+
+def test_descriptors_stay_with_their_points(texture):
+    gray = np.rint(255 * texture[:, :, 0]).astype(np.uint8)
+    points, descriptors = cv2.SIFT.create().detectAndCompute(gray, None)
+    found = find_detector("opencv", None, None, 10)(texture)
+    rows = {(*point.pt, *map(int, d)) for point, d in zip(points, descriptors, strict=True)}
+    ours = zip(found.xy.tolist(), found.descriptors.tolist(), strict=True)
+    assert {(*xy, *descriptor) for xy, descriptor in ours} == rows
+
+
+@pytest.mark.parametrize("name", ["sift", "must"])
+def test_of_our_points_the_strongest_are_kept(texture, name):
+    every = find_detector(name, None, None, 10_000)(texture)
+    strength = dict(zip(map(tuple, every.xy), every.response, strict=True))
+    strongest = sorted(strength, key=strength.get, reverse=True)[:10]
+    assert kept_places(name, texture, 10) == set(strongest)
+
+
+@pytest.mark.peer
+def test_of_colmaps_points_those_are_kept_that_colmap_would_keep(texture):
+    """Whole planes of its scale space, from the largest scale on, until there are enough."""
+    pytest.importorskip("pycolmap")
+    pycolmap = import_pycolmap()
+    options = pycolmap.FeatureExtractionOptions()
+    options.sift.max_num_features = 20
+    gray = np.ascontiguousarray(as_gray(texture), np.float32)
+    points, _ = pycolmap.FeatureExtractor.create(options).extract_from_float32_array(gray)
+    theirs = {(point.x - 0.5, point.y - 0.5) for point in points}
+    kept = kept_places("colmap", texture, 20)
+    assert len(kept) == 20
+    assert len(kept & theirs) >= 19  # a point between two planes may count to either
+
+
+@pytest.mark.peer
+def test_colmap_is_one_of_the_detectors():
+    pytest.importorskip("pycolmap")
+    spot = np.exp(-((np.indices((80, 90)) - [[[41.3]], [[50.6]]]) ** 2).sum(axis=0) / 50)
+    points = find_detector("colmap", None, None)(np.repeat(spot[:, :, None], 3, axis=2))
+    assert points.descriptors.shape == (len(points.xy), 128)
+    assert np.hypot(*(points.xy - (50.6, 41.3)).T).min() < 0.1
+    with pytest.raises(ConfigError, match="surf"):
+        find_detector("surf", None, None)

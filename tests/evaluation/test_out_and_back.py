@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from evo.core import metrics
+from evo.core.trajectory import PoseTrajectory3D
+
+from saccade.datasets import load_drive
+from saccade.errors import ConfigError, DriveError
+from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
+from saccade.frames import Camera, Drive, Frame, steps_between
+from saccade.slam.models import compose
+from saccade.types import Trajectory
+
+EXACT = PalindromeConfig(20, 0, 0, 0, 0)
+
+
+def followed(drive):
+    """Where odometry alone puts the robot."""
+    poses = [drive.start]
+    for control in drive.control:
+        poses.append(compose(poses[-1], control)[0])
+    return np.array(poses)
+
+
+def winding(n=20):
+    time = np.arange(n) / 10.0
+    pose = np.stack([time * 2, np.sin(time), np.sin(3 * time)], 1)
+    return Drive(
+        name="winding",
+        camera=Camera(64, 48, 50, 50, 32, 24),
+        time=time,
+        control=np.zeros((n - 1, 3)),
+        control_covariance=np.zeros((n - 1, 3, 3)),
+        load=lambda i: Frame(time[i], image=np.full((48, 64), i, np.uint8)),
+        truth=Trajectory(time, pose),
+    )
+
+
+def test_without_errors_odometry_is_the_truth():
+    there = palindrome(winding(), EXACT)
+    np.testing.assert_allclose(followed(there), there.truth.pose, atol=1e-12)
+    assert not there.control_covariance.any()
+
+
+def test_no_frame_comes_twice_and_the_way_back_is_in_reverse():
+    drive = winding()
+    there = palindrome(drive, EXACT)
+    seen = [int(there.load(i).image[0, 0]) for i in range(len(there))]
+    assert sorted(seen) == list(range(20))
+    assert seen[:3] == [0, 2, 4]
+    assert seen[-2:] == [3, 1]
+    np.testing.assert_allclose(there.truth.pose, drive.truth.pose[seen])
+    np.testing.assert_allclose([there.load(i).time for i in range(20)], there.time)
+    assert (there.control[11:, 0] < 0).all()
+
+
+def test_covariances_are_those_of_the_errors_that_are_drawn():
+    config = PalindromeConfig(20, scale_percent=0)
+    drives = [palindrome(winding(), config, seed) for seed in range(400)]
+    exact = steps_between(drives[0].truth.pose)
+    errors = np.array([drive.control - exact for drive in drives])
+    expected = np.mean([drive.control_covariance for drive in drives], 0)
+    np.testing.assert_allclose(errors[..., 0].std(0), np.sqrt(expected[:, 0, 0]), rtol=0.15)
+    heading = errors[..., 2].sum(1)
+    reached = np.sqrt(np.square(heading).mean())
+    np.testing.assert_allclose(reached, np.sqrt(expected[:, 2, 2].sum()), rtol=0.15)
+
+
+def test_what_cannot_be_turned_round_is_refused():
+    drive = winding()
+    with pytest.raises(DriveError, match="winding: palindrome: expected a drive with truth"):
+        palindrome(
+            Drive(
+                "winding",
+                drive.camera,
+                *(drive.time,),
+                drive.control,
+                drive.control_covariance,
+                drive.load,
+            )
+        )
+    with pytest.raises(DriveError, match="at least 4 frames, found 3"):
+        palindrome(winding(3))
+    with pytest.raises(ConfigError, match="white_percent"):
+        PalindromeConfig(white_percent=-1)
+
+
+@pytest.mark.shared
+def test_on_kitti_odometry_alone_is_as_poor_as_it_should_be(shared):
+    drive = load_drive("kitti", shared / "data" / "drives" / "kitti07")
+    errors = []
+    for seed in range(4):
+        there = palindrome(drive, seed=seed)
+        ours, true = (_for_evo(there.time, pose) for pose in (followed(there), there.truth.pose))
+        ours.align(true)
+        ape = metrics.APE(metrics.PoseRelation.translation_part)
+        ape.process_data((true, ours))
+        errors.append(ape.get_statistic(metrics.StatisticsType.rmse))
+    assert len(there) == 160
+    assert 2.1 < min(errors) < 2.3
+    assert 4.8 < max(errors) < 5.0
+
+
+def _for_evo(time, pose):
+    half = pose[:, 2] / 2
+    nothing = np.zeros(len(pose))
+    turned = np.stack([np.cos(half), nothing, nothing, np.sin(half)], 1)
+    return PoseTrajectory3D(np.column_stack([pose[:, :2], nothing]), turned, time)

@@ -1,0 +1,353 @@
+"""Points go out to the formats of others and come back."""
+
+import csv
+import dataclasses
+import sys
+
+import cv2
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import saccade
+from saccade import exchange
+from saccade.errors import ConfigError, KeypointsError, OutputError
+from saccade.types import Keypoints
+from support.keypoint_files import FIELDS, HALLWAY, assert_same, random_points
+
+ONE = {"npz": ".npz", "csv": ".csv"}
+MANY = {"parquet": ".parquet", "hdf5": ".h5"}
+
+
+def written(kind, path, points, name="photo.jpg"):
+    """The points of one image after a way there and back."""
+    write, read = (getattr(exchange, f"{verb}_{kind}") for verb in ("write", "read"))
+    if kind in ONE:
+        write(path, points)
+        return read(path)
+    write(path, {name: points})
+    (found,) = read(path).items()
+    assert found[0] == name
+    return found[1]
+
+
+@pytest.mark.parametrize("kind", [*ONE, *MANY])
+@pytest.mark.parametrize("count", [0, 1, 40])
+@pytest.mark.parametrize("described", [True, False])
+def test_points_come_back_as_they_were(rng, tmp_path, kind, count, described):
+    points = random_points(rng, count, described)
+    found = written(kind, tmp_path / "points", points)
+    described_back = FIELDS[:-1] if kind == "csv" or count == 0 else FIELDS
+    assert_same(found, points, described_back)
+    assert [path.name for path in tmp_path.iterdir()] == ["points"]
+
+
+@given(
+    st.lists(
+        st.floats(-(2.0**100), 2.0**100, width=32, allow_subnormal=False), min_size=4, max_size=12
+    )
+)
+@pytest.mark.parametrize("kind", ["csv", "hdf5"])
+def test_every_normal_float32_comes_back(tmp_path_factory, kind, numbers):
+    angle = np.array(numbers, np.float32)
+    xy = np.stack([angle, angle[::-1]], axis=1)
+    points = Keypoints(xy, np.abs(angle), angle % 3, angle, np.zeros(len(xy), np.int32))
+    path = tmp_path_factory.getbasetemp() / kind
+    assert_same(written(kind, path, points), points)
+
+
+@pytest.mark.parametrize("kind", MANY)
+def test_many_images_keep_their_names(rng, tmp_path, kind):
+    images = {
+        "b/photo.jpg": random_points(rng, 5),
+        "a/photo.jpg": random_points(rng, 3),
+        "a/deep/photo.jpg": random_points(rng, 0),
+        "äöü photo.png": random_points(rng, 2, described=False),
+    }
+    path = tmp_path / f"points{MANY[kind]}"
+    getattr(exchange, f"write_{kind}")(path, images)
+    found = getattr(exchange, f"read_{kind}")(path)
+    assert found.keys() == images.keys()
+    for name, points in images.items():
+        assert_same(found[name], points, FIELDS[: 6 if len(points) else 5])
+
+
+@pytest.mark.parametrize("kind", [*MANY])
+def test_no_images_at_all(tmp_path, kind):
+    getattr(exchange, f"write_{kind}")(tmp_path / "none", {})
+    assert getattr(exchange, f"read_{kind}")(tmp_path / "none") == {}
+
+
+@pytest.fixture(scope="module")
+def detected():
+    gray = cv2.imread(HALLWAY[0], cv2.IMREAD_GRAYSCALE)
+    return gray, saccade.Sift(saccade.SiftConfig.opencv())(gray)
+
+
+def test_opencv_describes_our_points_as_we_do(detected):
+    gray, ours = detected
+    points, descriptors = exchange.to_opencv(ours)
+    assert descriptors.dtype == np.float32
+    kept, theirs = cv2.SIFT_create().compute(gray, points)
+    assert len(kept) == len(ours)
+    cosine = (theirs * descriptors).sum(axis=1)
+    cosine /= np.linalg.norm(theirs, axis=1) * np.linalg.norm(descriptors, axis=1)
+    assert np.median(cosine) > 0.999
+    assert np.percentile(cosine, 5) > 0.99
+
+
+def test_opencvs_own_points_come_in(detected):
+    gray, _ = detected
+    theirs, descriptors = cv2.SIFT_create().detectAndCompute(gray, None)
+    found = exchange.from_opencv(theirs, descriptors)
+    assert len(found) == len(theirs) > 100
+    np.testing.assert_array_equal(found.xy, [point.pt for point in theirs])
+    np.testing.assert_array_equal(found.descriptors, descriptors)
+    for k, point in enumerate(theirs):
+        assert found.size[k] == np.float32(point.size)
+        assert found.response[k] == np.float32(point.response)
+        turn = np.degrees(found.angle[k]) - point.angle
+        assert abs((turn + 180) % 360 - 180) < 1e-4
+        # Its octaves are those between whose halves and doubles the sizes lie.
+        assert 1 < point.size / 2 / 1.6 / 2.0 ** found.octave[k] < 2.5
+    back, floats = exchange.to_opencv(found)
+    np.testing.assert_array_equal(floats, descriptors)
+    for ours, point in zip(back, theirs, strict=True):
+        assert ours.pt == point.pt
+        assert ours.octave & 0xFFFF == point.octave & 0xFFFF
+        assert ours.angle == pytest.approx(point.angle, abs=1e-4)
+
+
+def test_points_without_angle_and_descriptors_come_in():
+    points = [cv2.KeyPoint(3.5, 4.25, 7.0), cv2.KeyPoint(1, 2, 31.0, 270.0, 0.5, 2)]
+    found = exchange.from_opencv(points)
+    np.testing.assert_allclose(found.angle, [0, -np.pi / 2], rtol=1e-6)
+    np.testing.assert_array_equal(found.octave, [0, 2])
+    assert found.descriptors is None
+    assert len(exchange.from_opencv([])) == 0
+    assert exchange.to_opencv(found)[1] is None
+
+
+def test_half_a_turn_is_plus_pi_from_either_side():
+    points = [cv2.KeyPoint(0, 0, 1, angle) for angle in (180.0, 179.99999, 180.00002)]
+    angle = exchange.from_opencv(points).angle
+    assert angle[0] == np.float32(np.pi)
+    assert (angle > -np.float32(np.pi)).all()
+
+
+def test_hloc_reads_the_features(rng, tmp_path):
+    """The arrays that hloc asks for, in the shapes and units in which it wants them."""
+    first, second = random_points(rng, 30), random_points(rng, 50)
+    second = dataclasses.replace(second, descriptors=rng.permutation(second.descriptors))
+    second.descriptors[:20] = first.descriptors[:20]
+    path = tmp_path / "feats-saccade.h5"
+    exchange.write_hdf5(
+        path,
+        {"db/1.jpg": first, "query/2.jpg": second},
+        {"db/1.jpg": (480, 640, 3), "query/2.jpg": (1000, 2000)},
+    )
+    with h5py.File(path, "r") as file:
+        groups = [file["db/1.jpg"], file["query/2.jpg"]]
+        a, b = ({name: data[()] for name, data in group.items()} for group in groups)
+    assert all(np.asarray(values).dtype.kind in "fi" for values in a.values())
+    np.testing.assert_array_equal(a["keypoints"], first.xy)
+    np.testing.assert_array_equal(a["scores"], first.response)
+    np.testing.assert_array_equal(a["image_size"], [640, 480])
+    np.testing.assert_allclose(a["scales"], first.size / 2)
+    np.testing.assert_allclose(np.radians(a["oris"]), first.angle, rtol=1e-6)
+    assert a["descriptors"].shape == (128, 30)
+    np.testing.assert_allclose(np.linalg.norm(a["descriptors"], axis=0), 1, rtol=1e-5)
+    similarity = a["descriptors"].T @ b["descriptors"]  # its nearest-neighbor matcher
+    np.testing.assert_array_equal(similarity.argmax(axis=1)[:20], np.arange(20))
+
+
+def test_hlocs_own_features_come_in(rng, tmp_path):
+    """Half precision, unit descriptors, no octaves."""
+    counts = rng.integers(0, 60, (9, 128))
+    units = (counts / 512).astype(np.float16)
+    with h5py.File(tmp_path / "feats.h5", "w") as file:
+        group = file.create_group("db/photo.jpg")
+        group["keypoints"] = (rng.random((9, 2)) * 100).astype(np.float16)
+        group["descriptors"] = units.T
+        group["scores"] = rng.random(9).astype(np.float16)
+        group["image_size"] = np.array([640, 480])
+        expected = group["keypoints"][()].astype(np.float32)
+    (found,) = exchange.read_hdf5(tmp_path / "feats.h5").values()
+    np.testing.assert_array_equal(found.xy, expected)
+    np.testing.assert_array_equal(found.descriptors, counts)
+    np.testing.assert_array_equal(found.size, 2)
+
+
+def test_the_table_is_what_others_expect(rng, tmp_path):
+    points = {"a.jpg": random_points(rng, 4), "b.jpg": random_points(rng, 2, described=False)}
+    exchange.write_parquet(tmp_path / "points.parquet", points)
+    table = pq.read_table(tmp_path / "points.parquet")
+    assert table.column_names == [
+        "image", "x", "y", "size", "angle", "response", "octave", "descriptor"
+    ]  # fmt: skip
+    assert table.schema.field("x").type == pa.float32()
+    assert table.schema.field("octave").type == pa.int32()
+    assert table.schema.field("descriptor").type == pa.list_(pa.uint8(), 128)
+    rows = table.to_pylist()
+    assert rows[1]["image"] == "a.jpg"
+    assert rows[1]["y"] == points["a.jpg"].xy[1, 1]
+    assert rows[1]["descriptor"] == points["a.jpg"].descriptors[1].tolist()
+    assert rows[5]["descriptor"] is None
+
+
+def test_a_folder_of_tables_in_any_order(rng, tmp_path):
+    """As other programs write them: parts, rows that are mixed, lists without a length."""
+    points = random_points(rng, 30)
+    table = exchange.to_arrow({"a": points[:20], "b": points[20:]})
+    loose = table.schema.field("descriptor").with_type(pa.list_(pa.uint8()))
+    table = table.cast(table.schema.set(7, loose)).replace_schema_metadata()
+    order = np.argsort(rng.random(30) + np.arange(30) / 100)
+    mixed = table.take(order)
+    (tmp_path / "parts").mkdir()
+    pq.write_table(mixed.slice(0, 11), tmp_path / "parts" / "0.parquet")
+    pq.write_table(mixed.slice(11), tmp_path / "parts" / "1.parquet")
+    found = exchange.read_parquet(tmp_path / "parts")
+    assert_same(found["a"], points[order[order < 20]])
+    assert_same(found["b"], points[order[order >= 20]])
+
+
+def test_csv_opens_in_a_spreadsheet(tmp_path):
+    points = dataclasses.replace(
+        Keypoints.at([[12.3, 4.5], [7, 8]], size=4.2, angle=0.1),
+        octave=np.array([-1, 3], np.int32),
+    )
+    exchange.write_csv(tmp_path / "points.csv", points)
+    with (tmp_path / "points.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert rows == [
+        ["x", "y", "size", "angle", "response", "octave"],
+        ["12.3", "4.5", "4.2", "0.1", "0.0", "-1"],
+        ["7.0", "8.0", "4.2", "0.1", "0.0", "3"],
+    ]
+
+
+def test_nothing_is_pickled(rng, tmp_path):
+    points = random_points(rng, 3, described=False)
+    exchange.write_npz(tmp_path / "points.npz", points)
+    with np.load(tmp_path / "points.npz", allow_pickle=False) as arrays:
+        assert {name: arrays[name].dtype.kind for name in arrays} == {
+            "xy": "f", "size": "f", "angle": "f", "response": "f", "octave": "i", "format": "i"
+        }  # fmt: skip
+    np.savez(tmp_path / "bad.npz", xy=np.array([{}], object))
+    with pytest.raises(KeypointsError, match=r"bad\.npz: expected a NumPy \.npz file"):
+        exchange.read_npz(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("kind", [*ONE, *MANY, "colmap"])
+@pytest.mark.parametrize("what", ["missing", "empty", "garbage", "cut"])
+def test_what_is_no_file_of_points_is_named(rng, tmp_path, kind, what):
+    path = tmp_path / "file"
+    if what == "garbage":
+        path.write_bytes(bytes(rng.integers(128, 256, 999).astype(np.uint8)))
+    elif what == "empty":
+        path.touch()
+    elif what == "cut":
+        if kind in ("csv", "colmap"):
+            path.write_text("x,y,size\n1,2,3\n")
+        else:
+            written(kind, path, random_points(rng, 500))
+            path.write_bytes(path.read_bytes()[:-2000])
+    if kind == "csv" and what == "garbage":
+        path.write_text("x,y,size,angle,response,octave\n1,2,3,4,5,6\n1,2,three,4,5,6\n")
+    with pytest.raises(KeypointsError, match=f"^{path}") as caught:
+        getattr(exchange, f"read_{kind}")(path)
+    assert "\n" not in str(caught.value)
+    assert [each.name for each in tmp_path.iterdir()] == ["file"] * (what != "missing")
+
+
+def with_field(points, **fields):
+    return dataclasses.replace(points, **fields)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"xy": np.zeros((3, 3), np.float32)}, r"xy: expected shape \(n, 2\), found \(3, 3\)"),
+        ({"xy": np.full((3, 2), np.nan)}, "xy: expected float32, found nan"),
+        ({"xy": np.full((3, 2), 1e300)}, r"xy: expected float32, found 1e\+300"),
+        ({"size": np.ones(2)}, r"size: expected shape \(3,\), found \(2,\)"),
+        ({"angle": np.array(["a"] * 3)}, "angle: expected numbers, found <U1"),
+        ({"octave": np.array([1, 1.5, 2])}, "octave: expected int32, found 1.5"),
+        ({"descriptors": np.zeros((2, 128))}, r"descriptors: expected shape \(3, d\)"),
+        ({"descriptors": np.full((3, 128), 0.5)}, "whole numbers from 0 to 255, found 0.5"),
+        ({"descriptors": np.full((3, 128), 256)}, "whole numbers from 0 to 255, found 256"),
+        ({"descriptors": np.full((3, 128), np.nan)}, "whole numbers from 0 to 255, found nan"),
+    ],
+)
+@pytest.mark.parametrize("kind", [*ONE, *MANY])
+def test_points_that_do_not_fit_are_named_and_not_written(rng, tmp_path, kind, fields, words):
+    points = with_field(random_points(rng, 3), **fields)
+    with pytest.raises(KeypointsError, match=words):
+        written(kind, tmp_path / "file", points)
+    assert not list(tmp_path.iterdir())
+
+
+def test_fields_of_other_dtypes_are_converted(rng, tmp_path):
+    points = random_points(rng, 3)
+    wide = with_field(
+        points,
+        xy=points.xy.astype(np.float64),
+        octave=points.octave.astype(np.int64),
+        descriptors=points.descriptors.astype(np.float32),
+    )
+    assert_same(written("parquet", tmp_path / "file", wide), points)
+
+
+@pytest.mark.parametrize("name", ["", "/absolute.jpg", "folder/"])
+@pytest.mark.parametrize("kind", MANY)
+def test_names_that_no_format_can_hold(rng, tmp_path, kind, name):
+    with pytest.raises(KeypointsError, match="image: expected a name"):
+        getattr(exchange, f"write_{kind}")(tmp_path / "x", {name: random_points(rng, 1)})
+
+
+def test_descriptors_of_other_lengths(rng, tmp_path):
+    short = with_field(random_points(rng, 3), descriptors=np.ones((3, 64), np.uint8))
+    assert_same(written("hdf5", tmp_path / "file", short), short)
+    with pytest.raises(KeypointsError, match=r"photo\.jpg: expected descriptors of 128.*64"):
+        written("parquet", tmp_path / "file", short)
+
+
+def test_learned_descriptors_are_refused(rng, tmp_path):
+    with h5py.File(tmp_path / "superpoint.h5", "w") as file:
+        file["a/keypoints"] = np.zeros((2, 2))
+        file["a/descriptors"] = -np.ones((256, 2))
+    with pytest.raises(KeypointsError, match=r"superpoint\.h5: a: descriptors: expected SIFT's"):
+        exchange.read_hdf5(tmp_path / "superpoint.h5")
+
+
+@pytest.mark.parametrize(("library", "kind"), [("h5py", "hdf5"), ("pyarrow", "parquet")])
+def test_a_missing_library_is_named(monkeypatch, rng, tmp_path, library, kind):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ConfigError, match=f"{kind}: needs {library}.* uv sync --extra {kind}"):
+        written(kind, tmp_path / "x", random_points(rng, 1))
+    with pytest.raises(ConfigError, match=rf"{kind}: needs {library}"):
+        getattr(exchange, f"read_{kind}")(tmp_path / "x")
+
+
+@pytest.mark.parametrize("kind", [*ONE, *MANY])
+def test_a_place_that_cannot_be_written_is_named(rng, tmp_path, kind):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(OutputError, match="taken"):
+        written(kind, tmp_path / "taken" / "x", random_points(rng, 1))
+
+
+def test_points_from_anywhere():
+    points = Keypoints.at([[1, 2], [3, 4]], size=[5, 6], angle=0.5)
+    assert_same(points, Keypoints.at(points.xy.tolist(), points.size, [0.5, 0.5]))
+    assert len(Keypoints.at([], 3)) == 0
+    for xy, size, words in (
+        (np.zeros((2, 3)), 3, r"xy: expected shape \(n, 2\), found \(2, 3\)"),
+        (np.zeros(4), 3, r"xy: expected shape \(n, 2\), found \(4,\)"),
+        (np.zeros((3, 2)), [1, 2], r"size: expected shape \(3,\), found \(2,\)"),
+    ):
+        with pytest.raises(KeypointsError, match=words):
+            Keypoints.at(xy, size)

@@ -1,0 +1,198 @@
+"""COLMAP's database, written for pycolmap and read from what it writes."""
+
+import sqlite3
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import saccade
+from saccade import exchange
+from saccade.errors import ConfigError, KeypointsError, OutputError
+from saccade.exchange.colmap import import_pycolmap
+from support.keypoint_files import HALLWAY, assert_same, random_points
+
+EXACT = ("size", "angle", "descriptors")
+
+pytestmark = pytest.mark.peer
+
+
+@pytest.fixture
+def pycolmap():
+    try:
+        return import_pycolmap()
+    except ConfigError as error:
+        pytest.skip(str(error))
+
+
+def test_colmap_finds_the_geometry_of_our_matches(pycolmap, tmp_path):
+    """Its own verification takes our keypoints and matches, and keeps most."""
+    images = [saccade.read_image(path) for path in HALLWAY]
+    first, second = (saccade.Sift()(image) for image in images)
+    pairs = saccade.match(first, second)
+    path = tmp_path / "database.db"
+    exchange.write_colmap(
+        path,
+        {"1.jpg": first, "deep/2.jpg": second},
+        {"1.jpg": images[0].shape, "deep/2.jpg": images[1].shape},
+        {("1.jpg", "deep/2.jpg"): pairs},
+    )
+    assert [each.name for each in tmp_path.iterdir()] == ["database.db"]
+    pycolmap.geometric_verification(path)
+    database = pycolmap.Database.open(path)
+    here, there = (database.read_image_with_name(name) for name in ("1.jpg", "deep/2.jpg"))
+    np.testing.assert_allclose(
+        database.read_keypoints(here.image_id),
+        np.c_[first.xy + 0.5, first.size / 2, first.angle],
+        atol=1e-4,
+    )
+    stored = database.read_descriptors(there.image_id)
+    assert stored.type == pycolmap.FeatureExtractorType.SIFT
+    np.testing.assert_array_equal(stored.data, second.descriptors)
+    np.testing.assert_array_equal(database.read_matches(here.image_id, there.image_id), pairs)
+    camera = database.read_camera(here.camera_id)
+    assert (camera.height, camera.width) == images[0].shape[:2]
+    assert database.num_rigs() == database.num_frames() == 2
+    geometry = database.read_two_view_geometry(here.image_id, there.image_id)
+    database.close()
+    assert len(geometry.inlier_matches) > 0.6 * len(pairs) > 20
+
+
+def test_what_colmap_extracts_comes_in(pycolmap, tmp_path):
+    """Its points, placed as we place ours, with descriptors that match ours."""
+    gray = cv2.imread(HALLWAY[0], cv2.IMREAD_GRAYSCALE)
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "photo.png"), gray)
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.num_threads = 1
+    pycolmap.extract_features(
+        tmp_path / "database.db", tmp_path / "images", extraction_options=options
+    )
+    features = exchange.read_colmap(tmp_path / "database.db")
+    assert features.shapes == {"photo.png": gray.shape}
+    (theirs,) = features.keypoints.values()
+    ours = saccade.Sift(saccade.SiftConfig.colmap())(gray)
+
+    def places(points):
+        turn = np.stack([np.cos(points.angle), np.sin(points.angle)], axis=1)
+        return np.c_[points.xy, 10 * np.log(points.size), 5 * turn]
+
+    distance, index = cKDTree(places(ours)).query(places(theirs))
+    same = distance < 1
+    assert same.mean() > 0.8
+    np.testing.assert_allclose(
+        np.median(theirs.xy[same] - ours.xy[index[same]], axis=0), 0, atol=0.01
+    )
+    a, b = theirs.descriptors[same].astype(float), ours.descriptors[index[same]].astype(float)
+    cosine = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+    assert np.median(cosine) > 0.999
+
+
+def test_points_come_back_as_they_were(pycolmap, rng, tmp_path):
+    points = {
+        "b.jpg": random_points(rng, 20),
+        "a.jpg": random_points(rng, 30),
+        "none.jpg": random_points(rng, 0),
+        "bare.jpg": random_points(rng, 5, described=False),
+    }
+    shapes = {name: (400 + len(each), 640) for name, each in points.items()}
+    pairs = {("b.jpg", "a.jpg"): np.array([[3, 29], [0, 2]])}
+    exchange.write_colmap(tmp_path / "x.db", points, shapes, pairs)
+    found = exchange.read_colmap(tmp_path / "x.db")
+    assert list(found.keypoints) == list(points)
+    assert found.shapes == shapes
+    for name, each in points.items():
+        fields = EXACT if name in ("a.jpg", "b.jpg") else EXACT[:2]
+        assert_same(found.keypoints[name], each, fields)
+        np.testing.assert_allclose(found.keypoints[name].xy, each.xy, atol=3e-4)  # half float32's
+    assert found.keypoints["bare.jpg"].descriptors is None
+    assert list(found.matches) == [("b.jpg", "a.jpg")]
+    np.testing.assert_array_equal(found.matches["b.jpg", "a.jpg"], pairs["b.jpg", "a.jpg"])
+    assert repr(found) == "ColmapFeatures(4 images, 1 matched pairs)"
+
+
+@pytest.mark.parametrize("columns", [2, 6])
+def test_other_shapes_of_keypoints_come_in(pycolmap, rng, tmp_path, columns):
+    """Places alone, and affine shapes, whose scale and angle pycolmap computes too."""
+    points, name = random_points(rng, 20), "photo.jpg"
+    exchange.write_colmap(tmp_path / "x.db", {name: points}, {name: (480, 640)})
+    database = pycolmap.Database.open(tmp_path / "x.db")
+    rows = rng.uniform(1, 5, (20, columns)).astype(np.float32)
+    database.update_keypoints(1, rows)
+    database.close()
+    found = exchange.read_colmap(tmp_path / "x.db").keypoints[name]
+    np.testing.assert_allclose(found.xy, rows[:, :2] - 0.5, rtol=1e-6)
+    for k, row in enumerate(rows):
+        size, angle = 2, 0
+        if columns == 6:
+            x, y, a11, a12, a21, a22 = row.tolist()
+            theirs = pycolmap.FeatureKeypoint(x=x, y=y, a11=a11, a12=a12, a21=a21, a22=a22)
+            size, angle = 2 * theirs.compute_scale(), theirs.compute_orientation()
+        assert found.size[k] == pytest.approx(size, rel=1e-5)
+        assert found.angle[k] == pytest.approx(angle, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "matches", "words"),
+    [
+        (["a"], {}, "b: expected a shape for this image"),
+        (["a", "b"], {("a", "c"): [[0, 0]]}, "matches of a and c: expected keypoints of c"),
+        (["a", "b"], {("a", "a"): [[0, 0]]}, "expected two images, found one"),
+        (["a", "b"], {("a", "b"): [[0, 3]]}, "expected indices below 2 and 3, found 0 to 3"),
+        (["a", "b"], {("a", "b"): [[-1, 0]]}, "expected indices below 2 and 3, found -1"),
+        (["a", "b"], {("a", "b"): [[0, 0, 0]]}, r"expected whole numbers of shape \(m, 2\)"),
+        (["a", "b"], {("a", "b"): [[0.5, 0]]}, "expected whole numbers.*found float64"),
+        (["a", "b"], {("a", "b"): [[0, 0]], ("b", "a"): [[0, 0]]}, "one order, found both"),
+    ],
+)
+def test_what_does_not_fit_is_named_and_not_written(
+    pycolmap, rng, tmp_path, shapes, matches, words
+):
+    points = {"a": random_points(rng, 2), "b": random_points(rng, 3)}
+    arrays = {pair: np.array(indices) for pair, indices in matches.items()}
+    with pytest.raises(KeypointsError, match=words):
+        exchange.write_colmap(tmp_path / "x", points, dict.fromkeys(shapes, (9, 9)), arrays)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_database_that_cannot_be_written_is_named(pycolmap, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(OutputError, match="taken"):
+        exchange.write_colmap(tmp_path / "taken" / "x.db", {}, {})
+
+
+def test_reading_changes_nothing(tmp_path):
+    """Neither a database of another program nor one of an old version."""
+    path = tmp_path / "x.db"
+    rows = np.array([[10.5, 20.5, 2, 0.25]], "<f4")
+    database = sqlite3.connect(path)
+    database.executescript(
+        "CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY, height INTEGER, width INTEGER);"
+        "CREATE TABLE images (image_id INTEGER PRIMARY KEY, name TEXT, camera_id INTEGER);"
+        "CREATE TABLE keypoints (image_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
+        "CREATE TABLE descriptors (image_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
+        "CREATE TABLE matches (pair_id INTEGER, rows INTEGER, cols INTEGER, data BLOB);"
+        "INSERT INTO cameras VALUES (1, 480, 640);"
+        "INSERT INTO images VALUES (7, 'old.jpg', 1);"
+    )
+    database.execute("INSERT INTO keypoints VALUES (7, 1, 4, ?)", (rows.tobytes(),))
+    database.commit()
+    before = path.read_bytes()
+    (found,) = exchange.read_colmap(path).keypoints.values()
+    np.testing.assert_array_equal([*found.xy[0], *found.size, *found.angle], [10, 20, 4, 0.25])
+    assert found.descriptors is None
+    assert path.read_bytes() == before
+    database.execute("UPDATE keypoints SET rows = 2")
+    database.commit()
+    with pytest.raises(KeypointsError, match=r"x\.db: expected a COLMAP database: keypoints of 7"):
+        exchange.read_colmap(path)
+    database.close()
+
+
+def test_a_missing_library_is_named(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(ConfigError, match=r"colmap: needs pycolmap.* uv sync --extra colmap"):
+        exchange.write_colmap(tmp_path / "x.db", {}, {})

@@ -1,0 +1,248 @@
+"""Description of points that are given: our own, OpenCV's, and from anywhere."""
+
+import dataclasses
+from importlib.resources import files
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from saccade import Keypoints, Sift, SiftConfig, exchange, match
+from saccade.errors import ImageError, KeypointsError
+from saccade.keypoints.scale_space_points import locate
+from saccade.scale_space import gaussian_scale_space
+from support.sift_images import PRESETS, assert_same, features, texture
+
+ROCKET = str(files("saccade") / "data" / "rocket.jpg")
+
+
+def cosines(a, b):
+    a, b = a.astype(float), b.astype(float)
+    return (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+
+
+@pytest.fixture(scope="module")
+def photo():
+    return cv2.imread(ROCKET, cv2.IMREAD_GRAYSCALE)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_our_own_points_are_described_to_the_same_bytes(rng, photo, preset):
+    sift = Sift(PRESETS[preset])
+    for image in (photo, texture(rng, (301, 222))):
+        found = sift(image)
+        assert len(np.unique(found.octave)) > 2
+        assert_same(sift.describe(image, found), found)
+        some = found[rng.permutation(len(found))[: len(found) // 2]]
+        assert_same(sift.describe(image, some), some)
+
+
+@pytest.mark.parametrize("intervals", [1, 2, 5])
+@pytest.mark.parametrize("base_sigma", [1.0, 2.1])
+def test_so_are_those_of_other_scales(rng, photo, intervals, base_sigma):
+    config = SiftConfig(intervals=intervals, base_sigma=base_sigma, contrast_threshold=0.002)
+    found = Sift(config)(photo)
+    assert len(found) > 300
+    assert_same(Sift(config).describe(photo, found), found)
+
+
+def test_points_keep_their_bytes_on_their_way_through_a_file(photo, tmp_path):
+    sift = Sift()
+    found = sift(photo)
+    exchange.write_parquet(tmp_path / "points.parquet", {"photo": found})
+    read = exchange.read_parquet(tmp_path / "points.parquet")["photo"]
+    assert_same(sift.describe(photo, read), found)
+
+
+def test_the_octave_of_a_size_is_that_of_the_detector(photo):
+    """Without their octaves, as COLMAP has them, points are described alike."""
+    sift = Sift()
+    found = sift(photo)
+    unknown = dataclasses.replace(found, octave=np.full(len(found), 99, np.int32))
+    again = sift.describe(photo, unknown)
+    same = (again.descriptors == found.descriptors).all(axis=1)
+    assert same.mean() > 0.95
+    assert cosines(again.descriptors, found.descriptors).min() > 0.9
+
+
+def test_opencvs_points_are_described_as_opencv_does(photo):
+    theirs, descriptors = cv2.SIFT_create().detectAndCompute(photo, None)
+    given = exchange.from_opencv(theirs, descriptors)
+    again = Sift(SiftConfig.opencv()).describe(photo, given)
+    cosine = cosines(again.descriptors, descriptors)
+    print(f"\nmedian {np.median(cosine):.5f}, 1st percentile {np.percentile(cosine, 1):.4f}")
+    assert np.median(cosine) > 0.9998
+    assert np.percentile(cosine, 1) > 0.998
+
+
+def test_orientations_are_those_that_opencv_finds(photo):
+    theirs, _ = cv2.SIFT_create().detectAndCompute(photo, None)
+    given = exchange.from_opencv(theirs)
+    places, index = np.unique(given.xy, axis=0, return_index=True)
+    bare = dataclasses.replace(given[index], angle=np.zeros(len(places), np.float32))
+    oriented = Sift(SiftConfig.opencv()).describe(photo, bare, orient=True)
+    found = 0
+    for xy, angle in zip(given.xy, given.angle, strict=True):
+        here = (oriented.xy == xy).all(axis=1)
+        turn = np.abs(np.angle(np.exp(1j * (oriented.angle[here] - angle))))
+        found += len(turn) > 0 and turn.min() < np.radians(2)
+    assert found > 0.98 * len(given)
+    assert abs(len(oriented) - len(given)) < 0.02 * len(given)
+
+
+def test_orientations_of_our_own_points_in_their_order(rng):
+    image = texture(rng, (150, 170))
+    found = Sift()(image)
+    places, first = np.unique(np.c_[found.xy, found.size], axis=0, return_index=True)
+    order = rng.permutation(len(places))
+    again = Sift().describe(image, found[first[order]], orient=True)
+    assert len(found) > 1.1 * len(places)
+    _, rank = np.unique(np.c_[again.xy, again.size], axis=0, return_inverse=True)
+    assert (np.diff(np.argsort(order)[rank]) >= 0).all()
+    trees = [features(each.xy, each.size, each.angle) for each in (again, found)]
+    for a, b in (trees, trees[::-1]):
+        assert (cKDTree(a).query(b)[0] < 1e-2).mean() > 0.99
+
+
+def test_an_upright_configuration_orients_upright(rng):
+    image = texture(rng, (60, 60))
+    given = Keypoints.at([[20, 30], [40, 30]], size=8, angle=[1.0, 2.0])
+    upright = Sift(SiftConfig(upright=True))
+    assert not upright.describe(image, given, orient=True).angle.any()
+    np.testing.assert_array_equal(upright.describe(image, given).angle, given.angle)
+
+
+def test_a_turned_point_in_a_turned_image_looks_the_same(rng):
+    image = texture(rng, (121, 121))
+    grid = np.stack(np.meshgrid(np.arange(30, 91, 10), np.arange(30, 91, 10)), axis=-1)
+    xy = grid.reshape(-1, 2).astype(float)
+    here = Sift().describe(image, Keypoints.at(xy, 7.0, 0.3))
+    turned = np.c_[xy[:, 1], 120 - xy[:, 0]]
+    there = Sift().describe(np.rot90(image), Keypoints.at(turned, 7.0, 0.3 - np.pi / 2))
+    assert np.abs(here.descriptors.astype(int) - there.descriptors).max() <= 6
+
+
+def test_a_grid_of_points_finds_itself_in_a_moved_image(rng):
+    """Dense description: no detector at all."""
+    image = texture(rng, (160, 200))
+    xy = np.stack(np.meshgrid(np.arange(40, 160, 8), np.arange(40, 120, 8)), axis=-1)
+    grid = Keypoints.at(xy.reshape(-1, 2), size=10)
+    moved = dataclasses.replace(grid, xy=grid.xy - np.float32([11, 6]))
+    first = Sift().describe(image, grid)
+    second = Sift().describe(image[6:, 11:], moved)
+    pairs = match(first, second)
+    assert len(pairs) > 0.9 * len(grid)
+    assert (pairs[:, 0] == pairs[:, 1]).mean() > 0.99
+
+
+def test_the_size_says_how_much_is_described():
+    """A step is seen by a point 6 sizes wide, and not by one that ends before it."""
+    image = np.zeros((200, 200), np.float32)
+    image[:, 130:] = 1
+    sizes = np.array([4.0, 6, 8, 14, 20, 40])
+    points = Sift(SiftConfig(first_octave=0)).describe(
+        image, Keypoints.at(np.tile([100, 100], (6, 1)), sizes)
+    )
+    reach = 15 / 4 * sizes + 4 * sizes / 2  # outer subregions, and the blur
+    seen = points.descriptors.any(axis=1)
+    assert not seen[reach < 30].any()
+    assert seen[3 * sizes > 30].all()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("size", [1e-3, 0.5, 5, 300, 1e6])
+def test_any_size_at_any_edge_is_described(rng, preset, size):
+    image = texture(rng, (40, 50))
+    corners = [[-0.5, -0.5], [49.5, -0.5], [-0.5, 39.5], [49.5, 39.5], [0, 20], [24, 18]]
+    for orient in (False, True):
+        found = Sift(PRESETS[preset]).describe(image, Keypoints.at(corners, size), orient=orient)
+        assert found.descriptors.shape == (len(found), 128)
+        assert np.isfinite(found.angle).all()
+        if not orient:
+            assert len(found) == 6
+            # Of a wide point the print's 16 x 16 samples all lie outside.
+            beside = size < 1 or (preset == "kootstra2010" and size >= 300)
+            assert found.descriptors[5].any() or beside
+
+
+def test_a_black_image_has_empty_descriptors_and_no_orientation():
+    image, point = np.zeros((30, 30)), Keypoints.at([[15, 15]], 6)
+    assert not Sift().describe(image, point).descriptors.any()
+    assert Sift().describe(image, point, orient=True).descriptors.shape == (0, 128)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 9), (30, 30)])
+@pytest.mark.parametrize("orient", [False, True])
+def test_no_points_at_all(shape, orient):
+    found = Sift().describe(np.zeros(shape), Keypoints.at([], 1), orient=orient)
+    assert found.descriptors.shape == (0, 128)
+    assert found.descriptors.dtype == np.uint8
+
+
+def test_fields_of_any_kind_of_array(rng):
+    image = texture(rng, (60, 60))
+    expected = Sift().describe(image, Keypoints.at([[20, 30], [40, 25]], [6, 9], [1, 2]))
+    rows = np.array([[20, 30, 6, 1], [0, 0, 0, 0], [40, 25, 9, 2]], np.float64)[::2]
+    rows.flags.writeable = False
+    loose = Keypoints(rows[:, :2], rows[:, 2], rows[:, 3], np.zeros(2), np.zeros(2, int))
+    assert_same(Sift().describe(image, loose), expected)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        (
+            {"xy": [[3, 3], [-1, 5]]},
+            r"place in the image of 30 x 20 px, found \[-1.0, 5.0\] at poi",
+        ),
+        ({"xy": [[3, 3], [5, 19.6]]}, r"found \[5.0, 19.6.*\] at point 1"),
+        ({"xy": [[3, 3], [np.nan, 5]]}, r"found \[nan, 5.0\] at point 1"),
+        ({"size": [4, 0]}, "a size over 0 px, found 0.0 at point 1"),
+        ({"size": [np.inf, 4]}, "a size over 0 px, found inf at point 0"),
+        ({"size": [4]}, r"size: expected shape \(2,\), found \(1,\)"),
+        ({"angle": [0, np.nan]}, "a finite angle, found nan at point 1"),
+    ],
+)
+def test_points_that_cannot_be_described_are_named(fields, words):
+    given = dataclasses.replace(
+        Keypoints.at([[3, 3], [4, 4]], 5), **{name: np.array(each) for name, each in fields.items()}
+    )
+    with pytest.raises(KeypointsError, match=f"^keypoints: .*{words}"):
+        Sift().describe(np.zeros((20, 30)), given)
+
+
+def test_an_image_too_small_to_describe_is_named():
+    point = Keypoints.at([[4, 3]], 3)
+    for first_octave, side in ((-1, 5), (0, 8)):
+        sift = Sift(SiftConfig(first_octave=first_octave, density=1.0))
+        assert len(sift.describe(np.zeros((side, 30)), point)) == 1
+        with pytest.raises(ImageError, match=f"8 samples a side.*image of 30 x {side - 1} px"):
+            sift.describe(np.zeros((side - 1, 30)), point)
+
+
+@pytest.mark.parametrize("first_octave", [-1, 0])
+def test_a_point_lies_in_the_octave_of_its_size(first_octave):
+    """The plane's blur is the point's scale, to half an interval."""
+    config = SiftConfig(first_octave=first_octave)
+    space = gaussian_scale_space(
+        np.zeros((200, 200), np.float32),
+        first_octave=first_octave,
+        extra_intervals=config.extra_intervals,
+        density=config.density,
+        base_sigma=config.base_sigma,
+    )
+    sizes = np.geomspace(4.4, 60, 50)
+    points = dataclasses.replace(
+        Keypoints.at(np.full((50, 2), 90.0), sizes), octave=np.full(50, 99, np.int32)
+    )
+    octave, plane, xy, sigma = locate(points, space, config)
+    np.testing.assert_allclose(sigma * space.spacing[octave], sizes / 2, rtol=1e-6)
+    np.testing.assert_allclose(
+        space.origin[octave] + xy * space.spacing[octave, None], 90, rtol=1e-6
+    )
+    extra = config.extra_intervals
+    level = plane + np.where(octave > 0, extra, 0)
+    blur = config.density * config.base_sigma * 2 ** (level / config.intervals)
+    assert (np.abs(np.log2(blur / sigma)) * config.intervals <= 0.5 + 1e-9).all()
+    assert ((plane >= 1) & (plane <= config.intervals + np.where(octave > 0, 0, extra))).all()

@@ -1,0 +1,280 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saccade.keypoints.descriptor import (
+    QUANTUM,
+    Frames,
+    describe_frames,
+    orientations,
+    room_for,
+    to_bytes,
+)
+from saccade.keypoints.gradients import (
+    fill_descriptors,
+    fill_orientation_bins,
+    gather_gradients,
+    normalize,
+    weigh_gradients,
+)
+from support import oracles_keypoints as oracles
+
+planes = st.integers(0, 2**32 - 1).map(
+    lambda seed: np.random.default_rng(seed).random((2, 19, 23), np.float32)
+)
+places = st.tuples(st.floats(2, 20), st.floats(2, 16))
+scales = st.floats(0.6, 1.5)
+angles = st.floats(-np.pi, np.pi)
+
+
+def frame(x, y, sigma, plane=1):
+    return Frames(np.array([plane]), np.array([[x, y]], np.float32), np.array([sigma], np.float32))
+
+
+def ramp(angle, shape=(41, 41)):
+    row, column = np.indices(shape)
+    return (np.cos(angle) * column + np.sin(angle) * row).astype(np.float32)[None]
+
+
+def away_from_ties(values, tie):
+    """Rounding may put what lies on an edge on either side of it."""
+    return np.abs(np.asarray(values) % 1 - tie).min() > 1e-3
+
+
+@pytest.mark.kernel
+@given(planes, places, scales, angles, st.integers(1, 3))
+@settings(max_examples=25)
+def test_samples_are_those_of_a_turned_square(octave, place, sigma, angle, stride):
+    (x, y), reach, plane = place, 4.0, octave[0].astype(float)
+    if not away_from_ties([x, y], 0.5):
+        return
+    out = np.zeros((4, 900), np.float32)
+    along, across = np.cos(angle) / sigma, np.sin(angle) / sigma
+    count = gather_gradients(octave[0], x, y, along, across, reach, stride, out)
+    row, column = np.indices(plane.shape)
+    u = along * (column - x) + across * (row - y)
+    v = along * (row - y) - across * (column - x)
+    if np.abs(np.abs(np.stack([u, v])) - reach).min() < 1e-4:
+        return
+    inside = (np.abs(u) < reach) & (np.abs(v) < reach)
+    inside[[0, -1]] = inside[:, [0, -1]] = False
+    inside &= (row - np.rint(y)) % stride == 0
+    inside &= (column - np.rint(x)) % stride == 0
+    dy, dx = (2 * each for each in np.gradient(plane))
+    expected = np.stack([each[inside] for each in (u, v, dx, dy)])
+    np.testing.assert_allclose(out[:, :count], expected, atol=1e-5)
+
+
+@pytest.mark.kernel
+@given(st.lists(st.tuples(*[st.floats(-2, 2, width=32)] * 4), min_size=1, max_size=40))
+@settings(max_examples=30)
+def test_gradients_are_weighed_as_numpy_does(rows):
+    samples = np.array(rows, np.float32).T.copy()
+    u, v, dx, dy = samples.astype(float)
+    weigh_gradients(samples, len(rows), 1.5, -2.0, 9.0)
+    length = np.hypot(dx, dy)
+    weight = np.exp(-(u**2 + v**2) / (2 * 1.5**2)) * length
+    np.testing.assert_allclose(samples[3], weight, rtol=1e-4, atol=1e-7)
+    here = length > 1e-6
+    turn = np.exp(1j * (samples[2] - 9) / -2)
+    expected = (dx[here] + 1j * dy[here]) / length[here]
+    np.testing.assert_allclose(turn[here], expected, atol=1e-5)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("quarter", range(4))
+def test_gradients_along_the_axes(quarter):
+    gradient = np.exp(0.5j * np.pi * quarter)
+    samples = np.array([[0], [0], [2 * gradient.real], [2 * gradient.imag]], np.float32)
+    samples[np.abs(samples) < 1e-6] = 0
+    weigh_gradients(samples, 1, 1.0, 1.0, 0.0)
+    assert samples[3, 0] == 2
+    np.testing.assert_allclose(np.exp(1j * samples[2, 0]), gradient, atol=1e-6)
+    nothing = np.zeros((4, 1), np.float32)
+    weigh_gradients(nothing, 1, 1.0, 1.0, 0.0)
+    assert not nothing.any()
+
+
+@pytest.mark.kernel
+@given(planes, places, scales, st.booleans(), st.booleans(), st.sampled_from([0.0, 1.4, 2.5]))
+@settings(max_examples=40)
+def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel, spacing):
+    points = frame(*place, sigma)
+    x, y = points.xy[0].astype(float)
+    scale = float(points.sigma[0])
+    edges = [x, y, 4.5 * scale] if not subpixel else [x - 4.5 * scale, x + 4.5 * scale]
+    edges += [y - 4.5 * scale, y + 4.5 * scale]
+    if not away_from_ties(edges, 0.5 if not subpixel else 0):
+        return
+    if not away_from_ties([x, y, spacing * scale], 0.5):
+        return
+    bins = np.zeros((1, 36), np.float32)
+    fill_orientation_bins(octave, *points, spacing, linear, subpixel, 500, bins)
+    expected = oracles.orientation_bins(
+        octave[1].astype(float), x, y, scale, linear=linear, subpixel=subpixel, spacing=spacing
+    )
+    assert bins.sum() == pytest.approx(expected.sum(), rel=1e-4)
+    if linear or away_from_ties(oracles.gradients(octave[1].astype(float))[1] * 18 / np.pi, 0.5):
+        np.testing.assert_allclose(bins[0], expected, atol=2e-4 * expected.sum())
+
+
+@pytest.mark.kernel
+@given(
+    planes,
+    places,
+    scales,
+    angles,
+    st.booleans(),
+    st.sampled_from([0.5, 1.5]),
+    st.sampled_from([0.0, 1.4, 2.5]),
+)
+@settings(max_examples=40)
+def test_descriptor_meets_its_twin(octave, place, sigma, angle, subpixel, window_sigma, spacing):
+    points = frame(*place, sigma)
+    x, y = points.xy[0].astype(float)
+    scale = float(points.sigma[0])
+    if not away_from_ties([x, y, spacing * scale], 0.5):
+        return
+    out = np.full((1, 128), np.nan, np.float32)
+    angle = np.float32(angle)
+    fill_descriptors(octave, *points, np.array([angle]), window_sigma, spacing, subpixel, 900, out)
+    expected = oracles.descriptor(
+        octave[1].astype(float),
+        x,
+        y,
+        scale,
+        float(angle),
+        window_sigma=window_sigma,
+        subpixel=subpixel,
+        spacing=spacing,
+    )
+    np.testing.assert_allclose(out[0], expected, atol=2e-4 * expected.max())
+
+
+@pytest.mark.parametrize("spacing", [0.0, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("sigma", [0.4, 0.9, 1.49, 1.51, 2.6, 9.0])
+def test_there_is_room_for_all_samples(sigma, spacing):
+    sigmas = np.array([0.3, sigma], np.float32)
+    room = room_for(sigmas, 15.0, spacing)
+    out, plane = np.empty((4, room), np.float32), np.zeros((401, 401), np.float32)
+    for scale, angle, place in itertools.product(sigmas, (0.0, 0.1, np.pi / 4), (200.0, 200.4)):
+        stride = max(int(spacing * scale + 0.5), 1)
+        along, across = np.cos(angle) / scale, np.sin(angle) / scale
+        assert gather_gradients(plane, place, place, along, across, 7.5, stride, out) <= room
+
+
+@pytest.mark.parametrize(("smoothing", "tolerance"), [(0, 1.7), (2, 0.7), (8, 0.2)])
+@pytest.mark.parametrize("degrees", [0, 5, 33, 90, 135, 179.5, -45, -178])
+def test_a_ramp_points_where_it_rises(degrees, smoothing, tolerance):
+    angle = np.radians(degrees)
+    index, found, height = orientations(
+        ramp(angle), frame(20, 20, 2, plane=0), linear=True, smoothing=smoothing, subpixel=True
+    )
+    np.testing.assert_array_equal(index, [0])
+    np.testing.assert_allclose(found, [angle], atol=np.radians(tolerance))
+    np.testing.assert_allclose(height, 1)
+
+
+def test_half_a_turn_is_plus_pi():
+    falling = -np.tile(np.arange(41, dtype=np.float32), (41, 1))[None]
+    _, angle, _ = orientations(
+        falling, frame(20, 20, 2, plane=0), linear=True, smoothing=0, subpixel=True
+    )
+    np.testing.assert_array_equal(angle, [np.float32(np.pi)])
+
+
+def test_a_roof_has_two_orientations():
+    _, column = np.indices((61, 61))
+    roof = np.abs(column - 30).astype(np.float32)[None]
+    index, angle, height = orientations(
+        roof, frame(30, 30, 2, plane=0), linear=True, smoothing=2, subpixel=True
+    )
+    np.testing.assert_array_equal(index, [0, 0])
+    np.testing.assert_allclose(np.sort(np.abs(angle)), [0, np.pi], atol=1e-3)
+    np.testing.assert_allclose(height, 1, rtol=1e-3)
+
+
+def test_a_flat_place_has_no_orientation():
+    index, angle, height = orientations(
+        np.full((1, 20, 20), 0.3, np.float32),
+        frame(10, 10, 1, plane=0),
+        linear=True,
+        smoothing=2,
+        subpixel=True,
+    )
+    assert len(index) == len(angle) == len(height) == 0
+
+
+@pytest.mark.parametrize("root", [False, True])
+def test_a_flat_place_has_an_empty_descriptor(root):
+    found = describe_frames(
+        np.full((1, 30, 30), 0.3, np.float32),
+        frame(10, 10, 1, plane=0),
+        np.zeros(1, np.float32),
+        window_sigma=0.5,
+        subpixel=True,
+        root=root,
+    )
+    assert found.shape == (1, 128)
+    assert found.dtype == np.uint8
+    assert not found.any()
+
+
+def test_a_ramp_along_the_angle_fills_the_first_direction():
+    angle = np.radians(25)
+    found = describe_frames(
+        ramp(angle, (81, 81)),
+        frame(40, 40, 2, plane=0),
+        np.array([angle], np.float32),
+        window_sigma=0.5,
+        subpixel=True,
+        root=False,
+    ).reshape(4, 4, 8)
+    assert (found[:, :, 0] > 60).all()
+    assert found[:, :, 1:].max() <= 2
+
+
+def quantized(raw, *, root):
+    scaled = raw.copy()
+    normalize(scaled, root, QUANTUM)
+    return to_bytes(scaled)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("root", [False, True])
+def test_entries_are_cut_and_quantized_as_the_field_does(rng, root):
+    raw = rng.exponential(size=(50, 128)).astype(np.float32) ** 3
+    found = quantized(raw, root=root).astype(float)
+    assert np.abs(found - oracles.quantized(raw, root=root)).max() <= 0.5 + 1e-3
+    spike = np.zeros((1, 128), np.float32)
+    spike[0, 3] = 1
+    assert quantized(spike, root=root).max() == 255
+    assert not quantized(np.zeros((1, 128), np.float32), root=root).any()
+
+
+@pytest.mark.parametrize("root", [False, True])
+def test_floats_are_of_unit_length_and_round_to_the_bytes(rng, root):
+    plane = rng.random((1, 60, 60), np.float32)
+    frames = Frames(np.zeros(4, np.int64), np.full((4, 2), 30.2, np.float32), np.full(4, 2.5, "f4"))
+    angle = np.array([0.1, 1, 2, 3], np.float32)
+    bytes_, floats = (
+        describe_frames(
+            plane, frames, angle, window_sigma=0.5, subpixel=True, root=root, as_float=as_float
+        )
+        for as_float in (False, True)
+    )
+    assert floats.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.norm(floats, axis=1), 1, rtol=1e-6)
+    np.testing.assert_array_less(np.abs(bytes_ - np.minimum(512 * floats, 255)), 0.5 + 1e-4)
+
+
+@pytest.mark.kernel
+def test_root_descriptors_have_the_hellinger_kernel(rng):
+    """The inner product of root descriptors is the sum of sqrt(p q) of the distributions."""
+    raw = rng.random((2, 128), np.float32)
+    p, q = raw / raw.sum(axis=1, keepdims=True)
+    a, b = quantized(raw, root=True).astype(float) / 512
+    assert a @ b == pytest.approx(np.sqrt(p * q).sum(), abs=2e-3)

@@ -1,0 +1,183 @@
+"""MUST: the symmetry of its planes, its points, and the source's claims on real pairs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from saccade import Must, MustConfig, Sift
+from saccade.datasets.homography_pairs import homography_pairs
+from saccade.errors import ConfigError, ImageError
+from saccade.evaluation.degradation import Disturbance
+from saccade.evaluation.features import score_pairs
+from saccade.evaluation.repeatability import Features
+from saccade.image import read_image
+from saccade.keypoints import SiftConfig
+from saccade.keypoints.matching import nearest_neighbors
+from saccade.keypoints.must import symmetry_of
+from support import oracles_symmetry as oracles
+from support.symmetric_images import discs, texture
+
+
+@pytest.mark.parametrize("plane", [0, 4])
+@pytest.mark.parametrize("spacing", [1.0, 4.0])
+def test_the_symmetry_of_a_plane_is_that_of_the_papers(plane, spacing):
+    """Of the pairs in a disc; where scale is wide, of those on the black squares of a board."""
+    octave = np.random.default_rng(plane).random((6, 17, 19), np.float32)
+    config = MustConfig(reach=1.6, falloff=1.1, gain=30.0)
+    symmetry = symmetry_of(octave, spacing, config, contrast=0.3)
+    assert symmetry.shape == (5, 17, 19)
+    sigma = 0.5 * config.base_sigma * 2 ** (plane / 3)
+    reach, width = config.reach * sigma, 2 * 1.1 * sigma
+    ring = [(x, y) for x, y in oracles.half_ring(1, int(reach)) if np.hypot(x, y) <= reach]
+    ring = [(x, y) for x, y in ring if plane == 0 or (x + y) % 2 == 0]
+    gain = 30 * sigma / (8 * 0.3)
+    expected = oracles.symmetry(
+        octave[plane][:, :, None], "isotropic", 0, 0, width, gain, "mirror", ring
+    )
+    distances = [2 * np.hypot(dx, dy) for dx, dy in ring]
+    total = sum(np.exp(-((d / width) ** 2) / 2) / (width * np.sqrt(2 * np.pi)) for d in distances)
+    expected *= (spacing * sigma) ** config.scale_power / total
+    np.testing.assert_allclose(symmetry[plane], expected, rtol=1e-4, atol=1e-4 * expected.max())
+
+
+def test_the_smallest_disc_of_pairs_holds_the_nearest():
+    octave = np.random.default_rng(1).random((6, 17, 19), np.float32)
+    config = MustConfig(reach=0.1, falloff=0.1, base_sigma=0.5)
+    symmetry = symmetry_of(octave, 1.0, config, contrast=0.3)
+    assert np.isfinite(symmetry).all()
+    assert (symmetry.max(axis=(1, 2)) > 0).all()
+
+
+@pytest.mark.parametrize("brightness", [0.1, 0.9])
+def test_a_disc_has_a_point_at_its_center(brightness):
+    points = Must()(discs((80.3, 60.6, 9, brightness)))
+    assert np.hypot(*(points.xy[0] - (80.3, 60.6))) < 0.2
+
+
+def test_a_disc_twice_as_large_has_a_point_twice_as_large():
+    small, large = (Must()(discs((90, 80, radius, 0.9))) for radius in (7, 14))
+    assert large.size[0] / small.size[0] == pytest.approx(2, rel=0.15)
+
+
+def test_points_of_an_image_and_of_its_mirror():
+    image = texture(3, (121, 151))
+    config = MustConfig(upright=True)
+    here, there = Must(config)(image), Must(config)(np.ascontiguousarray(image[:, ::-1]))
+    assert min(len(here), len(there)) > 20
+    mirrored = there.xy * (-1, 1) + (150, 0)
+    distance = np.hypot(*(here.xy[:, None] - mirrored[None]).transpose(2, 0, 1)).min(axis=1)
+    assert (distance < 0.02).mean() > 0.97  # rounding decides at a threshold or between equals
+
+
+@settings(max_examples=5)
+@example(69, 0.5)
+@given(st.integers(0, 1000), st.sampled_from([0.5, 0.25, 0.1]))
+def test_less_contrast_gives_the_same_points_in_the_same_order(seed, factor):
+    image = texture(seed)
+    high, low = (Must()(each, describe=False) for each in (image, 0.5 + factor * (image - 0.5)))
+    assert min(len(high), len(low)) > 20
+    apart = np.hypot(*(high.xy[:, None] - low.xy[None]).transpose(2, 0, 1))
+    nearest = apart.argmin(1)
+    same = (apart.min(1) < 0.05) & (np.abs(low.response[nearest] / high.response - 1) < 0.01)
+    assert same.mean() > 0.97  # rounding decides at a threshold or between equals
+    np.testing.assert_allclose(low.xy[:10], high.xy[:10], atol=0.05)
+
+
+def test_points_do_not_depend_on_threads():
+    image = texture(5)
+    one, three = Must(threads=1)(image), Must(threads=3)(image)
+    for name in ("xy", "size", "angle", "response", "octave", "descriptors"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(three, name))
+
+
+def test_descriptors_are_those_of_sift():
+    image = texture(6)
+    points = Must()(image)
+    described = Sift(MustConfig().sift()).describe(image, points)
+    np.testing.assert_array_equal(described.descriptors, points.descriptors)
+    assert len(np.unique(points.angle)) > 10
+
+
+def test_strongest_first_and_no_more_than_asked_for():
+    image = texture(7)
+    points = Must(MustConfig(max_keypoints=15))(image)
+    assert len(points) == 15
+    assert (np.diff(points.response) <= 0).all()
+    spread = Must(MustConfig(max_keypoints=15, spread=True))(image)
+    assert len(spread) == 15
+    assert spread.xy.std() != points.xy.std()
+
+
+def test_a_mask_keeps_the_points_inside():
+    image = discs((50, 60, 8, 0.9), (150, 60, 8, 0.9))
+    mask = np.zeros(image.shape)
+    mask[:, :100] = 1
+    points = Must()(image, mask)
+    assert len(points)
+    assert (points.xy[:, 0] < 100).all()
+    with pytest.raises(ImageError, match="mask: expected the image's shape"):
+        Must()(image, mask[:50])
+
+
+@pytest.mark.parametrize("shape", [(60, 60), (1, 1), (3, 200)])
+def test_a_flat_or_tiny_image_has_none(shape):
+    assert len(Must()(np.full(shape, 0.4))) == 0
+    assert Must()(np.zeros(shape)).descriptors.shape == (0, 128)
+
+
+def test_the_image_is_left_alone():
+    image = texture(8)
+    before = image.copy()
+    Must()(image)
+    np.testing.assert_array_equal(image, before)
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"reach": 0.0},
+        {"falloff": np.nan},
+        {"gain": 0.0},
+        {"scale_power": 9.0},
+        {"contrast_threshold": -1.0},
+        {"edge_ratio": 0.5},
+        {"intervals": 0},
+        {"spread": True, "max_keypoints": 0},
+    ],
+)
+def test_a_broken_setting_is_named(broken):
+    with pytest.raises(ConfigError, match=next(reversed(broken))):
+        MustConfig(**broken)
+    with pytest.raises(ConfigError, match="threads"):
+        Must(threads=-1)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("disturbance", "better"), [("noise:20", 1.1), ("contrast:0.25", 1.1), ("blur:2", 1.1)]
+)
+def test_the_claims_of_the_source(shared, disturbance, better):
+    """More of its places come back under noise, low contrast and blur than of SIFT's."""
+    pairs = homography_pairs(shared / "data" / "pairs" / "oxford")
+    chosen = [pair for pair in pairs if pair.second.stem == "3"]
+    done = Disturbance.parse(disturbance)
+    configs = (SiftConfig(), MustConfig())
+    weak = [replace(each, contrast_threshold=1e-4, upright=True) for each in configs]
+    found = []
+    for detect in (Sift(weak[0]), Must(weak[1])):
+
+        def features(key, detect=detect):
+            path, number = key
+            image = read_image(path)
+            points = detect(image if number is None else done.of(image, number), describe=False)
+            none = np.zeros((len(points), 1), np.uint8)
+            return Features(points.xy.astype(np.float64), none, image.shape[:2]).strongest(300)
+
+        images = [((p.first, None), (p.second, i), p.homography) for i, p in enumerate(chosen)]
+        scores = score_pairs(features, images, nearest_neighbors)
+        found.append(np.mean([each.repeatability for each in scores]))
+    print(f"\n{disturbance}: SIFT {found[0]:.3f}, MUST {found[1]:.3f}")
+    assert found[1] > better * found[0]

@@ -1,0 +1,109 @@
+"""Exactly as many points as asked for, the strongest or spread over the image."""
+
+from importlib.resources import files
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from saccade import Sift, SiftConfig
+from saccade.errors import ConfigError
+from saccade.keypoints import selection
+from saccade.keypoints.selection import nearest_before, spread_out
+from support.sift_images import UNBIASED, assert_same, features, texture
+
+ROCKET = str(files("saccade") / "data" / "rocket.jpg")
+
+
+def suppression_radii(xy, response):
+    """Brown et al. (2005), by their formula."""
+    radii = np.full(len(xy), np.inf)
+    for i, (place, strength) in enumerate(zip(xy, response, strict=True)):
+        stronger = xy[strength < 0.9 * response]
+        if len(stronger):
+            radii[i] = np.hypot(*(stronger - place).T).min()
+    return radii
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60), st.integers(1, 70), st.integers(1, 9))
+@settings(max_examples=60)
+def test_the_kept_have_the_greatest_radii(seed, n, count, levels):
+    rng = np.random.default_rng(seed)
+    xy = rng.integers(0, 12, (n, 2)).astype(float)  # many of equal radius, some of one place
+    response = np.sort(rng.integers(1, 1 + levels, n))[::-1].astype(np.float32)
+    kept = spread_out(xy, response, count)
+    assert kept.sum() == min(count, n)
+    radii = suppression_radii(xy, response.astype(float))
+    if kept.any() and not kept.all():
+        assert radii[kept].min() >= radii[~kept].max()
+        border = np.flatnonzero(radii == radii[kept].min())
+        assert (np.diff(kept[border].astype(int)) <= 0).all()  # of equal ones the first
+
+
+@pytest.mark.parametrize("leaf", [1, 2, 7, 256])
+@pytest.mark.parametrize("n", [0, 1, 2, 6, 7, 8, 100, 515])
+def test_the_nearest_of_the_points_before(rng, monkeypatch, leaf, n):
+    monkeypatch.setattr(selection, "LEAF", leaf)
+    xy = rng.random((n, 2))
+    for ends in (np.sort(rng.integers(0, n + 1, n)), np.arange(n), np.full(n, n), np.zeros(n, int)):
+        expected = [
+            np.hypot(*(xy[:end] - place).T).min(initial=np.inf)
+            for place, end in zip(xy, ends, strict=True)
+        ]
+        np.testing.assert_allclose(nearest_before(xy, ends), expected, rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def photo():
+    return cv2.imread(ROCKET)
+
+
+@pytest.mark.parametrize("preset", UNBIASED)
+@pytest.mark.parametrize("spread", [False, True])
+def test_the_number_is_exact(photo, preset, spread):
+    config = getattr(SiftConfig, preset)()
+    every = len(Sift(config)(photo))
+    for count in (1, 2, 37, every - 1, every, every + 1):
+        chosen = Sift(SiftConfig(**{**vars(config), "max_keypoints": count, "spread": spread}))(
+            photo
+        )
+        assert len(chosen) == min(count, every)
+        assert (np.diff(chosen.response) <= 0).all()
+
+
+@pytest.mark.parametrize("count", [50, 150])
+def test_spread_points_cover_the_image(photo, count):
+    """No place is as far from a point as without spread, and more cells of a grid have one."""
+    rows, columns = np.indices(photo.shape[:2])
+    places = np.c_[columns.ravel(), rows.ravel()][::50]
+    found, gaps, cells = [], [], []
+    for spread in (False, True):
+        points = Sift(SiftConfig(max_keypoints=count, spread=spread))(photo)
+        gaps.append(cKDTree(points.xy).query(places)[0].mean())
+        cells.append(len(np.unique(points.xy // 40, axis=0)))
+        found.append(points)
+    print(f"\n{count}: mean gap {gaps[0]:.1f} -> {gaps[1]:.1f} px, cells {cells[0]} -> {cells[1]}")
+    assert gaps[1] < 0.9 * gaps[0]
+    assert cells[1] > 1.15 * cells[0]
+    assert found[1].response[0] == found[0].response[0]
+
+
+def test_with_room_for_all_spread_changes_nothing(photo):
+    assert_same(Sift(SiftConfig(max_keypoints=10**6, spread=True))(photo), Sift()(photo))
+
+
+def test_the_kept_points_of_a_mirrored_image_are_the_mirrored_points(rng):
+    image = texture(rng, (160, 201))
+    sift = Sift(SiftConfig(max_keypoints=150, spread=True))
+    here, there = sift(image), sift(image[:, ::-1])
+    mirrored = features(np.c_[200 - here.xy[:, 0], here.xy[:, 1]], here.size, np.pi - here.angle)
+    distance, _ = cKDTree(features(there.xy, there.size, there.angle)).query(mirrored)
+    assert (distance < 0.02).mean() > 0.97
+
+
+def test_spread_needs_a_number():
+    with pytest.raises(ConfigError, match="spread: expected max_keypoints over 0 with it, found 0"):
+        SiftConfig(spread=True)

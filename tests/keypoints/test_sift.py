@@ -1,0 +1,394 @@
+import dataclasses
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from saccade.errors import ConfigError, ImageError
+from saccade.keypoints import Sift, SiftConfig, match
+from saccade.keypoints.scale_space_points import Points, orient, strongest
+from saccade.scale_space import gaussian_scale_space
+from support.sift_images import FIELDS, PRESETS, UNBIASED, assert_same, features, texture
+
+CENTERED = [name for name in PRESETS if PRESETS[name].grid == "centered"]
+SCENES = ("bark", "bikes", "boat", "graf", "leuven", "trees", "ubc", "wall")
+
+
+def blob(shape, x, y, sigma):
+    row, column = np.indices(shape)
+    spot = np.exp(-((column - x) ** 2 + (row - y) ** 2) / (2 * sigma**2))
+    return (0.2 + 0.6 * spot).astype(np.float32)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("scene", SCENES)
+def test_opencv_preset_is_opencv(shared, scene):
+    gray = cv2.imread(str(shared / "data/pairs/oxford" / scene / "1.png"), cv2.IMREAD_GRAYSCALE)
+    theirs, their_descriptors = cv2.SIFT_create().detectAndCompute(gray, None)
+    ours = Sift(SiftConfig.opencv())(gray)
+    tree = cKDTree(ours.xy)
+    cosines = []
+    for point, descriptor in zip(theirs, their_descriptors.astype(float), strict=True):
+        near = np.array(tree.query_ball_point(point.pt, 0.5), int)
+        turn = np.degrees(ours.angle[near]) - point.angle
+        turn = np.abs((turn + 180) % 360 - 180)
+        near = near[(np.abs(ours.size[near] / point.size - 1) <= 0.05) & (turn <= 5)]
+        if len(near):
+            found = ours.descriptors[near].astype(float)
+            norms = np.linalg.norm(found, axis=1) * np.linalg.norm(descriptor)
+            cosines.append((found @ descriptor / norms).max())
+    found = len(cosines) / len(theirs)
+    print(
+        f"\n{scene}: OpenCV {len(theirs)}, ours {len(ours)}, found {found:.2%}, "
+        f"median cosine {np.median(cosines):.5f}, 1st percentile {np.percentile(cosines, 1):.4f}"
+    )
+    assert found > 0.995
+    assert np.median(cosines) > 0.999
+    assert len(ours) < 1.01 * len(theirs)
+
+
+@pytest.mark.parametrize("sigma", [1.5, 1.8, 2.5, 3.5, 5.0, 8.0])
+@pytest.mark.parametrize("preset", ["lowe2004", "colmap"])
+def test_a_blob_is_found_at_its_center(rng, preset, sigma):
+    config = dataclasses.replace(PRESETS[preset], upright=True)
+    for x, y in [(48, 48), (48.5, 48.5), (48.5, 49), *(48 + rng.random((6, 2)))]:
+        found = Sift(config)(blob((97, 98), x, y, sigma), describe=False)
+        assert len(found) == 1
+        np.testing.assert_allclose(found.xy, [[x, y]], atol=0.004)
+
+
+@pytest.mark.parametrize("sigma", 1.3 * 2 ** np.linspace(0, 3, 16))
+def test_a_blob_of_any_size_is_found(rng, sigma):
+    """Sparse samples leave a little more error, and a scale between two octaves is in both."""
+    sift = Sift(dataclasses.replace(SiftConfig.recommended(), upright=True))
+    for x, y in [(60, 60), (60.5, 60.5), (60.5, 61), *(60 + rng.random((6, 2)))]:
+        found = sift(blob((121, 122), x, y, sigma), describe=False)
+        assert 1 <= len(found) <= 2
+        np.testing.assert_allclose(found.xy, np.tile([x, y], (len(found), 1)), atol=0.012)
+
+
+@pytest.mark.parametrize("sigma", [3.5, 5.0, 8.0])
+def test_the_quadratic_of_the_source_has_no_bias(sigma):
+    config = dataclasses.replace(SiftConfig.kootstra2010(), upright=True)
+    for x, y in [(48, 48), (48.2, 47.9), (47.8, 48.1)]:
+        found = Sift(config)(blob((97, 98), x, y, sigma), describe=False)
+        np.testing.assert_allclose(found.xy, [[x, y]], atol=0.1)
+    mirrored = [Sift(config)(blob((97, 97), x, 48, sigma), describe=False) for x in (48.2, 47.8)]
+    np.testing.assert_allclose(mirrored[0].xy[0, 0] + mirrored[1].xy[0, 0], 96, atol=0.002)
+
+
+@pytest.mark.parametrize("preset", UNBIASED)
+@pytest.mark.parametrize("sigma", [3.5, 6.0])
+def test_the_size_of_a_blob(preset, sigma):
+    """Differences of blurs s and k s answer most to a Gaussian of variance k s^2."""
+    config = dataclasses.replace(PRESETS[preset], upright=True, camera_sigma=0.0)
+    found = Sift(config)(blob((128, 128), 63.2, 64.4, sigma), describe=False)
+    expected = 2 * sigma / 2 ** (0.5 / config.intervals)
+    np.testing.assert_allclose(found.size, np.full(len(found), expected), rtol=0.02)
+
+
+def test_opencv_preset_has_opencvs_shift():
+    config = dataclasses.replace(SiftConfig.opencv(), upright=True)
+    found = Sift(config)(blob((97, 97), 48.0, 48.0, 3.0), describe=False)
+    np.testing.assert_allclose(found.xy, [[48.25, 48.25]], atol=0.03)
+
+
+@pytest.mark.parametrize("shape", [(160, 200), (161, 189), (130, 171)])
+@pytest.mark.parametrize("preset", CENTERED)
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_mirrored_or_turned_image_has_its_points_mirrored_or_turned(rng, shape, preset, turned):
+    image = texture(rng, shape)
+    last = shape[1] - 1
+    sift = Sift(PRESETS[preset])
+    here = sift(image)
+    if turned:
+        there = sift(np.rot90(image))
+        xy = np.c_[here.xy[:, 1], last - here.xy[:, 0]]
+        angle = here.angle - np.pi / 2
+    else:
+        there = sift(image[:, ::-1])
+        xy = np.c_[last - here.xy[:, 0], here.xy[:, 1]]
+        angle = np.pi - here.angle
+    assert len(here) > 100
+    assert abs(len(there) - len(here)) <= 0.01 * len(here)
+    distance, index = cKDTree(features(there.xy, there.size, there.angle)).query(
+        features(xy, here.size, angle)
+    )
+    assert (distance < 0.02).mean() > 0.99
+    assert np.abs(there.xy[index] - xy).max(axis=1)[distance < 0.02].max() < 0.005
+    if turned:
+        difference = here.descriptors.astype(int) - there.descriptors[index]
+        assert np.percentile(np.abs(difference).max(axis=1), 99) <= 6
+
+
+def test_less_contrast_and_more_light_change_nothing_but_the_response(rng):
+    image = texture(rng, (120, 150))
+    config = SiftConfig(contrast_threshold=0.02)
+    bright = Sift(config)(image)
+    dull = Sift(dataclasses.replace(config, contrast_threshold=0.01))(0.25 + 0.5 * image)
+    distance, index = cKDTree(features(dull.xy, dull.size, dull.angle)).query(
+        features(bright.xy, bright.size, bright.angle)
+    )
+    same = distance < 0.01
+    assert same.mean() > 0.99
+    np.testing.assert_allclose(dull.response[index][same], bright.response[same] / 2, rtol=1e-3)
+    difference = dull.descriptors[index][same].astype(int) - bright.descriptors[same]
+    assert np.abs(difference).max() <= 2
+
+
+@pytest.mark.parametrize("degrees", [17, 45, 101])
+def test_matches_survive_a_rotation(rng, degrees):
+    image = texture(rng, (200, 200))
+    turn = cv2.getRotationMatrix2D((99.5, 99.5), degrees, 1.0)
+    rotated = cv2.warpAffine(image, turn, (200, 200), flags=cv2.INTER_LANCZOS4).clip(0, 1)
+    sift = Sift()
+    here, there = sift(image), sift(rotated)
+    pairs = match(here, there)
+    expected = here.xy[pairs[:, 0]] @ turn[:, :2].T + turn[:, 2]
+    error = np.hypot(*(there.xy[pairs[:, 1]] - expected).T)
+    assert len(pairs) > 100
+    assert (error < 1).mean() > 0.95
+    assert np.median(error) < 0.06
+
+
+@pytest.mark.parametrize("count", [1, 50, 10**6])
+def test_the_strongest_are_the_first(rng, count):
+    image = texture(rng, (120, 120))
+    every = Sift()(image)
+    assert len(every) > 50
+    assert (np.diff(every.response) <= 0).all()
+    few = Sift(SiftConfig(max_keypoints=count))(image)
+    assert_same(few, every[:count])
+
+
+def test_equal_points_are_ordered_by_row_column_size_and_angle(rng):
+    space = gaussian_scale_space(np.zeros((20, 20), np.float32))
+    n = 81
+    row, column, sigma, angle = np.array(list(itertools.product(range(3), repeat=4)), np.float32).T
+    points = Points(
+        np.zeros(n, np.int64),
+        np.ones(n, np.int64),
+        np.stack([column, row], axis=1),
+        1 + sigma,
+        angle,
+        np.ones(n, np.float32),
+    )
+    shuffled = points.take(rng.permutation(n))
+    ordered = shuffled.take(strongest(shuffled, space, 0))
+    for field, expected in zip(ordered, points, strict=True):
+        np.testing.assert_array_equal(field, expected)
+    assert len(strongest(points, space, 7)) == 7
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_number_of_threads_changes_nothing(rng, preset):
+    image = texture(rng, (300, 400))
+    before = cv2.getNumThreads()
+    try:
+        cv2.setNumThreads(1)
+        one = Sift(PRESETS[preset], threads=1)(image)
+        assert len(one) > 600  # more than two blocks
+        cv2.setNumThreads(4)
+        for threads in (0, 2, 5):
+            assert_same(Sift(PRESETS[preset], threads=threads)(image), one)
+    finally:
+        cv2.setNumThreads(before)
+
+
+def test_what_was_seen_before_changes_nothing(rng):
+    images = [texture(rng, shape) for shape in ((90, 70), (200, 190), (60, 130))]
+    sift = Sift()
+    found = [sift(image) for image in images * 2]
+    for image, points in zip(images * 2, found, strict=True):
+        assert_same(points, Sift()(image))
+
+
+def test_one_detector_serves_several_threads(rng):
+    images = [texture(rng, (150, 160 + i)) for i in range(8)]
+    expected, sift = [Sift()(image) for image in images], Sift()
+    with ThreadPoolExecutor(4) as pool:
+        for points, alone in zip(pool.map(sift, images), expected, strict=True):
+            assert_same(points, alone)
+
+
+def test_without_descriptors(rng):
+    image = texture(rng, (90, 90))
+    bare, full = Sift()(image, describe=False), Sift()(image)
+    assert bare.descriptors is None
+    assert full.descriptors.shape == (len(full), 128)
+    for field in FIELDS[:-1]:
+        np.testing.assert_array_equal(getattr(bare, field), getattr(full, field))
+
+
+def test_a_mask_keeps_the_points_under_it(rng):
+    image = texture(rng, (100, 140))
+    mask = np.zeros((100, 140), bool)
+    mask[:, 30:90] = True
+    every = Sift()(image)
+    column = np.rint(every.xy[:, 0])
+    assert_same(Sift()(image, mask), every[(column >= 30) & (column < 90)])
+    with pytest.raises(ImageError, match=r"mask: expected.*\(100, 140\), found \(140, 100\)"):
+        Sift()(image, mask.T)
+
+
+def test_a_point_beside_the_last_pixel_is_under_it():
+    space = gaussian_scale_space(np.zeros((20, 30), np.float32), first_octave=0)
+    mask = np.zeros((20, 30), bool)
+    mask[:, 29] = mask[19] = True
+    places = np.array([[29.4, 9], [29.6, 9], [28.4, 9], [7, 19.6], [-0.6, 19.6], [7, 18.4]])
+    places = ((places - space.origin[0]) / space.spacing[0]).astype(np.float32)
+    number, real = np.zeros(6, np.int64), np.ones(6, np.float32)
+    points = Points(number, number, places, real, real, np.arange(6, dtype=np.float32))
+    assert points.inside(mask, space).response.tolist() == [0, 1, 3, 4]
+
+
+def test_upright(rng):
+    image = texture(rng, (100, 100))
+    upright = Sift(SiftConfig(upright=True))(image)
+    turned = Sift()(image)
+    assert not upright.angle.any()
+    assert len(np.unique(upright.xy, axis=0)) == len(upright)
+    assert {tuple(p) for p in turned.xy} <= {tuple(p) for p in upright.xy}
+
+
+def test_at_most_two_orientations(rng):
+    image = texture(rng, (150, 150))
+    free = Sift()(image)
+    capped = Sift(SiftConfig(max_orientations=2))(image)
+
+    def angles(points):
+        found = {}
+        for xy, size, angle in zip(points.xy, points.size, points.angle, strict=True):
+            found.setdefault((*xy, size), []).append(angle)
+        return found
+
+    every, few = angles(free), angles(capped)
+    assert max(map(len, every.values())) > 2
+    assert every.keys() == few.keys()
+    for place, kept in few.items():
+        assert len(kept) == min(2, len(every[place]))
+        assert set(kept) <= set(every[place])
+
+
+def test_of_two_orientations_the_stronger_is_kept():
+    column = np.tile(np.arange(41.0, dtype=np.float32), (41, 1))[None]
+    point = Points.none()._replace(
+        octave=np.zeros(1, int),
+        plane=np.zeros(1, int),
+        xy=np.array([[20, 20]], np.float32),
+        sigma=np.ones(1, np.float32),
+        angle=np.zeros(1, np.float32),
+        response=np.ones(1, np.float32),
+    )
+    for left, right, expected in ((0.9, 1.0, [0, np.pi]), (1.0, 0.9, [np.pi, 0])):
+        slope = np.where(column < 20, np.float32(left), np.float32(right))
+        roof = slope * np.abs(column - 20)
+        both = orient(roof, point, SiftConfig())
+        one = orient(roof, point, SiftConfig(max_orientations=1))
+        np.testing.assert_allclose(np.abs(both.angle), [0, np.pi], atol=1e-3)
+        np.testing.assert_allclose(np.abs(one.angle), expected[:1], atol=1e-3)
+
+
+def test_root_descriptors_are_those_of_the_same_points(rng):
+    image = texture(rng, (100, 100))
+    lowe = PRESETS["lowe2004"]
+    plain, root = Sift(lowe)(image), Sift(dataclasses.replace(lowe, descriptor="root"))(image)
+    np.testing.assert_array_equal(plain.xy, root.xy)
+    p = plain.descriptors / plain.descriptors.sum(axis=1, keepdims=True, dtype=float)
+    assert np.abs(512 * np.sqrt(p) - root.descriptors).max() < 16  # one count of 0 becomes 16
+
+
+def test_every_kind_of_image_gives_the_same_points(rng):
+    gray = np.rint(texture(rng, (80, 90)) * 255).astype(np.uint8)
+    expected = Sift()(gray)
+    assert len(expected) > 20
+    locked = gray.copy()
+    locked.flags.writeable = False
+    for image in (
+        locked,
+        np.asfortranarray(gray),
+        np.repeat(gray, 2, axis=1)[:, ::2],
+        gray[:, :, None],
+        gray.astype(np.uint16) * 257,
+        gray.astype(np.float64) / 255,
+        np.repeat(gray[:, :, None], 3, axis=2),
+    ):
+        before = image.copy()
+        found = Sift()(image)
+        np.testing.assert_array_equal(image, before)
+        assert len(found) == len(expected)
+        np.testing.assert_allclose(found.xy, expected.xy, atol=1e-3)
+        assert np.abs(found.descriptors.astype(int) - expected.descriptors).max() <= 1
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(
+    "shape", [(1, 1), (1, 50), (50, 1), (2, 2), (5, 5), (8, 9), (16, 16), (33, 12)]
+)
+def test_small_and_flat_images(rng, preset, shape):
+    for image in (np.zeros(shape), np.ones(shape), np.full(shape, 0.4), rng.random(shape)):
+        found = Sift(PRESETS[preset])(image)
+        assert found.descriptors.shape == (len(found), 128)
+        assert found.xy.shape == (len(found), 2)
+        assert (found.xy >= -0.5).all()
+        assert (found.xy <= np.array(shape)[::-1]).all()
+        if image.min() == image.max():
+            assert len(found) == 0
+
+
+def test_noise_without_a_threshold_is_survived(rng):
+    config = SiftConfig(contrast_threshold=0.0, edge_ratio=1e9)
+    found = Sift(config)(rng.random((60, 60)))
+    assert np.isfinite(found.xy).all()
+    assert np.isfinite(found.size).all()
+    assert (found.xy > -1).all()
+    assert (found.xy < 60).all()
+
+
+@pytest.mark.parametrize(
+    "image",
+    [np.full((20, 20), np.nan), np.zeros((0, 5)), np.zeros((4, 4, 2)), np.full((9, 9), 7.0)],
+)
+def test_what_is_no_image(image):
+    with pytest.raises(ImageError, match="image: expected"):
+        Sift()(image)
+
+
+def test_the_default_is_recommended():
+    assert SiftConfig() == SiftConfig.recommended() == Sift().config
+    assert len(set(PRESETS.values())) == 5
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("first_octave", -2),
+        ("octaves", -1),
+        ("intervals", 0),
+        ("extra_intervals", -1),
+        ("base_sigma", 0.0),
+        ("camera_sigma", -1.0),
+        ("kernel_radius", 0.0),
+        ("grid", "left"),
+        ("border", 0),
+        ("contrast_threshold", float("nan")),
+        ("candidate_fraction", 2.0),
+        ("neighbors", 18),
+        ("edge_ratio", 0.5),
+        ("fit", "cubic"),
+        ("voting", "secret"),
+        ("smoothing", -1),
+        ("max_orientations", -1),
+        ("orientation_spacing", -1.0),
+        ("descriptor_spacing", 4.0),
+        ("window_sigma", 0.0),
+        ("descriptor", "surf"),
+        ("max_keypoints", -5),
+    ],
+)
+def test_settings_outside_their_range(name, value):
+    with pytest.raises(ConfigError, match=f"^{name}: expected .*found"):
+        SiftConfig(**{name: value})

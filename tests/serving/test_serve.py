@@ -1,0 +1,489 @@
+"""The local page from outside a browser: who is let in, how much may be sent, what is found."""
+
+import io
+import json
+import os
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import tomllib
+import zlib
+from dataclasses import fields, is_dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+import saccade
+from fuzz.limits import PATIENCE
+from saccade.cli.attention_models import Model
+from saccade.errors import ConfigError, ImageError
+from saccade.extras import install_command
+from saccade.serving import snippets
+from saccade.serving.analysis import HELD, Workbench
+from saccade.serving.controls import RANGES, TITLES, controls, field_help
+from saccade.settings import load_settings, preset_names, settings_from
+
+pytest.importorskip("starlette", reason="the extra serve is not installed")
+from starlette.testclient import TestClient
+
+from saccade.serving.app import Samples, application
+
+PORT = 8014
+HOME = f"http://127.0.0.1:{PORT}"
+MOST = 200_000
+PHOTO = files("saccade") / "data" / "horse.jpg"
+
+
+class _Bench:
+    """Counts what it is asked."""
+
+    def __init__(self):
+        self.done = []
+        self.hold = threading.Event()
+        self.hold.set()
+
+    def open(self, data, name):
+        self.done.append((name, len(data)))
+        return {"photo": "1"}
+
+    def look(self, wishes):
+        self.hold.wait(5)
+        self.done.append(wishes)
+        if "fail" in wishes:
+            raise {"key": KeyError, "setting": ConfigError, "own": RuntimeError}[wishes["fail"]](
+                "why"
+            )
+        return {"maps": []}
+
+    find = look
+
+    def warm(self):
+        pass
+
+
+@pytest.fixture
+def bench():
+    return _Bench()
+
+
+@pytest.fixture
+def client(bench):
+    app = application(bench, Samples(("a.jpg",), lambda _: b"jpeg"), PORT, MOST, {})
+    with TestClient(app, base_url=HOME, raise_server_exceptions=False) as client:
+        yield client
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "LocalHost"])
+def test_this_machine_gets_the_page(client, host):
+    answer = client.get("/", headers={"Host": f"{host}:{PORT}"})
+    assert answer.status_code == 200
+    assert answer.text.startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        f"evil.example:{PORT}",
+        "127.0.0.1",
+        "127.0.0.1:80",
+        f"127.0.0.1.evil.example:{PORT}",
+        "",
+        f"127.0.0.1:{PORT}:1",
+        f"user@127.0.0.1:{PORT}",
+        f"0.0.0.0:{PORT}",
+    ],
+)
+def test_a_name_of_another_host_is_refused(client, bench, host):
+    for answer in (
+        client.get("/", headers={"Host": host}),
+        client.post("/look", json={}, headers={"Host": host}),
+    ):
+        assert answer.status_code == 403
+        assert answer.text == "refused: this server answers to its own name only\n"
+    assert not bench.done
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "http://evil.example",
+        "null",
+        "",
+        f"https://127.0.0.1:{PORT}",
+        "http://127.0.0.1",
+        "http://127.0.0.1:8015",
+        f"http://localhost:{PORT}",
+        f"http://127.0.0.1:{PORT}.evil.example",
+        "http://[evil",
+    ],
+)
+def test_a_request_of_another_page_is_refused(client, bench, origin):
+    for path in ("/photo", "/look", "/points"):
+        answer = client.post(path, content=b"{}", headers={"Origin": origin})
+        assert (answer.status_code, answer.text) == (403, "refused: another page asked\n")
+    assert client.get("/state", headers={"Origin": origin}).status_code == 403
+    assert not bench.done
+
+
+def test_what_a_browser_says_of_the_asking_page_counts(client):
+    for site in ("cross-site", "same-site"):
+        assert client.get("/state", headers={"Sec-Fetch-Site": site}).status_code == 403
+        assert client.get("/samples/a.jpg", headers={"Sec-Fetch-Site": site}).status_code == 403
+    link = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
+    assert client.get("/", headers=link).status_code == 200
+    assert client.post("/look", json={}, headers=link).status_code == 403
+    own = {"Sec-Fetch-Site": "same-origin", "Origin": HOME}
+    assert client.post("/look", json={}, headers=own).status_code == 200
+
+
+def test_the_page_may_do_nothing_but_ask_its_server(client):
+    answer = client.get("/")
+    policy = answer.headers["Content-Security-Policy"]
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == rules["base-uri"] == rules["frame-ancestors"] == "'none'"
+    assert rules["connect-src"] == "'self'"
+    assert "unsafe" not in policy
+    assert "*" not in policy
+    for word, kind in (("script", "script-src"), ("style", "style-src")):
+        inline = re.findall(rf"<{word}>(.*?)</{word}>", answer.text, re.DOTALL)
+        assert len(inline) == len(rules[kind].split())
+    assert " style=" not in re.sub(r"<script>.*?</script>", "", answer.text, flags=re.DOTALL)
+    for path in ("/", "/state", "/samples/a.jpg", "/nowhere"):
+        headers = client.get(path).headers
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["X-Frame-Options"] == "DENY"
+        assert headers["Cache-Control"] == "no-store"
+        assert "Access-Control-Allow-Origin" not in headers
+
+
+def test_too_much_is_refused_in_one_line(client, bench):
+    answer = client.post("/photo?name=x", content=b"x" * (MOST + 1))
+    assert (answer.status_code, answer.text) == (413, "too large: expected at most 0.2 MB\n")
+    assert client.post("/look", content=b" " * 100_001).status_code == 413
+    assert not bench.done
+    assert client.post("/photo?name=x", content=b"x" * MOST).status_code == 200
+    assert bench.done == [("x", MOST)]
+
+
+def test_too_much_is_refused_where_its_length_is_not_told(client, bench):
+    sent = []
+
+    def chunks():
+        for _ in range(100):
+            sent.append(1)
+            yield b"x" * 10_000
+
+    assert client.post("/photo", content=chunks()).status_code == 413
+    assert not bench.done
+    for said in ("-1", "1e9", "\u0663", "9" * 5000):
+        headers = {"Content-Length": said.encode()}
+        assert client.post("/photo", content=b"x", headers=headers).status_code in (200, 413)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"{", b"[]", b"3", b'{"a": NaN}', b"[" * 50_000, b"\xff\xfe", b'{"a": ' + b"9" * 9999],
+)
+def test_what_is_no_wish_is_refused(client, bench, body):
+    answer = client.post("/look", content=body)
+    assert answer.status_code == 400
+    assert answer.text.startswith("expected")
+    assert answer.text.count("\n") == 1
+    assert not bench.done
+
+
+@pytest.mark.parametrize(
+    ("fail", "status", "words"),
+    [
+        ("key", 404, "why"),
+        ("setting", 422, "why"),
+        ("own", 500, "something went wrong; the terminal says what"),
+    ],
+)
+def test_what_fails_is_told_in_one_line(client, fail, status, words):
+    answer = client.post("/look", json={"fail": fail})
+    assert (answer.status_code, answer.text) == (status, f"{words}\n")
+
+
+def test_other_paths_and_methods_are_not_there(client):
+    assert client.get("/samples/b.jpg").status_code == 404
+    assert client.get("/samples/..%2f..%2fetc%2fpasswd").status_code == 404
+    assert client.get("/look").status_code == 405
+    assert client.put("/photo", content=b"").status_code == 405
+
+
+def test_more_than_a_few_do_not_wait(client, bench):
+    bench.hold.clear()
+    statuses = []
+    threads = [
+        threading.Thread(target=lambda: statuses.append(client.post("/look", json={}).status_code))
+        for _ in range(20)
+    ]
+    for each in threads:
+        each.start()
+    while len(statuses) < 4:
+        threads[0].join(0.01)
+    bench.hold.set()
+    for each in threads:
+        each.join()
+    assert sorted(statuses) == [200] * 16 + [503] * 4
+
+
+def _png(width, height):
+    """A PNG whose header says this, and that holds nothing."""
+
+    def chunk(kind, data):
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b""))
+        + chunk(b"IEND", b"")
+    )
+
+
+@pytest.mark.parametrize("side", [7000, 12_000, 65_000])
+def test_an_enormous_picture_is_refused_before_it_is_decoded(side, monkeypatch):
+    monkeypatch.setattr("cv2.imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(
+        ImageError, match=r"^bomb.png: (expected at most 40 million pixels|the image is far too)"
+    ):
+        Workbench().open(_png(side, side), "bomb.png")
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"not an image", b"<svg/>", PHOTO.read_bytes()[:300], b"%PDF-1.4", b"\xff\xd8"]
+)
+def test_what_is_no_photograph_is_refused(data):
+    with pytest.raises(ImageError, match=r"^file: "):
+        Workbench().open(data, "file")
+
+
+def test_only_the_last_photographs_are_held():
+    bench = Workbench()
+    tokens = [bench.open(PHOTO.read_bytes(), "horse.jpg")["photo"] for _ in range(HELD + 1)]
+    assert len(set(tokens)) == HELD + 1
+    with pytest.raises(KeyError, match="not held any more"):
+        bench.look({"photo": tokens[0]})
+    bench.look({"photo": tokens[1], "model": "contrast", "fixations": 1})
+
+
+def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
+    """Where memory is used again a photograph may lie where another one lay."""
+    bench, coffee = Workbench(), files("saccade") / "data" / "coffee.jpg"
+    wishes = {"model": "contrast", "fixations": 1}
+
+    def opened(photo):
+        return {"photo": bench.open(photo.read_bytes(), photo.name)["photo"], **wishes}
+
+    right = bench.look(opened(coffee))["maps"]
+    for _ in range(3):
+        bench.look(opened(PHOTO))
+        for _ in range(HELD + 1):
+            last = opened(coffee)
+        assert bench.look(last)["maps"] == right
+
+
+CHANGED = {
+    "attention": {"contrast_weight": 0.5},
+    "contrast": {"map_level": 5, "scales": [[1, 2], [2, 4], [3, 5]], "color": "quotient"},
+    "symmetry": {"kind": "isotropic", "gain": 3, "levels": [2, 3], "level_weights": [1, 0.5]},
+    "scanpath": {"inhibition_sigma": 0.1},
+    "must": {"contrast_threshold": 0.1, "upright": True},
+}
+
+
+@pytest.mark.parametrize("model", ["both", "contrast", "symmetry"])
+def test_what_is_shown_is_what_the_copied_python_computes(model, monkeypatch, tmp_path):
+    name = 'it\'s \N{SNOWMAN} "1".jpg'
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_bytes(PHOTO.read_bytes())
+    bench = Workbench()
+    opened = bench.open(PHOTO.read_bytes(), name)
+    wishes = {
+        "photo": opened["photo"],
+        "model": model,
+        "fixations": 4,
+        "detector": "must",
+        **CHANGED,
+    }
+    looked, found = bench.look(wishes), bench.find(wishes)
+    space = {}
+    exec("\n".join([opened["python"], looked["python"], found["python"]]), space)
+    assert np.array_equal(space["path"].xy.ravel(), looked["scanpath"]["xy"])
+    assert len(space["path"]) == 4
+    assert np.array_equal(space["points"].descriptors.ravel(), found["points"]["descriptor"])
+    assert len(space["points"]) == found["found"] > 0
+
+
+def test_the_copied_command_says_what_was_set(tmp_path):
+    name = "-it's $(touch no) `1`.jpg"
+    bench = Workbench()
+    opened = bench.open(PHOTO.read_bytes(), name)
+    wishes = {"photo": opened["photo"], "model": "both", **CHANGED, "fixations": 3}
+    command = bench.look(wishes)["command"]
+    stub = tmp_path / "saccade"
+    stub.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > said\n")
+    stub.chmod(0o755)
+    environment = {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
+    subprocess.run(
+        ["bash", "-ec", command], cwd=tmp_path, env=environment, timeout=PATIENCE, check=True
+    )
+    words = (tmp_path / "said").read_text().splitlines()
+    assert words == ["look", f"./{name}", "--fixations", "3", "--config", "attention.toml"]
+    set_so = load_settings("attention", path=tmp_path / "attention.toml")
+    inner = {kind: CHANGED[kind] for kind in ("contrast", "symmetry")}
+    assert set_so == settings_from("attention", CHANGED["attention"] | inner, "wishes")
+    assert command.startswith("# the settings of the scanpath: in Python only\n")
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_preset_is_named_by_what_it_changes():
+    sift = load_settings("sift", "kootstra2010")
+    text = snippets.find_command("a.jpg", "sift", sift)
+    table = tomllib.loads(text.split("<<'END'\n")[1].split("END\n")[0])
+    assert settings_from("sift", table, "sift") == sift
+    assert text.endswith("saccade detect a.jpg --config sift.toml")
+    plain = snippets.look_command(
+        "a.jpg", Model.both, load_settings("attention"), load_settings("scanpath"), 10
+    )
+    assert plain == "saccade look a.jpg"
+
+
+def test_every_setting_is_on_the_page_and_every_preset_in_its_range():
+    for group in controls()["groups"]:
+        kind = group["kind"]
+        own = {
+            each.name
+            for each in fields(load_settings(kind))
+            if not is_dataclass(getattr(load_settings(kind), each.name))
+        }
+        assert {field["name"] for field in group["fields"]} == own
+        assert all(field["help"] for field in group["fields"])
+        hidden = {"kootstra2010"} if kind == "must" else set()  # only its descriptor is another
+        assert list(group["presets"]) == [each for each in preset_names(kind) if each not in hidden]
+        for values in group["presets"].values():
+            for name, value in values[kind].items():
+                field = next(each for each in group["fields"] if each["name"] == name)
+                if field["input"] == "range":
+                    assert field["low"] <= value <= field["high"], (kind, name, value)
+                if field["input"] == "choice":
+                    assert value in field["choices"]
+    assert set(RANGES) == set(TITLES)
+    assert json.dumps(controls())
+
+
+@pytest.mark.parametrize("kind", TITLES)
+def test_every_slider_stays_where_the_configuration_allows(kind):
+    for name, (low, high, step) in RANGES[kind].items():
+        whole = isinstance(getattr(load_settings(kind), name), int)
+        assert not whole or step == int(step) >= 1
+        for value in (low, high):
+            free = {"outer": 20, "inner": 1} if kind in ("symmetry", "symroid") else {}
+            free |= {"grid": "centered"} if kind == "sift" else {}
+            settings_from(kind, free | {name: value}, kind)
+
+
+def test_what_stands_below_a_field_is_its_help():
+    assert field_help(saccade.MustConfig)["upright"] == "Give every point the angle 0."
+    assert field_help(int) == {}
+
+
+@pytest.mark.parametrize(
+    ("wishes", "words"),
+    [
+        ({"model": "none"}, "model: expected one of both, contrast, symmetry, found 'none'"),
+        ({"model": ["both"]}, "model: expected one of"),
+        ({"fixations": 1000}, "fixations: expected 1 to 100, found 1000"),
+        ({"fixations": True}, "fixations: expected 1 to 100"),
+        ({"contrast": 3}, "contrast: expected settings by name, found 3"),
+        ({"attention": {"no": 1}}, "attention: no setting 'no'"),
+        ({"symmetry": {"inner": 9}}, "inner: expected 1 px to 4, found 9"),
+        ({"contrast": {"sharpening": 10**400}}, "sharpening"),
+        ({"scanpath": {"gain": "x"}}, "scanpath: gain: expected float, found 'x'"),
+        ({"photo": None}, "not held any more"),
+        ({"photo": ["x"]}, "not held any more"),
+    ],
+)
+def test_a_wish_that_cannot_be_granted_is_told(wishes, words):
+    bench = Workbench()
+    token = bench.open(PHOTO.read_bytes(), "a")["photo"]
+    with pytest.raises((ConfigError, KeyError), match=re.escape(words)):
+        bench.look({"photo": token, **wishes})
+
+
+def test_a_port_that_is_taken_is_told_in_one_line(run):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        code, _, message = run("serve", "--port", port, "--no-browser")
+    assert code == 2
+    assert (
+        message == f"saccade: port: {port} cannot be used: Address already in use; try --port 0\n"
+    )
+
+
+def test_without_its_libraries_the_extra_is_named(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    code, _, message = run("serve", "--no-browser")
+    assert (code, message) == (
+        2,
+        "saccade: serve: needs uvicorn, which is not installed; " + install_command("serve") + "\n",
+    )
+
+
+def _upright():
+    with io.BytesIO() as file:
+        Pillow.new("L", (64, 48), 90).save(file, "PNG")
+        return file.getvalue()
+
+
+def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "saccade", "serve", "--port", "0"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        line = process.stderr.readline()
+        port = int(
+            re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C ends it", line)[1]
+        )
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as raw:
+            head = f"POST /photo?name=a.png HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
+            head += "Transfer-Encoding: chunked\r\n\r\n"
+            body = _upright()
+            raw.sendall(head.encode() + f"{len(body):x}\r\n".encode() + body + b"\r\n0\r\n\r\n")
+            answer = raw.recv(65536).decode()
+        assert answer.startswith("HTTP/1.1 200 OK\r\n")
+        others = [
+            each
+            for each in socket.gethostbyname_ex(socket.gethostname())[2]
+            if not each.startswith("127.")
+        ]
+        for address in others:
+            with pytest.raises(OSError), socket.create_connection((address, port), timeout=1):
+                pass
+        process.send_signal(signal.SIGINT)
+        out, rest = process.communicate(timeout=PATIENCE)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0, rest
+    assert out == ""
+    said = [each for each in rest.splitlines() if "compiling" not in each]
+    assert said == ["saccade: ended"]
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,281 @@
+"""The local page in a real browser: drop, slide, switch, play, copy, and what goes wrong."""
+
+import base64
+import re
+import socket
+import threading
+from contextlib import contextmanager
+from importlib.resources import files
+from urllib.request import urlopen
+
+import pytest
+
+from fuzz.limits import PATIENCE
+from saccade.serving.analysis import Workbench
+from saccade.serving.controls import controls
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+uvicorn = pytest.importorskip("uvicorn", reason="the extra serve is not installed")
+from saccade.cli.serve import _listening  # noqa: E402
+from saccade.serving.app import Samples, application  # noqa: E402
+
+expect = playwright.expect
+DATA = files("saccade") / "data"
+MOST = 400_000
+DROP = """([bytes, name]) => {
+  const data = new DataTransfer();
+  const letters = atob(bytes);
+  data.items.add(new File([Uint8Array.from(letters, (each) => each.charCodeAt(0))], name));
+  dispatchEvent(new DragEvent("drop", { dataTransfer: data, cancelable: true }));
+}"""
+PASTE = DROP.replace(
+    'DragEvent("drop", { dataTransfer: data', 'ClipboardEvent("paste", { clipboardData: data'
+)
+
+
+class _Counting(Workbench):
+    """Counts how often it looks, and waits when it is told to."""
+
+    def __init__(self):
+        super().__init__()
+        self.looks, self._may_look = 0, threading.Event()
+        self._may_look.set()
+
+    def look(self, wishes):
+        self.looks += 1
+        self._may_look.wait(PATIENCE)
+        return super().look(wishes)
+
+    @contextmanager
+    def held(self, address):
+        """Until the block ends, and the server has read what was sent in it, no look ends."""
+        self.looks = 0
+        self._may_look.clear()
+        try:
+            yield
+            for _ in range(3):  # all that is there, what of it was closed, and once more
+                urlopen(f"{address}state", timeout=PATIENCE).close()
+        finally:
+            self._may_look.set()
+
+    def warm(self):
+        """The tests compile what they need."""
+
+
+@pytest.fixture(scope="module")
+def served():
+    """A running server: its bench and its address."""
+    bench = _Counting()
+    samples = Samples(("horse.jpg", "coffee.jpg"), lambda name: (DATA / name).read_bytes())
+    with _listening(0) as listener:
+        port = listener.getsockname()[1]
+        app = application(bench, samples, port, MOST, controls())
+        server = uvicorn.Server(uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=1))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        yield bench, f"http://127.0.0.1:{port}/"
+        server.should_exit = True
+        thread.join(PATIENCE)
+
+
+@pytest.fixture
+def opened(browser, served):
+    """Opens the page; at the end nothing may have gone wrong in it."""
+    _, address = served
+    troubles, pages = [], []
+
+    def open_page(**how):
+        page = browser.new_page(**how)
+        pages.append(page)
+        page.set_default_timeout(1000 * PATIENCE)
+        expected = "status of 4"  # what the server refuses is told on the page
+        page.on("console", lambda said: expected in said.text or troubles.append(said.text))
+        page.on("pageerror", lambda error: troubles.append(str(error)))
+        page.on("dialog", lambda dialog: troubles.append(dialog.message))
+        page.on(
+            "request",
+            lambda asked: asked.url.startswith((address, "data:")) or troubles.append(asked.url),
+        )
+        page.goto(address)
+        _settle(page)
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+    assert not troubles
+
+
+def _settle(page):
+    page.wait_for_selector("#serve[data-busy=false]:not([data-found=''])")
+
+
+def _drop(page, data, name, script=DROP):
+    page.evaluate(script, [base64.b64encode(data).decode(), name])
+
+
+def _slide(page, name, value):
+    page.get_by_role("slider", name=re.compile(f"^{name}")).first.fill(str(value))
+
+
+def test_a_photograph_is_dropped_set_and_copied(opened):
+    page = opened(viewport={"width": 1300, "height": 1000})
+    serve, part = page.locator("#serve"), page.locator(".part")
+    assert page.locator(".title").inner_text() == "horse.jpg · 400 x 328 px"
+    assert part.get_attribute("data-map") == "saliency"
+    evil = "<img src=x onerror=alert(1)> \u202egpj.\N{SNOWMAN}'.jpg"
+    _drop(page, (DATA / "coffee.jpg").read_bytes(), evil)
+    expect(page.locator(".title")).to_contain_text("600 x 400")
+    _settle(page)
+    assert page.locator(".title").inner_text().startswith(evil)
+    assert page.locator("#serve img[onerror]").count() == 0
+    pre = page.locator("pre")
+    assert "onerror=alert(1)" in pre.first.inner_text()
+
+    before = int(serve.get_attribute("data-found"))
+    _slide(page, "contrast_threshold", 0.05)
+    expect(pre.first).to_contain_text("contrast_threshold=0.05")
+    assert 0 < int(serve.get_attribute("data-found")) < before
+    assert "saccade.Sift(saccade.SiftConfig(contrast_threshold=0.05))" in pre.first.inner_text()
+    assert "contrast_threshold = 0.05" in pre.last.inner_text()
+    sift = page.locator("[data-kind=sift]")
+    assert sift.locator(".state").inner_text() == "changed"
+    sift.get_by_label("Preset").select_option("kootstra2010")
+    expect(pre.first).to_contain_text("octaves=3")
+    sift.get_by_role("button", name="Reset").click()
+    expect(serve).to_have_attribute("data-found", str(before))
+    assert "points = saccade.Sift()(image)" in pre.first.inner_text()
+    assert sift.get_by_role("button", name="Reset").is_disabled()
+    copy = page.locator(".snippet button").first
+    copy.click()
+    expect(copy).to_have_text(re.compile("Copied|Selected"))
+
+
+def test_layers_models_and_detectors_are_switched(opened):
+    page = opened()
+    part, heat = page.locator(".part"), page.locator(".heat")
+    first = heat.get_attribute("src")
+    page.get_by_role("radio", name="orientation").check()
+    assert heat.get_attribute("src") != first
+    page.locator(".segments label", has_text=re.compile("^symmetry$")).click()
+    expect(page.locator("fieldset", has_text="Map").get_by_role("radio")).to_have_count(2)
+    expect(part).to_have_attribute("data-map", "none")
+    assert page.locator("[data-kind=contrast]").is_hidden()
+    page.locator("[data-kind=symmetry] summary").first.click()
+    page.get_by_label("kind").select_option("isotropic")
+    expect(page.locator("pre").first).to_contain_text("kind='isotropic'")
+    for detector in ("must", "symroid"):
+        page.locator(".segments label", has_text=detector).click()
+        expect(page.locator("pre").last).to_contain_text(f"--detector {detector}")
+    _settle(page)
+    page.get_by_role("spinbutton", name="Point").fill("1")
+    assert page.locator(".detail dd").count() == 5
+    assert page.locator("canvas.descriptor").is_visible()
+    page.get_by_role("radio", name="none").check()
+    assert heat.is_hidden()
+
+
+def test_the_scanpath_is_played_and_lengthened(opened):
+    page = opened()
+    page.locator("[data-kind=scanpath] summary").first.click()
+    _slide(page, "fixations", 3)
+    page.wait_for_selector("#serve[data-fixations='3']")
+    assert "fixations=3" in page.locator("pre").first.inner_text()
+    page.get_by_role("slider", name="Fixation", exact=True).fill("1")
+    assert page.locator(".part").get_attribute("data-fixation") == "1"
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_selector(".part[data-fixation='3']")
+    _slide(page, "inhibition_sigma", 0.2)
+    expect(page.locator("pre").first).to_contain_text("inhibition_sigma=0.2")
+
+
+def test_what_nobody_waits_for_any_more_is_not_begun(served):
+    bench, address = served
+    place = ("127.0.0.1", int(address.rsplit(":", 1)[1].strip("/")))
+    photo = bench.open((DATA / "horse.jpg").read_bytes(), "horse.jpg")["photo"]
+    body = f'{{"photo": "{photo}", "fixations": 1, "model": "contrast"}}'
+    words = f"POST /look HTTP/1.1\r\nHost: {place[0]}:{place[1]}\r\nContent-Length: {len(body)}"
+    with socket.create_connection(place) as first, socket.create_connection(place) as last:
+        with bench.held(address):
+            first.sendall(f"{words}\r\n\r\n{body}".encode())
+            for _ in range(6):
+                with socket.create_connection(place) as gone:
+                    gone.sendall(f"{words}\r\n\r\n{body}".encode())
+            last.sendall(f"{words}\r\n\r\n{body}".encode())
+        answers = [each.recv(12) for each in (first, last)]
+    assert answers == [b"HTTP/1.1 200"] * 2
+    assert bench.looks == 2
+
+
+def test_a_slider_that_moves_quickly_is_not_followed_everywhere(opened, served):
+    bench, address = served
+    page = opened()
+    with bench.held(address):
+        for i in range(40):
+            _slide(page, "contrast_weight", 0.05 * (1 + i))
+    expect(page.locator("pre").first).to_contain_text("contrast_weight=2.0")
+    _settle(page)
+    assert 1 <= bench.looks < 25
+
+
+def test_what_cannot_be_looked_at_is_told_and_the_page_goes_on(opened, served):
+    bench, _ = served
+    page = opened()
+    alarm = page.locator(".alarm")
+    assert alarm.is_hidden()
+    for data, name, words in (
+        (b"x" * (MOST + 1), "big.jpg", "big.jpg: expected at most 0.4 MB, found 0.4 MB"),
+        (
+            b"not an image",
+            "notes.txt",
+            "notes.txt: expected an image (PNG, JPEG, TIFF, ...), found something else",
+        ),
+    ):
+        _drop(page, data, name)
+        expect(alarm).to_have_text(words)
+        assert alarm.is_visible()
+    page.locator("[data-kind=symmetry] summary").first.click()
+    _drop(page, (DATA / "horse.jpg").read_bytes(), "horse.jpg", PASTE)
+    alarm.wait_for(state="hidden")
+    _settle(page)
+    symmetry = page.locator("[data-kind=symmetry]")
+    symmetry.locator(".more summary").click()
+    levels = symmetry.get_by_label("levels", exact=True)
+    levels.fill("1, 2, x")
+    levels.press("Enter")
+    assert levels.get_attribute("aria-invalid") == "true"
+    levels.fill("3, 2")
+    levels.press("Enter")
+    expect(alarm).to_contain_text("levels: expected rising levels")
+    symmetry.get_by_role("button", name="Reset").click()
+    alarm.wait_for(state="hidden")
+    bench._photos.clear()  # a server that was started anew
+    _slide(page, "edge_ratio", 5)
+    expect(page.locator("pre").first).to_contain_text("edge_ratio=5")
+    assert alarm.is_hidden()
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
+def test_everyone_can_use_it(opened, scheme, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
+    page = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
+    for group in page.locator("details summary").all():
+        if group.is_visible():
+            group.click()
+    page.get_by_role("spinbutton", name="Point").fill("1")
+    _drop(page, b"", "<nothing>")
+    page.locator(".alarm").wait_for()
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_while_it_compiles_the_page_says_so(browser, served):
+    _, address = served
+    page = browser.new_page()
+    page.route("**/state", lambda route: route.fulfill(json={"warm": False}))
+    page.goto(address)
+    page.get_by_text("Compiling for this machine").wait_for()
+    page.unroute("**/state")
+    page.get_by_text("Compiling for this machine").wait_for(state="hidden")
+    page.close()

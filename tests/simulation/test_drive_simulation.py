@@ -1,0 +1,304 @@
+"""Simulated camera drives: the pinhole model to the pixel, the truth, and what the dials do."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade import datasets
+from saccade.errors import ConfigError
+from saccade.evaluation.trajectory import position_rmse
+from saccade.settings import as_toml
+from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
+from saccade.simulation.illumination import Light
+from saccade.simulation.rendering import render
+from saccade.simulation.ring import chosen_pictures
+from saccade.simulation.scene import Ground, Walls, build_scene
+from saccade.simulation.textures import pictures
+from saccade.slam import compose
+from saccade.slam.filter.odometry_bias import unbiased
+from saccade.types import Trajectory
+
+TEXELS = 180.0
+CELL = 36
+"""Texels of a square of the checkerboard."""
+STILL = LightConfig(noise=0.0, gain=0.0, gamma=0.0, vignetting=0.0)
+SMALL = DriveConfig(
+    size=(4.5, 4.0),
+    corridor=1.4,
+    wall_height=1.6,
+    turning_radius=0.9,
+    sway=0.06,
+    frames=4,
+    frames_per_lap=90,
+    image_size=(64, 48),
+)
+
+
+@pytest.fixture(scope="module")
+def board():
+    """A room of 4 x 4 m about the origin whose walls are checkerboards, and the corners' places."""
+    corners = np.array([[-2.0, 2], [2, 2], [2, -2], [-2, -2], [-2, 2]])
+    shape = (int(2.4 * TEXELS), int(16 * TEXELS))
+    y, x = np.indices(shape)
+    white = ((x // CELL + y // CELL) % 2).astype(np.uint8)
+    texture = np.repeat(40 + 170 * white[..., None], 3, 2)
+    ground = Ground(np.array([-2.0, 2]), np.full((64, 64, 3), 128, np.uint8), 16.0)
+    scene = build_scene([Walls(corners, texture)], ground, 2.4, TEXELS, color=False)
+    along, up = np.meshgrid(np.arange(1, 20), np.arange(1, 12))  # the first wall, y = 2
+    points = [along * CELL / TEXELS - 2, np.full(along.shape, 2.0), 2.4 - up * CELL / TEXELS]
+    return scene, np.stack([each.ravel() for each in points], 1)
+
+
+def project(camera, pose, points, right=False):
+    """Pixels (k, 2) and depths (k,) of points (k, 3) of the world."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    robot = (points - [pose[0], pose[1], 0]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    seen = (robot - camera.place) @ camera.rotation - [camera.baseline * right, 0, 0]
+    x, y, z = seen.T
+    return np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], 1), z
+
+
+def analytic(camera, pose, left, top, side, samples=24):
+    """A square of the image of the board's first wall: many samples in each pixel."""
+    x, y = ((np.arange(side * samples) + 0.5) / samples - 0.5 + first for first in (left, top))
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    eye = pose[:2] + np.array([[c, -s], [s, c]]) @ camera.place[:2]
+    aside = (x - camera.cx) / camera.fx
+    depth = (2 - eye[1]) / (s - c * aside)
+    along = eye[0] + depth * (c + s * aside)
+    cell = TEXELS / CELL
+    up = (2.4 - camera.place[2] + np.outer((y - camera.cy) / camera.fy, depth)) * cell
+    white = (np.floor((along + 2) * cell) + np.floor(up)) % 2
+    return 40 + 170 * white.reshape(side, samples, side, samples).mean((1, 3))
+
+
+def shift_between(image, model, near=np.s_[:]):
+    """(2,) pixels right and down by which `image` is off `model`, by least squares."""
+    slope = np.stack(np.gradient((image + model) / 2)[::-1], -1)[near].reshape(-1, 2)
+    return np.linalg.lstsq(slope, (model - image)[near].ravel())[0]
+
+
+@pytest.mark.parametrize("pose", [(0, 0, 90), (0.3, 0.4, 70), (0.9, -0.2, 131)])
+def test_a_board_is_where_a_pinhole_puts_it(board, pose):
+    scene, points = board
+    pose = np.array([pose[0], pose[1], np.deg2rad(pose[2])])
+    camera = replace(DriveConfig().camera, place=np.array([0.1, 0.05, 0.7]))
+    left, top, side = 90, 60, 120
+    ours = render(scene, camera, pose)[top : top + side, left : left + side].astype(float)
+    exact = analytic(camera, pose, left, top, side)
+    xy = project(camera, pose, points)[0] - (left, top)
+    xy = xy[((xy > 8) & (xy < side - 8)).all(1)]
+    assert len(xy) >= 12
+    for x, y in np.rint(xy).astype(int):
+        near = np.s_[y - 5 : y + 6, x - 5 : x + 6]
+        assert np.abs(shift_between(ours, exact, near)).max() < 0.05
+
+
+@pytest.mark.parametrize("right", [False, True])
+def test_corners_are_found_where_they_are_projected(board, right):
+    scene, points = board
+    camera, pose = DriveConfig().camera, np.array([0, 0, np.pi / 2])  # a finder errs at a slant
+    xy, depth = project(camera, pose, points, right)
+    xy = xy[((xy > 14) & (xy < (camera.width - 14, camera.height - 14))).all(1) & (depth > 0)]
+    image = cv2.GaussianBlur(render(scene, camera, pose, right).astype(np.float32), (0, 0), 2)
+    corners = np.ascontiguousarray(xy, np.float32).reshape(-1, 1, 2)
+    found = cv2.cornerSubPix(image, corners, (5, 5), (-1, -1), (3, 100, 1e-4)).reshape(-1, 2)
+    assert len(xy) > 80
+    assert np.abs(found - xy).max() < 0.05
+
+
+def test_two_views_agree_where_depth_and_poses_say():
+    drive = simulate_drive(replace(SMALL, light=STILL, depth=True, image_size=(160, 120)))
+    camera, first, second = drive.camera, drive.load(0), drive.load(1)
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    z = np.nan_to_num(first.depth, nan=1.0)
+    seen = np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], -1)
+    robot = seen.reshape(-1, 3) @ camera.rotation.T + camera.place  # the first pose is the origin
+    for image, pose, right in ((first.right, 0, True), (second.image, 1, False)):
+        xy, _ = project(camera, drive.truth.pose[pose], robot, right)
+        x, y = xy.T.reshape(2, *z.shape).astype(np.float32)
+        warped = cv2.remap(image.astype(np.float32), x, y, cv2.INTER_CUBIC)
+        both = np.isfinite(first.depth) & (np.abs(x - 79.5) < 76) & (np.abs(y - 59.5) < 56)
+        apart = warped - first.image
+        assert both.mean() > 0.6
+        assert np.median(np.abs(apart[both])) < 0.1 * first.image[both].std()
+        both &= np.abs(apart) < 25  # one eye sees behind a corner, the other does not
+        assert np.abs(shift_between(warped, first.image.astype(float), both)).max() < 0.03
+
+
+def integrated(drive):
+    poses = [drive.start]
+    for control in drive.control:
+        poses.append(compose(poses[-1], control)[0])
+    return np.array(poses)
+
+
+def test_odometry_without_errors_is_the_truth():
+    exact = OdometryConfig(scale=0, drift=0, white=0, turn=0)
+    drive = simulate_drive(replace(SMALL, frames=200, odometry=exact))
+    np.testing.assert_allclose(integrated(drive), drive.truth.pose, atol=1e-9)
+    np.testing.assert_array_equal(drive.truth.pose[0], 0)
+    steps = np.hypot(*np.diff(drive.truth.pose[:, :2], axis=0).T)
+    assert steps.max() < 1.15 * steps.min()
+    ahead, aside, _ = drive.control.T
+    assert np.abs(aside).max() < 0.2 * ahead.min()  # it looks where it goes
+    lap = SMALL.frames_per_lap
+    again = np.hypot(*(drive.truth.pose[lap:] - drive.truth.pose[:-lap])[:, :2].T)
+    assert 0.01 < again.max() < 2 * SMALL.sway  # two laps of one ring, not quite the same
+
+
+def test_a_short_drive_is_the_beginning_of_a_long_one():
+    short, long = (simulate_drive(replace(SMALL, frames=frames), 2) for frames in (4, 9))
+    np.testing.assert_array_equal(short.control, long.control[:3])
+    np.testing.assert_array_equal(short.truth.pose, long.truth.pose[:4])
+    np.testing.assert_array_equal(short.load(3).image, long.load(3).image)
+
+
+def test_the_errors_of_odometry_are_those_it_tells():
+    config = replace(SMALL, frames=1000)
+    exact = OdometryConfig(scale=0, drift=0, white=0, turn=0)
+    true = simulate_drive(replace(config, odometry=exact), 3).control
+    drive = simulate_drive(replace(config, odometry=replace(exact, white=5, turn=1)), 3)
+    square = np.einsum(
+        "ki,kij,kj->k",
+        drive.control - true,
+        np.linalg.inv(drive.control_covariance),
+        drive.control - true,
+    )
+    assert square.mean() == pytest.approx(3, abs=5 * np.sqrt(6 / len(true)))
+    drive = simulate_drive(replace(config, odometry=replace(exact, scale=3, drift=1.5)), 3)
+    signs = [np.array([a, b, 0]) for a in (-1, 1) for b in (-1, 1)]
+    mended = [unbiased(drive.control, sign * drive.odometry_bias) for sign in signs]
+    assert min(np.abs(each - true).max() for each in mended) < 1e-12
+
+
+def test_odometry_alone_goes_astray_as_far_as_the_page_says():
+    found = []
+    for seed in range(5):
+        drive = simulate_drive(seed=seed)
+        alone = Trajectory(drive.time, integrated(drive))
+        end = np.hypot(*(alone.pose[-1] - drive.truth.pose[-1])[:2])
+        found.append((position_rmse(alone, drive.truth), end))
+    assert np.mean(found, 0) == pytest.approx([1.5, 3.7], abs=0.2)
+
+
+def test_frames_are_the_same_in_any_order_and_thread():
+    config = replace(SMALL, light=LightConfig(flicker=0.2), color=True)
+    one, same, other = (simulate_drive(config, seed) for seed in (1, 1, 2))
+    with ThreadPoolExecutor(4) as pool:
+        backwards = list(pool.map(same.load, reversed(range(4))))[::-1]
+    for i, frame in enumerate(backwards):
+        np.testing.assert_array_equal(one.load(i).image, frame.image)
+        np.testing.assert_array_equal(one.load(i).right, frame.right)
+        assert frame.image.shape == (48, 64, 3)
+        assert frame.image.dtype == np.uint8
+    assert (one.load(0).image != other.load(0).image).mean() > 0.5
+    with pytest.raises(IndexError):
+        one.load(4)
+
+
+@pytest.fixture(scope="module")
+def still():
+    return simulate_drive(replace(SMALL, light=STILL), 1)
+
+
+def test_noise_is_what_it_is_said_to_be(still):
+    noisy = simulate_drive(replace(SMALL, light=replace(STILL, noise=4.0)), 1)
+    np.testing.assert_array_equal(noisy.control, still.control)
+    np.testing.assert_array_equal(noisy.truth.pose, still.truth.pose)
+    dark = still.load(2).image < 200  # nothing is cut off at white
+    left = (noisy.load(2).image.astype(float) - still.load(2).image)[dark]
+    right = (noisy.load(2).right.astype(float) - still.load(2).right)[dark]
+    next_ = (noisy.load(3).image.astype(float) - still.load(3).image)[dark]
+    assert left.std() == pytest.approx(4, rel=0.1)
+    for other in (right, next_):
+        assert abs(np.corrcoef(left, other)[0, 1]) < 0.1
+
+
+def lit(picture, **light):
+    """A picture in another light, at the third of four times."""
+    config = replace(STILL, **light)
+    drawn = Light.drawn(config, SMALL.camera, np.arange(4) / 10, np.random.SeedSequence(1))
+    return drawn.fall_on(picture, 2, 0), drawn
+
+
+def test_light_changes_every_pixel_alike(still):
+    plain = still.load(3).image
+    changed, light = lit(plain, brightness=0.5, gain=0.3)
+    np.testing.assert_array_equal(changed, np.rint(plain * light.gain[2]))
+    assert 0.2 < light.gain[2] < 1
+    np.testing.assert_array_equal(lit(plain)[0], plain)
+
+
+def test_gamma_keeps_the_order_and_vignetting_the_middle(still):
+    plain = still.load(1).image
+    curved, _ = lit(plain, gamma=0.5)
+    order = np.argsort(plain, axis=None)
+    assert (np.diff(curved.ravel()[order].astype(int)) >= 0).all()
+    assert np.abs(curved.astype(int) - plain).max() > 2
+    share = lit(plain, vignetting=0.6)[0].astype(float) / np.maximum(plain, 1)
+    assert share[20:28, 28:36].min() > 0.95
+    assert share[[0, 0, -1, -1], [0, -1, 0, -1]].max() < 0.7
+
+
+def test_light_drifts_slowly_and_lamps_flicker():
+    camera, time = SMALL.camera, np.arange(600) / 10
+    seed = np.random.SeedSequence(5)
+    drifting = Light.drawn(LightConfig(gain=0.3), camera, time, seed)
+    flickering = Light.drawn(LightConfig(gain=0.0, flicker=0.3), camera, time, seed)
+    for light, steps in ((drifting, 0.02), (flickering, 0.3 * np.sqrt(2))):
+        change = np.diff(np.log(light.gain)).std()
+        assert steps / 2 < change < 1.2 * steps
+    assert np.log(drifting.gain).std() == pytest.approx(0.3, rel=0.4)
+
+
+def test_posters_repeat_and_mirror_on_demand(rng):
+    every = {picture.tobytes() for picture in pictures()}
+    assert len(every) == len(pictures()) >= 30
+    few = chosen_pictures(DriveConfig.repeated(), rng)
+    assert len(few) == 4
+    assert {picture.tobytes() for picture in few} < every
+    for picture in chosen_pictures(DriveConfig.mirror(), rng):
+        np.testing.assert_array_equal(picture, picture[:, ::-1])
+    assert DriveConfig().pictures == 0
+    assert not DriveConfig().mirrored
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ({"size": (40.0, 8.0)}, "size: expected two of"),
+        ({"corridor": 6.0}, "corridor: expected 1 to 4.05 m"),
+        ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.50 m"),
+        ({"sway": 1.0}, "sway: expected"),
+        ({"camera_height": 3.0}, "camera_height: expected 0.05 to under 2.4 m"),
+        ({"field": 200.0}, "field: expected 20 to 120"),
+    ],
+)
+def test_a_ring_that_cannot_be_is_refused(setting, words):
+    with pytest.raises(ConfigError, match=words):
+        DriveConfig(**setting)
+
+
+def test_a_drive_from_the_command_line_is_read_back(run, tmp_path):
+    (tmp_path / "small.toml").write_text(as_toml(replace(SMALL, frames=600)), encoding="utf-8")
+    code, out, _ = run(
+        "simulate", "drive", "-c", "small.toml", "--seed", 7, "--frames", 3, "--depth", "--json"
+    )
+    assert code == 0
+    row = json.loads(out)
+    assert (row["frames"], row["cameras"]) == (3, 2)
+    read = datasets.load_drive("auto", tmp_path / row["sequence"])
+    made = simulate_drive(replace(SMALL, frames=3, depth=True), 7)
+    np.testing.assert_allclose(read.truth.pose, made.truth.pose, atol=1e-8)
+    np.testing.assert_allclose(read.control, made.control, rtol=1e-12)
+    np.testing.assert_array_equal(read.load(2).image, made.load(2).image)
+    np.testing.assert_array_equal(read.load(2).right, made.load(2).right)
+    np.testing.assert_allclose(read.load(2).depth, made.load(2).depth, atol=6e-4)
+    code, _, err = run("simulate", "drive", "--preset", "hall")
+    assert code == 2
+    assert "ring, mono, repeated, mirror, dark, flicker" in err

@@ -1,0 +1,134 @@
+"""Made worlds: their geometry, their noise, and what the filters make of them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saccade import datasets, slam
+from saccade.errors import ConfigError
+from saccade.simulation import WorldConfig, run_trials, simulate_world
+from saccade.simulation.monte_carlo import Trials
+from saccade.slam import EkfConfig
+
+WORLDS = ("loop", "slippery", "car", "coarse")
+each_world = pytest.mark.parametrize("name", WORLDS)
+
+
+@each_world
+def test_without_noise_the_log_is_the_truth(name):
+    world = replace(
+        getattr(WorldConfig, name)(),
+        range_percent=0.0,
+        range_sigma=0.0,
+        bearing_sigma=0.0,
+        odometry_percent=0.0,
+        speed_sigma=0.0,
+        steering_sigma=0.0,
+    )
+    log = simulate_world(world)
+    apart = slam.dead_reckon(log).pose - log.truth.pose
+    np.testing.assert_allclose(apart[:, :2], 0, atol=1e-9)
+    there = slam.place(log.truth.pose[log.observation_pose].T, log.observation)[0]
+    np.testing.assert_allclose(there, log.landmark_truth.xy[log.landmark], atol=1e-9)
+
+
+def test_the_circle_is_that_of_the_article():
+    log = simulate_world(WorldConfig.loop())
+    assert len(log.control) == 1500
+    assert np.hypot(*(log.truth.pose[:, :2] - [0, 10]).T) == pytest.approx(10, abs=0.15)
+    np.testing.assert_allclose(np.diff(log.truth.time), 1)
+    assert len(log.landmark_truth) == 20
+    U = log.control_covariance[0]
+    assert U[0, 0] == pytest.approx((0.02 * 0.25) ** 2 / 2, rel=0.05)
+    assert U[2, 2] == pytest.approx(8 * (0.02 * 0.25) ** 2)
+    z, R = log.observation, log.observation_covariance
+    assert 0.3 < z[:, 0].min() < z[:, 0].max() < 6.5
+    assert np.sqrt(R[0, 1, 1]) == pytest.approx(np.deg2rad(3))
+
+
+@each_world
+def test_the_errors_have_the_covariance_that_the_log_says(name):
+    log = simulate_world(getattr(WorldConfig, name)(), seed=3)
+    pose, landmark = log.truth.pose[log.observation_pose], log.landmark_truth.xy[log.landmark]
+    exact = np.array([slam.observe(p, m)[0] for p, m in zip(pose, landmark, strict=True)])
+    v = slam.difference(log.observation, exact)
+    square = np.einsum("ki,kij,kj->k", v, np.linalg.inv(log.observation_covariance), v)
+    assert square.mean() == pytest.approx(2, abs=5 * 2 / np.sqrt(len(v)))
+
+
+def test_another_seed_is_other_noise_in_the_same_world():
+    one, same, other = (simulate_world(WorldConfig(), seed) for seed in (1, 1, 2))
+    assert one.observation.tobytes() == same.observation.tobytes()
+    assert one.control.tobytes() != other.control.tobytes()
+    np.testing.assert_array_equal(one.landmark_truth.xy, other.landmark_truth.xy)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [{"vehicle": "boat"}, {"steps": 0}, {"reach": (5.0, 1.0)}, {"field": 0.0}, {"bends": 9.0}],
+)
+def test_worlds_that_cannot_be_are_named(setting):
+    with pytest.raises(ConfigError, match=next(iter(setting))):
+        WorldConfig(**setting)
+
+
+def test_a_course_that_no_car_can_follow_is_named():
+    with pytest.raises(ConfigError, match="bends"):
+        simulate_world(replace(WorldConfig.car(), length=20.0))
+
+
+def _trials(world, kind, runs):
+    found = run_trials(world, EkfConfig(filter=kind), runs)
+    return Trials(*(np.array(each) for each in zip(*found, strict=True)))
+
+
+def test_the_default_filter_is_as_wrong_as_it_says():
+    """And the source's is not, in a world with much noise."""
+    world = WorldConfig.coarse()
+    invariant, standard = (_trials(world, kind, 12) for kind in ("invariant", "standard"))
+    low, high = invariant.band
+    assert low < invariant.anees < high
+    assert standard.anees > 2 * high
+    assert invariant.rmse < standard.rmse
+    assert invariant.in_band > 0.8 > standard.in_band
+
+
+def test_the_scores_of_trials_are_what_they_are_called():
+    trials = Trials(np.array([[np.nan, 1.0, 5.0], [np.nan, 3.0, 15.0]]), np.full((2, 3), 4.0))
+    assert trials.anees == 6
+    assert trials.median == 6
+    assert trials.rmse == 2
+    assert trials.band == pytest.approx((0.618, 7.225), abs=1e-3)  # chi-square of six, halved
+    assert trials.in_band == 0.5
+
+
+def test_a_world_from_the_command_line_is_read_by_slam(run, tmp_path):
+    code, out, _ = run("simulate", "world", "--seed", 5, "--out", "made", "--json")
+    assert code == 0
+    row = json.loads(out)
+    made = simulate_world(WorldConfig(), 5)
+    log = datasets.load("auto", tmp_path / "made" / "log.csv")
+    assert row["observations"] == len(log.observation) == len(made.observation)
+    np.testing.assert_array_equal(log.observation, made.observation)
+    truth = np.loadtxt(tmp_path / "made" / "truth.tum")
+    np.testing.assert_allclose(truth[:, 1:3], made.truth.pose[:, :2], atol=1e-6)
+    assert len((tmp_path / "made" / "landmarks.csv").read_text().splitlines()) == 21
+
+
+def test_consistency_from_the_command_line(run):
+    code, out, _ = run("evaluate", "consistency", "-p", "loop", "--runs", 3, "--json")
+    assert code == 0
+    found = json.loads(out)["worlds"]["loop"]
+    assert set(found) == {"invariant", "standard", "first-estimates"}
+    assert found["invariant"]["anees"] == pytest.approx(
+        _trials(WorldConfig.loop(), "invariant", 3).anees
+    )
+    code, out, _ = run(
+        "evaluate", "consistency", "-p", "loop", "--runs", 2, "--filter", "invariant"
+    )
+    assert code == 0
+    assert "loop, invariant" in out
+    assert run("evaluate", "consistency", "-p", "moon")[0] == 2
+    assert run("evaluate", "consistency", "--filter", "unscented", "--runs", 1)[0] == 2

@@ -1,0 +1,377 @@
+"""Who is who: gates, exclusion, and what becomes a landmark."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.linalg import block_diag
+
+from saccade.errors import LogError
+from saccade.slam import (
+    RANGE_BEARING,
+    Candidates,
+    EkfSlam,
+    JointCompatibility,
+    KnownIdentity,
+    NearestNeighbor,
+    Retraction,
+    observe,
+)
+from saccade.slam.association.gating import (
+    DROPPED,
+    NEW,
+    pair_mutual,
+    pair_nearest_first,
+    within_reach,
+)
+from saccade.slam.association.jcbb import search
+from saccade.slam.association.nearest_neighbor import (
+    mahalanobis_squared,
+    number_by_first_sight,
+    squared_distance,
+)
+from saccade.slam.map_management.culling import Presence, View
+from saccade.slam.models import RangeBearing
+
+R = np.diag([0.01, 1e-4])
+UNKNOWN = np.full(9, -1)
+WORLD = np.array([[5.0, 1.0], [6.0, -2.0], [8.0, 0.0], [-3.0, 4.0]])
+
+
+def _filter(landmarks=WORLD, spread=1e-4):
+    ekf = EkfSlam(np.zeros(3), spread * np.eye(3))
+    for landmark in landmarks:
+        ekf.augment(observe(np.zeros(3), landmark)[0], R)
+    return ekf
+
+
+def _scan(places):
+    z, _ = observe(np.zeros(3), np.atleast_2d(places))
+    return z, np.tile(R, (len(z), 1, 1))
+
+
+def test_distance_is_the_nis_of_an_update():
+    z, noise = _scan(WORLD[::-1] + np.array([0.1, -0.05]))
+    distance = mahalanobis_squared(_filter(), z, noise)
+    for i in range(len(z)):
+        for landmark in range(len(WORLD)):
+            nis = _filter().update(z[i], R, landmark).nis
+            np.testing.assert_allclose(distance[i, landmark], nis, rtol=1e-9)
+
+
+def test_each_observation_finds_its_landmark_whatever_the_order():
+    order = [2, 0, 3, 1]
+    z, noise = _scan(WORLD[order] + 0.02)
+    assert NearestNeighbor()(_filter(), z, noise, UNKNOWN[:4]).tolist() == order
+
+
+def test_bearings_behind_the_robot_are_near_each_other():
+    ekf = _filter(np.array([[-5.0, 0.001]]))
+    z, noise = _scan([-5.0, -0.001])
+    assert NearestNeighbor()(ekf, z, noise, UNKNOWN[:1]).tolist() == [0]
+
+
+def test_a_landmark_takes_the_nearer_of_two_observations():
+    z, noise = _scan([WORLD[0] + [0.15, 0], WORLD[0] + [0.02, 0]])
+    assert NearestNeighbor()(_filter(), z, noise, UNKNOWN[:2]).tolist() == [DROPPED, 0]
+
+
+def test_near_is_taken_far_is_new_and_between_is_dropped():
+    ekf = _filter(WORLD[:1])
+    sigma = np.sqrt(ekf.expect().covariance[0, 0, 0] + R[0, 0])
+    z, noise = _scan(WORLD[[0, 0, 0]])
+    z[:, 0] += np.array([2.5, 3.5, 5.0]) * sigma  # gates at 3.03 and 4.29 sigma
+    found = [int(NearestNeighbor()(ekf, z[i : i + 1], noise[:1], UNKNOWN[:1])[0]) for i in range(3)]
+    assert found == [0, DROPPED, NEW]
+
+
+@pytest.mark.parametrize("rule", [NearestNeighbor(mutual=True), JointCompatibility()])
+def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too(rule):
+    """Two landmarks a little over a sigma to either side of where something is seen."""
+    pair = np.array([[5.0, -0.1], [5.0, 0.12]])
+    z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
+    assert rule(_filter(pair), z[:1], noise[:1], UNKNOWN[:1]).tolist() == [DROPPED]
+    assert rule(_filter(pair), z, noise, UNKNOWN[:2]).tolist() == [0, 1]
+    far = pair * [1.0, 9.0]
+    z, noise = _scan(far[0])
+    assert rule(_filter(far), z, noise, UNKNOWN[:1]).tolist() == [0]
+
+
+def test_in_an_empty_map_everything_is_new():
+    z, noise = _scan(WORLD)
+    ekf = EkfSlam(np.zeros(3), np.eye(3))
+    assert NearestNeighbor()(ekf, z, noise, UNKNOWN[:4]).tolist() == [NEW] * 4
+
+
+@given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
+def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
+    paired = np.empty(len(distance), np.int64)
+    pair_nearest_first(distance, limit, paired)
+    taken = paired[paired >= 0]
+    assert len(set(taken.tolist())) == len(taken)
+    for row in range(5):
+        for column in range(4):
+            if distance[row, column] > limit or paired[row] == column:
+                continue
+            mine = distance[row, paired[row]] if paired[row] >= 0 else np.inf
+            holder = np.flatnonzero(paired == column)
+            theirs = distance[holder[0], column] if len(holder) else np.inf
+            assert mine <= distance[row, column] or theirs <= distance[row, column]
+
+
+def test_known_identities_are_looked_up():
+    associate = KnownIdentity()
+    z, noise = _scan(WORLD)
+    identity = np.array([7, 7, -1, 0])
+    assert associate(_filter(), z, noise, identity).tolist() == [NEW, DROPPED, DROPPED, NEW]
+    associate.added(0, 7)
+    assert associate(_filter(), z, noise, identity).tolist() == [0, 0, DROPPED, NEW]
+
+
+@given(st.lists(st.lists(st.integers(-1, 4), max_size=5), max_size=6))
+def test_numbers_of_a_whole_log_are_those_found_scan_by_scan(scans):
+    associate, ekf, known, found = KnownIdentity(), _filter(), 0, []
+    for names in scans:
+        z, noise = np.zeros((len(names), 2)), np.zeros((len(names), 2, 2))
+        numbers = associate(ekf, z, noise, np.array(names, np.int64)).tolist()
+        for k, number in enumerate(numbers):
+            if number == NEW:
+                associate.added(known, names[k])
+                numbers[k] = known
+                known += 1
+        found += numbers
+    pose = np.repeat(np.arange(len(scans)), [len(names) for names in scans])
+    identity = np.array([name for names in scans for name in names], np.int64)
+    assert number_by_first_sight(identity, pose).tolist() == found
+
+
+@given(
+    arrays(np.float64, (6, 2), elements=st.floats(-9, 9)),
+    arrays(np.float64, (6, 2, 2), elements=st.floats(-2, 2)),
+)
+def test_distance_is_normalized_by_the_covariance(v, root):
+    S = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(2)
+    expected = [each @ np.linalg.solve(spread, each) for each, spread in zip(v, S, strict=True)]
+    np.testing.assert_allclose(squared_distance(v, S), expected, rtol=1e-7, atol=1e-12)
+    assert np.isinf(squared_distance(v, 0 * S)).all()
+
+
+@pytest.mark.parametrize("retraction", Retraction)
+def test_a_sensor_of_ones_own_finds_the_same_distances(retraction):
+    z, noise = _scan(WORLD + np.array([0.1, -0.05]))
+    filters = []
+    for sensor in (RANGE_BEARING, type("Own", (RangeBearing,), {})()):
+        ekf = EkfSlam(np.zeros(3), 1e-2 * np.eye(3), sensor=sensor, retraction=retraction)
+        for landmark in WORLD:
+            ekf.augment(observe(np.zeros(3), landmark)[0], R)
+        ekf.predict(np.array([0.3, 0.2]), 1e-2 * np.eye(2))
+        ekf.update(observe(ekf.pose, WORLD[1])[0], R, 1)
+        ekf.predict(np.array([0.3, -0.1]), 1e-2 * np.eye(2))
+        filters.append(ekf)
+    compiled, own = filters
+    assert compiled.is_compiled
+    assert not own.is_compiled
+    expected = mahalanobis_squared(compiled, z, noise)
+    np.testing.assert_allclose(mahalanobis_squared(own, z, noise), expected, rtol=1e-9)
+    near = mahalanobis_squared(own, z, noise, 9.0)
+    np.testing.assert_array_equal(np.isinf(near), expected > 9)
+
+
+def _confirmed(candidates, place, time):
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    return candidates.confirm(ekf, *_scan(place), time)
+
+
+def test_a_place_becomes_a_landmark_when_seen_often_enough():
+    candidates = Candidates(sightings=3, lifetime=2.0)
+    assert _confirmed(candidates, [4.0, 1.0], 0.0) == []
+    assert _confirmed(candidates, [[9.0, 1.0], [4.01, 1.0]], 1.0) == []
+    assert _confirmed(candidates, [[4.0, 1.01], [-2.0, 3.0]], 2.0) == [0]
+    assert _confirmed(candidates, [4.0, 1.0], 3.0) == []  # it counts from the beginning
+
+
+def test_a_place_that_is_not_seen_again_is_forgotten():
+    candidates = Candidates(sightings=2, lifetime=2.0)
+    assert _confirmed(candidates, [4.0, 1.0], 0.0) == []
+    assert _confirmed(candidates, [4.0, 1.0], 2.1) == []
+    assert _confirmed(candidates, [4.0, 1.0], 4.0) == [0]
+
+
+def test_one_sighting_can_be_enough():
+    assert _confirmed(Candidates(sightings=1, lifetime=1.0), WORLD, 0.0) == [0, 1, 2, 3]
+
+
+def test_observations_without_noise_find_no_candidate():
+    candidates = Candidates(sightings=2, lifetime=2.0)
+    z, _ = _scan(WORLD)
+    exact = np.zeros((4, 2, 2))
+    for time in (0.0, 0.1):
+        assert candidates.confirm(EkfSlam(np.zeros(3), np.zeros((3, 3))), z, exact, time) == []
+
+
+def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
+    z, noise = _scan(WORLD + np.array([0.1, -0.05]))
+    noise[:, 0, 1] = noise[:, 1, 0] = 9e-4
+    distance = mahalanobis_squared(_filter(), z, noise)
+    for landmark in range(len(WORLD)):
+        nis = _filter().update(z[landmark], noise[landmark], landmark).nis
+        np.testing.assert_allclose(distance[landmark, landmark], nis, rtol=1e-9)
+
+
+def test_a_candidate_is_as_uncertain_along_the_ray_as_the_range():
+    for shift, confirmed in (([0.0, 0.3], [0]), ([0.3, 0.0], [])):
+        candidates = Candidates(sightings=2, lifetime=1.0)
+        assert _confirmed(candidates, [[0.0, 5.0]], 0.0) == []
+        assert _confirmed(candidates, np.add([[0.0, 5.0]], shift), 0.1) == confirmed
+
+
+@given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
+def test_mutual_pairs_are_the_nearest_of_each_other(distance, limit):
+    paired = np.empty(len(distance), np.int64)
+    pair_mutual(distance, limit, paired)
+    for row, column in enumerate(paired.tolist()):
+        if column != DROPPED:
+            assert distance[row, column] <= limit
+            assert distance[row, column] == distance[row].min() == distance[:, column].min()
+        elif len(np.unique(distance)) == distance.size:  # without ties
+            nearest = distance[row].argmin()
+            assert distance[row, nearest] > limit or distance[:, nearest].argmin() != row
+
+
+@pytest.mark.parametrize("retraction", list(Retraction))
+def test_expectation_is_that_of_the_dense_covariance(rng, retraction):
+    """Compiled gates against H P H^T of the whole covariance, with rows not yet added up."""
+    ekf = EkfSlam(np.array([0.3, -0.2, 0.4]), 1e-2 * np.eye(3), retraction=retraction)
+    for landmark in WORLD:
+        ekf.augment(observe(ekf.pose, landmark)[0], R)
+    for number, landmark in enumerate(WORLD):
+        ekf.predict(np.array([0.1, 0.2]), 1e-3 * np.eye(2))
+        ekf.update(observe(ekf.pose, landmark + 0.02)[0], R, number)
+    z, H = observe(ekf.pose, ekf.landmarks)
+    expected = ekf.expect()
+    np.testing.assert_allclose(expected.z, z, atol=1e-12)
+    for i in range(len(WORLD)):
+        at = [0, 1, 2, 3 + 2 * i, 4 + 2 * i]
+        S = H[i] @ ekf.covariance[np.ix_(at, at)] @ H[i].T
+        np.testing.assert_allclose(expected.covariance[i], S, rtol=1e-9, atol=1e-15)
+
+
+def _by_trying_all(near, limit, v, S, R, gates):
+    """The most pairs that fit together, and the smallest joint distance of so many."""
+    best = (0, 0.0)
+    for columns in product(range(-1, near.shape[1]), repeat=len(near)):
+        pairs = [(i, j) for i, j in enumerate(columns) if j >= 0]
+        used = [j for _, j in pairs]
+        if len(set(used)) < len(used) or any(near[i, j] > limit for i, j in pairs) or not pairs:
+            continue
+        at = np.concatenate([[2 * j, 2 * j + 1] for j in used])
+        joint = S[np.ix_(at, at)] + block_diag(*(R[i] for i, _ in pairs))
+        innovation = np.concatenate([v[i, j] for i, j in pairs])
+        total = innovation @ np.linalg.solve(joint, innovation)
+        if total <= gates[len(pairs) - 1] and (-len(pairs), total) < (-best[0], best[1]):
+            best = (len(pairs), total)
+    return best
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_joint_search_finds_what_trying_all_finds(seed):
+    rng = np.random.default_rng(seed)
+    m, c = 4, 3
+    root = rng.normal(size=(2 * c, 3))  # errors that hang together, as those of a pose do
+    S = root @ root.T + 0.05 * np.eye(2 * c)
+    noise = np.tile(0.1 * np.eye(2), (m, 1, 1))
+    v = rng.normal(size=(m, c, 2)) * 1.5
+    near = np.array(
+        [
+            [
+                v[i, j]
+                @ np.linalg.solve(S[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] + noise[i], v[i, j])
+                for j in range(c)
+            ]
+            for i in range(m)
+        ]
+    )
+    # of fewer pairs too: a set can be compatible of which a part is not
+    gates = np.array([4.6, 7.8, 10.6, 13.4])
+    found = np.full(m, -1)
+    search(near, 4.6, v, S, noise, gates, 100000, found)
+    pairs = [(i, j) for i, j in enumerate(found.tolist()) if j >= 0]
+    most, least = _by_trying_all(near, 4.6, v, S, noise, gates)
+    if pairs:
+        at = np.concatenate([[2 * j, 2 * j + 1] for _, j in pairs])
+        joint = S[np.ix_(at, at)] + block_diag(*(noise[i] for i, _ in pairs))
+        innovation = np.concatenate([v[i, j] for i, j in pairs])
+        total = innovation @ np.linalg.solve(joint, innovation)
+        assert total <= gates[len(pairs) - 1] + 1e-9
+        if len(pairs) == most:
+            assert total >= least - 1e-9
+    assert most - 1 <= len(pairs) <= most
+
+
+def test_joint_compatibility_sees_that_the_robot_is_shifted():
+    """Alone each observation is nearest to the wrong landmark; together they cannot be."""
+    row = np.array([[6.0, 0.0], [6.0, 1.0], [6.0, 2.0], [6.0, 3.0], [3.0, -3.0]])
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    for landmark in row:
+        ekf.augment(observe(np.zeros(3), landmark)[0], 1e-4 * R)
+    ekf.predict(np.zeros(2), np.diag([1e-9, 0.02]))  # it does not know how far it turned
+    turned = np.array([0.0, 0.0, 0.1])
+    z = observe(turned, row)[0]
+    noise = np.tile(1e-2 * R, (len(z), 1, 1))
+    assert JointCompatibility()(ekf, z, noise, UNKNOWN[:5]).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_bounded_search_ends():
+    row = np.stack([np.full(12, 6.0), np.linspace(-1, 1, 12)], 1)
+    ekf = _filter(row, spread=0.1)
+    z, noise = _scan(row)
+    found = JointCompatibility(nodes=50)(ekf, z, noise, np.full(12, -1))
+    used = found[found >= 0]
+    assert len(set(used.tolist())) == len(used)
+
+
+def test_removed_landmarks_leave_the_others_as_they_were(rng):
+    ekf = _filter(np.concatenate([WORLD, WORLD + 9]), spread=1e-2)
+    for number in (0, 5, 7):
+        ekf.update(observe(ekf.pose, ekf.landmarks[number] + 0.1)[0], R, number)
+    before, spread = ekf.landmarks, ekf.covariance
+    ekf.remove(np.array([1, 6]))
+    kept = [0, 2, 3, 4, 5, 7]
+    at = [0, 1, 2, *(3 + 2 * k + i for k in kept for i in range(2))]
+    np.testing.assert_array_equal(ekf.landmarks, before[kept])
+    np.testing.assert_allclose(ekf.covariance, spread[np.ix_(at, at)], atol=1e-15)
+    ekf.augment(np.array([2.0, 0.1]), R)
+    fresh = ekf.covariance
+    assert np.linalg.eigvalsh(fresh).min() > -1e-12
+    with pytest.raises(LogError, match="landmark"):
+        ekf.remove(np.array([7, 9]))
+
+
+def test_what_should_have_been_seen_and_was_not_is_gone():
+    presence = Presence(View(reach=10.0, left=1.0, right=-1.0), least=0.4)
+    ekf = _filter(WORLD)  # the last of which is behind the robot
+    z, _ = observe(np.zeros(3), WORLD)
+    gone = [presence.absent(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
+    assert gone == [[]] * 5 + [[1]]
+    assert presence.removed == 1
+    assert presence.watch.times.tolist() == [[6, 0], [6, 0], [0, 0]]
+
+
+@pytest.mark.parametrize("retraction", Retraction)
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 30.0]))
+def test_what_is_out_of_reach_is_over_the_limit(retraction, seed, away):
+    """However the error of the heading swings the map about the origin."""
+    rng = np.random.default_rng(seed)
+    start = np.array([away, -away, 0.5])
+    ekf = EkfSlam(start, np.diag([1e-4, 1e-4, rng.uniform(0, 0.3)]), retraction=retraction)
+    for _ in range(6):
+        ekf.augment(np.array([rng.uniform(1, 9), rng.uniform(-3, 3)]), R)
+    ekf.predict(np.array([0.5, 0.3]), np.diag([1e-4, rng.uniform(0, 0.3)]))
+    z = ekf.expect().z[:3] + rng.normal(size=(3, 2)) * [0.3, rng.uniform(0, 0.8)]
+    noise, found = np.tile(R, (3, 1, 1)), np.empty(6, np.int64)
+    count = within_reach(ekf._belief, z, noise, 9.0, found)
+    near = (mahalanobis_squared(ekf, z, noise) <= 9.0).any(0)
+    assert set(np.flatnonzero(near)) <= set(found[:count])

@@ -1,0 +1,126 @@
+"""A run that is interrupted anywhere goes on to the same bits."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.errors import ConfigError
+from saccade.slam import Checkpoint, EkfConfig, Recorder
+from saccade.slam.checkpoint import _Decoder, _Encoder
+from support.circular_log import simulate
+from support.interrupted_run import interrupt_at
+
+
+def _same(one, two):
+    for a, b in (
+        (one.trajectory.pose, two.trajectory.pose),
+        (one.trajectory.covariance, two.trajectory.covariance),
+        (one.map.xy, two.map.xy),
+        (one.map.covariance, two.map.covariance),
+        (one.map.id, two.map.id),
+        (one.association, two.association),
+        (one.innovation, two.innovation),
+        (one.innovation_covariance, two.innovation_covariance),
+        (one.consistency.nis, two.consistency.nis),
+    ):
+        assert a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["standard", "invariant", "first-estimates"])
+@pytest.mark.parametrize("association", ["known", "nearest"])
+@pytest.mark.parametrize("pose", [1, 7, 90])
+def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, pose):
+    log, _, _ = simulate(rng, steps=100)
+    config = EkfConfig(filter=kind, association=association, lifetime=10.0)
+    films = [Recorder(frames=20), Recorder(frames=20), Recorder(frames=20)]
+    whole = slam.run(log, config, recorder=films[0])
+    checkpoint = Checkpoint(tmp_path / "run.npz", every=0.0)
+    with pytest.raises(KeyboardInterrupt):
+        slam.run(log, config, interrupt_at(pose), recorder=films[1], checkpoint=checkpoint)
+    again = Checkpoint(tmp_path / "run.npz", every=0.0)
+    resumed = slam.run(log, config, recorder=films[2], checkpoint=again)
+    assert again.resumed == checkpoint.step >= pose
+    _same(whole, resumed)
+    assert len(films[0].snapshots) == len(films[2].snapshots) == 17
+    for one, two in zip(films[0].snapshots, films[2].snapshots, strict=True):
+        for field in dataclasses.fields(one):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(two, field.name))
+
+
+def test_a_run_that_is_interrupted_many_times_is_still_the_same(rng, tmp_path):
+    log, _, _ = simulate(rng, steps=60)
+    config = EkfConfig(association="nearest", lifetime=10.0)
+    whole = slam.run(log, config)
+    for pose in range(5, 60, 9):
+        with pytest.raises(KeyboardInterrupt):
+            slam.run(log, config, interrupt_at(pose), checkpoint=Checkpoint(tmp_path / "c.npz", 0))
+    _same(whole, slam.run(log, config, checkpoint=Checkpoint(tmp_path / "c.npz", 0)))
+
+
+def test_another_run_does_not_go_on_from_it(rng, tmp_path, caplog):
+    log, _, _ = simulate(rng, steps=30)
+    path = tmp_path / "run.npz"
+    with pytest.raises(KeyboardInterrupt):
+        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, 0))
+    moved = dataclasses.replace(log, observation=log.observation + 1e-9)
+    written = path.read_bytes()
+    for other, config in (
+        (moved, EkfConfig()),
+        (log, EkfConfig(filter="standard")),
+    ):
+        path.write_bytes(written)
+        caplog.clear()
+        _same(slam.run(other, config, checkpoint=Checkpoint(path)), slam.run(other, config))
+        assert "of another log, other settings or another version; beginning anew" in caplog.text
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b[:-1000]])
+def test_a_broken_checkpoint_is_said_and_left(rng, tmp_path, caplog, damage):
+    log, _, _ = simulate(rng, steps=30)
+    path = tmp_path / "run.npz"
+    with pytest.raises(KeyboardInterrupt):
+        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, 0))
+    path.write_bytes(damage(path.read_bytes()))
+    _same(slam.run(log, checkpoint=Checkpoint(path)), slam.run(log))
+    assert "no checkpoint, or a broken one; beginning anew" in caplog.text
+
+
+def test_nothing_that_could_run_is_in_it(rng, tmp_path):
+    log, _, _ = simulate(rng, steps=10)
+    path = tmp_path / "run.npz"
+    slam.run(log, checkpoint=Checkpoint(path, 0))
+    with np.load(path, allow_pickle=False) as archive:
+        kinds = {archive[name].dtype.kind for name in archive.files}
+    assert "O" not in kinds
+
+
+class _Stateful(slam.KnownIdentity):
+    """A user's own rule, with a generator that no array describes."""
+
+    def __init__(self):
+        super().__init__()
+        self.lines = iter([])
+
+
+def test_a_state_that_cannot_be_saved_is_named(rng, tmp_path):
+    log, _, _ = simulate(rng, steps=10)
+    checkpoint = Checkpoint(tmp_path / "run.npz", 0)
+    with pytest.raises(ConfigError, match=r"checkpoint: .*list_iterator"):
+        slam.run(log, associate=_Stateful(), checkpoint=checkpoint)
+
+
+def test_what_is_pointed_at_twice_is_one_thing_again():
+    """Rows of a stack too, behind objects that were met before them."""
+    rows = [np.full(2, float(i)) for i in range(5)]
+    encoder = _Encoder()
+    text = json.dumps(encoder.encode({"first": [0, 1], "rows": rows, "again": [*rows, rows]}))
+    arrays = {str(number): array for number, array in enumerate(encoder.arrays)}
+    assert len(arrays) == 1
+    held = _Decoder(arrays).decode(json.loads(text), {})
+    assert held["first"] == [0, 1]
+    assert [row.tolist() for row in held["rows"]] == [[i, i] for i in range(5)]
+    assert all(one is two for one, two in zip(held["again"], held["rows"], strict=False))
+    assert held["again"][-1] is held["rows"]

@@ -1,0 +1,335 @@
+"""The filters against their textbooks on dense matrices, exact geometry, and abuse."""
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saccade.errors import LogError
+from saccade.slam import (
+    FIRST_ESTIMATES,
+    INVARIANT,
+    RANGE_BEARING,
+    STANDARD,
+    EkfSlam,
+    compose,
+    drive,
+    observe,
+    place,
+)
+from saccade.slam.filter.error_state import linearize
+from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, size_of
+from support.oracles_slam import (
+    DenseEkf,
+    DenseFirstEstimatesEkf,
+    DenseInvariantEkf,
+    numerical_jacobian,
+)
+
+R = np.diag([0.04, 0.001])
+U = np.diag([0.01, 0.0004])
+DENSE = {
+    STANDARD: DenseEkf,
+    INVARIANT: DenseInvariantEkf,
+    FIRST_ESTIMATES: DenseFirstEstimatesEkf,
+}
+every = pytest.mark.parametrize("retraction", DENSE, ids=lambda kind: kind.name.lower())
+
+
+def _wander(ekf, rng, steps=60, landmarks=12):
+    """Drive in a wide curve among random landmarks; yields after every operation."""
+    world = rng.uniform(-12, 12, (landmarks, 2))
+    truth = ekf.pose
+    known = {}
+    for _ in range(steps):
+        control = np.array([0.5, 0.06])
+        ekf.predict(control, U)
+        turn = truth[2] + 0.06
+        truth = np.array([truth[0] + 0.5 * np.cos(turn), truth[1] + 0.5 * np.sin(turn), turn])
+        yield "predict", (control, U)
+        for name in rng.permutation(landmarks)[:3].tolist():
+            z = observe(truth, world[name])[0] + rng.normal(size=2) * [0.2, 0.03]
+            if name in known:
+                ekf.update(z, R, known[name])
+                yield "update", (z, R, known[name])
+            else:
+                known[name] = ekf.augment(z, R)
+                yield "augment", (z, R)
+
+
+@pytest.mark.kernel
+@every
+def test_agrees_with_the_textbook_on_dense_matrices(retraction, rng):
+    start, spread = np.array([1.0, -2.0, 0.4]), np.diag([0.1, 0.2, 0.01])
+    ekf, dense = EkfSlam(start, spread, retraction=retraction), DENSE[retraction](start, spread)
+    for i, (name, arguments) in enumerate(_wander(ekf, rng, landmarks=40)):
+        getattr(dense, name)(*arguments)
+        np.testing.assert_allclose(np.exp(1j * ekf.state), np.exp(1j * dense.s), atol=1e-9)
+        np.testing.assert_allclose(ekf.state[3:], dense.s[3:], atol=1e-9)
+        seen = np.arange(len(ekf))[::-2]
+        rows = np.append([0, 1, 2], (3 + 2 * seen[:, None] + [0, 1]).ravel())
+        np.testing.assert_allclose(ekf.marginal(seen), dense.P[np.ix_(rows, rows)], atol=1e-9)
+        np.testing.assert_allclose(ekf.pose_covariance, dense.P[:3, :3], atol=1e-9)
+        if i % 50 == 0:  # this adds up what is delayed
+            np.testing.assert_allclose(ekf.covariance, dense.P, atol=1e-9)
+    np.testing.assert_allclose(ekf.covariance, dense.P, atol=1e-9)
+    assert len(ekf) > 32  # it has grown its buffer
+
+
+@every
+@settings(max_examples=60)
+@given(data=st.data())
+def test_covariance_stays_one_whatever_happens(retraction, data):
+    sigma = st.floats(0, 10)
+    ekf = EkfSlam(
+        np.zeros(3), np.diag(data.draw(st.tuples(*[sigma] * 3))) ** 2, retraction=retraction
+    )
+    largest, exact = 1.0, False
+    deviation = st.one_of(st.just(0.0), st.floats(1e-3, 2))
+    for _ in range(data.draw(st.integers(1, 25))):
+        noise = np.diag(data.draw(st.tuples(deviation, deviation))) ** 2
+        z = np.array(data.draw(st.tuples(st.floats(0, 50), st.floats(-10, 10))))
+        what = data.draw(st.sampled_from(["predict", "update", "augment"]))
+        if what == "predict":
+            ekf.predict(np.array(data.draw(st.tuples(st.floats(-5, 5), st.floats(-7, 7)))), noise)
+        elif what == "augment" or len(ekf) == 0:
+            ekf.augment(z, noise)
+        else:
+            innovation = ekf.update(z, noise, data.draw(st.integers(0, len(ekf) - 1)))
+            assert innovation.nis >= 0
+        exact |= what != "predict" and noise.diagonal().min() == 0
+        P = ekf.covariance
+        assert np.isfinite(ekf.state).all()
+        assert -np.pi < ekf.pose[2] <= np.pi
+        np.testing.assert_array_equal(P, P.T)
+        if not exact:  # after observations without noise only rounding is left of some variances
+            largest = max(largest, np.trace(P))
+            assert np.linalg.eigvalsh(P)[0] >= -1e-9 * largest
+
+
+@every
+def test_covariance_is_positive_on_a_long_way(retraction, rng):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction)
+    for _ in _wander(ekf, rng, steps=150):
+        assert np.linalg.eigvalsh(ekf.covariance)[0] > 0
+
+
+@every
+def test_without_noise_the_geometry_is_exact(retraction, rng):
+    """A robot that errs in nothing sees every landmark where it is, and stays on its way."""
+    ekf = EkfSlam(np.array([3.0, -1.0, 2.0]), np.zeros((3, 3)), compose, retraction=retraction)
+    world, truth = rng.uniform(-9, 9, (5, 2)), np.array([3.0, -1.0, 2.0])
+    for landmark in world:
+        ekf.augment(observe(truth, landmark)[0], np.zeros((2, 2)))
+    for _ in range(40):
+        control = rng.uniform(-1, 1, 3)
+        ekf.predict(control, np.zeros((3, 3)))
+        truth = compose(truth, control)[0]
+        for number, landmark in enumerate(world):
+            innovation = ekf.update(observe(truth, landmark)[0], np.zeros((2, 2)), number)
+            np.testing.assert_allclose(innovation.value, 0, atol=1e-10)
+    np.testing.assert_allclose(ekf.pose, truth, atol=1e-10)
+    np.testing.assert_allclose(ekf.landmarks, world, atol=1e-10)
+    np.testing.assert_allclose(ekf.covariance, 0, atol=1e-12)
+
+
+@every
+def test_sure_landmarks_fix_the_pose(retraction):
+    """Two landmarks seen exactly from an uncertain pose leave no doubt where it is."""
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)), compose, retraction=retraction)
+    world = np.array([[5.0, 1.0], [4.0, -3.0]])
+    for landmark in world:
+        ekf.augment(observe(np.zeros(3), landmark)[0], np.zeros((2, 2)))
+    ekf.predict(np.array([1.0, 0.0, 0.0]), np.diag([1e-4, 1e-4, 1e-5]))
+    truth = np.array([1.005, -0.004, 0.002])
+    for _ in range(3):
+        for number, landmark in enumerate(world):
+            ekf.update(observe(truth, landmark)[0], np.diag([1e-10, 1e-10]), number)
+    np.testing.assert_allclose(ekf.pose, truth, atol=2e-5)
+
+
+def test_error_on_a_static_scalar_is_the_mean():
+    """A range along the axis, measured n times, has the variance of a mean (closed form)."""
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    ranges = [10.2, 9.9, 10.4, 9.7, 10.1]
+    ekf.augment(np.array([ranges[0], 0.0]), np.diag([0.09, 1e-6]))
+    for r in ranges[1:]:
+        ekf.update(np.array([r, 0.0]), np.diag([0.09, 1e-6]), 0)
+    np.testing.assert_allclose(ekf.landmarks[0], [np.mean(ranges), 0], atol=1e-12)
+    np.testing.assert_allclose(ekf.landmark_covariances[0, 0, 0], 0.09 / 5, rtol=1e-12)
+
+
+def test_turning_the_map_turns_the_invariant_filter_with_it(rng):
+    """The same log in a turned and shifted frame gives the same path, turned and shifted."""
+    turn, shift = 2.1, np.array([30.0, -7.0])
+    c, s = np.cos(turn), np.sin(turn)
+    Q = np.array([[c, -s], [s, c]])
+    wide = np.eye(3)
+    wide[:2, :2] = Q
+    spread = np.diag([0.1, 0.2, 0.3])
+    one = EkfSlam(np.zeros(3), spread, retraction=INVARIANT)
+    other = EkfSlam(np.array([*shift, turn]), wide @ spread @ wide.T, retraction=INVARIANT)
+    for name, arguments in _wander(one, rng, landmarks=6):
+        getattr(other, name)(*arguments)
+    np.testing.assert_allclose(other.landmarks, one.landmarks @ Q.T + shift, atol=1e-8)
+    np.testing.assert_allclose(
+        other.landmark_covariances, Q @ one.landmark_covariances @ Q.T, atol=1e-8
+    )
+
+
+def test_invariant_observation_is_linear_in_its_errors(rng):
+    pose, z = np.array([2.0, 1.0, 0.7]), np.array([4.0, -0.3])
+    s = np.concatenate([pose, place(pose, z)[0]])
+    H = linearize(INVARIANT, RANGE_BEARING, s, s, z, R).H
+
+    def innovation(error):
+        truth = s + error
+        seen, _ = observe(truth[:3], truth[3:])
+        return linearize(INVARIANT, RANGE_BEARING, s, s, seen, R).innovation
+
+    np.testing.assert_allclose(H, numerical_jacobian(innovation, np.zeros(5)), atol=1e-7)
+
+
+@every
+def test_landmark_under_the_robot_is_survived(retraction):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.1, 0.1, 0.1]), retraction=retraction)
+    ekf.augment(np.array([0.0, 0.0]), R)
+    for bearing in (0.0, np.pi, -np.pi):
+        ekf.update(np.array([0.0, bearing]), R, 0)
+    assert np.isfinite(ekf.state).all()
+    assert np.isfinite(ekf.covariance).all()
+    assert np.linalg.eigvalsh(ekf.covariance)[0] > -1e-12
+
+
+@pytest.mark.parametrize(
+    ("act", "names"),
+    [
+        (lambda e: e.predict(np.array([np.nan, 0]), U), "control"),
+        (lambda e: e.predict(np.array([1.0, 0]), np.diag([1.0, -1])), "negative eigenvalues"),
+        (lambda e: e.predict(np.array([1.0, 0]), np.eye(3)), "shape"),
+        (lambda e: e.update(np.array([1.0, np.inf]), R, 0), "observation"),
+        (lambda e: e.update(np.array([1.0, 0]), np.array([[1.0, 0.5], [0, 1]]), 0), "symmetric"),
+        (lambda e: e.update(np.array([1.0, 0]), R * np.nan, 0), "covariance of the observation"),
+        (lambda e: e.update(np.array([1.0, 0]), R, 1), "from 0 to 0"),
+        (lambda e: e.update(np.array([1.0, 0]), R, -1), "found -1"),
+        (lambda e: e.innovation(np.array([1.0, 0]), R, 1), "from 0 to 0"),
+        (lambda e: e.augment(np.array([1.0, 0, 0]), R), "2 numbers"),
+        (lambda e: e.augment(np.array([1e200, 0]), R), "within"),
+    ],
+)
+def test_what_is_no_measurement_is_refused_and_changes_nothing(act, names):
+    ekf = EkfSlam(np.zeros(3), np.eye(3))
+    ekf.augment(np.array([2.0, 0.1]), R)
+    state, covariance = ekf.state, ekf.covariance
+    with pytest.raises(LogError, match=names) as caught:
+        act(ekf)
+    assert "\n" not in str(caught.value)
+    np.testing.assert_array_equal(ekf.state, state)
+    np.testing.assert_array_equal(ekf.covariance, covariance)
+
+
+def test_what_is_read_cannot_change_the_filter():
+    ekf = EkfSlam(np.zeros(3), np.eye(3))
+    ekf.augment(np.array([2.0, 0.1]), R)
+    before = ekf.state, ekf.covariance
+    for name in ("pose", "pose_covariance", "landmarks", "landmark_covariances", "state"):
+        getattr(ekf, name)[...] = 7
+    ekf.covariance[...] = 7
+    np.testing.assert_array_equal(ekf.state, before[0])
+    np.testing.assert_array_equal(ekf.covariance, before[1])
+
+
+def test_nothing_of_the_caller_is_changed():
+    pose, z, u = np.zeros(3), np.array([2.0, 4.0]), np.array([1.0, 0.5])
+    ekf = EkfSlam(pose, np.eye(3))
+    ekf.augment(z, R)
+    ekf.predict(u, U)
+    ekf.update(z, R, 0)
+    assert pose.tolist() == [0, 0, 0]
+    assert z.tolist() == [2, 4]
+    assert u.tolist() == [1, 0.5]
+
+
+def test_expectation_is_what_an_update_finds(rng):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.1, 0.1, 0.01]))
+    for _ in _wander(ekf, rng, steps=20):
+        pass
+    expected = ekf.expect()
+    for landmark in range(len(ekf)):
+        innovation = copy.deepcopy(ekf).update(expected.z[landmark], R, landmark)
+        np.testing.assert_allclose(innovation.value, 0, atol=1e-12)
+        np.testing.assert_allclose(innovation.covariance, expected.covariance[landmark] + R)
+
+
+@every
+def test_innovation_is_what_an_update_finds(retraction, rng):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.1, 0.1, 0.01]), retraction=retraction)
+    for _ in _wander(ekf, rng, steps=20):
+        pass
+    for landmark in range(len(ekf)):
+        z = ekf.expect().z[landmark] + np.array([0.1, -0.02])
+        before = ekf.state, ekf.covariance
+        asked = ekf.innovation(z, R, landmark)
+        np.testing.assert_array_equal(ekf.state, before[0])
+        np.testing.assert_array_equal(ekf.covariance, before[1])
+        found = ekf.update(z, R, landmark)
+        np.testing.assert_allclose(asked.value, found.value, atol=1e-12)
+        np.testing.assert_allclose(asked.covariance, found.covariance, atol=1e-12)
+        assert asked.nis == pytest.approx(found.nis)
+
+
+def test_a_larger_metre_is_a_larger_map():
+    """A drive of half the size that is rescaled ends as one of the whole size."""
+    rng = np.random.default_rng(0)
+    steps, z = rng.uniform(0.1, 1, (6, 2)), rng.uniform((2, -1), (9, 1), (6, 2))
+    ends = []
+    for size in (1.0, 0.5):
+        ekf = EkfSlam(np.array([3.0, -2.0, 0.4]), np.zeros((3, 3)), retraction=INVARIANT)
+        for i in range(6):
+            if i == 4 and size < 1:
+                ekf.rescale(2.0, np.array([3.0, -2.0]))
+                size = 1.0
+            length = np.array([size, 1.0])
+            ekf.predict(steps[i] * length, np.diag([0.01, 0.001]) * length**2)
+            R = np.diag([0.1, 0.01]) * length**2
+            ekf.augment(z[i] * length, R)
+            for seen in (i, 0, 2 if i > 2 else 0):
+                ekf.update((z[i] + 0.05) * length, R, seen)
+        ends.append(ekf)
+    np.testing.assert_allclose(ends[1].state, ends[0].state, atol=1e-9)
+    np.testing.assert_allclose(ends[1].covariance, ends[0].covariance, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 1, RANK + 2])
+def test_rows_that_are_added_are_in_the_covariance_of_all_and_of_each(rng, count):
+    ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]))
+    for _ in _wander(ekf, rng, steps=4, landmarks=4):
+        pass
+    b = ekf._belief
+    before, rows = dense(b, STANDARD), rng.normal(size=(count, size_of(b)))
+    rows[:, :3] = 0
+    for sign in (1.0, -1.0):
+        add_rows(b, sign, rows)
+        expected = before + rows.T @ rows if sign > 0 else before
+        np.testing.assert_allclose(dense(b, STANDARD), expected, atol=1e-9)
+        blocks = [expected[i : i + 2, i : i + 2] for i in range(3, len(expected), 2)]
+        np.testing.assert_allclose(landmark_blocks(b, STANDARD), blocks, atol=1e-9)
+
+
+@every
+@pytest.mark.parametrize("motion", [drive, lambda pose, control: drive(pose, control)])
+def test_an_outlier_has_a_covariance_that_is_as_many_times_larger(retraction, motion):
+    start = np.zeros(3), np.diag([0.04, 0.04, 0.01]), motion, RANGE_BEARING, retraction
+    for shift, factor in ((0.3, 1.0), (5.0, None)):
+        robust, plain = EkfSlam(*start, huber=1.5), EkfSlam(*start)
+        for ekf in (robust, plain):
+            ekf.augment(np.array([4.0, 0.3]), R)
+        z = np.array([4.0 + shift, 0.3])
+        nis = plain.innovation(z, R, 0).nis
+        assert (nis > 1.5**2) == (factor is None)
+        assert robust.update(z, R, 0).nis == pytest.approx(nis)
+        plain.update(z, R * (factor or np.sqrt(nis) / 1.5), 0)
+        np.testing.assert_allclose(robust.state, plain.state, atol=1e-12)
+        np.testing.assert_allclose(robust.covariance, plain.covariance, atol=1e-12)

@@ -1,0 +1,245 @@
+"""Logs that are right but hard, and logs that are wrong: an estimate without NaN, or one line."""
+
+import dataclasses
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.datasets import load
+from saccade.errors import LogError
+from saccade.slam import EkfConfig, smooth
+from saccade.types import LandmarkLog
+from support.circular_log import simulate
+from support.error_checks import result_or_refusal
+
+FILTERS = ["standard", "invariant", "first-estimates"]
+each_filter = pytest.mark.parametrize("kind", FILTERS)
+each_association = pytest.mark.parametrize("association", ["known", "nearest"])
+
+
+def _config(kind, association="known"):
+    return EkfConfig(filter=kind, association=association, lifetime=10.0)
+
+
+def _is_sound(result):
+    """Numbers everywhere, and no variance below zero beyond rounding."""
+    for array in (
+        result.trajectory.pose,
+        result.trajectory.covariance,
+        result.map.xy,
+        result.map.covariance,
+        result.dead_reckoning.pose,
+    ):
+        assert np.isfinite(array).all()
+    for covariance in (result.trajectory.covariance, result.map.covariance):
+        values = np.linalg.eigvalsh(covariance)
+        assert (values[:, 0] >= -1e-9 * (values[:, -1] + 1)).all()
+
+
+@each_filter
+@each_association
+@pytest.mark.parametrize("half", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.02]])
+def test_observations_that_are_exact_in_some_direction(rng, kind, association, half):
+    """Of singular covariance, and their errors are as it says."""
+    log, truth, _ = simulate(rng, steps=60, noise=0.0)
+    spread = [0.02, 0.01, 0.01]
+    error = rng.normal(size=(len(log.observation), 1)) * half
+    log = dataclasses.replace(
+        log,
+        control=log.control + rng.normal(size=log.control.shape) * spread,
+        observation=log.observation + error,
+        observation_covariance=np.tile(np.outer(half, half), (len(error), 1, 1)),
+    )
+    result = slam.run(log, _config(kind, association))
+    _is_sound(result)
+    if association == "nearest":  # gates of a tenth of a millimetre leave most of it out
+        return
+    drives = (result.trajectory, smooth(log, result).trajectory, result.dead_reckoning)
+    filtered, smoothed, astray = (np.hypot(*(each.pose - truth)[:, :2].T).max() for each in drives)
+    assert max(filtered, smoothed) < 0.5 * astray
+
+
+@each_filter
+@pytest.mark.parametrize(
+    "R", [np.zeros((2, 2)), np.diag([0.01, 0.0]), np.outer([0.1, 0.02], [0.1, 0.02])]
+)
+def test_observations_that_lie_about_being_exact(rng, kind, R):
+    log, _, _ = simulate(rng, steps=60)
+    log = dataclasses.replace(log, observation_covariance=np.tile(R, (len(log.observation), 1, 1)))
+    result, refusal = result_or_refusal(lambda: slam.run(log, _config(kind)))
+    if result is None:
+        assert "found that it has gone astray" in refusal
+    else:
+        assert np.isfinite(result.trajectory.pose).all()
+        assert np.isfinite(result.map.xy).all()
+
+
+@each_filter
+def test_exact_controls_and_exact_observations(rng, kind):
+    log, truth, _ = simulate(rng, steps=60, noise=0.0)
+    log = dataclasses.replace(
+        log,
+        observation_covariance=np.zeros_like(log.observation_covariance),
+        control_covariance=np.zeros_like(log.control_covariance),
+    )
+    result = slam.run(log, _config(kind))
+    _is_sound(result)
+    np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["start", "time", "control", "control_covariance", "observation"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_no_number_is_refused_by_name(rng, name, value):
+    log, _, _ = simulate(rng, steps=10)
+    array = getattr(log, name).copy()
+    array.flat[-1] = value
+    with pytest.raises(LogError, match=f"circle: {name}: expected finite"):
+        dataclasses.replace(log, **{name: array})
+
+
+@each_filter
+@each_association
+def test_times_that_repeat(rng, kind, association):
+    log, _, _ = simulate(rng, steps=60)
+    stuttering = dataclasses.replace(log, time=np.repeat(log.time[::3], 3)[: len(log.time)])
+    still = dataclasses.replace(log, time=np.zeros(len(log.time)))
+    for each in (stuttering, still):
+        _is_sound(slam.run(each, _config(kind, association)))
+
+
+@each_filter
+def test_an_hour_of_standing_still_before_the_same_landmarks(rng, kind):
+    """A scan a second of two landmarks, and odometry that says nothing moves."""
+    scans = 3600
+    pose = np.repeat(np.arange(scans), 2)
+    true = np.tile([[4.0, 0.5], [6.0, -0.7]], (scans, 1))
+    log = LandmarkLog(
+        name="parked",
+        start=np.zeros(3),
+        time=np.arange(scans) * 1.0,
+        motion="drive",
+        control=np.zeros((scans - 1, 2)),
+        control_covariance=np.zeros((scans - 1, 2, 2)),
+        observation_pose=pose,
+        observation=true + rng.normal(size=true.shape) * [0.1, 0.02],
+        observation_covariance=np.tile(np.diag([0.01, 0.0004]), (2 * scans, 1, 1)),
+        landmark=np.tile([0, 1], scans),
+    )
+    plain = dataclasses.replace(_config(kind), huber=np.inf)  # for the spread in closed form
+    result = slam.run(log, plain)
+    _is_sound(result)
+    np.testing.assert_allclose(result.trajectory.pose[-1], 0, atol=1e-9)
+    expected = true[:2, :1] * np.stack([np.cos(true[:2, 1]), np.sin(true[:2, 1])], 1)
+    np.testing.assert_allclose(result.map.xy, expected, atol=0.01)
+    spread = np.sqrt(result.map.covariance[0].trace())
+    assert spread == pytest.approx(np.sqrt((0.01 + 16 * 0.0004) / scans), rel=0.05)
+
+
+@each_filter
+def test_a_landmark_under_the_robot(rng, kind):
+    """It is driven over, seen from exactly there, and seen again."""
+    R = np.tile(np.diag([0.01, 0.0004]), (6, 1, 1))
+    log = LandmarkLog(
+        name="over it",
+        start=np.zeros(3),
+        time=np.arange(4.0),
+        motion="drive",
+        control=np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 0.5]]),
+        control_covariance=np.tile(np.diag([1e-4, 1e-5]), (3, 1, 1)),
+        observation_pose=np.array([0, 1, 1, 2, 2, 3]),
+        observation=np.array(
+            [[1.0, 0.0], [0.0, 0.0], [0.0, 2.0], [1.0, np.pi], [0.0, -1.0], [0.0, 0.0]]
+        ),
+        observation_covariance=R,
+        landmark=np.array([0, 0, 1, 0, 2, 2]),
+    )
+    result = slam.run(log, _config(kind))
+    _is_sound(result)
+    np.testing.assert_allclose(result.map.xy, [[1, 0], [1, 0], [2, 0]], atol=0.2)
+    smoothed, _ = result_or_refusal(lambda: smooth(log, result))
+    if smoothed is not None:
+        assert np.isfinite(smoothed.map.xy).all()
+
+
+@each_filter
+@each_association
+def test_behind_is_behind_whichever_way_it_is_said(rng, kind, association):
+    """Bearings of pi and of -pi are one; so are bearings that are whole turns apart."""
+    log, _, _ = simulate(rng, steps=80)
+    turns = rng.integers(-2, 3, len(log.observation))
+    turned = log.observation + 2 * np.pi * np.stack([np.zeros(len(turns)), turns], 1)
+    one, two = (
+        slam.run(dataclasses.replace(log, observation=z), _config(kind, association))
+        for z in (log.observation, turned)
+    )
+    np.testing.assert_allclose(two.trajectory.pose[:, :2], one.trajectory.pose[:, :2], atol=1e-9)
+    np.testing.assert_array_equal(two.association, one.association)
+
+
+@each_filter
+def test_a_landmark_straight_behind(rng, kind):
+    """The robot drives away from it, and noise puts its bearing on either side of pi."""
+    steps = 100
+    range_ = 5 + 0.1 * np.arange(steps + 1)
+    bearing = np.angle(np.exp(1j * (np.pi + rng.normal(size=steps + 1) * 0.02)))
+    assert (bearing > 3).any()
+    assert (bearing < -3).any()
+    log = LandmarkLog(
+        name="away",
+        start=np.zeros(3),
+        time=np.arange(steps + 1.0),
+        motion="drive",
+        control=np.tile([0.1, 0.0], (steps, 1)),
+        control_covariance=np.tile(np.diag([1e-4, 1e-6]), (steps, 1, 1)),
+        observation_pose=np.arange(steps + 1),
+        observation=np.stack([range_, bearing], 1),
+        observation_covariance=np.tile(np.diag([0.01, 0.0004]), (steps + 1, 1, 1)),
+        landmark=np.zeros(steps + 1, np.int64),
+    )
+    result = slam.run(log, _config(kind))
+    _is_sound(result)
+    np.testing.assert_allclose(result.map.xy, [[-5, 0]], atol=0.2)
+    assert np.abs(result.trajectory.pose[:, 2]).max() < 0.02
+
+
+@each_filter
+@each_association
+def test_a_log_of_nothing(kind, association):
+    log = LandmarkLog(
+        name="nothing",
+        start=np.array([1.0, 2.0, 3.0]),
+        time=np.zeros(1),
+        motion="compose",
+        control=np.empty((0, 3)),
+        control_covariance=np.empty((0, 3, 3)),
+        observation_pose=np.empty(0, np.int64),
+        observation=np.empty((0, 2)),
+        observation_covariance=np.empty((0, 2, 2)),
+        landmark=np.empty(0, np.int64),
+    )
+    result = slam.run(log, _config(kind, association))
+    np.testing.assert_array_equal(result.trajectory.pose, [[1, 2, 3]])
+    assert len(result.map) == len(smooth(log, result).map) == 0
+
+
+@pytest.mark.parametrize("name", ["log.txt", "log.g2o", "log.csv", "log.mat", "log.npz"])
+def test_a_file_of_nothing_is_one_line(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(b"")
+    log, refusal = result_or_refusal(lambda: load("auto", path))
+    assert log is None
+    assert refusal.startswith(str(path))
+
+
+def test_a_log_that_ends_within_a_line_names_it(tmp_path):
+    """Cut anywhere but between fields that the line can do without."""
+    text = (files("saccade") / "data" / "victoria_park.txt").read_text()
+    whole = text.splitlines()[:40]
+    path = tmp_path / "cut.txt"
+    for words in range(1, 8):
+        path.write_text("\n".join(whole) + "\n" + " ".join(whole[39].split()[:words]))
+        log, refusal = result_or_refusal(lambda: load("auto", path))
+        assert log is None
+        assert refusal.startswith(f"{path}, line 41: expected")

@@ -1,0 +1,90 @@
+"""Wheels that are off in the same way all the time, in worlds where it is known by how much."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.slam import RANGE_BEARING, compose
+from saccade.slam.association.nearest_neighbor import number_by_first_sight
+from saccade.slam.filter.odometry_bias import unbiased
+from support.circular_log import simulate
+
+BIAS = np.array([0.08, -0.04, 0.15])
+
+
+def _biased(rng, motion, noise):
+    """A log whose robot drove otherwise than it says."""
+    log, truth, world = simulate(rng, motion, noise=noise)
+    said = log.control.copy()
+    for _ in range(50):  # what must have been logged for `unbiased` to give the real way
+        said += log.control - unbiased(said, BIAS)
+    bias = (0.1, 0.1, 0.1)
+    return dataclasses.replace(log, control=said, odometry_bias=bias), truth, world
+
+
+@pytest.mark.parametrize("motion", ["drive", "compose"])
+@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+def test_what_the_wheels_are_off_by_is_found(rng, motion, kind):
+    log, truth, _ = _biased(rng, motion, noise=0.0)
+    result = slam.run(log, slam.EkfConfig(filter=kind))
+    ignored = slam.run(dataclasses.replace(log, odometry_bias=(0.0, 0.0, 0.0)))
+    off = [np.hypot(*(r.trajectory.pose - truth)[:, :2].T).mean() for r in (result, ignored)]
+    assert off[0] < 0.1 * off[1]
+    assert ignored.odometry_bias is None
+    turned = np.abs(log.control[0, -1]) / log.control[0, 0]  # on a circle the way lost in turning
+    assert result.odometry_bias[0] - turned * result.odometry_bias[2] == pytest.approx(
+        BIAS[0] - turned * BIAS[2], abs=0.005
+    )
+    assert result.odometry_bias[1] == pytest.approx(BIAS[1], abs=0.005)
+
+
+@pytest.mark.parametrize("retraction", list(slam.Retraction))
+def test_replay_and_steps_are_the_same(rng, retraction):
+    """The compiled way through a log, and predict and update one by one."""
+    log, _, _ = _biased(rng, "compose", noise=1.0)
+    seen = log.observation_pose > 0
+    number = np.full(len(seen), -1)
+    number[seen] = number_by_first_sight(log.landmark[seen], log.observation_pose[seen])
+    start = np.append(log.start, np.zeros(3)), np.diag([0, 0, 0, 0.01, 0.01, 0.01])
+    fast, slow = (slam.EkfSlam(*start, compose, RANGE_BEARING, retraction, 1.0) for _ in "ab")
+    said = log.control, log.control_covariance, log.observation_pose - 1, log.observation
+    parts = (each[seen] for each in (*said[2:], log.observation_covariance, number))
+    fast.replay(*said[:2], *parts)
+    for pose in range(1, len(log.time)):
+        slow.predict(log.control[pose - 1], log.control_covariance[pose - 1])
+        for k in np.flatnonzero(log.observation_pose == pose):
+            z, R = log.observation[k], log.observation_covariance[k]
+            if number[k] == len(slow):
+                slow.augment(z, R)
+            elif number[k] >= 0:
+                slow.update(z, R, int(number[k]))
+    np.testing.assert_allclose(fast.state, slow.state, atol=1e-9)
+    np.testing.assert_allclose(fast.covariance, slow.covariance, atol=1e-9)
+
+
+@pytest.mark.parametrize("motion", ["drive", "compose"])
+def test_bias_changes_the_pose_as_its_slope_says(rng, motion):
+    """A robot that is unsure of its wheels alone: its covariance is that of moving with them."""
+    log, _, _ = simulate(rng, motion, steps=5)
+    sigma, tiny = np.array([0.1, 0.2, 0.3]), 1e-6
+    ekf = slam.EkfSlam(
+        np.append(log.start, BIAS),
+        np.diag([0, 0, 0, *sigma**2]),
+        motion=getattr(slam, motion),
+    )
+
+    def end(bias):
+        pose = log.start
+        for u in unbiased(log.control, bias):
+            pose = getattr(slam, motion)(pose, u)[0]
+        return pose
+
+    for u in log.control:
+        ekf.predict(u, np.zeros((len(u), len(u))))
+    slope = np.array([end(BIAS + tiny * e) - end(BIAS - tiny * e) for e in np.eye(3)]).T / 2 / tiny
+    np.testing.assert_allclose(ekf.pose, end(BIAS), atol=1e-12)
+    np.testing.assert_allclose(
+        ekf.pose_covariance, slope @ np.diag(sigma**2) @ slope.T, rtol=1e-6, atol=1e-9
+    )

@@ -1,0 +1,166 @@
+"""Whole logs: made ones with a known answer, and bad ones."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.errors import ConfigError, LogError
+from saccade.slam import EkfConfig
+from support.circular_log import simulate
+
+
+@pytest.mark.parametrize("motion", ["drive", "compose"])
+@pytest.mark.parametrize("kind", ["standard", "invariant"])
+def test_exact_log_gives_the_exact_world(rng, motion, kind):
+    log, truth, world = simulate(rng, motion, noise=0.0)
+    result = slam.run(log, EkfConfig(filter=kind))
+    np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-8)
+    np.testing.assert_allclose(result.dead_reckoning.pose[:, :2], truth[:, :2], atol=1e-8)
+    np.testing.assert_allclose(result.map.xy, world[result.map.id], atol=1e-8)
+    np.testing.assert_allclose(result.consistency.mean, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("motion", ["drive", "compose"])
+@pytest.mark.parametrize("association", ["known", "nearest"])
+def test_noisy_log_is_better_than_dead_reckoning_and_as_sure_as_it_should_be(
+    rng, motion, association
+):
+    log, truth, world = simulate(rng, motion)
+    result = slam.run(log, EkfConfig(association=association, lifetime=10.0))
+    error = np.hypot(*(result.trajectory.pose - truth)[:, :2].T)
+    drift = np.hypot(*(result.dead_reckoning.pose - truth)[:, :2].T)
+    assert error.mean() < 0.5 * drift.mean()
+    assert 1.8 < result.consistency.mean < 2.2
+    apart = np.hypot(*(result.map.xy[:, None] - world).transpose(2, 0, 1))
+    assert (apart.min(1) < 0.5).all()
+    assert len(set(apart.argmin(1).tolist())) == len(result.map) >= 15
+
+
+def test_association_names_the_landmarks_of_the_map(rng):
+    log, _, _ = simulate(rng)
+    result = slam.run(log)
+    np.testing.assert_array_equal(result.map.id[result.association], log.landmark)
+    np.testing.assert_array_equal(
+        result.map.sightings, np.bincount(result.association, minlength=len(result.map))
+    )
+    corrected = np.isfinite(result.consistency.nis)
+    assert (~corrected).sum() == len(result.map)  # the first sighting of each
+
+
+def test_same_log_same_bits(rng):
+    log, _, _ = simulate(rng)
+    for config in (EkfConfig(), EkfConfig(association="nearest")):
+        one, two = slam.run(log, config), slam.run(log, config)
+        for name in ("pose", "covariance"):
+            a, b = getattr(one.trajectory, name), getattr(two.trajectory, name)
+            assert a.tobytes() == b.tobytes()
+        assert one.map.xy.tobytes() == two.map.xy.tobytes()
+        assert one.map.covariance.tobytes() == two.map.covariance.tobytes()
+        assert one.consistency.nis.tobytes() == two.consistency.nis.tobytes()
+
+
+def test_log_without_names_is_associated_by_distance(rng):
+    log, _, _ = simulate(rng)
+    nameless = dataclasses.replace(log, landmark=np.full(len(log.landmark), -1))
+    result = slam.run(nameless)
+    by_distance = slam.run(log, EkfConfig(association="nearest"))
+    np.testing.assert_array_equal(result.association, by_distance.association)
+    np.testing.assert_array_equal(result.map.id, np.arange(len(result.map)))
+    with pytest.raises(LogError, match=r"association: .* the log does not name"):
+        slam.run(nameless, EkfConfig(association="known"))
+
+
+def test_noise_scales_are_factors_on_deviations(rng):
+    log, _, _ = simulate(rng)
+    scaled = slam.run(log, EkfConfig(motion_noise_scale=3.0, sensor_noise_scale=2.0))
+    by_hand = slam.run(
+        dataclasses.replace(
+            log,
+            control_covariance=log.control_covariance * 9,
+            observation_covariance=log.observation_covariance * 4,
+        )
+    )
+    np.testing.assert_allclose(scaled.trajectory.pose, by_hand.trajectory.pose, atol=1e-9)
+
+
+def test_a_robot_that_stands_still_for_long_keeps_its_state(rng):
+    log, _, _ = simulate(rng, steps=30)
+    still = 20_000
+    parked = dataclasses.replace(
+        log,
+        time=np.arange(len(log.time) + still) * 1.0,
+        control=np.concatenate([log.control, np.zeros((still, 3))]),
+        control_covariance=np.concatenate([log.control_covariance, np.zeros((still, 3, 3))]),
+    )
+    trajectory = slam.run(parked).trajectory
+    np.testing.assert_allclose(trajectory.pose[-1], trajectory.pose[30], atol=1e-9)
+    np.testing.assert_allclose(trajectory.covariance[-1], trajectory.covariance[30], atol=1e-12)
+
+
+def test_a_log_without_observations_is_dead_reckoning(rng):
+    log, _, _ = simulate(rng)
+    blind = dataclasses.replace(
+        log,
+        observation_pose=log.observation_pose[:0],
+        observation=log.observation[:0],
+        observation_covariance=log.observation_covariance[:0],
+        landmark=log.landmark[:0],
+    )
+    for association in ("auto", "known", "nearest"):
+        result = slam.run(blind, EkfConfig(association=association))
+        np.testing.assert_array_equal(result.trajectory.pose, result.dead_reckoning.pose)
+        assert len(result.map) == 0
+
+
+def test_progress_ends_at_the_last_pose(rng):
+    log, _, _ = simulate(rng)
+    said = []
+    slam.run(log, progress=lambda done, of: said.append((done, of)))
+    assert said[-1] == (301, 301)
+    assert said == sorted(set(said))
+    assert 50 < len(said) < 120
+
+
+def test_uncertain_start_is_where_the_covariance_begins(rng):
+    log, _, _ = simulate(rng, steps=3)
+    sigma = (0.5, 0.25, 0.125)
+    start = slam.dead_reckon(log, EkfConfig(start_sigma=sigma)).covariance[0]
+    np.testing.assert_array_equal(start, np.diag(np.square(sigma)))
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"filter": "unscented"},
+        {"association": "guess"},
+        {"gate": 1.0},
+        {"gate": 0.99, "new_gate": 0.9},
+        {"sightings": 0},
+        {"lifetime": 0.0},
+        {"motion_noise_scale": 0.0},
+        {"sensor_noise_scale": float("nan")},
+        {"start_sigma": (0.0, -1.0, 0.0)},
+    ],
+)
+def test_settings_outside_their_range_are_named(setting):
+    with pytest.raises(ConfigError, match=list(setting)[-1]):
+        EkfConfig(**setting)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda log: {"observation": log.observation * np.nan}, "observation: expected finite"),
+        (lambda log: {"time": log.time[::-1]}, "time: goes back at entry 1"),
+        (lambda log: {"control": log.control[:-1]}, "expected shape"),
+        (lambda log: {"observation_pose": log.observation_pose + 99}, "numbers from 0 to 30"),
+        (lambda log: {"observation_covariance": -log.observation_covariance}, "negative"),
+    ],
+)
+def test_broken_logs_are_refused_in_one_line(rng, change, message):
+    log, _, _ = simulate(rng, steps=30)
+    with pytest.raises(LogError, match=message) as caught:
+        slam.run(dataclasses.replace(log, **change(log)))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,305 @@
+"""Smoothing against SciPy's least squares, worlds that are known, and recorded drives."""
+
+import dataclasses
+import re
+import sys
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from saccade import slam
+from saccade.datasets import load
+from saccade.errors import ConfigError, LogError
+from saccade.extras import install_command
+from saccade.slam import SmoothConfig, observe, smooth, wrap
+from saccade.slam.consistency import normalized_squared
+from saccade.types import LandmarkLog
+from support.alignment import align, interpolate
+from support.circular_log import simulate
+
+LAGGED = SmoothConfig(method="fixed-lag", lag=30.0)
+each_method = pytest.mark.parametrize("config", [SmoothConfig(), LAGGED], ids=["batch", "lag"])
+
+
+def _rmse(position, truth):
+    return np.sqrt(((align(position, truth) - truth) ** 2).sum(1).mean())
+
+
+def _by_scipy(log, start):
+    """Poses, landmarks and covariance of the plain least-squares problem of a log."""
+    poses = len(log.time)
+
+    def residuals(x):
+        pose, xy = np.vstack([log.start, x[: 3 * poses - 3].reshape(-1, 3)]), x[3 * poses - 3 :]
+        errors = []
+        for a, b, u, U in zip(
+            pose[:-1], pose[1:], log.control, log.control_covariance, strict=True
+        ):
+            c, s = np.cos(a[2]), np.sin(a[2])
+            moved = np.array([[c, s], [-s, c]]) @ (b - a)[:2]
+            e = np.array([*(moved - u[:2]), wrap(b[2] - a[2] - u[2])])
+            errors.append(np.linalg.solve(np.linalg.cholesky(U), e))
+        for i, z, R, m in zip(
+            log.observation_pose,
+            log.observation,
+            log.observation_covariance,
+            log.landmark,
+            strict=True,
+        ):
+            e = z - observe(pose[i], xy[2 * m : 2 * m + 2])[0]
+            errors.append(np.linalg.solve(np.linalg.cholesky(R), [e[0], wrap(e[1])]))
+        return np.concatenate(errors)
+
+    found = least_squares(residuals, start, xtol=1e-14, ftol=1e-14, gtol=1e-12)
+    return found.x, np.linalg.inv(found.jac.T @ found.jac)
+
+
+def test_answer_is_that_of_least_squares(rng):
+    log, _, _ = simulate(rng, steps=12, reach=6.0, noise=0.2)
+    spread = rng.normal(size=(12, 3, 3)) * np.array([0.02, 0.002, 0.01])[:, None]
+    log = dataclasses.replace(  # full matrices, so that their frame matters
+        log,
+        control_covariance=spread @ spread.transpose(0, 2, 1) + 1.6e-5 * np.eye(3),
+        observation_covariance=log.observation_covariance * 0.04,
+        landmark=np.unique(log.landmark, return_inverse=True)[1],
+    )
+    filtered = slam.run(log)
+    order = np.argsort(filtered.map.id)
+    result = smooth(log, filtered, SmoothConfig(huber=1e6))
+    start = np.concatenate([filtered.trajectory.pose[1:].ravel(), filtered.map.xy[order].ravel()])
+    best, covariance = _by_scipy(log, start)
+    poses = 3 * len(log.control)
+    found = np.concatenate([result.trajectory.pose[1:].ravel(), result.map.xy[order].ravel()])
+    sigma = np.sqrt(covariance.diagonal())
+    np.testing.assert_allclose((found - best) / sigma, 0, atol=0.03)
+    for found, i, size in [
+        *((C, 3 * k, 3) for k, C in enumerate(result.trajectory.covariance[1:])),
+        *((C, poses + 2 * k, 2) for k, C in enumerate(result.map.covariance[order])),
+    ]:
+        expected = covariance[i : i + size, i : i + size]
+        np.testing.assert_allclose(found, expected, atol=0.02 * expected.diagonal().max())
+
+
+@each_method
+@pytest.mark.parametrize("motion", ["drive", "compose"])
+def test_exact_log_gives_the_exact_world(rng, motion, config):
+    log, truth, world = simulate(rng, motion, noise=0.0, steps=60)
+    result = smooth(log, slam.run(log), config)
+    np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-6)
+    np.testing.assert_allclose(result.map.xy, world[result.map.id], atol=1e-6)
+    np.testing.assert_array_equal(result.weight, 1)
+
+
+@each_method
+@pytest.mark.parametrize("motion", ["drive", "compose"])
+def test_smoothing_beats_the_filter_and_is_as_sure_as_it_should_be(rng, motion, config):
+    log, truth, _ = simulate(rng, motion)
+    filtered = slam.run(log)
+    result = smooth(log, filtered, config)
+    error = result.trajectory.pose - truth
+    error[:, 2] = wrap(error[:, 2])
+    before = np.hypot(*(filtered.trajectory.pose - truth)[:, :2].T)
+    assert np.hypot(*error[:, :2].T).mean() < before.mean()
+    nees = normalized_squared(error[20:], result.trajectory.covariance[20:])
+    assert 1 < nees.mean() < 6  # 3 on average, but errors of one drive hang together
+
+
+def test_a_lag_as_long_as_the_drive_changes_nothing(rng):
+    log, _, _ = simulate(rng, steps=60)
+    filtered = slam.run(log)
+    whole = smooth(log, filtered)
+    lagged = smooth(log, filtered, SmoothConfig(method="fixed-lag", lag=1e4))
+    sigma = np.sqrt(whole.trajectory.covariance.diagonal(0, 1, 2)) + 1e-4
+    apart = (lagged.trajectory.pose - whole.trajectory.pose) / sigma
+    np.testing.assert_allclose(apart, 0, atol=0.05)
+    np.testing.assert_allclose(lagged.map.xy, whole.map.xy, atol=2e-3)
+    np.testing.assert_allclose(lagged.weight, whole.weight, atol=0.05)
+    between = lagged.trajectory.covariance - whole.trajectory.covariance
+    assert np.abs(between / (sigma[:, :, None] * sigma[:, None])).max() < 0.05
+
+
+def test_a_pose_hears_nothing_of_what_comes_a_lag_later(rng):
+    log, _, _ = simulate(rng)
+    late = (log.observation_pose > 200)[:, None]
+    changed = dataclasses.replace(log, observation=log.observation + 0.3 * late)
+    drives = [smooth(each, slam.run(each), LAGGED).trajectory.pose for each in (log, changed)]
+    kept = 200 - int(LAGGED.lag * 1.2)  # the window is moved by tenths
+    np.testing.assert_array_equal(drives[0][:kept], drives[1][:kept])
+    assert np.abs(drives[0][kept:] - drives[1][kept:]).max() > 0.05
+
+
+@each_method
+def test_wrong_observations_count_less(rng, config):
+    log, truth, _ = simulate(rng, steps=150)
+    wrong = rng.random(len(log.observation)) < 0.05
+    bad = dataclasses.replace(
+        log, observation=log.observation + wrong[:, None] * rng.choice([-1, 1], (len(wrong), 2))
+    )
+    filtered = slam.run(bad)
+    plain, robust = (
+        smooth(bad, filtered, dataclasses.replace(config, huber=k)) for k in (1e6, 1.345)
+    )
+    error = [np.hypot(*(r.trajectory.pose - truth)[:, :2].T).mean() for r in (plain, robust)]
+    assert error[1] < 0.5 * error[0]
+    assert np.median(robust.weight[wrong]) < 0.15
+    assert np.median(robust.weight[~wrong]) == 1
+
+
+def test_unused_observations_have_no_weight_and_no_effect(rng):
+    log, _, _ = simulate(rng, steps=40)
+    filtered = slam.run(log)
+    k = int(np.flatnonzero(filtered.association == 0)[-1])
+    association = filtered.association.copy()
+    association[k] = -1
+    result = smooth(log, dataclasses.replace(filtered, association=association))
+    assert np.flatnonzero(np.isnan(result.weight)).tolist() == [k]
+    changed = log.observation.copy()
+    changed[k] += 3.0
+    again = smooth(
+        dataclasses.replace(log, observation=changed),
+        dataclasses.replace(filtered, association=association),
+    )
+    np.testing.assert_array_equal(again.trajectory.pose, result.trajectory.pose)
+
+
+@each_method
+def test_without_observations_it_is_dead_reckoning(rng, config):
+    log, _, _ = simulate(rng, "drive", steps=30)
+    blind = dataclasses.replace(
+        log,
+        observation_pose=log.observation_pose[:0],
+        observation=log.observation[:0],
+        observation_covariance=log.observation_covariance[:0],
+        landmark=log.landmark[:0],
+    )
+    filtered = slam.run(blind)
+    result = smooth(blind, filtered, config)
+    reckoned = filtered.dead_reckoning
+    np.testing.assert_allclose(result.trajectory.pose, reckoned.pose, atol=1e-6)
+    np.testing.assert_allclose(
+        result.trajectory.covariance, reckoned.covariance, rtol=2e-3, atol=2e-6
+    )
+    assert len(result.map) == 0
+
+
+@each_method
+def test_a_robot_that_stands_for_an_hour_is_one_pose(rng, config):
+    log, _, _ = simulate(rng, steps=30)
+    still = 3600
+    parked = dataclasses.replace(
+        log,
+        time=np.arange(len(log.time) + still) * 1.0,
+        control=np.concatenate([log.control, np.zeros((still, 3))]),
+        control_covariance=np.concatenate([log.control_covariance, np.zeros((still, 3, 3))]),
+    )
+    trajectory = smooth(parked, slam.run(parked), config).trajectory
+    moving = smooth(log, slam.run(log), config).trajectory
+    np.testing.assert_allclose(trajectory.pose[-1], moving.pose[-1], atol=1e-6)
+    np.testing.assert_allclose(trajectory.covariance[-1], moving.covariance[-1], atol=1e-9)
+
+
+def _open_world(huge):
+    """Two landmarks whose bearing nobody knows, each seen once; a third that is known well."""
+    R = np.tile(np.diag([0.1, 0.02]) ** 2, (5, 1, 1))
+    R[[1, 3], 1, 1] = huge
+    return LandmarkLog(
+        name="open",
+        start=np.zeros(3),
+        time=np.arange(3.0),
+        motion="compose",
+        control=np.array([[1.0, 0, 0.1], [1.0, 0, 0.2]]),
+        control_covariance=np.tile(np.eye(3) * 1e-4, (2, 1, 1)),
+        observation_pose=np.array([0, 1, 1, 2, 2]),
+        observation=np.array([[3.0, 0.5], [2.0, 0.3], [2.2, 0.8], [4.0, -0.4], [2.0, 1.2]]),
+        observation_covariance=R,
+        landmark=np.array([4, 17, 4, 23, 4]),
+    )
+
+
+def test_what_is_not_determined_is_named():
+    log = _open_world(1e17)
+    with pytest.raises(LogError, match="smoothing: expected measurements") as caught:
+        smooth(log, slam.run(log))
+    message = str(caught.value)
+    assert "landmark 17 (seen 1 time)" in message
+    assert "landmark 23 (seen 1 time)" in message
+    assert "landmark 4" not in message
+    assert "\n" not in message
+    with pytest.raises(LogError) as caught:
+        smooth(log, slam.run(log), LAGGED)
+    assert str(caught.value) == message
+    determined = _open_world(0.01)
+    for config in (SmoothConfig(), LAGGED):
+        assert len(smooth(determined, slam.run(determined), config).map) == 3
+
+
+def test_a_missing_library_is_named(monkeypatch):
+    log = _open_world(0.01)
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    with pytest.raises(ConfigError, match=re.escape(install_command("smooth"))):
+        smooth(log, slam.run(log))
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"huber": 0.0},
+        {"motion_noise_scale": 0.0},
+        {"sensor_noise_scale": float("nan")},
+        {"start_sigma": (0.0, -1.0, 0.0)},
+        {"iterations": 0},
+        {"method": "online"},
+        {"lag": 0.0},
+        {"lag": float("nan")},
+    ],
+)
+def test_settings_outside_their_range_are_named(setting):
+    with pytest.raises(ConfigError, match=next(iter(setting))):
+        SmoothConfig(**setting)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("config", "robots"),
+    [(SmoothConfig(), (1, 2, 3, 4, 5)), (SmoothConfig(method="fixed-lag"), (1, 4))],
+    ids=["batch", "lag"],
+)
+def test_robots_of_one_configuration(shared, config, robots):
+    """The wrong bearings in the logs of robots 3 and 5 do no harm; robot 4 begins blind."""
+    errors = []
+    for robot in robots:
+        log = load("mrclam", shared / "data/logs/mrclam/mrclam6.npz", robot=robot)
+        result = smooth(log, slam.run(log), config)
+        errors.append(_rmse(*interpolate(result.trajectory, log.truth)))
+    print(f"\nMRCLAM 6, {config.method}: {np.mean(errors):.3f} m, {np.round(errors, 3).tolist()}")
+    assert np.mean(errors) < 0.13
+
+
+@pytest.mark.shared
+def test_city_of_trees_is_smoothed(shared):
+    folder = shared / "data/logs/citytrees"
+    log = load("auto", folder / "cityTrees10000.txt")
+    truth = slam.dead_reckon(load("auto", folder / "cityTrees10000_groundtruth.txt")).pose
+    result = smooth(log, slam.run(log))
+    rmse = _rmse(result.trajectory.pose[:, :2], truth[:, :2])
+    print(f"\ncityTrees10000, smoothed: {rmse:.3f} m")
+    assert rmse < 0.14
+
+
+@pytest.mark.parametrize(
+    ("scale", "covariance"),
+    [
+        ("motion_noise_scale", "control_covariance"),
+        ("sensor_noise_scale", "observation_covariance"),
+    ],
+)
+@each_method
+def test_noise_scales_are_factors_on_deviations(rng, config, scale, covariance):
+    log, _, _ = simulate(rng, steps=10, reach=6.0, noise=0.2)
+    filtered = slam.run(log)
+    scaled = smooth(log, filtered, dataclasses.replace(config, **{scale: 3.0}))
+    louder = dataclasses.replace(log, **{covariance: 9 * getattr(log, covariance)})
+    told = smooth(louder, filtered, config)
+    np.testing.assert_allclose(scaled.trajectory.pose, told.trajectory.pose, atol=1e-6)
+    np.testing.assert_allclose(scaled.map.xy, told.map.xy, atol=1e-6)

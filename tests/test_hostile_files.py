@@ -1,0 +1,315 @@
+"""Bombs, loops, names, and disks that are full or closed: one clear line, and nothing half done."""
+
+import os
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import zipfile
+import zlib
+from importlib.resources import files
+from io import BytesIO
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+from fuzz.limits import PATIENCE, limited
+from fuzz.targets import TARGETS, points
+from saccade import exchange, read_image
+from saccade.batch import open_source
+from saccade.batch.machine import workers_for
+from saccade.datasets import load
+from saccade.errors import ImageError, KeypointsError, LogError, OutputError
+from saccade.video import video_writer
+from support.error_checks import refuses
+from support.privileges import without_privileges
+
+NAMES = ("with space", "no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
+HUGE = 65_000
+
+
+def chunk(name, content):
+    """Of a PNG."""
+    return (
+        struct.pack(">I", len(content))
+        + name
+        + content
+        + struct.pack(">I", zlib.crc32(name + content))
+    )
+
+
+def png(side, rows):
+    """A square one that says how large it is, and has so many rows."""
+    pixels = zlib.compress((b"\0" * (side + 1)) * rows, 9)
+    header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    start = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header)
+    return start + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+def jpeg(side):
+    """A small one that says it is large."""
+    data = bytearray(cv2.imencode(".jpg", np.zeros((16, 16, 3), np.uint8))[1].tobytes())
+    at = data.index(b"\xff\xc0") + 5
+    data[at : at + 4] = struct.pack(">HH", side, side)
+    return bytes(data)
+
+
+def tiff(side):
+    """A small one that says it is large."""
+    data = bytearray(cv2.imencode(".tif", np.zeros((16, 16), np.uint8))[1].tobytes())
+    (start,) = struct.unpack("<I", data[4:8])
+    (entries,) = struct.unpack("<H", data[start : start + 2])
+    for at in range(start + 2, start + 2 + 12 * entries, 12):
+        if struct.unpack("<H", data[at : at + 2])[0] in (256, 257, 278):
+            data[at + 2 : at + 12] = struct.pack("<HII", 4, 1, side)
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [("a.png", png(HUGE, 3)), ("a.jpg", jpeg(HUGE)), ("a.tif", tiff(HUGE))],
+)
+def test_an_image_that_says_it_is_huge(tmp_path, name, data):
+    (tmp_path / name).write_bytes(data)
+    with limited(memory=100 << 20), pytest.raises(ImageError, match=name):
+        read_image(tmp_path / name)
+
+
+def test_a_chunk_that_says_it_is_huge(tmp_path):
+    """OpenCV would take 2 GB for it."""
+    whole = png(16, 16)
+    cut = whole.index(b"IDAT") - 4
+    (tmp_path / "a.png").write_bytes(whole[:cut] + b"\x7f\xff\xff\xf0" + whole[cut + 4 :])
+    with limited(memory=100 << 20), refuses(ImageError, "a.png: the image is cut short"):
+        read_image(tmp_path / "a.png")
+
+
+def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
+    """Its size is unknown, as that of a file that is no image; `extract` records it as an error."""
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(png(HUGE, 3))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
+    assert workers_for(open_source(str(tmp_path))) in (1, 2)
+
+
+def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
+    """289 million pixels in 280 kB: OpenCV alone would unpack them to find out."""
+    (tmp_path / "bomb.png").write_bytes(png(17_000, 17_000))
+    done = subprocess.run(
+        [sys.executable, "-c", "from saccade.cli import main; main()", "look", "bomb.png"],
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (1 << 29, 1 << 29)),
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == 2
+    assert "bomb.png: expected at most 268,435,456 pixels" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def npz(path, shape, content=b"", size=0):
+    """An .npz whose array says its shape and holds some bytes, or so many zeros."""
+    header = BytesIO()
+    told = {"descr": "<f4", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(header, told)
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("xy.npy", "w") as f,
+    ):
+        f.write(header.getvalue() + content)
+        for _ in range(size >> 24):
+            f.write(b"\0" * (1 << 24))
+
+
+@pytest.mark.parametrize("shape", [(HUGE, HUGE), (1 << 62, 2), (1 << 40, 1 << 40)])
+def test_an_array_that_says_it_is_huge(tmp_path, shape):
+    npz(tmp_path / "a.npz", shape, b"\0" * 100)
+    with limited(memory=100 << 20):
+        with refuses(KeypointsError, "a.npz: expected a NumPy .npz file", "shorter than its shape"):
+            exchange.read_npz(tmp_path / "a.npz")
+        with refuses(LogError, "a.npz: expected an .npz of tables", "shorter than its shape"):
+            load("dlr", tmp_path / "a.npz")
+
+
+def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
+    monkeypatch.setattr("saccade.npz.LARGEST_UNPACKED", 1 << 20)
+    npz(tmp_path / "a.npz", (1 << 22, 2), size=1 << 25)
+    with limited(memory=100 << 20), refuses(KeypointsError, "a.npz", "bytes that unpack to"):
+        exchange.read_npz(tmp_path / "a.npz")
+
+
+def test_an_array_of_objects_is_not_unpickled(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "sprung"),)
+
+    np.savez(tmp_path / "a.npz", xy=np.array([Trap()], object))
+    for read in (exchange.read_npz, lambda path: load("dlr", path)):
+        with pytest.raises((KeypointsError, LogError), match="Object arrays"):
+            read(tmp_path / "a.npz")
+    assert not (tmp_path / "sprung").exists()
+
+
+def test_features_that_unpack_to_too_much(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        shape = (1 << 28, 2)
+        file.create_dataset("a.png/keypoints", shape, "f4", compression="gzip", fillvalue=0)
+    with limited(memory=100 << 20), refuses(KeypointsError, "a.h5", "bytes that unpack to"):
+        exchange.read_hdf5(tmp_path / "a.h5")
+
+
+def test_a_table_that_unpacks_to_too_much(tmp_path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    zeros = pa.array(np.zeros(1 << 23, np.float32))
+    pq.write_table(pa.table({"x": zeros}), tmp_path / "a.parquet", compression="zstd")
+    with limited(memory=100 << 20), refuses(KeypointsError, "a.parquet", "bytes that unpack to"):
+        exchange.read_parquet(tmp_path / "a.parquet")
+
+
+def test_a_view_in_the_place_of_a_table(tmp_path):
+    import sqlite3
+
+    TARGETS["colmap"].make(tmp_path)
+    with sqlite3.connect(tmp_path / "points.db") as database:
+        database.execute("DROP TABLE keypoints")
+        database.execute(
+            "CREATE VIEW keypoints AS WITH RECURSIVE n(image_id) AS (SELECT 1 UNION ALL "
+            "SELECT image_id + 1 FROM n) SELECT image_id, 0 AS rows, 1 AS cols, NULL AS data FROM n"
+        )
+    database.close()
+    with limited(), refuses(KeypointsError, "points.db", "expected the table keypoints"):
+        exchange.read_colmap(tmp_path / "points.db")
+
+
+@pytest.fixture
+def photo():
+    hallway = cv2.imread(str(files("saccade") / "data" / "hallway_1.jpg"))
+    return cv2.resize(hallway, (160, 120))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_any_name_will_do(run, tmp_path, photo, name):
+    folder = tmp_path / name
+    folder.mkdir()
+    image, log = folder / f"{name}.png", folder / f"{name}.csv"
+    cv2.imencode(".png", photo)[1].tofile(image)
+    TARGETS["log-csv"].make(folder)
+    (folder / "log.csv").rename(log)
+    for words in (
+        ["look", image, "-o", folder / "out", "--json"],
+        ["detect", image, "-o", folder / "out", "-f", "npz", "-f", "hdf5", "-f", "parquet"],
+        ["match", image, image, "-o", folder / "out"],
+        ["slam", log, "-o", folder / "out"],
+        ["convert", log, folder / f"{name}.g2o"],
+    ):
+        code, _, err = run(*words)
+        assert code == 0, err
+    assert len(exchange.read_npz(folder / "out" / f"{name}.keypoints.npz")) > 20
+    code, _, err = run("look", folder / "missing.png")
+    assert code == 2
+    assert "missing.png" in err
+
+
+COMMANDS = (
+    ["look", "loop"],
+    ["detect", "loop"],
+    ["match", "loop", "a.png"],
+    ["slam", "loop"],
+    ["convert", "loop", "x.g2o"],
+    ["check", "loop"],
+    ["drive", "loop"],
+    ["extract", "loop", "--what", "sift", "--out", "x"],
+    ["export", "loop", "--format", "csv", "--out", "x"],
+    ["index", "loop"],
+    ["find", "a.png", "--in", "loop"],
+    ["look", "a.png", "--config", "loop"],
+    ["evaluate", "features", "--pairs", "loop"],
+    ["evaluate", "fixations", "loop", "--images", "loop"],
+)
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_a_link_to_itself_is_refused(run, tmp_path, photo, words):
+    (tmp_path / "loop").symlink_to("loop")
+    cv2.imwrite(str(tmp_path / "a.png"), photo)
+    code, _, err = run(*words)
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "loop"]
+
+
+SLAM = ["slam", "log.csv", "-o", "out"]
+LOOK = ["look", "photos/a.png", "-o", "out"]
+EXTRACT = ["extract", "photos", "--what", "sift", "--out", "out", "--workers", "1"]
+
+
+@pytest.mark.parametrize(
+    ("what", "words"), [("full", LOOK), ("full", EXTRACT), ("closed", SLAM)], ids=str
+)
+def test_a_disk_that_takes_nothing(tmp_path, photo, what, words):
+    (tmp_path / "photos").mkdir()
+    cv2.imwrite(str(tmp_path / "photos" / "a.png"), photo)
+    TARGETS["log-csv"].make(tmp_path)
+    out = tmp_path / "out"
+    out.mkdir(mode=0o555 if what == "closed" else 0o755)
+    code, err = in_child(words, tmp_path, without_privileges if what == "closed" else full)
+    assert code == 1, err
+    assert "out" in err.splitlines()[-1]
+    assert "Traceback" not in err
+    written = [path for path in out.rglob("*") if path.is_file() and path.stat().st_size > 0]
+    assert not [path for path in written if path.name.startswith(".saccade")]
+
+
+def full():
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+
+
+def test_a_video_on_a_full_disk(tmp_path):
+    """OpenCV says nothing."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    noise = np.random.default_rng(5).integers(0, 256, (3, 240, 320, 3)).astype(np.uint8)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with (
+            refuses(OutputError, "film.mp4: cannot be written: the video is cut short"),
+            video_writer(tmp_path / "film.mp4", 10) as write,
+        ):
+            for frame in noise:
+                write(frame)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
+
+
+def in_child(words, folder, prepare):
+    """The exit code of a command, and what it said."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from saccade.cli import main; main()", *words],
+        cwd=folder,
+        preexec_fn=prepare,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
+    return done.returncode, done.stderr
+
+
+def test_a_result_may_take_the_place_of_what_it_is_made_of(run, tmp_path):
+    TARGETS["log-csv"].make(tmp_path)
+    before = load("csv", tmp_path / "log.csv")
+    assert run("convert", "log.csv", "log.csv")[0] == 0
+    np.testing.assert_array_equal(load("csv", tmp_path / "log.csv").control, before.control)
+    exchange.write_npz(tmp_path / "a.npz", points())
+    exchange.write_npz(tmp_path / "a.npz", exchange.read_npz(tmp_path / "a.npz"))
+    np.testing.assert_array_equal(exchange.read_npz(tmp_path / "a.npz").xy, points().xy)

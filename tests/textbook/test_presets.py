@@ -1,0 +1,154 @@
+"""The presets of the source against the textbook, which is written from the print alone."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade import (
+    ContrastConfig,
+    LandmarkLog,
+    Must,
+    MustConfig,
+    Sift,
+    SiftConfig,
+    SymRoidConfig,
+    contrast_saliency,
+    datasets,
+    read_image,
+    slam,
+)
+from saccade.slam import EkfConfig
+from saccade.textbook import EkfSlam
+from saccade.textbook import contrast_saliency as printed_saliency
+from saccade.textbook import sift as printed_sift
+from support.reference_images import REFERENCE_IMAGES
+
+MAPS = ("saliency", "intensity", "color", "orientation")
+
+
+def correlation(a, b):
+    """Of two maps; 1 where both are flat."""
+    return 1.0 if np.ptp(a) == np.ptp(b) == 0 else np.corrcoef(a.ravel(), b.ravel())[0, 1]
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", REFERENCE_IMAGES)
+def test_contrast_maps(shared, name):
+    image = read_image(shared / "reference" / "saliency" / "images" / f"{name}.png")
+    found = contrast_saliency(image, ContrastConfig.kootstra2010())
+    printed = printed_saliency(image)
+    for each in MAPS:
+        agreement = correlation(getattr(found, each), getattr(printed, each))
+        print(f"\n{name} {each}: {agreement:.5f}", end="")
+        assert agreement >= 0.999, each
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", REFERENCE_IMAGES)
+def test_sift_keypoints(shared, name):
+    image = read_image(shared / "reference" / "saliency" / "images" / f"{name}.png")
+    config = replace(SiftConfig.kootstra2010(), descriptor_dtype="float32")
+    found, printed = Sift(config)(image), printed_sift(image).keypoints
+    here, there = near(printed, found), near(found, printed)
+    print(f"\n{name}: {len(printed)} printed, {here.sum()} found, {(~there).sum()} others")
+    if len(printed):
+        assert here.mean() >= 0.97
+        assert there.mean() >= 0.97
+        assert np.median(cosines(printed, found)) > 0.99
+        assert (cosines(printed, found) > 0.99).mean() >= 0.97
+
+
+def near(of, among):
+    """(n, ) whether each point has one within 0.1 px and a tenth of its scale."""
+    distance = np.hypot(*(of.xy[:, None] - among.xy).T).T  # (n, k)
+    ratio = among.size / of.size[:, None]
+    return ((distance <= 0.1) & (np.abs(ratio - 1) <= 0.1)).any(axis=1)
+
+
+def cosines(printed, found):
+    """(n,) of the descriptors of points, the best of those that are near in place and angle."""
+    distance = np.hypot(*(printed.xy[:, None] - found.xy).T).T
+    turn = np.abs(np.angle(np.exp(1j * (printed.angle[:, None] - found.angle))))
+    same = (distance <= 0.1) & (turn <= 0.05)
+    best = np.where(same, printed.descriptors @ found.descriptors.T, -1).max(axis=1)
+    return best[same.any(axis=1)]
+
+
+def test_must_and_symroid_use_the_descriptor_of_section_b2(rng):
+    """What they describe, textbook or SIFT with the same descriptor describes alike."""
+    image = cv2.GaussianBlur(rng.random((120, 140), np.float32), (0, 0), 4)
+    image = (image - image.min()) / np.ptp(image)
+    config = MustConfig.kootstra2010()
+    points = Must(config)(image)
+    assert len(points) > 3
+    again = Sift(config.sift()).describe(image, points)
+    np.testing.assert_array_equal(again.descriptors, points.descriptors)
+    assert not np.array_equal(Must()(image).descriptors, points.descriptors)
+    assert config.descriptor == SymRoidConfig.kootstra2010().descriptor == SiftConfig.kootstra2010()
+
+
+def printed_log(log):
+    """Poses, the map and its covariance, of `EkfSlam` as the textbook has it."""
+    ekf, number = EkfSlam(log.start), {}
+    poses = []
+    for step in range(len(log.time)):
+        if step > 0:
+            ekf.predict(log.control[step - 1], log.control_covariance[step - 1])
+        for k in np.flatnonzero(log.observation_pose == step):
+            z, R, name = log.observation[k], log.observation_covariance[k], int(log.landmark[k])
+            if name in number:
+                ekf.update(number[name], z, R)
+            else:
+                number[name] = ekf.N
+                ekf.augment(z, R)
+        poses.append(ekf.s[:3])
+    return np.array(poses), ekf
+
+
+def assert_same_as_printed(log, atol):
+    run = slam.run(log, EkfConfig.kootstra2010())
+    poses, ekf = printed_log(log)
+    off = run.trajectory.pose - poses
+    off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
+    print(f"\n{len(poses)} poses, {ekf.N} landmarks: off by {np.abs(off).max():.1e}")
+    assert np.abs(off).max() < atol
+    assert np.abs(run.map.xy - ekf.m).max() < atol
+    np.testing.assert_allclose(run.trajectory.covariance[-1], ekf.Pxx, atol=atol)
+    covariances = [ekf.Pmm[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(ekf.N)]
+    np.testing.assert_allclose(run.map.covariance, covariances, atol=atol)
+
+
+def test_ekf_slam_on_a_simulated_log(rng):
+    """Twice around a ring of landmarks, each of which is seen within 4 m."""
+    turns, ahead, steps = 2 * np.pi / 40, 0.5, 80
+    landmarks = 5 * np.exp(2j * np.pi * np.arange(12) / 12) + 3j
+    heading = turns * np.arange(steps + 1)
+    way = np.concatenate([[0], np.cumsum(ahead * np.exp(1j * heading[1:]))])
+    seen, where = np.nonzero(np.abs(landmarks - way[:, None]) < 4)
+    relative = (landmarks[where] - way[seen]) * np.exp(-1j * heading[seen])
+    z = np.c_[np.abs(relative), np.angle(relative)] + rng.normal(0, 0.05, (len(seen), 2))
+    log = LandmarkLog(
+        name="ring",
+        start=np.zeros(3),
+        time=np.arange(steps + 1.0),
+        motion="drive",
+        control=np.array([ahead, turns]) + rng.normal(0, 0.02, (steps, 2)),
+        control_covariance=np.broadcast_to(np.diag([4e-4, 4e-4]), (steps, 2, 2)),
+        observation_pose=seen,
+        landmark=where,
+        observation=z,
+        observation_covariance=np.broadcast_to(np.diag([2.5e-3, 2.5e-3]), (len(z), 2, 2)),
+    )
+    assert_same_as_printed(log, 1e-9)
+
+
+@pytest.mark.shared
+def test_ekf_slam_on_a_recorded_log(shared):
+    log = datasets.load("mrclam", shared / "data" / "logs" / "mrclam" / "mrclam6.npz", robot=1)
+    assert any(log.odometry_bias)  # which the preset does not estimate
+    d = np.hypot(*log.control[:, :2].T)
+    U = log.control_covariance[:, ::2, ::2]
+    log = replace(log, motion="drive", control=np.c_[d, log.control[:, 2]], control_covariance=U)
+    assert_same_as_printed(log, 1e-9)

@@ -1,0 +1,51 @@
+"""Descriptors are drawn the way the gradients point: held to ramps, whose direction is known."""
+
+from importlib.resources import files
+from importlib.util import module_from_spec, spec_from_file_location
+
+import numpy as np
+import pytest
+
+from saccade import Keypoints, Sift, SiftConfig
+from support.places import ROOT
+
+RAMPS = [(0, 0), (30, 0), (90, 0), (-120, 0), (70, 25), (-50, -160)]
+"""Degrees from x towards y: the gradient of the image, and the angle of the point."""
+
+
+def described(gradient, angle):
+    """(128,) of a point in the middle of a ramp that gets lighter along the gradient."""
+    row, column = np.indices((161, 161)) / 160 - 0.5
+    direction = np.radians(gradient)
+    image = 0.5 + 0.5 * (np.cos(direction) * column + np.sin(direction) * row)
+    point = Keypoints.at([[80, 80]], size=8, angle=np.radians(angle))
+    return Sift(SiftConfig(descriptor="sift")).describe(image, point).descriptors[0]
+
+
+def assert_along(rays, gradient, angle):
+    """That 128 rays, each x, y of both its ends, point along the gradient in the point's frame."""
+    rays = np.reshape(rays, (4, 4, 8, 2, 2))
+    np.testing.assert_allclose(rays[:, :, 0, 0, 0], np.tile([10, 30, 50, 70], (4, 1)))
+    np.testing.assert_allclose(rays[:, :, 0, 0, 1], np.tile([[10], [30], [50], [70]], 4))
+    x, y = (rays[..., 1, :] - rays[..., 0, :]).sum(axis=(0, 1, 2))
+    off = np.degrees(np.arctan2(y, x)) - (gradient - angle)  # y points down in both
+    assert abs((off + 180) % 360 - 180) < 3
+
+
+@pytest.mark.parametrize(("gradient", "angle"), RAMPS)
+def test_on_the_pages_of_the_site(gradient, angle):
+    spec = spec_from_file_location("figures", ROOT / "docs" / "making" / "figures.py")
+    figures = module_from_spec(spec)
+    spec.loader.exec_module(figures)
+    assert_along(figures.descriptor_rays(described(gradient, angle), 80), gradient, angle)
+
+
+@pytest.mark.parametrize(("gradient", "angle"), RAMPS)
+def test_in_the_report(browser, gradient, angle):
+    script = (files("saccade") / "viewing" / "web" / "image.js").read_text(encoding="utf-8")
+    page = browser.new_page()
+    page.add_script_tag(content="const kinds = {};\n" + script)
+    values = described(gradient, angle).tolist()
+    rays = page.evaluate("values => descriptorRays(values, 20)", values)
+    page.close()
+    assert_along(rays, gradient, angle)

@@ -1,0 +1,334 @@
+"""The report in a real browser: it loads, switches, scrubs, and is fit to be read by anyone."""
+
+import re
+from html import escape
+
+import numpy as np
+import pytest
+
+from fuzz.limits import PATIENCE
+from saccade.cli.report_builder import Album
+from saccade.slam import EkfSlam
+from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
+from saccade.viewing.page import Picture, Section
+from saccade.viewing.report import jpeg, report_page
+from saccade.viewing.report_image import image_part, match_part
+from saccade.viewing.report_map import (
+    Ground,
+    Sightings,
+    doubt_charts,
+    innovation_charts,
+    map_part,
+)
+from saccade.viewing.report_table import table_part
+
+EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
+LANDMARKS = np.array([[0.0, 0.0], [8.0, 4.0], [4.0, 4.0]])
+STEPS = 12
+DRAWN = "() => new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))"
+"""Waits until what was asked for has been drawn."""
+TO = "\N{EN DASH}"
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """Opens a page from disk; at the end nothing may have gone wrong in it."""
+    troubles, pages = [], []
+
+    def open_page(text, **how):
+        file = tmp_path / "report.html"
+        file.write_text(text, encoding="utf-8")
+        page = browser.new_page(**how)
+        pages.append(page)
+        page.set_default_timeout(1000 * PATIENCE)
+        page.on("console", lambda message: troubles.append(message.text))
+        page.on("pageerror", lambda error: troubles.append(str(error)))
+        page.on("dialog", lambda dialog: troubles.append(dialog.message))
+        page.on("request", lambda request: seen.append(request.url))
+        seen = []
+        page.goto(file.as_uri())
+        page.wait_for_selector("html[data-ready]")
+        others = [url for url in seen if url != file.as_uri() and not url.startswith("data:")]
+        assert not others
+        return page
+
+    yield open_page
+    for page in pages:
+        page.close()
+    assert not troubles
+
+
+def _drive():
+    """A robot that passes three landmarks; one of them comes late, and one goes."""
+    time = np.arange(STEPS, dtype=float)
+    pose = np.stack([time * 0.7, np.ones(STEPS), np.zeros(STEPS)], 1)
+    spread = np.tile(np.diag([0.01, 0.02, 0.001]), (STEPS, 1, 1))
+    names = {
+        step: [0, 1] if step < 4 else [0, 1, 2] if step < 8 else [1, 2] for step in range(STEPS)
+    }
+    snapshots = [
+        MapSnapshot(
+            step=step,
+            path=pose[step : step + 1],
+            covariance=spread[step],
+            landmarks=LANDMARKS[names[step]],
+            landmark_covariance=np.tile(np.eye(2) * 0.04, (len(names[step]), 1, 1)),
+            seen=np.array([0]),
+            names=np.array(names[step]),
+        )
+        for step in range(STEPS)
+    ]
+    return Trajectory(time, pose, spread), snapshots
+
+
+def _map_page(name="a map"):
+    estimate, snapshots = _drive()
+    rng = np.random.default_rng(2)
+    k = 200
+    innovation = rng.normal(size=(k, 2))
+    charts = innovation_charts(
+        np.linspace(0, STEPS - 1, k),
+        innovation,
+        np.tile(np.eye(2), (k, 1, 1)),
+        np.square(innovation).sum(1),
+        (1.5, 2.5),
+        20,
+    )
+    picture = np.full((30, 40, 3), 128, np.uint8)
+    part = map_part(
+        Section(name, name, facts={name: name}),
+        estimate,
+        snapshots,
+        Sightings(
+            np.array([0, 1, 2, 3, 5, 8, 9]),
+            np.array([1, 1, 1, 0, 2, 1, 1]),
+            np.full((7, 2), 12.0),
+            np.array([0, 1, 1, 0, 0, 2, 1]),
+        ),
+        [*charts, *doubt_charts(estimate, estimate)],
+        Ground({"odometry": estimate, "truth": estimate}),
+        lambda step: picture if step % 2 == 0 else None,
+    )
+    return report_page(name, name, [part])
+
+
+def _scrub(page, step):
+    page.locator(".player input").fill(str(step))
+
+
+def _pixels(page):
+    page.evaluate(DRAWN)
+    return page.locator("canvas.ground").screenshot()
+
+
+def test_names_are_words_and_nothing_else(opened):
+    text = _map_page(EVIL)
+    page = opened(text)
+    assert page.title() == EVIL
+    assert page.locator("h1").inner_text() == EVIL
+    assert page.locator("img").count() == 0
+    assert escape(EVIL) in text
+    assert text.count("</script>") == len(re.findall("<script", text))
+
+
+def test_a_map_is_scrubbed_and_played(opened):
+    page = opened(_map_page())
+    part, now = page.locator(".part"), page.locator("output")
+    assert part.get_attribute("data-step") == "11"
+    _scrub(page, 2)
+    assert part.get_attribute("data-step") == "2"
+    assert now.inner_text() == "2.0 s · 2 landmarks"
+    early = _pixels(page)
+    _scrub(page, 7)
+    assert now.inner_text() == "7.0 s · 3 landmarks"
+    assert _pixels(page) != early
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_selector(".part[data-step='11']")
+    page.wait_for_selector("button[aria-label=Play]")
+
+
+def test_a_click_on_a_landmark_shows_when_it_was_seen(opened):
+    page = opened(_map_page(), viewport={"width": 1200, "height": 900})
+    canvas = page.locator("canvas.ground")
+    box = canvas.bounding_box()
+    wide, high = 8.0, 3.0  # metres, of all that is there at the end
+    scale = 0.92 * min(box["width"] / wide, box["height"] / high)
+    at = (LANDMARKS[1] - [4, 2.5]) * [scale, -scale] + [box["width"] / 2, box["height"] / 2]
+    canvas.click(position={"x": float(at[0]), "y": float(at[1])})
+    detail = page.locator(".detail")
+    assert detail.locator("h3").inner_text() == "Landmark 1"
+    assert "Seen 5 times. At 8.00, 4.00 m" in detail.inner_text()
+    assert detail.locator(".run").all_inner_texts() == [f"0{TO}2", f"8{TO}9"]
+    assert detail.locator(".thumb").all_inner_texts() == ["frame 0", "frame 2", "frame 8"]
+    detail.get_by_role("button", name=f"0{TO}2").click()
+    assert page.locator(".part").get_attribute("data-step") == "0"
+    canvas.click(position={"x": 3, "y": 3})
+    assert page.locator(".part").get_attribute("data-landmark") == "-1"
+
+
+def test_a_map_is_moved_and_switched_by_key(opened):
+    page = opened(_map_page())
+    canvas = page.locator("canvas.ground")
+    canvas.focus()
+    before = _pixels(page)
+    for key in ("+", "ArrowLeft", "ArrowUp"):
+        canvas.press(key)
+        assert _pixels(page) != before
+    canvas.press("0")
+    assert _pixels(page) == before
+    for box in page.locator(".layers input").all():
+        box.focus()
+        page.keyboard.press("Space")
+        assert not box.is_checked()
+    canvas.focus()
+    assert _pixels(page) != before
+
+
+def test_a_click_on_a_chart_goes_to_that_time(opened):
+    page = opened(_map_page())
+    over = page.locator(".u-over").first
+    width = over.bounding_box()["width"]
+    over.click(position={"x": width / 2, "y": 40})
+    assert page.locator(".part").get_attribute("data-step") in ("5", "6")
+
+
+KEYPOINTS = Keypoints(
+    xy=np.array([[20, 30], [60, 10]], np.float32),
+    size=np.array([8, 20], np.float32),
+    angle=np.array([0, np.pi / 2], np.float32),
+    response=np.array([0.5, 0.25], np.float32),
+    octave=np.array([0, 1], np.int32),
+    descriptors=np.arange(256, dtype=np.uint8).reshape(2, 128),
+)
+
+
+def _image_page(name="an image"):
+    image = np.random.default_rng(1).random((60, 90, 3), np.float32)
+    maps = {"saliency": image[::4, ::4, 0], name: image[::8, ::8, 1]}
+    path = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.05, 0.1]), np.ones(2))
+    pairs = np.array([[0, 1], [1, 0]])
+    inliers = np.array([True, False])
+    parts = [
+        image_part(Section(name, name), image, maps, path, KEYPOINTS),
+        match_part(Section(name, name), (image, image), (KEYPOINTS, KEYPOINTS), pairs, inliers),
+    ]
+    return report_page(name, name, parts)
+
+
+def test_a_photograph_is_switched_and_its_scanpath_played(opened):
+    page = opened(_image_page())
+    heat = page.locator(".heat")
+    assert not heat.is_visible()
+    page.get_by_role("radio", name="saliency").check()
+    assert heat.is_visible()
+    first = heat.get_attribute("src")
+    page.get_by_role("radio", name="an image").check()
+    assert heat.get_attribute("src") != first
+    page.get_by_role("radio", name="none").check()
+    assert not heat.is_visible()
+    _scrub(page, 1)
+    assert page.locator("output").inner_text() == "fixation 1, 50 ms"
+    page.get_by_role("button", name="Play").click()
+    page.wait_for_selector(".part[data-fixation='2']")
+
+
+def test_pointing_at_an_interest_point_shows_its_descriptor(opened):
+    page = opened(_image_page())
+    page.get_by_role("checkbox", name="interest points").check()
+    photo = page.locator(".photograph")
+    scale = photo.bounding_box()["width"] / 90
+    photo.hover(position={"x": 60 * scale, "y": 10 * scale})
+    detail = page.locator(".detail").first
+    facts = detail.locator("dd").all_inner_texts()
+    assert facts == ["60.0, 10.0 px", "20.0 px", "90\N{DEGREE SIGN}", "1", "0.250"]
+    assert detail.locator("canvas").is_visible()
+    page.get_by_role("spinbutton", name="Point").fill("1")
+    assert detail.locator("dd").nth(1).inner_text() == "8.0 px"
+
+
+def test_a_click_on_a_match_shows_it_alone(opened):
+    page = opened(_image_page(), viewport={"width": 1280, "height": 900})
+    canvas, detail = page.locator(".pair"), page.locator(".detail").last
+    scale = (canvas.bounding_box()["width"] - 6) / 180
+    canvas.click(position={"x": 20 * scale, "y": 30 * scale})
+    facts = detail.locator("dd").all_inner_texts()
+    apart = np.sqrt(128) * 128  # the two descriptors lie 128 apart in each number
+    expected = ["20.0, 30.0 px", "60.0, 10.0 px", "8.0 px and 20.0 px", f"{apart:.0f}"]
+    assert facts == [*expected, "yes, an inlier"]
+    page.get_by_role("spinbutton", name="Match").fill("2")
+    assert detail.locator("dd").last.inner_text() == "no"
+    page.get_by_role("checkbox", name="inliers").uncheck()
+    canvas.click(position={"x": 12, "y": 12})
+    assert page.locator(".part").last.get_attribute("data-match") == "-1"
+
+
+def test_names_on_the_page_of_an_image_are_words(opened):
+    page = opened(_image_page(EVIL))
+    assert page.title() == EVIL
+    assert page.get_by_text(EVIL).count() >= 5
+
+
+def _table_page(name="a table"):
+    rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
+    figure = Picture(jpeg(np.zeros((40, 400), np.uint8)), name, name, wide=True)
+    return report_page(name, name, [table_part(Section(name, name, [figure]), ["", "AUC"], rows)])
+
+
+def test_a_table_is_sorted_by_a_heading(opened):
+    page = opened(_table_page(EVIL))
+    cells = page.locator("tbody td")
+    page.get_by_role("button", name="AUC").click()
+    assert cells.all_inner_texts() == ["10.5", "9.25", "-1"]
+    page.get_by_role("button", name="AUC").click()
+    assert cells.all_inner_texts() == ["-1", "9.25", "10.5"]
+    page.get_by_role("button", name="name").click()
+    assert page.locator("tbody th").all_inner_texts() == [EVIL, "a", "b"]
+
+
+def test_a_wide_figure_is_not_made_small_on_a_phone(opened):
+    page = opened(_table_page(), viewport={"width": 390, "height": 800})
+    figure = page.get_by_role("group", name="a table")
+    assert figure.bounding_box()["width"] < 390 < figure.locator("img").bounding_box()["width"]
+    figure.focus()
+    assert page.evaluate("document.activeElement.className") == "wide"
+
+
+@pytest.mark.parametrize("make", [_map_page, _image_page, _table_page])
+@pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
+def test_everyone_can_read_it(opened, make, scheme, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
+    page = opened(make(), color_scheme=scheme, viewport={"width": width, "height": 800})
+    for number in page.locator("input[type=number]").all():
+        number.fill("1")
+    for landmarks in page.locator("select").all():
+        landmarks.select_option("1")
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_a_landmark_keeps_its_name_when_others_go():
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    for bearing in range(4):
+        ekf.augment(np.array([2.0, bearing]), np.eye(2) * 0.01)
+    ekf.remove(np.array([1]))
+    ekf.remove(np.array([0]))
+    ekf.augment(np.array([2.0, 5.0]), np.eye(2) * 0.01)
+    assert ekf.names.tolist() == [2, 3, 4]
+
+
+def test_what_does_not_fit_on_a_page_is_counted_and_not_made(tmp_path, monkeypatch):
+    made = []
+
+    def make():
+        made.append(table_part(Section("a heading", ""), ["", "b"], [["x" * 500, "1"]]))
+        return made[-1]
+
+    monkeypatch.setattr("saccade.cli.report_builder.MOST", 2000)
+    album = Album("title", "Lead.")
+    for _ in range(9):
+        album.add(make)
+    assert sum(len(part.html) for part in made[:-1]) <= 2000
+    page = album.write(tmp_path / "report.html").read_text()
+    assert page.count("<section>") == len(album) == len(made) - 1
+    assert f"Lead. {9 - len(album)} more did not fit on this page." in page

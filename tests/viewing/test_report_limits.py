@@ -1,0 +1,223 @@
+"""Every page stays under 5 MB and takes a name for words, whatever it is given."""
+
+import base64
+import json
+import os
+import re
+from html.parser import HTMLParser
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from saccade.cli.report_builder import Album, Table, write_table_page
+from saccade.image import decode_image
+from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
+from saccade.viewing.page import Section, html_page
+from saccade.viewing.report_image import MOST_MATCHES, MOST_POINTS, image_part, match_part
+from saccade.viewing.report_map import Sightings, doubt_charts, map_part
+
+LARGEST = 5_000_000
+SECTION = Section("a heading", "Words.")
+PATH = Scanpath(np.array([[10.0, 20.0]]), np.array([0.05]), np.ones(1))
+
+
+def _noise(rng, *shape):
+    return rng.random(shape, np.float32)
+
+
+def _points(rng, count):
+    return Keypoints(
+        xy=_noise(rng, count, 2) * 1000,
+        size=_noise(rng, count),
+        angle=_noise(rng, count),
+        response=_noise(rng, count),
+        octave=np.zeros(count, np.int32),
+        descriptors=rng.integers(0, 255, (count, 128), np.uint8),
+    )
+
+
+def _image(rng):
+    maps = {str(number): _noise(rng, 500, 500) for number in range(7)}
+    return image_part(
+        SECTION, _noise(rng, 1300, 1300, 3), maps, PATH, _points(rng, 3 * MOST_POINTS)
+    )
+
+
+def _match(rng):
+    images = (_noise(rng, 1200, 1200, 3), _noise(rng, 1200, 1200, 3))
+    count = 2 * MOST_MATCHES + 1
+    points = _points(rng, count)
+    pairs = np.stack([np.arange(count)] * 2, 1)
+    return match_part(SECTION, images, (points, points), pairs, np.ones(count, np.bool_))
+
+
+def _map(rng):
+    poses, landmarks, snapshots = 50_000, 1500, 300
+    pose = rng.normal(size=(poses, 3))
+    drive = Trajectory(np.arange(poses) * 0.1, pose, np.tile(np.eye(3), (poses, 1, 1)))
+    spread = np.tile(np.eye(2), (landmarks, 1, 1))
+    grown = [
+        MapSnapshot(
+            step=step,
+            path=pose[step : step + 1],
+            covariance=np.eye(3),
+            landmarks=rng.normal(size=(landmarks, 2)),
+            landmark_covariance=spread,
+            seen=np.arange(300),
+            names=np.arange(landmarks),
+        )
+        for step in np.linspace(0, poses - 1, snapshots).astype(int).tolist()
+    ]
+    step = np.sort(rng.integers(0, poses, 400_000))
+    name = rng.integers(0, landmarks, len(step))
+    seen = Sightings(step, name, rng.normal(size=(len(step), 2)), np.zeros(len(step), np.int64))
+    frame = rng.integers(0, 255, (280, 280, 3), np.uint8)
+    return map_part(
+        SECTION, drive, grown, seen, doubt_charts(drive, drive), picture=lambda _: frame
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "notes"),
+    [
+        (_image, ""),
+        (_match, " Of 10,001 matches one in 3 is on this page."),
+        (_map, r" Of 300 states of the map one in \d+ is on this page. Of [\d,]+ stretches .*"),
+    ],
+)
+def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
+    album = Album("title", "Lead.")
+    album.add(lambda: make(rng))
+    page = album.write(tmp_path / "report.html")
+    assert LARGEST / 8 < page.stat().st_size < LARGEST
+    text = re.search(r"<h2>a heading</h2>\n<p>Words\.(.*?)</p>", page.read_text())[1]
+    assert re.fullmatch(notes, text), text
+
+
+def test_a_long_table_is_thinned_and_says_so(tmp_path):
+    rows = [[f"image {number}", *["0.123"] * 7] for number in range(60_000)]
+    table = Table("t", ["", *"abcdefg"], rows)
+    write_table_page(tmp_path / "report.html", "c", "lead", [table])
+    text = (tmp_path / "report.html").read_text()
+    assert LARGEST / 8 < len(text) < LARGEST
+    assert re.search(r"Of 60,000 rows one in \d+ is on this page\.", text)
+
+
+def test_a_map_keeps_how_often_a_landmark_was_seen():
+    drive = Trajectory(np.arange(20.0), np.zeros((20, 3)), np.tile(np.eye(3), (20, 1, 1)))
+    snapshot = MapSnapshot(
+        19,
+        np.zeros((1, 3)),
+        np.eye(3),
+        np.zeros((1, 2)),
+        np.eye(2)[None],
+        np.array([0]),
+        np.array([7]),
+    )
+    seen = Sightings(np.array([1, 2, 2, 4, 4, 9, 19]), np.array([7, 7, 7, 7, 3, 7, 7]))
+    runs = map_part(SECTION, drive, [snapshot], seen, []).data["runs"]
+    assert {name: list(values) for name, values in runs.items()} == {
+        "name": [3, 7, 7, 7],
+        "first": [4, 1, 9, 19],
+        "last": [4, 4, 9, 19],
+        "count": [1, 3, 1, 1],
+        "time": [4, 1, 9, 19],
+    }
+
+
+class _Elements(HTMLParser):
+    """The elements of a page that are not its own."""
+
+    def __init__(self):
+        super().__init__()
+        self.strange, self.heard = [], []
+
+    def handle_starttag(self, tag, attributes):
+        on = [name for name, _ in attributes if name.startswith("on")]
+        if (
+            on
+            or tag in ("b", "iframe", "svg")
+            or (tag == "img" and dict(attributes).get("src") == "x")
+        ):
+            self.strange.append((tag, attributes))
+
+    def handle_data(self, data):
+        self.heard.append(data)
+
+
+NAMES = (
+    "<img src=x onerror=alert(1)>",
+    "</script><svg onload=alert(2)>",
+    "\"'><b>&amp;&",
+    "\u202egnp.\N{SNOWMAN} \N{COMBINING ACUTE ACCENT} tab\tnew\nline",
+    os.fsdecode(b"\xff\xfe<b>"),
+)
+
+
+def _is_harmless(page, name):
+    """No element of a page is made by a name, and it stands there as words."""
+    found = _Elements()
+    found.feed(page.read_text(encoding="utf-8"))
+    assert not found.strange
+    words = name.encode(errors="replace").decode()
+    return any(words in each for each in found.heard)
+
+
+@pytest.mark.parametrize("name", [each.replace("/", "") for each in NAMES])
+def test_names_of_photographs_are_words_on_their_pages(name, run, tmp_path, monkeypatch):
+    monkeypatch.setattr("saccade.viewing.save_figure", lambda _, path: path)  # slow, and no page
+    file = tmp_path / f"{name}.png"
+    Pillow.fromarray(np.random.default_rng(1).integers(0, 255, (64, 64, 3), np.uint8)).save(file)
+    other = tmp_path / "other.png"
+    other.write_bytes(file.read_bytes())
+    code, _, message = run(
+        "look", file, "--json", "--model", "contrast", "--fixations", 1, "--out", "looked"
+    )
+    assert code == 0, message
+    assert _is_harmless(tmp_path / "looked" / "report.html", name)
+    code, _, message = run("match", file, other, "--json", "--geometry", "none", "--out", "matched")
+    assert code == 0, message
+    assert _is_harmless(tmp_path / "matched" / "report.html", name)
+
+
+def test_names_of_logs_are_words_on_their_pages(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("saccade.viewing.save_figure", lambda _, path: path)
+    moved, seen = "1e-4,0,0,1e-4,0,1e-4", "0.01,0,0.001"
+    log = "time,x,y,heading,forward,left,turn,cov_forward_forward,cov_forward_left,"
+    log += "cov_forward_turn,cov_left_left,cov_left_turn,cov_turn_turn,landmark,range,bearing,"
+    log += "cov_range_range,cov_range_bearing,cov_bearing_bearing\n0,0,0,0" + 15 * "," + "\n"
+    for time in range(1, 9):
+        log += f"{time},,,,0.2,0,0.01,{moved},,,,,,\n{time},,,,,,,,,,,,,5,4.0,{time / 20},{seen}\n"
+    for name in (NAMES[0], NAMES[4]):
+        file = tmp_path / f"{name}.csv"
+        file.write_text(log)
+        code, _, message = run("slam", file, "--json", "--no-film", "--out", "mapped")
+        assert code == 0, message
+        assert _is_harmless(tmp_path / "mapped" / "report.html", name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_in_tables_and_plain_pages_are_words(name, tmp_path):
+    page = tmp_path / "report.html"
+    tables = [Table(name, ["", name], [[name, name]], name, name)]
+    tables += [Table(name, [name], [[name]]), Table("none", ["a"], [])]
+    write_table_page(page, name, name, tables)
+    assert page.read_text().count("<section>") == 2
+    assert _is_harmless(page, name)
+    data = re.search(r'<script type="application/json">(.*?)</script>', page.read_text())[1]
+    assert json.loads(data)["rows"] == [[name, name]]
+    page.write_text(
+        html_page(name, name, [Section(name, name, facts={name: name}, links=[name])]), "utf-8"
+    )
+    assert _is_harmless(page, name)
+
+
+def test_a_map_on_a_page_has_the_colors_of_its_values():
+    image = np.zeros((40, 60, 3), np.float32)
+    values = np.linspace(0, 3, 2400, dtype=np.float32).reshape(40, 60)
+    part = image_part(SECTION, image, {"m": values}, PATH)
+    data = base64.b64decode(part.data["maps"][0]["address"].split(",")[1])
+    expected = mpl.colormaps["cividis"](values / 3)[:, :, :3]
+    assert np.abs(decode_image(data, "m") - expected).max() < 0.02

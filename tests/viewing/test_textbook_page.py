@@ -1,0 +1,193 @@
+"""The walk through the appendices: equations, the code that computes them, and pictures."""
+
+import importlib.util
+import json
+import re
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from html import unescape
+from importlib.resources import files
+from io import StringIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import saccade
+from saccade import textbook
+from saccade.cli import main
+from saccade.cli.textbook_source import Chapter, code_of
+from saccade.cli.textbook_steps import filter_trace, small_world
+from saccade.viewing.steps import mathml, step_table
+from support.places import ROOT
+
+DATA = files("saccade") / "data"
+PRINTED = (("A", 14), ("B", 12), ("C", 18))
+NUMBERS = [f"{appendix}.{n}" for appendix, last in PRINTED for n in range(1, last + 1)]
+LINE = 'S = (M["intensity"].map + M["color"].map + M["orientation"].map) / 3'
+CHANGED = 'S = (M["intensity"].map + 2 * M["color"].map + M["orientation"].map) / 4'
+ROW = re.compile(
+    r'<p class="number">(.*?)</p>.*?<div class="code"><pre( class="changed")?><code>(.*?)</code>',
+    re.DOTALL,
+)
+
+
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory):
+    """Of a copy of appendix A with A.14 changed: the photo, the JSON, the messages, the page."""
+    folder = tmp_path_factory.mktemp("changed")
+    photo, own = folder / "photo.png", folder / "my_contrast.py"
+    cv2.imwrite(str(photo), cv2.imread(str(DATA / "chelsea.jpg"))[60:180, 100:260])
+    source = Path(textbook.__path__[0], "contrast_saliency.py").read_text(encoding="utf-8")
+    assert source.count(LINE) == 1
+    own.write_text(source.replace(LINE, CHANGED), encoding="utf-8")
+    words = ["textbook", photo, "--module", own, "--json", "--out", folder / "out"]
+    out, err = StringIO(), StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(sys, "argv", ["saccade", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert not ended.value.code, err.getvalue()
+    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    return photo, json.loads(out.getvalue()), err.getvalue(), page
+
+
+def test_the_page_shows_a_changed_equation_and_what_it_changes(changed):
+    photo, result, messages, page = changed
+    assert result["taken"]["contrast_saliency"].endswith("my_contrast.py")
+    assert result["taken"]["sift"] == result["taken"]["EkfSlam"] == "saccade.textbook"
+    assert "contrast_saliency is that of" in messages
+    assert f"-    {LINE}  # A.14\n+    {CHANGED}  # A.14" in unescape(page)
+    marked = {number: unescape(code) for number, mark, code in ROW.findall(page) if mark}
+    assert marked.keys() == {"A.14"}
+    assert marked["A.14"].endswith(CHANGED)
+    usual = textbook.contrast_saliency(saccade.read_image(photo))
+    maps = {name: each.map for name, each in usual.conspicuity.items()}
+    saliency = (maps["intensity"] + 2 * maps["color"] + maps["orientation"]) / 4
+    told = result["facts"]["A"]["conspicuity"]["mean of the saliency"]
+    assert told == f"{saliency.mean():.3f} (textbook: {usual.saliency.mean():.3f})"
+    assert told in page
+    assert "(textbook:" not in str(result["facts"]["A"]["normalization"])  # before the change
+
+
+def test_the_page_holds_every_equation_with_its_code_and_every_picture(changed):
+    page = changed[3]
+    shown = [number for number, _, _ in ROW.findall(page)]
+    assert [number for number in shown if "." in number] == NUMBERS
+    assert "No line cites it" not in page
+    assert page.count("<math") == len(shown)
+    assert page.count('src="data:image/webp;base64,') == len(step_table())
+    assert not re.search(r'(src|href)="(?!data:)|<script| style="', page)
+    assert len(page) < 5e6
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
+def test_everyone_can_read_it(changed, browser, scheme, width):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
+    page = browser.new_page(color_scheme=scheme, viewport={"width": width, "height": 800})
+    page.set_content(re.sub(r"data:image[^\"]*", "data:,", changed[3]))  # what is checked is text
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("def contrast_saliency(image:\n", "line 1: SyntaxError"),
+        ("import nonsense\n", "line 1: ModuleNotFoundError"),
+        ("x = 1\n", "expected a definition of contrast_saliency or sift or EkfSlam, found none"),
+        ("def contrast_saliency(image):\n    return 1 / 0\n", "line 2: ZeroDivisionError"),
+        ("def contrast_saliency(image):\n    return image\n", "what it returns cannot be shown"),
+        ("from saccade.textbook import sift\n", "expected a definition"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_mistake_in_the_file_is_one_line(run, tmp_path, text, said):
+    photo = str(DATA / "chelsea.jpg")
+    if text is not None:
+        (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    code, out, err = run("textbook", photo, "--longest", 64, "--module", "mine.py")
+    (*_, last) = err.splitlines()
+    assert (code, out) == (2, "")
+    assert last.startswith("saccade: mine.py")
+    assert said in last
+    assert "Traceback" not in err
+
+
+def test_a_log_is_walked_through_by_appendix_c(run, tmp_path):
+    code, out, _ = run("textbook", DATA / "victoria_park.txt", "--json")
+    assert code == 0
+    assert json.loads(out)["taken"] == {"EkfSlam": "saccade.textbook"}
+    page = (tmp_path / "saccade-textbook" / "report.html").read_text(encoding="utf-8")
+    assert {number[0] for number, _, _ in ROW.findall(page)} == {"C"}
+    (tmp_path / "mine.py").write_text("def sift(image): ...\n", encoding="utf-8")
+    code, _, err = run("textbook", DATA / "victoria_park.txt", "--module", "mine.py")
+    assert code == 2
+    assert "sift needs an image" in err
+
+
+def test_a_control_that_drives_before_it_turns_is_taken_exactly():
+    """Two of appendix C's lead to the pose of dead reckoning."""
+    log = saccade.datasets.load("auto", DATA / "victoria_park.txt")
+    ekf = filter_trace(log, textbook.EkfSlam, scans=1).scans[0][1]
+    steps = int(log.observation_pose[0])
+    x, y, theta = log.start
+    for forward, left, turn in log.control[:steps]:
+        x += forward * np.cos(theta) - left * np.sin(theta)
+        y += forward * np.sin(theta) + left * np.cos(theta)
+        theta += turn
+    np.testing.assert_allclose(ekf.s[:3], [x, y, theta], atol=1e-12)
+
+
+def test_the_small_world_shows_all_three_steps():
+    trace = filter_trace(small_world(), textbook.EkfSlam)
+    assert trace.steps.keys() == {"predict", "update", "augment"}
+    before, after, _ = trace.steps["augment"]
+    assert len(after.s) == len(before.s) + 2
+    before, after, _ = trace.steps["update"]
+    assert np.linalg.eigvalsh(before.P - after.P).min() > -1e-12  # an update takes away
+
+
+def test_code_is_found_by_the_number_at_the_end_of_its_line():
+    source = '''
+def f(x):
+    """As C.9, which no docstring computes."""
+    a, b = x  # C.1, C.2
+    c = a * 2
+    d = (
+        b + c
+    )  # C.3 (mended)
+    return d + a  # see C.4
+
+
+def g(x):
+    return f(x)  # C.3-C.5
+'''
+    code = code_of(source, "mine.py")
+    assert code.keys() == {"f", "g", "C.1", "C.2", "C.3", "C.4", "C.5"}
+    assert code["C.1"].text == "a, b = x"
+    assert code["C.3"].text == "c = a * 2\nd = (\n    b + c\n)"  # not g, which cites three
+    assert code["C.4"].text == "return f(x)"
+    assert (code["C.3"].line, code["g"].line) == (6, 13)
+
+
+@pytest.mark.parametrize("appendix", "ABC")
+def test_the_textbook_cites_each_equation_of_the_steps(appendix):
+    code = Chapter.of_textbook(appendix).code
+    for step in step_table():
+        for number, tex, *function in step["equations"]:
+            assert mathml(tex).startswith("<math")
+            if step["appendix"] == appendix:
+                assert (*function, number)[0] in code
+
+
+def test_the_formulas_are_those_of_the_steps():
+    pytest.importorskip("latex2mathml", reason="the group `docs` is not installed")
+    place = ROOT / "docs" / "making" / "formulas.py"
+    spec = importlib.util.spec_from_file_location("formulas", place)
+    formulas = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(formulas)
+    assert formulas.FORMULAS.read_text(encoding="utf-8") == formulas.formulas_json()

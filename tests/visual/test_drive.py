@@ -1,0 +1,259 @@
+"""The whole system on a simulated drive, out and back, with good days and bad ones."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade import datasets, visual
+from saccade.datasets.drives.odometry_increments import Steps, joined
+from saccade.errors import ConfigError, DriveError, ImageError
+from saccade.evaluation.drives import same_places, score_drive
+from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
+from saccade.simulation import DriveConfig, simulate_drive
+from saccade.slam import Checkpoint, Recorder
+from saccade.visual import VisualConfig
+from support.interrupted_run import interrupt_at
+
+FRAMES = 48
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """Out and back along the first meters of the ring; its pictures are made once."""
+    made = palindrome(simulate_drive(DriveConfig(frames=FRAMES)), PalindromeConfig(FRAMES))
+    pictures = [made.load(number) for number in range(len(made))]
+    return replace(made, load=pictures.__getitem__)
+
+
+@pytest.fixture(scope="module")
+def mapped(drive):
+    return visual.run(drive)
+
+
+def changed(drive, change):
+    """The drive with some frames as `change(number, frame)` makes them."""
+    return replace(drive, load=lambda number: change(number, drive.load(number)))
+
+
+def test_the_map_brings_the_robot_home(drive, mapped):
+    ours, odometry = (
+        score_drive(each, drive.truth) for each in (mapped.trajectory, mapped.odometry)
+    )
+    assert ours.ate_m < 0.03
+    assert ours.ate_m < odometry.ate_m / 4
+    assert ours.end_m < 0.05
+    assert ours.inside_3sigma > 0.95
+    assert np.isnan(odometry.inside_3sigma)
+
+
+def test_landmarks_met_again_are_the_same(drive, mapped):
+    seen = mapped.meetings
+    right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, drive.truth.at(drive.time))
+    assert (seen.kind == 2).sum() > 10
+    assert right[seen.kind == 2].mean() > 0.95
+    assert right[seen.kind == 0].all()
+
+
+def test_innovations_are_kept_of_what_was_met_again(mapped):
+    seen = mapped.meetings
+    there = np.isfinite(seen.innovation).all(1)
+    assert np.isfinite(seen.innovation_covariance[there]).all()
+    assert there[seen.kind == 2].all()
+    assert not there[seen.kind == 0].any()
+    sigma = np.sqrt(np.diagonal(seen.innovation_covariance[there], axis1=1, axis2=2))
+    assert (np.abs(seen.innovation[there]) < 3 * sigma).mean() > 0.97  # of a right filter 0.997
+    assert (sigma > seen.sigma[there]).all()  # what is seen, and what is known of the place
+
+
+def test_a_run_is_repeated_to_the_bit(drive):
+    some = drive.until(12)
+    first, second = visual.run(some), visual.run(some)
+    assert first.trajectory.pose.tobytes() == second.trajectory.pose.tobytes()
+    assert first.map.xy.tobytes() == second.map.xy.tobytes()
+    assert first.descriptors.tobytes() == second.descriptors.tobytes()
+
+
+@pytest.mark.parametrize("right", [True, False], ids=["stereo", "one camera"])
+def test_a_drive_that_is_interrupted_goes_on_to_the_same_bits(drive, tmp_path, right):
+    def seen(number, frame):
+        dark = replace(frame, image=np.zeros_like(frame.image), right=None)
+        return dark if number in (11, 12) else frame if right else replace(frame, right=None)
+
+    lens = drive.camera if right else replace(drive.camera, baseline=0.0)
+    some = replace(changed(drive, seen), camera=lens).until(24)
+    films = [Recorder(8), Recorder(8)]
+    whole = visual.run(some, recorder=films[0])
+    for frame in (1, 12, 17):
+        recorder, kept = Recorder(8), Checkpoint(tmp_path / "c.npz", 0)
+        with pytest.raises(KeyboardInterrupt):
+            visual.run(some, None, interrupt_at(frame), recorder=recorder, checkpoint=kept)
+    kept = Checkpoint(tmp_path / "c.npz", 0)
+    resumed = visual.run(some, recorder=films[1], checkpoint=kept)
+    assert kept.resumed == 17
+    for one, two in (
+        (whole.trajectory.pose, resumed.trajectory.pose),
+        (whole.trajectory.covariance, resumed.trajectory.covariance),
+        (whole.visual_odometry.pose, resumed.visual_odometry.pose),
+        (whole.map.xy, resumed.map.xy),
+        (whole.map.covariance, resumed.map.covariance),
+        (whole.descriptors, resumed.descriptors),
+        (whole.meetings.z, resumed.meetings.z),
+        (whole.meetings.kind, resumed.meetings.kind),
+        *((a.path, b.path) for a, b in zip(*(f.snapshots for f in films), strict=True)),
+    ):
+        assert one.tobytes() == two.tobytes()
+
+
+def test_the_map_keeps_to_its_budget(drive):
+    few = visual.run(drive.until(24), VisualConfig(landmarks=30))
+    assert len(few.map) == len(few.descriptors) == 30
+    assert (np.diff(few.map.id) > 0).all()
+
+
+def test_a_blind_robot_goes_on_and_knows_that_it_knows_less(drive, mapped):
+    def hidden(number, frame):
+        if number in (9, 10, 11):
+            return replace(frame, image=np.zeros_like(frame.image), right=None)
+        if number == 20:
+            raise ImageError("20.png: cannot be read: no such file")
+        return frame
+
+    result = visual.run(changed(drive, hidden))
+    assert len(result.trajectory) == len(drive)
+    assert result.remarks == ("20.png: cannot be read: no such file",)
+    spread = np.linalg.det(result.trajectory.covariance[:, :2, :2])
+    assert spread[11] > 2 * np.linalg.det(mapped.trajectory.covariance[11, :2, :2])
+    assert score_drive(result.trajectory, drive.truth).ate_m < 0.06
+
+
+def test_a_hand_over_the_lens_makes_no_map(drive, rng):
+    noise = rng.integers(0, 256, (FRAMES, 240, 320), np.uint8)
+
+    def covered(number, frame):
+        hand = cv2.GaussianBlur(noise[number], (0, 0), 3)
+        return replace(frame, image=hand, right=hand) if 24 <= number < 30 else frame
+
+    result = visual.run(changed(drive, covered))
+    assert score_drive(result.trajectory, drive.truth).ate_m < 0.1
+
+
+def test_odometry_that_jumps_is_outvoted(drive):
+    control = drive.control.copy()
+    control[15] += [2.0, 0.0, 0.5]
+    result = visual.run(replace(drive, control=control))
+    ours, odometry = (
+        score_drive(each, drive.truth) for each in (result.trajectory, result.odometry)
+    )
+    assert odometry.ate_m > 0.5
+    assert ours.ate_m < 0.2
+
+
+def test_of_many_frames_that_cannot_be_used_the_first_are_named(drive):
+    def lost(number, frame):
+        if number in range(4, 16):
+            raise ImageError(f"{number}.png: expected an image, found an empty file")
+        return frame
+
+    remarks = visual.run(changed(drive.until(18), lost)).remarks
+    assert remarks[0].startswith("4.png: expected")
+    assert len(remarks) == 6
+    assert remarks[-1] == "7 more frames could not be used"
+
+
+def test_a_drive_of_which_no_frame_can_be_used_stops(drive):
+    def lost(number, frame):
+        raise ImageError(f"{number}.png: expected 640 x 480 px as the calibration, found 8 x 8")
+
+    with pytest.raises(DriveError, match=r"^0.png: expected 640 .*; no frame of the drive can be"):
+        visual.run(changed(drive, lost))
+
+
+def test_a_camera_that_drops_out_leaves_an_honest_map(drive):
+    """Odometry alone leads round 3 s; what it has wrong all the time must be in the ellipse."""
+    ring = simulate_drive(DriveConfig(frames=64))
+    kept = np.concatenate([np.arange(30), np.arange(60, 64)])
+    steps = joined(Steps(ring.control, ring.control_covariance), kept, "odometry")
+    gone = replace(
+        ring,
+        time=ring.time[kept],
+        control=steps.control,
+        control_covariance=steps.covariance,
+        load=lambda number: ring.load(int(kept[number])),
+    )
+    result = visual.run(gone)
+    assert score_drive(result.trajectory, ring.truth).inside_3sigma > 0.97
+    before, after = result.trajectory.covariance[[29, 30], :2, :2]
+    assert np.linalg.det(after) > 100 * np.linalg.det(before)
+
+
+def test_a_calibration_of_other_images_is_told(drive):
+    camera = replace(drive.camera, width=640)
+    with pytest.raises(DriveError, match=r"expected an image of 640 x 240 px .* found 320 x 240"):
+        visual.run(replace(drive, camera=camera))
+
+
+def test_settings_outside_their_range_are_refused():
+    with pytest.raises(ConfigError, match="gate: expected a probability between 0 and 1"):
+        VisualConfig(gate=1.0)
+    with pytest.raises(ConfigError, match="selection: expected one of"):
+        VisualConfig(selection="best")
+
+
+def test_scores_are_those_of_evo(drive, mapped):
+    from evo.core import metrics, sync
+    from evo.core.trajectory import PoseTrajectory3D
+
+    def as_evo(trajectory):
+        x, y, heading = trajectory.pose.T
+        place = np.stack([x, y, np.zeros_like(x)], 1)
+        turn = np.stack([np.cos(heading / 2), 0 * x, 0 * x, np.sin(heading / 2)], 1)
+        return PoseTrajectory3D(place, turn, trajectory.time)
+
+    true, ours = sync.associate_trajectories(as_evo(drive.truth), as_evo(mapped.odometry))
+    steps = metrics.RPE(metrics.PoseRelation.translation_part)
+    steps.process_data((true, ours))
+    ours.align(true)
+    places = metrics.APE(metrics.PoseRelation.translation_part)
+    places.process_data((true, ours))
+    score = score_drive(mapped.odometry, drive.truth)
+    assert score.ate_m == pytest.approx(places.get_statistic(metrics.StatisticsType.rmse), rel=1e-6)
+    assert score.rpe_m == pytest.approx(steps.get_statistic(metrics.StatisticsType.rmse), rel=1e-6)
+
+
+def test_drive_writes_what_it_says(drive, run, tmp_path):
+    datasets.save_drive(tmp_path / "ring", drive.until(9))
+    code, out, _ = run("drive", tmp_path / "ring", "--out", "made", "--json")
+    assert code == 0
+    row = json.loads(out)
+    assert row["frames"] == 9
+    assert row["ate_m"] < row["odometry"]["ate_m"]
+    for path in row["files"].values():
+        assert (tmp_path / path).stat().st_size > 100
+    film = cv2.VideoCapture(str(tmp_path / "made" / "drive.mp4"))
+    assert film.read()[0]
+    assert json.loads((tmp_path / "made" / "run.json").read_text())["settings"]["gate"] == 0.99
+    with np.load(tmp_path / "made" / "map.npz", allow_pickle=False) as kept:
+        assert kept["descriptors"].shape == (row["landmarks"], 128)
+
+
+def test_drive_says_what_is_no_drive(run, tmp_path):
+    code, _, err = run("drive", tmp_path / "nowhere")
+    assert code == 2
+    assert "nowhere: expected a camera drive, found no such file or folder" in err
+
+
+@pytest.mark.shared
+def test_places_are_known_again_on_the_second_lap(run, shared, tmp_path):
+    """A quarter of the hallway; the whole: `saccade evaluate places FOLDER --lap 40`."""
+    hallway = shared / "data" / "drives" / "rtabmap_samples_loop"
+    (tmp_path / "walk").mkdir()
+    for number in (*range(1, 17), *range(41, 51)):
+        (tmp_path / "walk" / f"{number}.jpg").symlink_to(hallway / f"{number}.jpg")
+    code, out, _ = run("evaluate", "places", tmp_path / "walk", "--lap", 16, "--json")
+    assert code == 0
+    row = json.loads(out)
+    assert row["precision"] == 1.0
+    assert row["recall"] >= 0.8

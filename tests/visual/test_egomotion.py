@@ -1,0 +1,254 @@
+"""The way from frame to frame: geometry against finite differences and known motions."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from saccade import visual
+from saccade.evaluation.drives import score_drive
+from saccade.frames import AHEAD, Camera
+from saccade.visual.camera import from_pixels, range_bearing, to_pixels
+from saccade.visual.config import VisualConfig
+from saccade.visual.egomotion import (
+    _by_camera,
+    camera_motion,
+    motion_between,
+    paired,
+    robot_motion,
+)
+from saccade.visual.frontend import bearing_alone, observe
+from saccade.visual.ground_scale import WHITE, Road, Scale
+from saccade.visual.motion_prior import Foresight, TurnDrift, joined
+from saccade.visual.triangulation import CameraWay
+from support.winding_drive import winding
+
+TILTED = np.array(
+    [[1.0, 0.0, 0.0], [0.0, np.cos(0.1), -np.sin(0.1)], [0.0, np.sin(0.1), np.cos(0.1)]]
+)
+CAMERA = Camera(640, 360, 500, 500, 320, 180, 0.5, np.array([1.1, -0.3, 1.6]), AHEAD @ TILTED)
+CONTROL = np.array([1.2, 0.05, 0.08])
+
+
+def scene(rng, k=80):
+    """Points in view before and after `CONTROL`: pixels and depths of both."""
+    xy = rng.uniform((20, 20), (620, 340), (k, 2))
+    depth = rng.uniform(4, 60, k)
+    R, t = camera_motion(CAMERA, CONTROL)
+    before = from_pixels(CAMERA, xy, depth)
+    c, s = np.cos(CONTROL[2]), np.sin(CONTROL[2])
+    turned = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    now, deep = to_pixels(CAMERA, (before - np.append(CONTROL[:2], 0)) @ turned.T)
+    return xy, depth, now, deep, R, t
+
+
+def test_points_come_back_through_the_camera():
+    rng = np.random.default_rng(0)
+    xy, depth = rng.uniform(0, 300, (50, 2)), rng.uniform(1, 50, 50)
+    again, deep = to_pixels(CAMERA, from_pixels(CAMERA, xy, depth))
+    assert_allclose(again, xy, atol=1e-9)
+    assert_allclose(deep, depth)
+
+
+def test_the_covariance_of_a_sighting_is_that_of_many_draws():
+    rng = np.random.default_rng(1)
+    xy, depth = np.array([[100.0, 250.0]]), np.array([12.0])
+    seen = range_bearing(CAMERA, xy, depth, 0.5, np.array([0.2]))
+    drawn = from_pixels(
+        CAMERA,
+        xy + 0.5 * rng.standard_normal((200000, 2)),
+        depth + 0.2 * rng.standard_normal(200000),
+    )
+    z = np.stack([np.hypot(*drawn[:, :2].T), np.arctan2(drawn[:, 1], drawn[:, 0])])
+    assert_allclose(seen.covariance[0], np.cov(z), rtol=0.02, atol=2e-6)
+
+
+def test_a_camera_that_leans_sees_things_aside_and_nearer(rng):
+    place, tilt = np.array([12.0, -5.0, 4.0]), 0.02
+    xy, depth = to_pixels(CAMERA, place[None])
+    level, _ = observe(CAMERA, xy, depth, 0 * depth, VisualConfig(pixel_sigma=1e-6), tilt)
+    lean = tilt * rng.standard_normal((100000, 2))
+    up = place[2] - CAMERA.place[2]  # about the camera; the lever of the robot's origin is small
+    moved = place + np.stack([lean[:, 0] * up, lean[:, 1] * up, 0 * lean[:, 0]], 1)
+    z = np.stack([np.hypot(*moved[:, :2].T), np.arctan2(moved[:, 1], moved[:, 0])])
+    assert_allclose(np.diagonal(level.covariance[0]), np.diagonal(np.cov(z)), rtol=0.02)
+
+
+def test_a_rocking_robot_knows_that_its_map_is_flat():
+    level, rocking = (winding(tilt=np.deg2rad(each)).until(60) for each in (0, 10))
+    every = VisualConfig(every=1)
+    calm, shaken = visual.run(level, every), visual.run(rocking, every)
+    assert not calm.remarks
+    assert len(shaken.remarks) == 1
+    assert re.search(r"pitches and rolls by [67]\.\d deg .* map is flat", shaken.remarks[0])
+    assert np.median(shaken.meetings.sigma[:, 1]) > 2 * np.median(calm.meetings.sigma[:, 1])
+    assert score_drive(shaken.trajectory, rocking.truth).inside_3sigma > 0.95
+
+
+def test_a_bearing_alone_lies_on_the_line_of_sight():
+    xy = np.array([[100.0, 250.0], [500.0, 90.0]], np.float32)
+    seen = bearing_alone(CAMERA, xy, np.array([8.0, 30.0]), VisualConfig(), 0.01)
+    place = np.stack(
+        [
+            seen.z[:, 0] * np.cos(seen.z[:, 1]),
+            seen.z[:, 0] * np.sin(seen.z[:, 1]),
+            seen.height,
+        ],
+        1,
+    )
+    assert_allclose(seen.z[:, 0], (8.0, 30.0))
+    assert_allclose(to_pixels(CAMERA, place)[0], xy, atol=1e-4)
+
+
+def test_robot_and_camera_move_together():
+    control, tilt = robot_motion(CAMERA, *camera_motion(CAMERA, CONTROL))
+    assert_allclose(control, CONTROL, atol=1e-12)
+    assert_allclose(tilt, 0, atol=1e-12)
+
+
+def test_slopes_of_the_robots_motion_are_those_of_finite_differences():
+    import cv2
+
+    R, t = camera_motion(CAMERA, CONTROL)
+    slope, step = _by_camera(CAMERA, R, t), 1e-6
+    for k in range(6):
+        change = np.zeros(6)
+        change[k] = step
+        ends = [
+            np.concatenate(robot_motion(CAMERA, cv2.Rodrigues(s * change[:3])[0] @ R, t + s * e))
+            for s, e in ((1, change[3:]), (-1, change[3:]))
+        ]
+        found = (ends[0] - ends[1]) / (2 * step)
+        assert_allclose(slope[:4, k], found[:4], atol=1e-7)
+        assert_allclose(slope[4:, k], found[4:], atol=abs(CONTROL[2]))  # small angles
+
+
+@pytest.mark.parametrize("wrong", [0, 15])
+def test_a_rig_tells_the_motion(wrong):
+    rng = np.random.default_rng(2)
+    xy, depth, now, deep, R, _ = scene(rng)
+    now[:wrong] += rng.uniform(15, 40, (wrong, 2))
+    inside = np.isfinite(now).all(1)
+    pairs = paired(*(a[inside] for a in (xy, now, depth, 0.01 * depth, deep, 0.01 * deep)))
+    motion = motion_between(CAMERA, pairs, 0.3, (np.zeros(3), np.eye(3)), alone=True)
+    assert motion is not None
+    assert_allclose(motion.control, CONTROL, atol=2e-4 if wrong else 1e-6)
+    assert_allclose(motion.rotation @ R.T, np.eye(3), atol=1e-4)
+    assert not motion.agrees[:wrong].any()
+    assert motion.agrees[wrong:].mean() > 0.95
+
+
+def test_one_camera_tells_the_turn_and_odometry_the_way():
+    rng = np.random.default_rng(3)
+    xy, _, now, _, _, _ = scene(rng)
+    unknown = np.full(len(xy), np.nan)
+    pairs = paired(xy, now, unknown, unknown, unknown, unknown)
+    prior = CONTROL + np.array([0.03, 0.0, 0.02]), np.diag(np.square([0.06, 0.02, 0.02]))
+    motion = motion_between(CAMERA, pairs, 0.3, prior, alone=False)
+    assert motion is not None
+    assert abs(motion.control[2] - CONTROL[2]) < 1e-3
+    sigma = np.sqrt(motion.covariance[0, 0])
+    assert 0.03 < sigma < 0.061
+    assert abs(motion.control[0] - CONTROL[0]) < 2 * sigma
+
+
+def test_the_covariance_of_a_motion_is_that_of_many_draws():
+    rng = np.random.default_rng(4)
+    xy, depth, now, deep, _, _ = scene(rng)
+    missed, sigma = [], 0.02 * depth
+    for _ in range(100):
+        pairs = paired(
+            xy + 0.3 * rng.standard_normal(xy.shape),
+            now + 0.3 * rng.standard_normal(xy.shape),
+            depth + sigma * rng.standard_normal(len(depth)),
+            sigma,
+            np.full(len(deep), np.nan),
+            sigma,
+        )
+        motion = motion_between(CAMERA, pairs, 0.3, (CONTROL, np.eye(3)), alone=True)
+        missed.append(motion.control - CONTROL)
+    ratio = np.std(missed, 0) / np.sqrt(np.diag(motion.covariance))
+    assert (ratio > 0.6).all()
+    assert (ratio < 1.4).all()
+
+
+def test_two_estimates_join_by_their_information():
+    rng = np.random.default_rng(5)
+    A, B = (np.diag(rng.uniform(0.1, 1, 3)) for _ in range(2))
+    a, b = rng.uniform(-0.1, 0.1, (2, 3))
+    mean, spread = joined((a, A), (b, B))
+    information = np.linalg.inv(A) + np.linalg.inv(B)
+    assert_allclose(spread, np.linalg.inv(information))
+    assert_allclose(mean, spread @ (np.linalg.inv(A) @ a + np.linalg.inv(B) @ b))
+    assert_allclose(joined((a, A), (b + 50, B))[0], a)
+
+
+def test_the_last_motion_foretells_the_next():
+    foresight = Foresight(np.array([0.1, 0.1, 0.1]))
+    foresight.saw(np.array([1.0, 0, 0.1]), 1e-8 * np.eye(3), 0.1)
+    control, _ = foresight.foresee(np.array([1.2, 0, 0.2]), 0.1 * np.eye(3), 0.1)
+    assert_allclose(control, (1.0, 0, 0.1), atol=1e-3)
+
+
+def test_a_drift_of_the_turn_is_learnt_and_a_lift_is_not():
+    drift = TurnDrift()
+    for _ in range(200):
+        drift.heard(0.01 * 0.1, 0.1, 0.001**2)
+    drift.heard(2.0, 0.1, 0.001**2)
+    assert drift.rate == pytest.approx(0.01, rel=0.02)
+
+
+def test_lines_of_sight_meet_at_the_point():
+    rng = np.random.default_rng(6)
+    xy, _, now, deep, R, t = scene(rng)
+    way = CameraWay()
+    way.moved(R, t)
+    ends = xy.astype(np.float32), now.astype(np.float32)
+    found, sigma = way.triangulate(CAMERA, np.zeros(len(xy), int), *ends, 0.3)
+    sure = sigma < 0.1 * deep
+    assert sure.sum() > 20
+    assert_allclose(found[sure], deep[sure], rtol=2e-3)
+
+
+def test_a_scale_is_shared_out_by_trust():
+    scale, true = Scale(0.03, 0.02), 0.96  # the road says odometry is 4 per cent too long
+    for _ in range(3000):
+        scale.heard(true / scale.factor)
+    share = 0.03**2 / (0.03**2 + 0.02**2)
+    assert scale.factor == pytest.approx(1 - 0.04 * share, abs=2e-3)
+    assert scale.sigma == pytest.approx(0.02 * np.sqrt(share), rel=0.05)
+    assert Scale(0.03, 0.02).sigma == pytest.approx(0.03)
+    assert WHITE > 0
+
+
+def test_a_road_tells_the_way():
+    rng = np.random.default_rng(7)
+    camera = Camera(640, 360, 500, 500, 320, 120, place=np.array([0, 0, 1.5]))
+    texture = rng.uniform(0, 255, (400, 400))
+    R, t = camera_motion(camera, CONTROL)
+
+    def seen(rotation, shift):
+        """The road of a camera that has moved: points of the first camera's frame become RX+t."""
+        v, u = np.mgrid[:360, :640]
+        ray = np.stack([(u - 320) / 500, (v - 120) / 500, np.ones(u.shape)], -1) @ rotation
+        origin = -rotation.T @ shift
+        far = (1.5 - origin[1]) / np.where(ray[..., 1] > 0.01, ray[..., 1], np.nan)
+        x, z = origin[0] + far * ray[..., 0], origin[2] + far * ray[..., 2]
+        rough = sum(
+            np.sin(a * np.nan_to_num(x) + b * np.nan_to_num(z) + c)
+            for a, b, c in zip(*texture[:3, :20] / 60, strict=True)
+        )
+        return (128 + 6 * rough).clip(0, 255).astype(np.uint8)
+
+    unknown = np.full(20, np.nan)
+    pairs = paired(np.zeros((20, 2)), np.zeros((20, 2)), *(unknown,) * 4)
+    motion = motion_between(
+        camera, pairs, 1e3, (CONTROL * (1.1, 1.1, 1), 1e-9 * np.eye(3)), alone=False
+    )
+    assert motion is not None
+    motion = motion._replace(rotation=R, shift=1.1 * t)
+    road = Road(camera).motion(seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
+    assert road is not None
+    assert road.distance == pytest.approx(np.linalg.norm(t), rel=0.02)
+    assert_allclose(road.tilt, 0, atol=np.radians(0.2))

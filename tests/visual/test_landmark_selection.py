@@ -1,0 +1,141 @@
+"""Which points become landmarks, and how choices are compared."""
+
+import json
+import re
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import stats
+
+from saccade import __version__, visual
+from saccade.evaluation.selection import mean_ranks, means, ratios
+from saccade.simulation import DriveConfig, simulate_drive
+from saccade.visual import Memory, VisualConfig
+from saccade.visual.config import SELECTIONS
+from saccade.visual.frontend import Followed
+from saccade.visual.reidentification import rehearsed
+from saccade.visual.run_log import TAKEN_IN
+from saccade.visual.selection import FARTHEST, farthest_first, proof
+
+FRAMES = 6
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return simulate_drive(DriveConfig(frames=FRAMES))
+
+
+def points(xy, looks=None):
+    """Followed points with nothing else known of them."""
+    n = len(xy)
+    looks = np.zeros((n, 128), np.uint8) if looks is None else looks
+    columns = {each.name: each.default_factory() for each in fields(Followed)}
+    columns = {k: np.zeros((n, *each.shape[1:]), each.dtype) for k, each in columns.items()}
+    return Followed(**columns | {"xy": np.asarray(xy, np.float32), "descriptor": looks})
+
+
+def test_every_choice_is_another_one(drive):
+    """And what runs share changes none of them."""
+    memory, taken = Memory(), set()
+    for selection in SELECTIONS:
+        config = VisualConfig(selection=selection, new_per_frame=2, in_view=16)
+        seen = visual.run(drive, config, memory=memory).meetings
+        taken.add(seen.xy[seen.kind == TAKEN_IN].tobytes())
+        assert (seen.frame[seen.kind == TAKEN_IN] == 0).sum() == 8
+    assert len(taken) == len(SELECTIONS)
+    assert len(memory.glances) == FRAMES
+    alone, sharing = visual.run(drive, config), visual.run(drive, config, memory=memory)
+    assert np.array_equal(alone.meetings.xy, sharing.meetings.xy)
+    assert np.array_equal(alone.trajectory.covariance, sharing.trajectory.covariance)
+
+
+@given(
+    arrays(np.float32, (7, 2), elements=st.integers(0, 80).map(float)),
+    arrays(np.float64, 7, elements=st.sampled_from([0.25, 0.5, 1.0])),
+    arrays(np.float32, (2, 2), elements=st.integers(0, 80).map(float)),
+)
+def test_each_point_is_the_farthest_from_those_before_it(xy, worth, taken):
+    order = farthest_first(xy, worth, taken)
+    assert sorted(order) == list(range(7))
+    for k, i in enumerate(order):
+        before = [*taken, *xy[order[:k]]]
+        values = [
+            worth[j] * min(FARTHEST, *(float(np.hypot(*(xy[j] - place))) for place in before))
+            for j in order[k:]
+        ]
+        assert values[0] == pytest.approx(max(values), rel=1e-6), i
+
+
+def test_proof_is_the_mean_of_what_is_believed():
+    tried, found = np.array([0, 1, 4, 9]), np.array([0, 1, 1, 9])
+    some = replace(points(np.zeros((4, 2))), rehearsed=tried, proven=found)
+    assert proof(some) == pytest.approx(stats.beta(1 + found, 1 + tried - found).mean())
+
+
+def test_a_point_is_proven_where_its_looks_are_found_where_it_is():
+    looks = np.eye(4, 128, dtype=np.uint8) * 200
+    followed = points([[10, 10], [50, 10], [90, 10], [130, 10]], looks)
+    # the second has moved its looks elsewhere, the third two share, the fourth is not found
+    found = points([[11, 10], [70, 10], [90, 10], [95, 30]], looks[[0, 1, 2, 2]])
+    after = rehearsed(rehearsed(followed, found, 0.8), found, 0.8)
+    assert after.rehearsed.tolist() == [2, 2, 2, 2]
+    assert after.proven.tolist()[:2] == [2, 0]
+    assert after.proven[3] == 0
+    assert followed.rehearsed.tolist() == [0, 0, 0, 0]
+
+
+def test_choices_are_ranked_and_compared_drive_by_drive():
+    rng = np.random.default_rng(0)
+    usual = rng.uniform(1, 2, (2, 3, 1, 5))
+    table = np.concatenate([usual, 0.8 * usual, 3 * usual], 2)
+    assert mean_ranks(table, larger_is_better=False) == pytest.approx([2, 1, 3])
+    assert mean_ranks(table, larger_is_better=True) == pytest.approx([2, 3, 1])
+    assert ratios(table, 0)[:, 0] == pytest.approx([1, 0.8, 3])
+    assert ratios(table, 0)[:, 1:] == pytest.approx(np.array([[1, 1], [0.8, 0.8], [3, 3]]))
+    mean, low, high = np.moveaxis(means(table), -1, 0)
+    assert mean == pytest.approx(table.mean(3))
+    assert (low < mean).all()
+    assert (mean < high).all()
+
+
+def test_what_was_never_looked_for_comes_last_and_is_not_compared():
+    table = np.ones((1, 1, 2, 3))
+    table[0, 0, 1] = np.nan
+    assert mean_ranks(table, larger_is_better=False).tolist() == [1, 2]
+    assert np.isnan(ratios(table, 0)).all()
+    assert np.isnan(means(table)[0, 0, 1]).all()
+
+
+def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
+    words = ("evaluate", "selection", "--budget", 1, "--seeds", 1, "--frames", 8, "--out", "kept")
+    code, out, err = run(*words, "--choice", "random", "--json")
+    assert code == 0
+    assert "wrote kept/selection.png" in err
+    kept = next((tmp_path / "kept" / "runs" / __version__).iterdir())
+    before = kept.stat().st_mtime_ns
+    code, again, _ = run(*words, "--choice", "random", "--choice", "strength", "--json")
+    assert kept.stat().st_mtime_ns == before
+    rows = json.loads(again)["rows"]
+    assert rows[0] == json.loads(out)["rows"][0]
+    assert [row["choice"] for row in rows] == ["random", "strength"]
+    code, table, _ = run(
+        *words, "--choice", "random", "--choice", "strength", "--report", "kept/report.html"
+    )
+    assert "All drives and budgets, against random" in table
+    page = (tmp_path / "kept" / "report.html").read_text()
+    overall, every = (
+        json.loads(each)
+        for each in re.findall(r'<script type="application/json">(.*?)</script>', page)
+    )
+    assert {row[0] for row in overall["rows"]} == {"random", "strength"}
+    assert [row[:3] for row in every["rows"]] == [
+        [name, "simulator", "1"] for name in ("random", "strength")
+    ]
+    for row in every["rows"]:  # the page says what the terminal does
+        assert all(cell in table for cell in row[3:])
+    assert 'src="data:image/png;base64,' in page
+    assert run(*words, "--no-simulator")[0] == 2

@@ -1,0 +1,79 @@
+"""Which landmarks are taken for known ones: what the others say of each."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from saccade.evaluation.drives import same_places
+from saccade.slam.consistency import chi_square_gate
+from saccade.visual.reidentification import agreeing, borne_out
+
+GATE = 0.99
+
+
+def drawn(seed, count):
+    """Innovations (count, 2) with a covariance that they have, as every pair depends."""
+    random = np.random.default_rng(seed)
+    A = random.normal(size=(2 * count, 2 * count + 3))
+    S = A @ A.T / 10 + 0.01 * np.eye(2 * count)
+    return random.multivariate_normal(np.zeros(2 * count), S).reshape(-1, 2), S
+
+
+def told_by_others(v, S, i):
+    """NIS of one sighting, by what a Gaussian says of it once the others are known."""
+    own = np.arange(2 * i, 2 * i + 2)
+    others = np.setdiff1d(np.arange(v.size), own)
+    gain = np.linalg.solve(S[np.ix_(others, others)], S[np.ix_(others, own)]).T
+    missed = v[i] - gain @ np.delete(v, i, 0).ravel()
+    left = S[np.ix_(own, own)] - gain @ S[np.ix_(others, own)]
+    return missed @ np.linalg.solve(left, missed)
+
+
+@given(st.integers(0, 10**6), st.integers(2, 6), st.integers(0, 5), st.floats(-9, 9))
+def test_what_the_others_contradict_is_left_out(seed, count, which, by):
+    v, S = drawn(seed, count)
+    v[which % count] += by
+    kept = borne_out(v, S, GATE)
+    told = [told_by_others(v, S, i) for i in range(count)]
+    limit = chi_square_gate(2, GATE)
+    if max(told) < limit:
+        assert kept.all()
+    else:
+        assert not kept[np.argmax(told)]
+    left = np.flatnonzero(kept)
+    rows = (2 * left[:, None] + (0, 1)).ravel()
+    for i in range(len(left) if len(left) > 1 else 0):
+        assert told_by_others(v[left], S[np.ix_(rows, rows)], i) < limit
+
+
+def test_right_sightings_are_borne_out_as_often_as_the_gate_says():
+    kept = [borne_out(*drawn(seed, 2), GATE).all() for seed in range(2000)]
+    assert 0.97 < np.mean(kept) < 0.995  # each of two is outside once in a hundred
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_nothing_speaks_against_one(count):
+    assert borne_out(np.full((count, 2), 99.0), np.eye(2 * count), GATE).all()
+
+
+@given(st.integers(0, 10**6), st.integers(0, 4))
+def test_landmarks_that_lie_as_they_are_seen_agree(seed, strangers):
+    random = np.random.default_rng(seed)
+    x, y, heading = random.uniform(-5, 5, 3)
+    z = np.stack([random.uniform(1, 8, 10), random.uniform(-1.5, 1.5, 10)], 1)
+    beta = heading + z[:, 1]
+    places = np.stack([x + z[:, 0] * np.cos(beta), y + z[:, 0] * np.sin(beta)], 1)
+    places[:strangers] += random.uniform(20, 90, (strangers, 2))
+    assert agreeing(z, places).tolist() == [i >= strangers for i in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("aside", "right"), [((0.5, 0.0), True), ((0.0, 0.5), False), ((0.0, 0.1), True)]
+)
+def test_a_place_may_be_off_along_the_line_of_sight_alone(aside, right):
+    """At four metres a range is good to 0.2 m, a bearing to 8 mm."""
+    z = np.array([[4.0, 0.0], [np.hypot(4 + aside[0], aside[1]), np.arctan2(aside[1], 4)]])
+    sigma = np.array([[0.2, 0.002], [0.2, 0.002]])
+    found = same_places(np.array([0, 1]), np.array([7, 7]), z, sigma, np.zeros((2, 3)))
+    assert found.tolist() == [True, right]
