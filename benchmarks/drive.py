@@ -4,7 +4,7 @@
     uv run python benchmarks/drive.py FOLDER --tracks   its stereo tracks instead of its images
     uv run python benchmarks/drive.py FOLDER --tracks --every 1    not by the defaults
     uv run python benchmarks/drive.py FOLDER --frames 160 --seeds 4
-    uv run python benchmarks/drive.py FOLDER --in-view 80    a map of 500 landmarks
+    uv run python benchmarks/drive.py FOLDER --max-tracked 80    a map of 500 landmarks
 
 Images are driven as a palindrome with one camera. The peer for speed is OpenCV's SIFT with
 brute-force matching from each frame to the next, on the same frames, alternating with ours.
@@ -23,7 +23,7 @@ from saccade import visual
 from saccade.datasets.drives.kitti import read_kitti_drive
 from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.drives import score_drive
-from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Drive
 from saccade.visual.optical_flow import gray_bytes
 
@@ -64,20 +64,20 @@ def main() -> None:
     parser.add_argument("--tracks", action="store_true")
     parser.add_argument("--frames", type=int, default=160)
     parser.add_argument("--seeds", type=int, default=4)
-    parser.add_argument("--in-view", type=int, default=visual.VisualConfig.in_view)
-    parser.add_argument("--every", type=int, default=visual.VisualConfig.every)
+    parser.add_argument("--max-tracked", type=int, default=visual.VisualConfig.max_tracked)
+    parser.add_argument("--every", type=int, default=visual.VisualConfig.detect_interval)
     given = parser.parse_args()
     print("                 visual            inside           frames a second                 map")
     print(
         "seed   ATE  odometry  odometry  return  3 sigma  whole run  median  peer  ratio  landmarks"
     )
-    config = visual.VisualConfig(every=given.every, in_view=given.in_view)
+    config = visual.VisualConfig(detect_interval=given.every, max_tracked=given.max_tracked)
     whole = (read_tracks_drive if given.tracks else read_kitti_drive)(given.folder)
     rows = []
     for seed in range(1 if given.tracks else given.seeds):
         drive, reference = whole, float("nan")
         if not given.tracks:
-            drive = palindrome(whole, PalindromeConfig(frames=given.frames), seed)
+            drive = out_and_back(whole, OutAndBackConfig(frames=given.frames), seed)
             reference = peer(drive)
         if seed == 0:
             visual.run(drive.until(min(WARM, len(drive))), config)

@@ -25,7 +25,7 @@ import numpy as np
 
 from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source, shards, tables
-from saccade.batch.engines import Here, Processes
+from saccade.batch.engines import InProcess, Processes
 from saccade.batch.export import read_points
 from saccade.batch.forkserver import begin_loading
 from saccade.batch.index import Found, Index, build_index
@@ -94,7 +94,7 @@ def overhead(folder: Path, runs: int) -> None:
         with tempfile.TemporaryDirectory() as out:
             spent[0] = besides[0] = 0.0
             start = time.process_time()
-            totals = extract(source, JOB, out, Here(), size=256).totals
+            totals = extract(source, JOB, out, InProcess(), size=256).totals
             whole, bare = time.process_time() - start, spent[0] - besides[0]
             size = sum(path.stat().st_size for path in Path(out, "sift").iterdir())
         if run > 0:  # in the first the libraries are loaded
@@ -212,7 +212,7 @@ def lookup(pairs: Path, hallway: Path) -> None:
         ("hallway", str(hallway), of_its_place),
     ):
         with tempfile.TemporaryDirectory() as out:
-            extract(open_source(source), JOB, out, Here())
+            extract(open_source(source), JOB, out, InProcess())
             build_index(out)
             held = Index(out)
             asked = [each.image for each in read_points(out)]
@@ -236,8 +236,8 @@ def constants(folder: Path) -> None:
     """Bytes of a record and of a name, the time of a second run and of a task of Dask's."""
     source, count = open_source(str(folder)), len(list(folder.iterdir()))
     with tempfile.TemporaryDirectory() as out:
-        made = extract(source, JOB, out, Here(), size=256).totals
-        again = seconds(lambda: extract(source, JOB, out, Here(), size=256))
+        made = extract(source, JOB, out, InProcess(), size=256).totals
+        again = seconds(lambda: extract(source, JOB, out, InProcess(), size=256))
         record = sum(path.stat().st_size for path in Path(out, "images").iterdir())
         most = build_index(out, 500)["points"]
         index = sum(path.stat().st_size for path in Path(out, "index").iterdir())

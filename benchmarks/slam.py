@@ -185,7 +185,7 @@ def gating(landmarks: int, observations: int, rounds: int) -> None:
     R = np.tile(NOISE, (observations, 1, 1))
 
     def plain() -> np.ndarray:
-        expected = ekf.expect()
+        expected = ekf.predict_observations()
         v = slam.difference(z[:, None], expected.z)
         S = expected.covariance + R[:, None]
         return np.einsum("mni,mni->mn", v, np.linalg.solve(S, v[..., None])[..., 0])

@@ -12,7 +12,7 @@ print(run)
 for name, way in {"by camera": run.trajectory, "odometry alone": run.odometry}.items():
     score = score_drive(way, drive.truth)
     print(f"{name:15} {score.ate_m:.2f} m from the truth (ATE)")
-again = (run.meetings.kind == 2).sum()
+again = (run.observations.kind == 2).sum()
 print(f"{again} times a landmark that had been out of sight was known again")
 
 save_figure(map_figure(run.trajectory, run.map, run.odometry, drive.truth), "drive.png")

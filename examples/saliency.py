@@ -18,5 +18,5 @@ shown = {
     "contrast": maps.contrast.saliency,
     "symmetry": maps.symmetry.saliency,
 }
-about = [saccade.symmetric_pairs(image, (x, y), within=4)[:8] for x, y in path.xy]
+about = [saccade.symmetric_pairs(image, (x, y), radius=4)[:8] for x, y in path.xy]
 save_figure(attention_figure(image, shown, path, about), "saliency.png")

@@ -6,7 +6,7 @@ from shutil import copy
 
 import saccade
 from saccade.batch import Job, extract, open_source
-from saccade.batch.engines import Here
+from saccade.batch.engines import InProcess
 from saccade.batch.index import Index, build_index
 from saccade.viewing import match_figure, save_figure
 
@@ -18,7 +18,7 @@ for photo in data.glob("*.jpg"):
         copy(photo, photos)
 
 config = saccade.SiftConfig(max_keypoints=300)
-print(extract(open_source("photos"), Job("sift", config), "features", Here()).totals)
+print(extract(open_source("photos"), Job("sift", config), "features", InProcess()).totals)
 build_index("features")
 
 query = saccade.read_image(data / "hallway_2.jpg")

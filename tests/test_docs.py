@@ -159,7 +159,7 @@ def test_the_code_of_the_page_on_drives_runs(tmp_path, monkeypatch):
     assert names["frame"].image.shape == (24, 32)
     assert (tmp_path / "copy" / "image_1" / "000004.png").exists()
     (tmp_path / "camera.toml").write_text(settings)
-    assert read_calibration(tmp_path / "camera.toml").camera.place[2] == 0.7
+    assert read_calibration(tmp_path / "camera.toml").camera.position[2] == 0.7
 
 
 def test_the_code_of_the_page_on_many_images_runs(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 from fuzz.limits import limited
 from saccade.errors import OutputError
-from saccade.files import LARGEST_FILE, check_file, read_bytes, read_text, whole_file
+from saccade.files import LARGEST_FILE, atomic_write, check_file, read_bytes, read_text
 from support.error_checks import refuses
 
 
@@ -25,7 +25,7 @@ def test_what_has_no_end_is_no_file(tmp_path, kind):
         with refuses(OSError, f"expected a file, found a {kind}"):
             read(path)
     with refuses(OutputError, f"odd: cannot be written: expected a file, found a {kind}"):
-        whole_file(path).__enter__()
+        atomic_write(path).__enter__()
     assert [each.name for each in tmp_path.iterdir()] == ["odd"]
 
 
@@ -46,7 +46,7 @@ def test_text_is_read_as_it_is(tmp_path):
 
 def test_a_finished_file_takes_its_name(tmp_path):
     path = tmp_path / "new" / "folder" / "result.txt"
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text("whole")
         assert not path.exists()
     assert path.read_text() == "whole"
@@ -58,7 +58,7 @@ def test_an_interrupted_write_keeps_the_old_file(tmp_path):
     path.write_text("old")
 
     def interrupted():
-        with whole_file(path) as temporary:
+        with atomic_write(path) as temporary:
             temporary.write_text("half")
             raise KeyboardInterrupt
 
@@ -70,5 +70,5 @@ def test_an_interrupted_write_keeps_the_old_file(tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path):
     (tmp_path / "taken").write_text("a file")
-    with pytest.raises(OutputError, match="taken"), whole_file(tmp_path / "taken" / "x.txt"):
+    with pytest.raises(OutputError, match="taken"), atomic_write(tmp_path / "taken" / "x.txt"):
         pass

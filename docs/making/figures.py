@@ -158,7 +158,7 @@ def presets() -> Figure:
 def eye() -> Figure:
     """The pairs about one pupil."""
     image = photo("chelsea")[60:170, 110:250]
-    around = saccade.symmetric_pairs(image, (62, 51), within=6)[:60]
+    around = saccade.symmetric_pairs(image, (62, 51), radius=6)[:60]
     return viewing.pair_figure(image, [around])
 
 
@@ -183,10 +183,10 @@ def contrast_and_symmetry() -> Figure:
 
 def must() -> Figure:
     """Twenty points of MUST with the pairs that made them."""
-    from saccade.cli.symmetry_overlay import what_made
+    from saccade.cli.symmetry_overlay import contributing_pairs
 
     image, find = photo("chelsea"), saccade.Must(saccade.MustConfig(max_keypoints=20))
-    return viewing.pair_figure(image, what_made(find, image, find(image)))
+    return viewing.pair_figure(image, contributing_pairs(find, image, find(image)))
 
 
 def symmetric_regions() -> Figure:

@@ -84,7 +84,7 @@ _HOMES = {
     ),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
-_ROOMS = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")
+_PACKAGES = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")
 
 __all__ = [
     "AttentionConfig",
@@ -134,7 +134,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: `import saccade` stays light."""
-    if name in _ROOMS:
+    if name in _PACKAGES:
         return import_module(f"saccade.{name}")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'saccade' has no attribute {name!r}")

@@ -79,7 +79,7 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
     return compile_lazily
 
 
-def is_to_compile(function: Callable[..., Any]) -> bool:
+def needs_compiling(function: Callable[..., Any]) -> bool:
     """Whether a kernel is still to be compiled, and will be cached then."""
     file = getattr(getattr(function, "_cache", None), "_cache_file", None)
     return file is not None and not file._load_index()
@@ -117,7 +117,7 @@ def blas(name: str, *arguments: type) -> Callable[..., None]:
     return cast("Callable[..., None]", ctypes.CFUNCTYPE(None, *arguments)(address))
 
 
-def spread(work: Callable[[slice], None], count: int, block: int, threads: int) -> None:
+def run_in_blocks(work: Callable[[slice], None], count: int, block: int, threads: int) -> None:
     """Do `work` on slices of `block` items each, several at a time.
 
     The slices are the same for any number of threads: as long as the work on one does not

@@ -104,7 +104,7 @@ def make_folder(path: Path) -> None:
 
 
 @contextmanager
-def whole_file(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
+def atomic_write(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
     """A temporary path that takes the name of `path` when the block ends well.
 
     Args:

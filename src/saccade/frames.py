@@ -38,7 +38,7 @@ class Camera:
     """Where the optical axis meets the image, in pixels."""
     baseline: float = 0.0
     """Metres to the right camera of a rectified rig; 0 where there is none."""
-    place: FloatArray = field(default_factory=lambda: np.zeros(3))
+    position: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) where the camera is in the robot's frame, in metres; the height is 0 if not known."""
     rotation: FloatArray = field(default_factory=lambda: AHEAD.copy())
     """(3, 3) that turns vectors of the camera's frame into the robot's."""
@@ -53,8 +53,8 @@ class Camera:
         for name in ("cx", "cy"):
             require(bool(np.isfinite(getattr(self, name))), name, "a number", getattr(self, name))
         require(0 <= self.baseline < 1e3, "baseline", "0 to under 1000 m", self.baseline)
-        placed = self.place.shape == (3,) and bool(np.isfinite(self.place).all())
-        require(placed, "place", "three numbers in metres", self.place.tolist())
+        placed = self.position.shape == (3,) and bool(np.isfinite(self.position).all())
+        require(placed, "position", "three numbers in metres", self.position.tolist())
         turns = self.rotation.shape == (3, 3) and bool(
             np.abs(self.rotation).max() < 2  # so that no product is infinite
             and np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() < 1e-3

@@ -140,7 +140,7 @@ def color_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
     return sums
 
 
-def share_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
+def fraction_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
     """(h, w) weight of the pairs that lie inside the image, as part of that of all."""
     reach = int(np.abs(pairs.offsets).max())
     room = np.arange(-MARGIN, reach + 1)  # between a pixel and the outermost that takes part
@@ -148,11 +148,11 @@ def share_inside(shape: tuple[int, ...], pairs: PairKernel) -> Float32Array:
         room[None, :, None] >= np.abs(pairs.offsets[:, 0])
     )
     weights = pairs.weights.astype(np.float64)
-    share = (fits @ weights / weights.sum()).astype(np.float32)
+    fraction = (fits @ weights / weights.sum()).astype(np.float32)
     y, x = (
         np.minimum(np.arange(side), np.arange(side)[::-1]).clip(0, reach + MARGIN) for side in shape
     )
-    return np.asarray(share[np.ix_(y, x)])
+    return np.asarray(fraction[np.ix_(y, x)])
 
 
 UNSIGNED = np.uintp

@@ -10,7 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from saccade._jit import spread
+from saccade._jit import run_in_blocks
 from saccade.types import Float32Array, FloatArray, IntArray
 
 SMALLEST_SIDE = 8
@@ -182,7 +182,7 @@ def difference_of_gaussians(
     def subtract(rows: slice) -> None:
         np.subtract(octave[1:, rows], octave[:-1, rows], out=differences[:, rows])
 
-    spread(subtract, height, ROWS_AT_ONCE, threads)
+    run_in_blocks(subtract, height, ROWS_AT_ONCE, threads)
     return differences
 
 
@@ -284,7 +284,7 @@ def blurred(
         result[rows] = part[rows.start - first : rows.stop - first]
 
     if threads > 1 and height >= ROWS_AT_ONCE:
-        spread(blur, height, -(-height // threads), threads)
+        run_in_blocks(blur, height, -(-height // threads), threads)
     else:
         cv2.sepFilter2D(plane, -1, across, down, dst=result, borderType=cv2.BORDER_REFLECT_101)
     return result

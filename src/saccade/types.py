@@ -242,7 +242,7 @@ class LandmarkMap:
     """(n, 2) metres, in the frame of the trajectory."""
     covariance: FloatArray | None = None
     """(n, 2, 2) square metres, or None where it is not known."""
-    sightings: IntArray | None = None
+    observations: IntArray | None = None
     """(n,) how many observations went into each."""
 
     def __len__(self) -> int:
@@ -266,9 +266,9 @@ class MapSnapshot:
     """(n, 2) metres."""
     landmark_covariance: FloatArray
     """(n, 2, 2) square metres."""
-    seen: IntArray
+    observed: IntArray
     """(s,) rows of `landmarks` that were observed since the last snapshot."""
-    names: IntArray
+    ids: IntArray
     """(n,) how many landmarks had been taken in before each: the same in every snapshot."""
 
     def __repr__(self) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ImageError
-from saccade.files import VIDEO_SUFFIXES, check_file, reason_of, text_path, whole_file
+from saccade.files import VIDEO_SUFFIXES, atomic_write, check_file, reason_of, text_path
 from saccade.image import quiet_opencv
 from saccade.types import Image
 
@@ -75,7 +75,7 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
         OutputError: the file cannot be written.
     """
     writers: list[cv2.VideoWriter] = []
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
 
         def write(frame: Image) -> None:
             if not writers:

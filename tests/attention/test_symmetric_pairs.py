@@ -45,17 +45,17 @@ def test_all_pairs_of_a_place_are_its_symmetry(kind):
     )
     level = symmetry_saliency(image, config).levels[0]
     for x, y in ((20, 15), (3, 2), (38, 20), (20, 28)):
-        pairs = symmetric_pairs(image, (x, y), config, most=ALL)
+        pairs = symmetric_pairs(image, (x, y), config, max_pairs=ALL)
         assert pairs.strength.sum() == pytest.approx(level[y, x], rel=1e-4)
     expected = oracles.symmetry(image[10:21, 15:26], kind, 1, 4, 4, 60)[5, 5]
-    pairs = symmetric_pairs(image[10:21, 15:26], (5, 5), config, most=ALL)
+    pairs = symmetric_pairs(image[10:21, 15:26], (5, 5), config, max_pairs=ALL)
     assert pairs.strength.sum() == pytest.approx(expected, rel=1e-4)
 
 
 def test_within_a_radius_the_most_symmetric_place_is_taken():
     config = SymmetryConfig(kind="isotropic", levels=(2,), level_weights=(1.0,), viewing_size=0)
-    off = symmetric_pairs(spot(100, 60), (92, 66), config, most=1)
-    near = symmetric_pairs(spot(100, 60), (92, 66), config, within=12, most=1)
+    off = symmetric_pairs(spot(100, 60), (92, 66), config, max_pairs=1)
+    near = symmetric_pairs(spot(100, 60), (92, 66), config, radius=12, max_pairs=1)
     middle = (near.first[0] + near.second[0]) / 2
     assert np.hypot(*(middle - (100, 60))) < 4
     assert near.strength[0] > off.strength[0]
@@ -69,8 +69,8 @@ def test_an_enlarged_image_has_the_enlarged_pairs():
     """The levels follow the size of the image, and so do the places."""
     image = cv2.GaussianBlur(spot(100, 60, (300, 400)), (0, 0), 2)
     large = cv2.resize(image, None, fx=8, fy=8, interpolation=cv2.INTER_CUBIC)
-    here = symmetric_pairs(image, (100, 60), most=1)
-    there = symmetric_pairs(large, (803.5, 483.5), most=1)
+    here = symmetric_pairs(image, (100, 60), max_pairs=1)
+    there = symmetric_pairs(large, (803.5, 483.5), max_pairs=1)
     assert (np.sort(there.level) == np.sort(here.level) + 3).all()
     span_here, span_there = (
         np.hypot(*(p.first - p.second).T)[np.argsort(p.level)][:3] for p in (here, there)
@@ -84,7 +84,7 @@ def test_a_place_outside_is_refused(xy):
         symmetric_pairs(np.zeros((40, 50)), xy)
 
 
-@pytest.mark.parametrize("broken", [{"most": 0}, {"within": -1.0}])
+@pytest.mark.parametrize("broken", [{"max_pairs": 0}, {"radius": -1.0}])
 def test_a_broken_setting_is_named(broken):
     with pytest.raises(ConfigError, match=next(iter(broken))):
         symmetric_pairs(np.zeros((40, 40)), (5, 5), **broken)

@@ -13,11 +13,11 @@ from saccade.errors import ConfigError, ImageError
 from saccade.image import read_image
 from saccade.pair_sums import (
     color_sums,
+    fraction_inside,
     gradients_of,
     isotropic_sums,
     pair_kernel,
     radial_sums,
-    share_inside,
 )
 from support import oracles_attention
 from support import oracles_symmetry as oracles
@@ -69,7 +69,7 @@ def test_the_sums_of_the_papers(seed, shape, kind, numbers, reflect):
     expected = oracles.symmetry(channels, kind, inner, outer, sigma, gain, reflect)
     assert sums.dtype == np.float32
     np.testing.assert_allclose(sums, expected, rtol=1e-4, atol=1e-4 * max(expected.max(), 0.05))
-    share = share_inside(shape, pairs)
+    share = fraction_inside(shape, pairs)
     expected = oracles.share_inside(shape, inner, outer, sigma)
     np.testing.assert_allclose(share, expected, atol=1e-6)
 

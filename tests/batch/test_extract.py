@@ -18,8 +18,8 @@ from fuzz.limits import PATIENCE
 from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
-from saccade.batch.engines import Here, Processes
-from saccade.batch.shards import Report, Shard
+from saccade.batch.engines import InProcess, Processes
+from saccade.batch.shards import Shard, ShardReport
 from saccade.batch.sources import Item
 from saccade.batch.store import LEFTOVERS
 from saccade.cli.extract import Pace
@@ -85,10 +85,10 @@ def test_what_another_version_did_is_told_and_done_anew_on_request(run, tmp_path
 
 def test_the_pace_is_that_of_what_is_done_now():
     pace = Pace(100)
-    assert pace.after(Report(same=40), time.monotonic()) == ""
+    assert pace.after(ShardReport(unchanged=40), time.monotonic()) == ""
     start = pace.since
-    assert pace.after(Report(done=10), start + 5) == "2.0 images/s  0:00:25 left"
-    said = pace.after(Report(done=10, failed=1, lost=[("a", "why")]), start + 8)
+    assert pace.after(ShardReport(done=10), start + 5) == "2.0 images/s  0:00:25 left"
+    said = pace.after(ShardReport(done=10, failed=1, lost=[("a", "why")]), start + 8)
     assert said == "2.6 images/s  0:00:15 left  2 errors"
 
 
@@ -123,7 +123,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
     paths[5].write_bytes(paths[5].read_bytes()[:200])
     images = open_source(str(source))
     paths[7].unlink()  # it was seen, and is gone when its turn comes
-    result = extract(images, SIFT, str(out), Here(), size=3)
+    result = extract(images, SIFT, str(out), InProcess(), size=3)
     errors = pq.read_table(out / "errors.parquet").to_pandas().set_index("image").error
     assert list(errors.index) == ["003.png", "005.png", "007.png"]
     assert "expected an image" in errors["003.png"]

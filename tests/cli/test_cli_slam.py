@@ -18,7 +18,7 @@ from evo.tools import file_interface
 import saccade
 from fuzz.limits import PATIENCE
 from saccade import slam
-from saccade.cli.slam_files import figures
+from saccade.cli.slam_files import summary
 from saccade.cli.slam_report import WORDS, facts
 from saccade.datasets import load
 from saccade.extras import install_command
@@ -112,7 +112,7 @@ def test_how_far_odometry_ends_from_what(rng):
         (Trajectory(log.time, places), {"odometry_end_from_estimate_m": off_estimate}),
         (None, {"odometry_end_from_estimate_m": off_estimate}),
     ):
-        found = figures(replace(log, truth=truth), result, None)
+        found = summary(replace(log, truth=truth), result, None)
         ending = {name: each for name, each in found.items() if name.startswith("odometry_end")}
         assert ending == pytest.approx(expected)
 
@@ -120,7 +120,7 @@ def test_how_far_odometry_ends_from_what(rng):
 def test_the_truth_may_end_before_the_log(rng):
     log, poses, _ = simulate(rng, steps=40)
     result = slam.run(log)
-    found = figures(replace(log, truth=Trajectory(log.time[:31], poses[:31])), result, None)
+    found = summary(replace(log, truth=Trajectory(log.time[:31], poses[:31])), result, None)
     apart = result.dead_reckoning.pose[30, :2] - poses[30, :2]
     assert found["odometry_end_error_m"] == pytest.approx(np.hypot(*apart))
 

@@ -7,7 +7,7 @@ from importlib.resources import files
 
 import pytest
 
-from saccade._jit import is_to_compile
+from saccade._jit import needs_compiling
 from saccade.cli import precompile
 
 LOG = files("saccade") / "data" / "victoria_park.txt"
@@ -28,10 +28,10 @@ def test_a_kernel_is_to_compile_until_it_was_called(tmp_path):
         module = importlib.util.module_from_spec(spec)
         sys.modules["fresh"] = module
         spec.loader.exec_module(module)
-        assert is_to_compile(module.doubled) is was
+        assert needs_compiling(module.doubled) is was
         assert module.doubled(3) == 6
-        assert not is_to_compile(module.doubled)
-    assert not is_to_compile(module.doubled.py_func)
+        assert not needs_compiling(module.doubled)
+    assert not needs_compiling(module.doubled.py_func)
 
 
 @pytest.mark.parametrize("cold", [True, False])
@@ -56,7 +56,7 @@ def test_another_process_is_started_only_where_there_is_something_to_compile(col
 
     monkeypatch.setattr(subprocess, "Popen", Process)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
-    monkeypatch.setattr("saccade._jit.is_to_compile", lambda _: cold)
+    monkeypatch.setattr("saccade._jit.needs_compiling", lambda _: cold)
     with precompile.filter_compiled_ahead(LOG) as wait:
         wait()
     assert len(started) == (3 if cold else 0)

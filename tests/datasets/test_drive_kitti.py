@@ -115,7 +115,7 @@ def test_tracks_of_kitti_and_their_odometry(shared):
     drive = load_drive("auto", shared / "data" / "drives" / "kitti07" / "stereo_tracks_clean.npz")
     assert len(drive) == 1101
     assert drive.camera.baseline == pytest.approx(0.537, abs=1e-3)
-    np.testing.assert_allclose(drive.camera.place[:2], [1.144, -0.313], atol=1e-3)
+    np.testing.assert_allclose(drive.camera.position[:2], [1.144, -0.313], atol=1e-3)
     alone = Trajectory(drive.time, followed(drive))
     assert position_rmse(alone, drive.truth) == pytest.approx(14.4, abs=0.1)
     first, second = drive.load(0).tracks, drive.load(1).tracks

@@ -26,7 +26,7 @@ def test_a_stereo_bag(bag):
     drive = load_drive("auto", bag(stereo))
     assert len(drive) == FRAMES
     assert drive.camera.baseline == pytest.approx(0.2)
-    np.testing.assert_allclose(drive.camera.place, [0.1, 0, 0.7], atol=1e-12)
+    np.testing.assert_allclose(drive.camera.position, [0.1, 0, 0.7], atol=1e-12)
     ahead = drive.camera.rotation @ [0, 0, 1]  # the optical axis looks to the robot's left
     np.testing.assert_allclose(ahead, [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(drive.camera.rotation @ [0, 1, 0], [0, 0, -1], atol=1e-12)

@@ -12,7 +12,7 @@ from saccade import slam
 from saccade.datasets import OdometryNoise, load
 from saccade.datasets.logs.victoria_park import center_motion
 from saccade.errors import LogError
-from saccade.slam import compose, place
+from saccade.slam import compose, inverse_observe
 from support.alignment import align
 
 
@@ -81,7 +81,7 @@ def test_every_observation_of_the_text_log_is_used(filtered):
     log, result = filtered
     assert (len(log.control), len(log.observation)) == (6968, 3640)
     assert (result.association >= 0).all()
-    assert result.map.sightings.sum() == 3640
+    assert result.map.observations.sum() == 3640
     assert np.linalg.eigvalsh(result.trajectory.covariance).min() > -1e-12
 
 
@@ -159,7 +159,9 @@ def test_city_of_trees_is_found_where_it_was_made(shared):
     first = np.unique(result.association, return_index=True)[1]
     exact = load("isam", folder / "cityTrees10000_groundtruth.txt").observation
     from_pose = truth[log.observation_pose[first]]
-    trees = np.array([place(p, z)[0] for p, z in zip(from_pose, exact[first], strict=True)])
+    trees = np.array(
+        [inverse_observe(p, z)[0] for p, z in zip(from_pose, exact[first], strict=True)]
+    )
     apart = np.hypot(*(align(result.map.xy, trees) - trees).T)
     assert len(result.map) == 100
     assert np.sqrt((apart**2).mean()) < 0.1

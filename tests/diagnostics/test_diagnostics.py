@@ -9,7 +9,7 @@ import pytest
 from saccade.datasets import load_drive
 from saccade.diagnostics import check_drive
 from saccade.diagnostics.checks import report_on
-from saccade.diagnostics.survey import chosen_frames, look_through
+from saccade.diagnostics.survey import chosen_frames, survey_drive
 from saccade.errors import ImageError
 from saccade.frames import Frame
 from support.winding_drive import FRAMES, winding
@@ -22,7 +22,7 @@ def drive():
 
 @pytest.fixture(scope="module")
 def look(drive):
-    return look_through(drive, 300)
+    return survey_drive(drive, 300)
 
 
 def found(report):
@@ -83,7 +83,8 @@ TRAPS = {
     "odometry jump": (jump, 2, 0),
     "gaps": (gap, 3.1, 1e-6),
     "camera place": (
-        lambda d: replace(d, camera=replace(d.camera, place=np.array([-0.5, -0.1, 1.0]))), 0.5, 0.1,
+        lambda d: replace(d, camera=replace(d.camera, position=np.array([-0.5, -0.1, 1.0]))),
+        0.5, 0.1,
     ),
     "principal point": (
         lambda d: replace(d, camera=replace(d.camera, width=1280, height=960)), 25, 1,
@@ -125,7 +126,7 @@ def test_a_camera_that_looks_elsewhere_is_found(drive, axis, degrees, check, val
 
 def test_tilt_is_told_by_images_and_by_truth():
     rocking = winding(tilt=np.deg2rad(9))
-    look = look_through(rocking, 300)
+    look = survey_drive(rocking, 300)
     assert found(report_on(rocking, look))["tilt"].value == pytest.approx(18, abs=4)
     lift = np.zeros((FRAMES, 3))
     lift[:, 1] = np.deg2rad(9) * np.sin(1.5 * rocking.time)
@@ -134,7 +135,7 @@ def test_tilt_is_told_by_images_and_by_truth():
     report = report_on(known, look)
     assert found(report)["tilt"].value == pytest.approx(9, abs=0.7)
     part = known.until(120)  # the truth goes on
-    for each, rise in ((report, 2.39), (report_on(part, look_through(part, 300)), 1.19)):
+    for each, rise in ((report, 2.39), (report_on(part, survey_drive(part, 300)), 1.19)):
         (height,) = (finding for finding in each.findings if finding.check == "height")
         assert height.value == pytest.approx(rise)
 
@@ -240,13 +241,13 @@ def test_a_long_drive_is_looked_at_in_stretches():
 def test_the_traps_of_kitti_are_found_and_the_mended_file_is_clean(shared):
     folder = shared / "data" / "drives" / "kitti07"
     clean = beginning(load_drive("tracks", folder / "stereo_tracks_clean.npz"), 300)
-    look = look_through(clean, 300)
+    look = survey_drive(clean, 300)
     assert len(look) == 300
     assert not found(report_on(clean, look))
 
     matrix = np.load(folder / "calib.npz")["cam_T_imu"]
     as_it_reads = -matrix[:3, :3].T @ matrix[:3, 3]
-    wrong = replace(clean, camera=replace(clean.camera, place=as_it_reads))
+    wrong = replace(clean, camera=replace(clean.camera, position=as_it_reads))
     assert set(found(report_on(wrong, look))) == {"camera place"}
 
     refreshed = beginning(load_drive("tracks", folder / "stereo_tracks.npz"), 500)
@@ -259,7 +260,7 @@ def test_the_traps_of_kitti_are_found_and_the_mended_file_is_clean(shared):
 @pytest.mark.shared
 def test_images_of_kitti_are_clean_and_a_wrong_turn_in_them_is_found(shared):
     drive = load_drive("kitti", shared / "data" / "drives" / "kitti07")
-    look = look_through(drive, 60)
+    look = survey_drive(drive, 60)
     assert not found(report_on(drive, look))
     mirrored = replace(drive, control=drive.control * [1, 1, -1])
     assert set(found(report_on(mirrored, look))) == {"turn sign"}

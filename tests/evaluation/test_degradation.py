@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saccade.errors import ConfigError
-from saccade.evaluation.degradation import Disturbance
+from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.repeatability import Features
 from support.run_command import run
 
@@ -15,18 +15,18 @@ GRAY = np.full((120, 160, 3), 0.5, np.float32)
 
 
 def test_noise_has_its_deviation_and_its_seed():
-    noise = Disturbance.parse("noise:20")
-    noisy = noise.of(GRAY, seed=1)
+    noise = Degradation.parse("noise:20")
+    noisy = noise.apply(GRAY, seed=1)
     assert noisy.dtype == np.float32
     assert (255 * noisy).std() == pytest.approx(20, rel=0.02)
     np.testing.assert_array_equal(noisy[:, :, 0], noisy[:, :, 2])  # a grey image stays grey
-    np.testing.assert_array_equal(noisy, noise.of(GRAY, seed=1))
-    assert (noisy != noise.of(GRAY, seed=2)).any()
+    np.testing.assert_array_equal(noisy, noise.apply(GRAY, seed=1))
+    assert (noisy != noise.apply(GRAY, seed=2)).any()
 
 
 def test_contrast_is_scaled_about_middle_gray_in_whole_levels():
     ramp = np.arange(256, dtype=np.float32)[None] / 255
-    scaled = 255 * Disturbance("contrast", 0.25).of(ramp, 0)
+    scaled = 255 * Degradation("contrast", 0.25).apply(ramp, 0)
     np.testing.assert_allclose(scaled, np.rint(scaled), atol=1e-4)
     np.testing.assert_allclose(scaled, 127.5 + (255 * ramp - 127.5) / 4, atol=0.51)
 
@@ -34,7 +34,7 @@ def test_contrast_is_scaled_about_middle_gray_in_whole_levels():
 def test_blur_is_gaussian():
     spot = np.zeros((41, 41), np.float32)
     spot[20, 20] = 1
-    blurred = Disturbance("blur", 3.0).of(spot, 0)
+    blurred = Degradation("blur", 3.0).apply(spot, 0)
     expected = cv2.getGaussianKernel(25, 3)[12, 0] ** 2
     assert blurred[20, 20] == pytest.approx(expected, abs=1 / 255)
 
@@ -51,7 +51,7 @@ def test_blur_is_gaussian():
 )
 def test_nonsense_is_refused(text, words):
     with pytest.raises(ConfigError, match=words):
-        Disturbance.parse(text)
+        Degradation.parse(text)
 
 
 def test_the_strongest_places_have_all_of_their_points():

@@ -5,12 +5,12 @@ from evo.core.trajectory import PoseTrajectory3D
 
 from saccade.datasets import load_drive
 from saccade.errors import ConfigError, DriveError
-from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Camera, Drive, Frame, steps_between
 from saccade.slam.models import compose
 from saccade.types import Trajectory
 
-EXACT = PalindromeConfig(20, 0, 0, 0, 0)
+EXACT = OutAndBackConfig(20, 0, 0, 0, 0)
 
 
 def followed(drive):
@@ -36,14 +36,14 @@ def winding(n=20):
 
 
 def test_without_errors_odometry_is_the_truth():
-    there = palindrome(winding(), EXACT)
+    there = out_and_back(winding(), EXACT)
     np.testing.assert_allclose(followed(there), there.truth.pose, atol=1e-12)
     assert not there.control_covariance.any()
 
 
 def test_no_frame_comes_twice_and_the_way_back_is_in_reverse():
     drive = winding()
-    there = palindrome(drive, EXACT)
+    there = out_and_back(drive, EXACT)
     seen = [int(there.load(i).image[0, 0]) for i in range(len(there))]
     assert sorted(seen) == list(range(20))
     assert seen[:3] == [0, 2, 4]
@@ -54,8 +54,8 @@ def test_no_frame_comes_twice_and_the_way_back_is_in_reverse():
 
 
 def test_covariances_are_those_of_the_errors_that_are_drawn():
-    config = PalindromeConfig(20, scale_percent=0)
-    drives = [palindrome(winding(), config, seed) for seed in range(400)]
+    config = OutAndBackConfig(20, scale_percent=0)
+    drives = [out_and_back(winding(), config, seed) for seed in range(400)]
     exact = steps_between(drives[0].truth.pose)
     errors = np.array([drive.control - exact for drive in drives])
     expected = np.mean([drive.control_covariance for drive in drives], 0)
@@ -68,7 +68,7 @@ def test_covariances_are_those_of_the_errors_that_are_drawn():
 def test_what_cannot_be_turned_round_is_refused():
     drive = winding()
     with pytest.raises(DriveError, match="winding: palindrome: expected a drive with truth"):
-        palindrome(
+        out_and_back(
             Drive(
                 "winding",
                 drive.camera,
@@ -79,9 +79,9 @@ def test_what_cannot_be_turned_round_is_refused():
             )
         )
     with pytest.raises(DriveError, match="at least 4 frames, found 3"):
-        palindrome(winding(3))
+        out_and_back(winding(3))
     with pytest.raises(ConfigError, match="white_percent"):
-        PalindromeConfig(white_percent=-1)
+        OutAndBackConfig(white_percent=-1)
 
 
 @pytest.mark.shared
@@ -89,7 +89,7 @@ def test_on_kitti_odometry_alone_is_as_poor_as_it_should_be(shared):
     drive = load_drive("kitti", shared / "data" / "drives" / "kitti07")
     errors = []
     for seed in range(4):
-        there = palindrome(drive, seed=seed)
+        there = out_and_back(drive, seed=seed)
         ours, true = (_for_evo(there.time, pose) for pose in (followed(there), there.truth.pose))
         ours.align(true)
         ape = metrics.APE(metrics.PoseRelation.translation_part)

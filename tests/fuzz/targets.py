@@ -285,12 +285,12 @@ def _settings(folder: Path) -> object:
 def _extracted(folder: Path) -> None:
     from saccade import SiftConfig
     from saccade.batch import Job, extract, open_source
-    from saccade.batch.engines import Here
+    from saccade.batch.engines import InProcess
 
     (folder / "photos").mkdir()
     cv2.imwrite(str(folder / "photos" / "a.png"), cv2.resize(a_picture(), (128, 96)))
     source = open_source(str(folder / "photos"))
-    extract(source, Job("sift", SiftConfig()), str(folder / "out"), Here())
+    extract(source, Job("sift", SiftConfig()), str(folder / "out"), InProcess())
     (shard,) = (folder / "out" / "sift").iterdir()
     (record,) = (folder / "out" / "images").iterdir()
     shard.rename(folder / "out" / "sift" / "part-0.parquet")
@@ -322,12 +322,12 @@ def _mapped(folder: Path, maps: str) -> None:
 
     from saccade import ContrastConfig
     from saccade.batch import Job, extract, open_source
-    from saccade.batch.engines import Here
+    from saccade.batch.engines import InProcess
 
     (folder / "photos").mkdir()
     cv2.imwrite(str(folder / "photos" / "a.png"), cv2.resize(a_picture(), (64, 64)))
     source = open_source(str(folder / "photos"))
-    extract(source, Job("contrast", ContrastConfig(), maps=maps), str(folder / "out"), Here())
+    extract(source, Job("contrast", ContrastConfig(), maps=maps), str(folder / "out"), InProcess())
     (table,) = (folder / "out" / "contrast").iterdir()
     (held,) = [path for path in (folder / "out" / "maps").rglob("*") if path.is_file()]
     held.rename(folder / "out" / "maps" / "a")
@@ -413,10 +413,10 @@ def _wished(folder: Path) -> object:
 def _answer(address: str, body: bytes) -> object:
     from starlette.testclient import TestClient
 
-    from saccade.serving.analysis import Photo, Workbench
+    from saccade.serving.analysis import Photo, PhotoAnalyzer
     from saccade.serving.app import Samples, application
 
-    bench = Workbench()
+    bench = PhotoAnalyzer()
     bench._photos[""] = Photo("", a_picture((64, 64, 3)).astype(np.float32) / 255)
     app = application(bench, Samples((), lambda name: b""), 8014, 100_000, {})
     client = TestClient(app, base_url="http://127.0.0.1:8014")

@@ -18,7 +18,7 @@ from saccade.keypoints.gradients import (
     fill_orientation_bins,
     gather_gradients,
     normalize,
-    weigh_gradients,
+    weight_gradients,
 )
 from support import oracles_keypoints as oracles
 
@@ -74,7 +74,7 @@ def test_samples_are_those_of_a_turned_square(octave, place, sigma, angle, strid
 def test_gradients_are_weighed_as_numpy_does(rows):
     samples = np.array(rows, np.float32).T.copy()
     u, v, dx, dy = samples.astype(float)
-    weigh_gradients(samples, len(rows), 1.5, -2.0, 9.0)
+    weight_gradients(samples, len(rows), 1.5, -2.0, 9.0)
     length = np.hypot(dx, dy)
     weight = np.exp(-(u**2 + v**2) / (2 * 1.5**2)) * length
     np.testing.assert_allclose(samples[3], weight, rtol=1e-4, atol=1e-7)
@@ -90,11 +90,11 @@ def test_gradients_along_the_axes(quarter):
     gradient = np.exp(0.5j * np.pi * quarter)
     samples = np.array([[0], [0], [2 * gradient.real], [2 * gradient.imag]], np.float32)
     samples[np.abs(samples) < 1e-6] = 0
-    weigh_gradients(samples, 1, 1.0, 1.0, 0.0)
+    weight_gradients(samples, 1, 1.0, 1.0, 0.0)
     assert samples[3, 0] == 2
     np.testing.assert_allclose(np.exp(1j * samples[2, 0]), gradient, atol=1e-6)
     nothing = np.zeros((4, 1), np.float32)
-    weigh_gradients(nothing, 1, 1.0, 1.0, 0.0)
+    weight_gradients(nothing, 1, 1.0, 1.0, 0.0)
     assert not nothing.any()
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from saccade import Must, MustConfig, Sift
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
-from saccade.evaluation.degradation import Disturbance
+from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.features import score_pairs
 from saccade.evaluation.repeatability import Features
 from saccade.image import read_image
@@ -163,7 +163,7 @@ def test_the_claims_of_the_source(shared, disturbance, better):
     """More of its places come back under noise, low contrast and blur than of SIFT's."""
     pairs = homography_pairs(shared / "data" / "pairs" / "oxford")
     chosen = [pair for pair in pairs if pair.second.stem == "3"]
-    done = Disturbance.parse(disturbance)
+    done = Degradation.parse(disturbance)
     configs = (SiftConfig(), MustConfig())
     weak = [replace(each, contrast_threshold=1e-4, upright=True) for each in configs]
     found = []
@@ -172,7 +172,7 @@ def test_the_claims_of_the_source(shared, disturbance, better):
         def features(key, detect=detect):
             path, number = key
             image = read_image(path)
-            points = detect(image if number is None else done.of(image, number), describe=False)
+            points = detect(image if number is None else done.apply(image, number), describe=False)
             none = np.zeros((len(points), 1), np.uint8)
             return Features(points.xy.astype(np.float64), none, image.shape[:2]).strongest(300)
 

@@ -13,11 +13,11 @@ from saccade import SymRoid, SymRoidConfig
 from saccade.errors import ConfigError
 from saccade.keypoints.symroid import (
     Level,
+    expand_to_pairs,
     grow,
     normalized,
     radius_of_strongest,
     symmetry_levels,
-    widened,
 )
 from saccade.pair_sums import gradients_of, isotropic_sums, pair_kernel
 from support import oracles_symmetry as oracles
@@ -99,7 +99,7 @@ def test_the_box_is_that_of_the_discs():
     levels = symmetry_levels(image, config, pairs)
     labels = np.zeros((40, 60), np.int64)
     labels[20, 20] = labels[20, 40] = 1
-    (xy,), ((left, top, right, bottom),) = widened(labels, levels, pairs, (40, 60))
+    (xy,), ((left, top, right, bottom),) = expand_to_pairs(labels, levels, pairs, (40, 60))
     np.testing.assert_allclose(xy, (30, 20))
     radius = 20 - top
     assert radius == pytest.approx(6, abs=1)

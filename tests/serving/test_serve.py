@@ -26,7 +26,7 @@ from saccade.cli.attention_models import Model
 from saccade.errors import ConfigError, ImageError
 from saccade.extras import install_command
 from saccade.serving import snippets
-from saccade.serving.analysis import HELD, Workbench
+from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
 from saccade.serving.controls import RANGES, TITLES, controls, field_help
 from saccade.settings import load_settings, preset_names, settings_from
 
@@ -53,7 +53,7 @@ class _Bench:
         self.done.append((name, len(data)))
         return {"photo": "1"}
 
-    def look(self, wishes):
+    def analyze(self, wishes):
         self.hold.wait(5)
         self.done.append(wishes)
         if "fail" in wishes:
@@ -62,9 +62,9 @@ class _Bench:
             )
         return {"maps": []}
 
-    find = look
+    detect = analyze
 
-    def warm(self):
+    def warm_up(self):
         pass
 
 
@@ -260,7 +260,7 @@ def test_an_enormous_picture_is_refused_before_it_is_decoded(side, monkeypatch):
     with pytest.raises(
         ImageError, match=r"^bomb.png: (expected at most 40 million pixels|the image is far too)"
     ):
-        Workbench().open(_png(side, side), "bomb.png")
+        PhotoAnalyzer().open(_png(side, side), "bomb.png")
 
 
 @pytest.mark.parametrize(
@@ -268,32 +268,32 @@ def test_an_enormous_picture_is_refused_before_it_is_decoded(side, monkeypatch):
 )
 def test_what_is_no_photograph_is_refused(data):
     with pytest.raises(ImageError, match=r"^file: "):
-        Workbench().open(data, "file")
+        PhotoAnalyzer().open(data, "file")
 
 
 def test_only_the_last_photographs_are_held():
-    bench = Workbench()
-    tokens = [bench.open(PHOTO.read_bytes(), "horse.jpg")["photo"] for _ in range(HELD + 1)]
-    assert len(set(tokens)) == HELD + 1
+    bench = PhotoAnalyzer()
+    tokens = [bench.open(PHOTO.read_bytes(), "horse.jpg")["photo"] for _ in range(MAX_PHOTOS + 1)]
+    assert len(set(tokens)) == MAX_PHOTOS + 1
     with pytest.raises(KeyError, match="not held any more"):
-        bench.look({"photo": tokens[0]})
-    bench.look({"photo": tokens[1], "model": "contrast", "fixations": 1})
+        bench.analyze({"photo": tokens[0]})
+    bench.analyze({"photo": tokens[1], "model": "contrast", "fixations": 1})
 
 
 def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
     """Where memory is used again a photograph may lie where another one lay."""
-    bench, coffee = Workbench(), files("saccade") / "data" / "coffee.jpg"
+    bench, coffee = PhotoAnalyzer(), files("saccade") / "data" / "coffee.jpg"
     wishes = {"model": "contrast", "fixations": 1}
 
     def opened(photo):
         return {"photo": bench.open(photo.read_bytes(), photo.name)["photo"], **wishes}
 
-    right = bench.look(opened(coffee))["maps"]
+    right = bench.analyze(opened(coffee))["maps"]
     for _ in range(3):
-        bench.look(opened(PHOTO))
-        for _ in range(HELD + 1):
+        bench.analyze(opened(PHOTO))
+        for _ in range(MAX_PHOTOS + 1):
             last = opened(coffee)
-        assert bench.look(last)["maps"] == right
+        assert bench.analyze(last)["maps"] == right
 
 
 CHANGED = {
@@ -310,7 +310,7 @@ def test_what_is_shown_is_what_the_copied_python_computes(model, monkeypatch, tm
     name = 'it\'s \N{SNOWMAN} "1".jpg'
     monkeypatch.chdir(tmp_path)
     Path(name).write_bytes(PHOTO.read_bytes())
-    bench = Workbench()
+    bench = PhotoAnalyzer()
     opened = bench.open(PHOTO.read_bytes(), name)
     wishes = {
         "photo": opened["photo"],
@@ -319,7 +319,7 @@ def test_what_is_shown_is_what_the_copied_python_computes(model, monkeypatch, tm
         "detector": "must",
         **CHANGED,
     }
-    looked, found = bench.look(wishes), bench.find(wishes)
+    looked, found = bench.analyze(wishes), bench.detect(wishes)
     space = {}
     exec("\n".join([opened["python"], looked["python"], found["python"]]), space)
     assert np.array_equal(space["path"].xy.ravel(), looked["scanpath"]["xy"])
@@ -330,10 +330,10 @@ def test_what_is_shown_is_what_the_copied_python_computes(model, monkeypatch, tm
 
 def test_the_copied_command_says_what_was_set(tmp_path):
     name = "-it's $(touch no) `1`.jpg"
-    bench = Workbench()
+    bench = PhotoAnalyzer()
     opened = bench.open(PHOTO.read_bytes(), name)
     wishes = {"photo": opened["photo"], "model": "both", **CHANGED, "fixations": 3}
-    command = bench.look(wishes)["command"]
+    command = bench.analyze(wishes)["command"]
     stub = tmp_path / "saccade"
     stub.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > said\n")
     stub.chmod(0o755)
@@ -352,11 +352,11 @@ def test_the_copied_command_says_what_was_set(tmp_path):
 
 def test_a_preset_is_named_by_what_it_changes():
     sift = load_settings("sift", "kootstra2010")
-    text = snippets.find_command("a.jpg", "sift", sift)
+    text = snippets.detection_command("a.jpg", "sift", sift)
     table = tomllib.loads(text.split("<<'END'\n")[1].split("END\n")[0])
     assert settings_from("sift", table, "sift") == sift
     assert text.endswith("saccade detect a.jpg --config sift.toml")
-    plain = snippets.look_command(
+    plain = snippets.attention_command(
         "a.jpg", Model.both, load_settings("attention"), load_settings("scanpath"), 10
     )
     assert plain == "saccade look a.jpg"
@@ -418,10 +418,10 @@ def test_what_stands_below_a_field_is_its_help():
     ],
 )
 def test_a_wish_that_cannot_be_granted_is_told(wishes, words):
-    bench = Workbench()
+    bench = PhotoAnalyzer()
     token = bench.open(PHOTO.read_bytes(), "a")["photo"]
     with pytest.raises((ConfigError, KeyError), match=re.escape(words)):
-        bench.look({"photo": token, **wishes})
+        bench.analyze({"photo": token, **wishes})
 
 
 def test_a_port_that_is_taken_is_told_in_one_line(run):

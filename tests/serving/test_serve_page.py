@@ -11,7 +11,7 @@ from urllib.request import urlopen
 import pytest
 
 from fuzz.limits import PATIENCE
-from saccade.serving.analysis import Workbench
+from saccade.serving.analysis import PhotoAnalyzer
 from saccade.serving.controls import controls
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -33,7 +33,7 @@ PASTE = DROP.replace(
 )
 
 
-class _Counting(Workbench):
+class _Counting(PhotoAnalyzer):
     """Counts how often it looks, and waits when it is told to."""
 
     def __init__(self):
@@ -41,10 +41,10 @@ class _Counting(Workbench):
         self.looks, self._may_look = 0, threading.Event()
         self._may_look.set()
 
-    def look(self, wishes):
+    def analyze(self, wishes):
         self.looks += 1
         self._may_look.wait(PATIENCE)
-        return super().look(wishes)
+        return super().analyze(wishes)
 
     @contextmanager
     def held(self, address):
@@ -58,7 +58,7 @@ class _Counting(Workbench):
         finally:
             self._may_look.set()
 
-    def warm(self):
+    def warm_up(self):
         """The tests compile what they need."""
 
 

@@ -13,7 +13,7 @@ from saccade.errors import ConfigError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
-from saccade.simulation.illumination import Light
+from saccade.simulation.illumination import Illumination
 from saccade.simulation.rendering import render
 from saccade.simulation.ring import chosen_pictures
 from saccade.simulation.scene import Ground, Walls, build_scene
@@ -57,7 +57,7 @@ def project(camera, pose, points, right=False):
     """Pixels (k, 2) and depths (k,) of points (k, 3) of the world."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     robot = (points - [pose[0], pose[1], 0]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    seen = (robot - camera.place) @ camera.rotation - [camera.baseline * right, 0, 0]
+    seen = (robot - camera.position) @ camera.rotation - [camera.baseline * right, 0, 0]
     x, y, z = seen.T
     return np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], 1), z
 
@@ -66,12 +66,12 @@ def analytic(camera, pose, left, top, side, samples=24):
     """A square of the image of the board's first wall: many samples in each pixel."""
     x, y = ((np.arange(side * samples) + 0.5) / samples - 0.5 + first for first in (left, top))
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    eye = pose[:2] + np.array([[c, -s], [s, c]]) @ camera.place[:2]
+    eye = pose[:2] + np.array([[c, -s], [s, c]]) @ camera.position[:2]
     aside = (x - camera.cx) / camera.fx
     depth = (2 - eye[1]) / (s - c * aside)
     along = eye[0] + depth * (c + s * aside)
     cell = TEXELS / CELL
-    up = (2.4 - camera.place[2] + np.outer((y - camera.cy) / camera.fy, depth)) * cell
+    up = (2.4 - camera.position[2] + np.outer((y - camera.cy) / camera.fy, depth)) * cell
     white = (np.floor((along + 2) * cell) + np.floor(up)) % 2
     return 40 + 170 * white.reshape(side, samples, side, samples).mean((1, 3))
 
@@ -86,7 +86,7 @@ def shift_between(image, model, near=np.s_[:]):
 def test_a_board_is_where_a_pinhole_puts_it(board, pose):
     scene, points = board
     pose = np.array([pose[0], pose[1], np.deg2rad(pose[2])])
-    camera = replace(DriveConfig().camera, place=np.array([0.1, 0.05, 0.7]))
+    camera = replace(DriveConfig().camera, position=np.array([0.1, 0.05, 0.7]))
     left, top, side = 90, 60, 120
     ours = render(scene, camera, pose)[top : top + side, left : left + side].astype(float)
     exact = analytic(camera, pose, left, top, side)
@@ -117,7 +117,9 @@ def test_two_views_agree_where_depth_and_poses_say():
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     z = np.nan_to_num(first.depth, nan=1.0)
     seen = np.stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z], -1)
-    robot = seen.reshape(-1, 3) @ camera.rotation.T + camera.place  # the first pose is the origin
+    robot = (
+        seen.reshape(-1, 3) @ camera.rotation.T + camera.position
+    )  # the first pose is the origin
     for image, pose, right in ((first.right, 0, True), (second.image, 1, False)):
         xy, _ = project(camera, drive.truth.pose[pose], robot, right)
         x, y = xy.T.reshape(2, *z.shape).astype(np.float32)
@@ -222,8 +224,8 @@ def test_noise_is_what_it_is_said_to_be(still):
 def lit(picture, **light):
     """A picture in another light, at the third of four times."""
     config = replace(STILL, **light)
-    drawn = Light.drawn(config, SMALL.camera, np.arange(4) / 10, np.random.SeedSequence(1))
-    return drawn.fall_on(picture, 2, 0), drawn
+    drawn = Illumination.drawn(config, SMALL.camera, np.arange(4) / 10, np.random.SeedSequence(1))
+    return drawn.apply(picture, 2, 0), drawn
 
 
 def test_light_changes_every_pixel_alike(still):
@@ -248,8 +250,8 @@ def test_gamma_keeps_the_order_and_vignetting_the_middle(still):
 def test_light_drifts_slowly_and_lamps_flicker():
     camera, time = SMALL.camera, np.arange(600) / 10
     seed = np.random.SeedSequence(5)
-    drifting = Light.drawn(LightConfig(gain=0.3), camera, time, seed)
-    flickering = Light.drawn(LightConfig(gain=0.0, flicker=0.3), camera, time, seed)
+    drifting = Illumination.drawn(LightConfig(gain=0.3), camera, time, seed)
+    flickering = Illumination.drawn(LightConfig(gain=0.0, flicker=0.3), camera, time, seed)
     for light, steps in ((drifting, 0.02), (flickering, 0.3 * np.sqrt(2))):
         change = np.diff(np.log(light.gain)).std()
         assert steps / 2 < change < 1.2 * steps
@@ -264,7 +266,7 @@ def test_posters_repeat_and_mirror_on_demand(rng):
     assert {picture.tobytes() for picture in few} < every
     for picture in chosen_pictures(DriveConfig.mirror(), rng):
         np.testing.assert_array_equal(picture, picture[:, ::-1])
-    assert DriveConfig().pictures == 0
+    assert DriveConfig().posters == 0
     assert not DriveConfig().mirrored
 
 
@@ -276,7 +278,7 @@ def test_posters_repeat_and_mirror_on_demand(rng):
         ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.50 m"),
         ({"sway": 1.0}, "sway: expected"),
         ({"camera_height": 3.0}, "camera_height: expected 0.05 to under 2.4 m"),
-        ({"field": 200.0}, "field: expected 20 to 120"),
+        ({"field_of_view": 200.0}, "field_of_view: expected 20 to 120"),
     ],
 )
 def test_a_ring_that_cannot_be_is_refused(setting, words):

@@ -8,8 +8,8 @@ import pytest
 
 from saccade import datasets, slam
 from saccade.errors import ConfigError
-from saccade.simulation import WorldConfig, run_trials, simulate_world
-from saccade.simulation.monte_carlo import Trials
+from saccade.simulation import WorldConfig, run_monte_carlo, simulate_world
+from saccade.simulation.monte_carlo import MonteCarloRuns
 from saccade.slam import EkfConfig
 
 WORLDS = ("loop", "slippery", "car", "coarse")
@@ -30,7 +30,7 @@ def test_without_noise_the_log_is_the_truth(name):
     log = simulate_world(world)
     apart = slam.dead_reckon(log).pose - log.truth.pose
     np.testing.assert_allclose(apart[:, :2], 0, atol=1e-9)
-    there = slam.place(log.truth.pose[log.observation_pose].T, log.observation)[0]
+    there = slam.inverse_observe(log.truth.pose[log.observation_pose].T, log.observation)[0]
     np.testing.assert_allclose(there, log.landmark_truth.xy[log.landmark], atol=1e-9)
 
 
@@ -67,7 +67,13 @@ def test_another_seed_is_other_noise_in_the_same_world():
 
 @pytest.mark.parametrize(
     "setting",
-    [{"vehicle": "boat"}, {"steps": 0}, {"reach": (5.0, 1.0)}, {"field": 0.0}, {"bends": 9.0}],
+    [
+        {"vehicle": "boat"},
+        {"steps": 0},
+        {"range_limits": (5.0, 1.0)},
+        {"field_of_view": 0.0},
+        {"bends": 9.0},
+    ],
 )
 def test_worlds_that_cannot_be_are_named(setting):
     with pytest.raises(ConfigError, match=next(iter(setting))):
@@ -80,8 +86,8 @@ def test_a_course_that_no_car_can_follow_is_named():
 
 
 def _trials(world, kind, runs):
-    found = run_trials(world, EkfConfig(filter=kind), runs)
-    return Trials(*(np.array(each) for each in zip(*found, strict=True)))
+    found = run_monte_carlo(world, EkfConfig(filter=kind), runs)
+    return MonteCarloRuns(*(np.array(each) for each in zip(*found, strict=True)))
 
 
 def test_the_default_filter_is_as_wrong_as_it_says():
@@ -96,7 +102,9 @@ def test_the_default_filter_is_as_wrong_as_it_says():
 
 
 def test_the_scores_of_trials_are_what_they_are_called():
-    trials = Trials(np.array([[np.nan, 1.0, 5.0], [np.nan, 3.0, 15.0]]), np.full((2, 3), 4.0))
+    trials = MonteCarloRuns(
+        np.array([[np.nan, 1.0, 5.0], [np.nan, 3.0, 15.0]]), np.full((2, 3), 4.0)
+    )
     assert trials.anees == 6
     assert trials.median == 6
     assert trials.rmse == 2

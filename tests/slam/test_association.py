@@ -25,15 +25,15 @@ from saccade.slam.association.gating import (
     NEW,
     pair_mutual,
     pair_nearest_first,
-    within_reach,
+    prefilter_landmarks,
 )
-from saccade.slam.association.jcbb import search
+from saccade.slam.association.jcbb import branch_and_bound
 from saccade.slam.association.nearest_neighbor import (
     mahalanobis_squared,
-    number_by_first_sight,
+    number_by_first_observation,
     squared_distance,
 )
-from saccade.slam.map_management.culling import Presence, View
+from saccade.slam.map_management.culling import Culling, FieldOfView
 from saccade.slam.models import RangeBearing
 
 R = np.diag([0.01, 1e-4])
@@ -81,7 +81,7 @@ def test_a_landmark_takes_the_nearer_of_two_observations():
 
 def test_near_is_taken_far_is_new_and_between_is_dropped():
     ekf = _filter(WORLD[:1])
-    sigma = np.sqrt(ekf.expect().covariance[0, 0, 0] + R[0, 0])
+    sigma = np.sqrt(ekf.predict_observations().covariance[0, 0, 0] + R[0, 0])
     z, noise = _scan(WORLD[[0, 0, 0]])
     z[:, 0] += np.array([2.5, 3.5, 5.0]) * sigma  # gates at 3.03 and 4.29 sigma
     found = [int(NearestNeighbor()(ekf, z[i : i + 1], noise[:1], UNKNOWN[:1])[0]) for i in range(3)]
@@ -145,7 +145,7 @@ def test_numbers_of_a_whole_log_are_those_found_scan_by_scan(scans):
         found += numbers
     pose = np.repeat(np.arange(len(scans)), [len(names) for names in scans])
     identity = np.array([name for names in scans for name in names], np.int64)
-    assert number_by_first_sight(identity, pose).tolist() == found
+    assert number_by_first_observation(identity, pose).tolist() == found
 
 
 @given(
@@ -186,7 +186,7 @@ def _confirmed(candidates, place, time):
 
 
 def test_a_place_becomes_a_landmark_when_seen_often_enough():
-    candidates = Candidates(sightings=3, lifetime=2.0)
+    candidates = Candidates(confirm_after=3, timeout=2.0)
     assert _confirmed(candidates, [4.0, 1.0], 0.0) == []
     assert _confirmed(candidates, [[9.0, 1.0], [4.01, 1.0]], 1.0) == []
     assert _confirmed(candidates, [[4.0, 1.01], [-2.0, 3.0]], 2.0) == [0]
@@ -194,18 +194,18 @@ def test_a_place_becomes_a_landmark_when_seen_often_enough():
 
 
 def test_a_place_that_is_not_seen_again_is_forgotten():
-    candidates = Candidates(sightings=2, lifetime=2.0)
+    candidates = Candidates(confirm_after=2, timeout=2.0)
     assert _confirmed(candidates, [4.0, 1.0], 0.0) == []
     assert _confirmed(candidates, [4.0, 1.0], 2.1) == []
     assert _confirmed(candidates, [4.0, 1.0], 4.0) == [0]
 
 
 def test_one_sighting_can_be_enough():
-    assert _confirmed(Candidates(sightings=1, lifetime=1.0), WORLD, 0.0) == [0, 1, 2, 3]
+    assert _confirmed(Candidates(confirm_after=1, timeout=1.0), WORLD, 0.0) == [0, 1, 2, 3]
 
 
 def test_observations_without_noise_find_no_candidate():
-    candidates = Candidates(sightings=2, lifetime=2.0)
+    candidates = Candidates(confirm_after=2, timeout=2.0)
     z, _ = _scan(WORLD)
     exact = np.zeros((4, 2, 2))
     for time in (0.0, 0.1):
@@ -223,7 +223,7 @@ def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
 
 def test_a_candidate_is_as_uncertain_along_the_ray_as_the_range():
     for shift, confirmed in (([0.0, 0.3], [0]), ([0.3, 0.0], [])):
-        candidates = Candidates(sightings=2, lifetime=1.0)
+        candidates = Candidates(confirm_after=2, timeout=1.0)
         assert _confirmed(candidates, [[0.0, 5.0]], 0.0) == []
         assert _confirmed(candidates, np.add([[0.0, 5.0]], shift), 0.1) == confirmed
 
@@ -251,7 +251,7 @@ def test_expectation_is_that_of_the_dense_covariance(rng, retraction):
         ekf.predict(np.array([0.1, 0.2]), 1e-3 * np.eye(2))
         ekf.update(observe(ekf.pose, landmark + 0.02)[0], R, number)
     z, H = observe(ekf.pose, ekf.landmarks)
-    expected = ekf.expect()
+    expected = ekf.predict_observations()
     np.testing.assert_allclose(expected.z, z, atol=1e-12)
     for i in range(len(WORLD)):
         at = [0, 1, 2, 3 + 2 * i, 4 + 2 * i]
@@ -297,7 +297,7 @@ def test_joint_search_finds_what_trying_all_finds(seed):
     # of fewer pairs too: a set can be compatible of which a part is not
     gates = np.array([4.6, 7.8, 10.6, 13.4])
     found = np.full(m, -1)
-    search(near, 4.6, v, S, noise, gates, 100000, found)
+    branch_and_bound(near, 4.6, v, S, noise, gates, 100000, found)
     pairs = [(i, j) for i, j in enumerate(found.tolist()) if j >= 0]
     most, least = _by_trying_all(near, 4.6, v, S, noise, gates)
     if pairs:
@@ -351,13 +351,13 @@ def test_removed_landmarks_leave_the_others_as_they_were(rng):
 
 
 def test_what_should_have_been_seen_and_was_not_is_gone():
-    presence = Presence(View(reach=10.0, left=1.0, right=-1.0), least=0.4)
+    presence = Culling(FieldOfView(max_range=10.0, left=1.0, right=-1.0), min_ratio=0.4)
     ekf = _filter(WORLD)  # the last of which is behind the robot
     z, _ = observe(np.zeros(3), WORLD)
-    gone = [presence.absent(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
+    gone = [presence.update(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
     assert gone == [[]] * 5 + [[1]]
     assert presence.removed == 1
-    assert presence.watch.times.tolist() == [[6, 0], [6, 0], [0, 0]]
+    assert presence.counts.counts.tolist() == [[6, 0], [6, 0], [0, 0]]
 
 
 @pytest.mark.parametrize("retraction", Retraction)
@@ -370,8 +370,8 @@ def test_what_is_out_of_reach_is_over_the_limit(retraction, seed, away):
     for _ in range(6):
         ekf.augment(np.array([rng.uniform(1, 9), rng.uniform(-3, 3)]), R)
     ekf.predict(np.array([0.5, 0.3]), np.diag([1e-4, rng.uniform(0, 0.3)]))
-    z = ekf.expect().z[:3] + rng.normal(size=(3, 2)) * [0.3, rng.uniform(0, 0.8)]
+    z = ekf.predict_observations().z[:3] + rng.normal(size=(3, 2)) * [0.3, rng.uniform(0, 0.8)]
     noise, found = np.tile(R, (3, 1, 1)), np.empty(6, np.int64)
-    count = within_reach(ekf._belief, z, noise, 9.0, found)
+    count = prefilter_landmarks(ekf._filter_state, z, noise, 9.0, found)
     near = (mahalanobis_squared(ekf, z, noise) <= 9.0).any(0)
     assert set(np.flatnonzero(near)) <= set(found[:count])

@@ -16,8 +16,8 @@ from saccade.slam import (
     EkfSlam,
     compose,
     drive,
+    inverse_observe,
     observe,
-    place,
 )
 from saccade.slam.filter.error_state import linearize
 from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, size_of
@@ -181,7 +181,7 @@ def test_turning_the_map_turns_the_invariant_filter_with_it(rng):
 
 def test_invariant_observation_is_linear_in_its_errors(rng):
     pose, z = np.array([2.0, 1.0, 0.7]), np.array([4.0, -0.3])
-    s = np.concatenate([pose, place(pose, z)[0]])
+    s = np.concatenate([pose, inverse_observe(pose, z)[0]])
     H = linearize(INVARIANT, RANGE_BEARING, s, s, z, R).H
 
     def innovation(error):
@@ -256,7 +256,7 @@ def test_expectation_is_what_an_update_finds(rng):
     ekf = EkfSlam(np.zeros(3), np.diag([0.1, 0.1, 0.01]))
     for _ in _wander(ekf, rng, steps=20):
         pass
-    expected = ekf.expect()
+    expected = ekf.predict_observations()
     for landmark in range(len(ekf)):
         innovation = copy.deepcopy(ekf).update(expected.z[landmark], R, landmark)
         np.testing.assert_allclose(innovation.value, 0, atol=1e-12)
@@ -269,7 +269,7 @@ def test_innovation_is_what_an_update_finds(retraction, rng):
     for _ in _wander(ekf, rng, steps=20):
         pass
     for landmark in range(len(ekf)):
-        z = ekf.expect().z[landmark] + np.array([0.1, -0.02])
+        z = ekf.predict_observations().z[landmark] + np.array([0.1, -0.02])
         before = ekf.state, ekf.covariance
         asked = ekf.innovation(z, R, landmark)
         np.testing.assert_array_equal(ekf.state, before[0])
@@ -307,7 +307,7 @@ def test_rows_that_are_added_are_in_the_covariance_of_all_and_of_each(rng, count
     ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]))
     for _ in _wander(ekf, rng, steps=4, landmarks=4):
         pass
-    b = ekf._belief
+    b = ekf._filter_state
     before, rows = dense(b, STANDARD), rng.normal(size=(count, size_of(b)))
     rows[:, :3] = 0
     for sign in (1.0, -1.0):

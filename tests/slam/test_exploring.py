@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.slam import EkfConfig, NearestNeighbor, observe
-from saccade.slam.map_management.candidates import Patience, Waiting, confirm
+from saccade.slam.map_management.candidates import CandidateBuffer, ConfirmationPolicy, confirm
 from support.circular_log import simulate
 from support.oracles_slam import ListedCandidates
 
@@ -47,7 +47,12 @@ def test_many_poses_at_once_are_the_same_as_one_by_one(rng, kind, rule, biased):
     if biased:
         log = dataclasses.replace(log, odometry_bias=(0.05, 0.02, 0.02))
     config = EkfConfig(
-        filter=kind, association=rule, lifetime=4.0, sightings=3, presence=0.9, trusted=1
+        filter=kind,
+        association=rule,
+        candidate_timeout=4.0,
+        confirm_after=3,
+        culling_ratio=0.9,
+        min_observations=1,
     )
     many = slam.run(log, config)
     one = slam.run(log, config, associate=OneByOne(mutual=rule == "mutual"))
@@ -65,8 +70,8 @@ def test_many_poses_at_once_are_the_same_as_one_by_one(rng, kind, rule, biased):
 @given(st.integers(0, 10**6))
 def test_candidates_are_those_of_a_list(seed):
     rng = np.random.default_rng(seed)
-    patience = Patience(sightings=3, lifetime=2.0, limit=9.2)
-    kept, listed = Waiting.room(200), ListedCandidates(*patience)
+    patience = ConfirmationPolicy(confirm_after=3, timeout=2.0, max_distance=9.2)
+    kept, listed = CandidateBuffer.empty(200), ListedCandidates(*patience)
     for time in np.cumsum(rng.uniform(0, 1.5, 12)):
         xy = rng.integers(0, 4, (rng.integers(0, 6), 2)) + 0.1 * rng.normal(size=(1, 2))
         root = 0.3 * rng.normal(size=(len(xy), 2, 2))
@@ -75,5 +80,5 @@ def test_candidates_are_those_of_a_list(seed):
         confirm(kept, patience, xy, covariance, float(time), confirmed)
         assert confirmed.tolist() == listed.confirm(xy, covariance, time)
     np.testing.assert_array_equal(
-        kept.xy[: kept.used[0]], np.reshape([c[0] for c in listed.waiting], (-1, 2))
+        kept.xy[: kept.size[0]], np.reshape([c[0] for c in listed.waiting], (-1, 2))
     )

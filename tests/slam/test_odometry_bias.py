@@ -7,7 +7,7 @@ import pytest
 
 from saccade import slam
 from saccade.slam import RANGE_BEARING, compose
-from saccade.slam.association.nearest_neighbor import number_by_first_sight
+from saccade.slam.association.nearest_neighbor import number_by_first_observation
 from saccade.slam.filter.odometry_bias import unbiased
 from support.circular_log import simulate
 
@@ -46,7 +46,7 @@ def test_replay_and_steps_are_the_same(rng, retraction):
     log, _, _ = _biased(rng, "compose", noise=1.0)
     seen = log.observation_pose > 0
     number = np.full(len(seen), -1)
-    number[seen] = number_by_first_sight(log.landmark[seen], log.observation_pose[seen])
+    number[seen] = number_by_first_observation(log.landmark[seen], log.observation_pose[seen])
     start = np.append(log.start, np.zeros(3)), np.diag([0, 0, 0, 0.01, 0.01, 0.01])
     fast, slow = (slam.EkfSlam(*start, compose, RANGE_BEARING, retraction, 1.0) for _ in "ab")
     said = log.control, log.control_covariance, log.observation_pose - 1, log.observation

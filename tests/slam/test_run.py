@@ -28,7 +28,7 @@ def test_noisy_log_is_better_than_dead_reckoning_and_as_sure_as_it_should_be(
     rng, motion, association
 ):
     log, truth, world = simulate(rng, motion)
-    result = slam.run(log, EkfConfig(association=association, lifetime=10.0))
+    result = slam.run(log, EkfConfig(association=association, candidate_timeout=10.0))
     error = np.hypot(*(result.trajectory.pose - truth)[:, :2].T)
     drift = np.hypot(*(result.dead_reckoning.pose - truth)[:, :2].T)
     assert error.mean() < 0.5 * drift.mean()
@@ -43,7 +43,7 @@ def test_association_names_the_landmarks_of_the_map(rng):
     result = slam.run(log)
     np.testing.assert_array_equal(result.map.id[result.association], log.landmark)
     np.testing.assert_array_equal(
-        result.map.sightings, np.bincount(result.association, minlength=len(result.map))
+        result.map.observations, np.bincount(result.association, minlength=len(result.map))
     )
     corrected = np.isfinite(result.consistency.nis)
     assert (~corrected).sum() == len(result.map)  # the first sighting of each
@@ -137,8 +137,8 @@ def test_uncertain_start_is_where_the_covariance_begins(rng):
         {"association": "guess"},
         {"gate": 1.0},
         {"gate": 0.99, "new_gate": 0.9},
-        {"sightings": 0},
-        {"lifetime": 0.0},
+        {"confirm_after": 0},
+        {"candidate_timeout": 0.0},
         {"motion_noise_scale": 0.0},
         {"sensor_noise_scale": float("nan")},
         {"start_sigma": (0.0, -1.0, 0.0)},

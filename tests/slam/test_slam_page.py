@@ -90,13 +90,13 @@ def test_slopes_of_the_page_are_slopes(page, rng):
             lambda b, z=z: stereo.difference(stereo.observe(b[:3], b[3:])[0], z), both
         )
         np.testing.assert_allclose(H, found, atol=1e-5)
-        xy, Gx, Gz = stereo.place(pose, z)
+        xy, Gx, Gz = stereo.inverse_observe(pose, z)
         np.testing.assert_allclose(xy, landmark)
         np.testing.assert_allclose(
-            Gx, numerical_jacobian(lambda p, z=z: stereo.place(p, z)[0], pose), atol=1e-5
+            Gx, numerical_jacobian(lambda p, z=z: stereo.inverse_observe(p, z)[0], pose), atol=1e-5
         )
         np.testing.assert_allclose(
-            Gz, numerical_jacobian(lambda o, p=pose: stereo.place(p, o)[0], z), atol=1e-5
+            Gz, numerical_jacobian(lambda o, p=pose: stereo.inverse_observe(p, o)[0], z), atol=1e-5
         )
         control = rng.uniform([0.5, -0.4], [3, 0.4])
         _, Fx, Fu = car(pose, control)

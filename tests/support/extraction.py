@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from saccade import Sift, SiftConfig
 from saccade.batch import Job, extract, open_source
-from saccade.batch.engines import Here
+from saccade.batch.engines import InProcess
 from saccade.batch.reading import digest_of
 from saccade.image import decode_image
 
@@ -38,7 +38,7 @@ def photographs(folder, count):
 
 def extract_here(source, out, job=SIFT, size=3, **options):
     """`extract` in this process."""
-    return extract(open_source(str(source)), job, str(out), Here(), size=size, **options)
+    return extract(open_source(str(source)), job, str(out), InProcess(), size=size, **options)
 
 
 def check_whole(out, table="sift"):

@@ -21,14 +21,14 @@ def interrupt_at(pose):
 
 def stop_once_saved(how):
     """Let this process get a signal as soon as a run in it has saved itself."""
-    keep = Checkpoint.keep
+    keep = Checkpoint.save
 
     def keep_and_stop(checkpoint, step, state):
         keep(checkpoint, step, state)
         if checkpoint.path.exists():
             os.kill(os.getpid(), how)
 
-    Checkpoint.keep = keep_and_stop
+    Checkpoint.save = keep_and_stop
 
 
 if __name__ == "__main__":

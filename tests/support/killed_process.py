@@ -3,11 +3,11 @@
 import os
 import signal
 
-from saccade.batch.shards import Report, Shard
+from saccade.batch.shards import Shard, ShardReport
 
 
-def deadly(shard: Shard) -> Report:
+def deadly(shard: Shard) -> ShardReport:
     """What kills the process that works on the fourth shard."""
     if shard.name == "3":
         os.kill(os.getpid(), signal.SIGKILL)
-    return Report(done=1, rows=int(shard.name))
+    return ShardReport(done=1, rows=int(shard.name))

@@ -27,7 +27,7 @@ def winding(tilt=0.0, camera=CAMERA, period=0.1):
         turn, _ = cv2.Rodrigues(np.array([0, 0, angle]))
         robot = turn @ pitch
         R = (robot @ camera.rotation).T
-        t = -R @ (np.array([x, y, 0]) + robot @ camera.place)
+        t = -R @ (np.array([x, y, 0]) + robot @ camera.position)
         z = (points @ R.T + t)[:, 2]
         near = np.flatnonzero((z > 1) & (z < 15))
         xy, _ = cv2.projectPoints(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fuzz.limits import PATIENCE
-from saccade.cli.report_builder import Album
+from saccade.cli.report_builder import ReportBuilder
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Picture, Section
@@ -15,10 +15,10 @@ from saccade.viewing.report import jpeg, report_page
 from saccade.viewing.report_image import image_part, match_part
 from saccade.viewing.report_map import (
     Ground,
-    Sightings,
-    doubt_charts,
+    ObservedLandmarks,
     innovation_charts,
     map_part,
+    uncertainty_charts,
 )
 from saccade.viewing.report_table import table_part
 
@@ -73,8 +73,8 @@ def _drive():
             covariance=spread[step],
             landmarks=LANDMARKS[names[step]],
             landmark_covariance=np.tile(np.eye(2) * 0.04, (len(names[step]), 1, 1)),
-            seen=np.array([0]),
-            names=np.array(names[step]),
+            observed=np.array([0]),
+            ids=np.array(names[step]),
         )
         for step in range(STEPS)
     ]
@@ -99,13 +99,13 @@ def _map_page(name="a map"):
         Section(name, name, facts={name: name}),
         estimate,
         snapshots,
-        Sightings(
+        ObservedLandmarks(
             np.array([0, 1, 2, 3, 5, 8, 9]),
             np.array([1, 1, 1, 0, 2, 1, 1]),
             np.full((7, 2), 12.0),
             np.array([0, 1, 1, 0, 0, 2, 1]),
         ),
-        [*charts, *doubt_charts(estimate, estimate)],
+        [*charts, *uncertainty_charts(estimate, estimate)],
         Ground({"odometry": estimate, "truth": estimate}),
         lambda step: picture if step % 2 == 0 else None,
     )
@@ -314,7 +314,7 @@ def test_a_landmark_keeps_its_name_when_others_go():
     ekf.remove(np.array([1]))
     ekf.remove(np.array([0]))
     ekf.augment(np.array([2.0, 5.0]), np.eye(2) * 0.01)
-    assert ekf.names.tolist() == [2, 3, 4]
+    assert ekf.ids.tolist() == [2, 3, 4]
 
 
 def test_what_does_not_fit_on_a_page_is_counted_and_not_made(tmp_path, monkeypatch):
@@ -324,8 +324,8 @@ def test_what_does_not_fit_on_a_page_is_counted_and_not_made(tmp_path, monkeypat
         made.append(table_part(Section("a heading", ""), ["", "b"], [["x" * 500, "1"]]))
         return made[-1]
 
-    monkeypatch.setattr("saccade.cli.report_builder.MOST", 2000)
-    album = Album("title", "Lead.")
+    monkeypatch.setattr("saccade.cli.report_builder.MAX_LENGTH", 2000)
+    album = ReportBuilder("title", "Lead.")
     for _ in range(9):
         album.add(make)
     assert sum(len(part.html) for part in made[:-1]) <= 2000

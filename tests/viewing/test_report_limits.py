@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from saccade.cli.report_builder import Album, Table, write_table_page
+from saccade.cli.report_builder import ReportBuilder, Table, write_table_page
 from saccade.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section, html_page
-from saccade.viewing.report_image import MOST_MATCHES, MOST_POINTS, image_part, match_part
-from saccade.viewing.report_map import Sightings, doubt_charts, map_part
+from saccade.viewing.report_image import MAX_MATCHES, MAX_POINTS, image_part, match_part
+from saccade.viewing.report_map import ObservedLandmarks, map_part, uncertainty_charts
 
 LARGEST = 5_000_000
 SECTION = Section("a heading", "Words.")
@@ -40,14 +40,12 @@ def _points(rng, count):
 
 def _image(rng):
     maps = {str(number): _noise(rng, 500, 500) for number in range(7)}
-    return image_part(
-        SECTION, _noise(rng, 1300, 1300, 3), maps, PATH, _points(rng, 3 * MOST_POINTS)
-    )
+    return image_part(SECTION, _noise(rng, 1300, 1300, 3), maps, PATH, _points(rng, 3 * MAX_POINTS))
 
 
 def _match(rng):
     images = (_noise(rng, 1200, 1200, 3), _noise(rng, 1200, 1200, 3))
-    count = 2 * MOST_MATCHES + 1
+    count = 2 * MAX_MATCHES + 1
     points = _points(rng, count)
     pairs = np.stack([np.arange(count)] * 2, 1)
     return match_part(SECTION, images, (points, points), pairs, np.ones(count, np.bool_))
@@ -65,17 +63,19 @@ def _map(rng):
             covariance=np.eye(3),
             landmarks=rng.normal(size=(landmarks, 2)),
             landmark_covariance=spread,
-            seen=np.arange(300),
-            names=np.arange(landmarks),
+            observed=np.arange(300),
+            ids=np.arange(landmarks),
         )
         for step in np.linspace(0, poses - 1, snapshots).astype(int).tolist()
     ]
     step = np.sort(rng.integers(0, poses, 400_000))
     name = rng.integers(0, landmarks, len(step))
-    seen = Sightings(step, name, rng.normal(size=(len(step), 2)), np.zeros(len(step), np.int64))
+    seen = ObservedLandmarks(
+        step, name, rng.normal(size=(len(step), 2)), np.zeros(len(step), np.int64)
+    )
     frame = rng.integers(0, 255, (280, 280, 3), np.uint8)
     return map_part(
-        SECTION, drive, grown, seen, doubt_charts(drive, drive), picture=lambda _: frame
+        SECTION, drive, grown, seen, uncertainty_charts(drive, drive), picture=lambda _: frame
     )
 
 
@@ -88,7 +88,7 @@ def _map(rng):
     ],
 )
 def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
-    album = Album("title", "Lead.")
+    album = ReportBuilder("title", "Lead.")
     album.add(lambda: make(rng))
     page = album.write(tmp_path / "report.html")
     assert LARGEST / 8 < page.stat().st_size < LARGEST
@@ -116,7 +116,7 @@ def test_a_map_keeps_how_often_a_landmark_was_seen():
         np.array([0]),
         np.array([7]),
     )
-    seen = Sightings(np.array([1, 2, 2, 4, 4, 9, 19]), np.array([7, 7, 7, 7, 3, 7, 7]))
+    seen = ObservedLandmarks(np.array([1, 2, 2, 4, 4, 9, 19]), np.array([7, 7, 7, 7, 3, 7, 7]))
     runs = map_part(SECTION, drive, [snapshot], seen, []).data["runs"]
     assert {name: list(values) for name, values in runs.items()} == {
         "name": [3, 7, 7, 7],

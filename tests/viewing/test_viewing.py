@@ -176,8 +176,8 @@ def _growing_map(y=4.0, early=0.04):
             covariance=np.diag([0.01, 0.01, 0.01]),
             landmarks=place[:n],
             landmark_covariance=np.tile(np.eye(2) * (early if n == 1 else 0.04), (n, 1, 1)),
-            seen=np.arange(n),
-            names=np.arange(n),
+            observed=np.arange(n),
+            ids=np.arange(n),
         )
         for step, n in ((4, 1), (9, 2))
     ]

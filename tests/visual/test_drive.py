@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from saccade import datasets, visual
-from saccade.datasets.drives.odometry_increments import Steps, joined
+from saccade.datasets.drives.odometry_increments import OdometryIncrements, composed
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import same_places, score_drive
-from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
 from saccade.visual import VisualConfig
@@ -23,7 +23,7 @@ FRAMES = 48
 @pytest.fixture(scope="module")
 def drive():
     """Out and back along the first meters of the ring; its pictures are made once."""
-    made = palindrome(simulate_drive(DriveConfig(frames=FRAMES)), PalindromeConfig(FRAMES))
+    made = out_and_back(simulate_drive(DriveConfig(frames=FRAMES)), OutAndBackConfig(FRAMES))
     pictures = [made.load(number) for number in range(len(made))]
     return replace(made, load=pictures.__getitem__)
 
@@ -50,7 +50,7 @@ def test_the_map_brings_the_robot_home(drive, mapped):
 
 
 def test_landmarks_met_again_are_the_same(drive, mapped):
-    seen = mapped.meetings
+    seen = mapped.observations
     right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, drive.truth.at(drive.time))
     assert (seen.kind == 2).sum() > 10
     assert right[seen.kind == 2].mean() > 0.95
@@ -58,7 +58,7 @@ def test_landmarks_met_again_are_the_same(drive, mapped):
 
 
 def test_innovations_are_kept_of_what_was_met_again(mapped):
-    seen = mapped.meetings
+    seen = mapped.observations
     there = np.isfinite(seen.innovation).all(1)
     assert np.isfinite(seen.innovation_covariance[there]).all()
     assert there[seen.kind == 2].all()
@@ -100,15 +100,15 @@ def test_a_drive_that_is_interrupted_goes_on_to_the_same_bits(drive, tmp_path, r
         (whole.map.xy, resumed.map.xy),
         (whole.map.covariance, resumed.map.covariance),
         (whole.descriptors, resumed.descriptors),
-        (whole.meetings.z, resumed.meetings.z),
-        (whole.meetings.kind, resumed.meetings.kind),
+        (whole.observations.z, resumed.observations.z),
+        (whole.observations.kind, resumed.observations.kind),
         *((a.path, b.path) for a, b in zip(*(f.snapshots for f in films), strict=True)),
     ):
         assert one.tobytes() == two.tobytes()
 
 
 def test_the_map_keeps_to_its_budget(drive):
-    few = visual.run(drive.until(24), VisualConfig(landmarks=30))
+    few = visual.run(drive.until(24), VisualConfig(max_landmarks=30))
     assert len(few.map) == len(few.descriptors) == 30
     assert (np.diff(few.map.id) > 0).all()
 
@@ -175,7 +175,7 @@ def test_a_camera_that_drops_out_leaves_an_honest_map(drive):
     """Odometry alone leads round 3 s; what it has wrong all the time must be in the ellipse."""
     ring = simulate_drive(DriveConfig(frames=64))
     kept = np.concatenate([np.arange(30), np.arange(60, 64)])
-    steps = joined(Steps(ring.control, ring.control_covariance), kept, "odometry")
+    steps = composed(OdometryIncrements(ring.control, ring.control_covariance), kept, "odometry")
     gone = replace(
         ring,
         time=ring.time[kept],

@@ -12,16 +12,16 @@ from saccade.frames import AHEAD, Camera
 from saccade.visual.camera import from_pixels, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import (
-    _by_camera,
+    _camera_jacobian,
     camera_motion,
-    motion_between,
-    paired,
+    estimate_motion,
+    make_pairs,
     robot_motion,
 )
-from saccade.visual.frontend import bearing_alone, observe
-from saccade.visual.ground_scale import WHITE, Road, Scale
-from saccade.visual.motion_prior import Foresight, TurnDrift, joined
-from saccade.visual.triangulation import CameraWay
+from saccade.visual.frontend import observe, observe_bearing_only
+from saccade.visual.ground_scale import WHITE_NOISE, GroundTracker, OdometryScale
+from saccade.visual.motion_prior import MotionPrior, TurnRateBias, fuse
+from saccade.visual.triangulation import CameraTrajectory
 from support.winding_drive import winding
 
 TILTED = np.array(
@@ -69,7 +69,7 @@ def test_a_camera_that_leans_sees_things_aside_and_nearer(rng):
     xy, depth = to_pixels(CAMERA, place[None])
     level, _ = observe(CAMERA, xy, depth, 0 * depth, VisualConfig(pixel_sigma=1e-6), tilt)
     lean = tilt * rng.standard_normal((100000, 2))
-    up = place[2] - CAMERA.place[2]  # about the camera; the lever of the robot's origin is small
+    up = place[2] - CAMERA.position[2]  # about the camera; the lever of the robot's origin is small
     moved = place + np.stack([lean[:, 0] * up, lean[:, 1] * up, 0 * lean[:, 0]], 1)
     z = np.stack([np.hypot(*moved[:, :2].T), np.arctan2(moved[:, 1], moved[:, 0])])
     assert_allclose(np.diagonal(level.covariance[0]), np.diagonal(np.cov(z)), rtol=0.02)
@@ -77,18 +77,18 @@ def test_a_camera_that_leans_sees_things_aside_and_nearer(rng):
 
 def test_a_rocking_robot_knows_that_its_map_is_flat():
     level, rocking = (winding(tilt=np.deg2rad(each)).until(60) for each in (0, 10))
-    every = VisualConfig(every=1)
+    every = VisualConfig(detect_interval=1)
     calm, shaken = visual.run(level, every), visual.run(rocking, every)
     assert not calm.remarks
     assert len(shaken.remarks) == 1
     assert re.search(r"pitches and rolls by [67]\.\d deg .* map is flat", shaken.remarks[0])
-    assert np.median(shaken.meetings.sigma[:, 1]) > 2 * np.median(calm.meetings.sigma[:, 1])
+    assert np.median(shaken.observations.sigma[:, 1]) > 2 * np.median(calm.observations.sigma[:, 1])
     assert score_drive(shaken.trajectory, rocking.truth).inside_3sigma > 0.95
 
 
 def test_a_bearing_alone_lies_on_the_line_of_sight():
     xy = np.array([[100.0, 250.0], [500.0, 90.0]], np.float32)
-    seen = bearing_alone(CAMERA, xy, np.array([8.0, 30.0]), VisualConfig(), 0.01)
+    seen = observe_bearing_only(CAMERA, xy, np.array([8.0, 30.0]), VisualConfig(), 0.01)
     place = np.stack(
         [
             seen.z[:, 0] * np.cos(seen.z[:, 1]),
@@ -111,7 +111,7 @@ def test_slopes_of_the_robots_motion_are_those_of_finite_differences():
     import cv2
 
     R, t = camera_motion(CAMERA, CONTROL)
-    slope, step = _by_camera(CAMERA, R, t), 1e-6
+    slope, step = _camera_jacobian(CAMERA, R, t), 1e-6
     for k in range(6):
         change = np.zeros(6)
         change[k] = step
@@ -130,22 +130,22 @@ def test_a_rig_tells_the_motion(wrong):
     xy, depth, now, deep, R, _ = scene(rng)
     now[:wrong] += rng.uniform(15, 40, (wrong, 2))
     inside = np.isfinite(now).all(1)
-    pairs = paired(*(a[inside] for a in (xy, now, depth, 0.01 * depth, deep, 0.01 * deep)))
-    motion = motion_between(CAMERA, pairs, 0.3, (np.zeros(3), np.eye(3)), alone=True)
+    pairs = make_pairs(*(a[inside] for a in (xy, now, depth, 0.01 * depth, deep, 0.01 * deep)))
+    motion = estimate_motion(CAMERA, pairs, 0.3, (np.zeros(3), np.eye(3)), alone=True)
     assert motion is not None
     assert_allclose(motion.control, CONTROL, atol=2e-4 if wrong else 1e-6)
     assert_allclose(motion.rotation @ R.T, np.eye(3), atol=1e-4)
-    assert not motion.agrees[:wrong].any()
-    assert motion.agrees[wrong:].mean() > 0.95
+    assert not motion.inliers[:wrong].any()
+    assert motion.inliers[wrong:].mean() > 0.95
 
 
 def test_one_camera_tells_the_turn_and_odometry_the_way():
     rng = np.random.default_rng(3)
     xy, _, now, _, _, _ = scene(rng)
     unknown = np.full(len(xy), np.nan)
-    pairs = paired(xy, now, unknown, unknown, unknown, unknown)
+    pairs = make_pairs(xy, now, unknown, unknown, unknown, unknown)
     prior = CONTROL + np.array([0.03, 0.0, 0.02]), np.diag(np.square([0.06, 0.02, 0.02]))
-    motion = motion_between(CAMERA, pairs, 0.3, prior, alone=False)
+    motion = estimate_motion(CAMERA, pairs, 0.3, prior, alone=False)
     assert motion is not None
     assert abs(motion.control[2] - CONTROL[2]) < 1e-3
     sigma = np.sqrt(motion.covariance[0, 0])
@@ -158,7 +158,7 @@ def test_the_covariance_of_a_motion_is_that_of_many_draws():
     xy, depth, now, deep, _, _ = scene(rng)
     missed, sigma = [], 0.02 * depth
     for _ in range(100):
-        pairs = paired(
+        pairs = make_pairs(
             xy + 0.3 * rng.standard_normal(xy.shape),
             now + 0.3 * rng.standard_normal(xy.shape),
             depth + sigma * rng.standard_normal(len(depth)),
@@ -166,7 +166,7 @@ def test_the_covariance_of_a_motion_is_that_of_many_draws():
             np.full(len(deep), np.nan),
             sigma,
         )
-        motion = motion_between(CAMERA, pairs, 0.3, (CONTROL, np.eye(3)), alone=True)
+        motion = estimate_motion(CAMERA, pairs, 0.3, (CONTROL, np.eye(3)), alone=True)
         missed.append(motion.control - CONTROL)
     ratio = np.std(missed, 0) / np.sqrt(np.diag(motion.covariance))
     assert (ratio > 0.6).all()
@@ -177,33 +177,33 @@ def test_two_estimates_join_by_their_information():
     rng = np.random.default_rng(5)
     A, B = (np.diag(rng.uniform(0.1, 1, 3)) for _ in range(2))
     a, b = rng.uniform(-0.1, 0.1, (2, 3))
-    mean, spread = joined((a, A), (b, B))
+    mean, spread = fuse((a, A), (b, B))
     information = np.linalg.inv(A) + np.linalg.inv(B)
     assert_allclose(spread, np.linalg.inv(information))
     assert_allclose(mean, spread @ (np.linalg.inv(A) @ a + np.linalg.inv(B) @ b))
-    assert_allclose(joined((a, A), (b + 50, B))[0], a)
+    assert_allclose(fuse((a, A), (b + 50, B))[0], a)
 
 
 def test_the_last_motion_foretells_the_next():
-    foresight = Foresight(np.array([0.1, 0.1, 0.1]))
-    foresight.saw(np.array([1.0, 0, 0.1]), 1e-8 * np.eye(3), 0.1)
-    control, _ = foresight.foresee(np.array([1.2, 0, 0.2]), 0.1 * np.eye(3), 0.1)
+    foresight = MotionPrior(np.array([0.1, 0.1, 0.1]))
+    foresight.update(np.array([1.0, 0, 0.1]), 1e-8 * np.eye(3), 0.1)
+    control, _ = foresight.predict(np.array([1.2, 0, 0.2]), 0.1 * np.eye(3), 0.1)
     assert_allclose(control, (1.0, 0, 0.1), atol=1e-3)
 
 
 def test_a_drift_of_the_turn_is_learnt_and_a_lift_is_not():
-    drift = TurnDrift()
+    drift = TurnRateBias()
     for _ in range(200):
-        drift.heard(0.01 * 0.1, 0.1, 0.001**2)
-    drift.heard(2.0, 0.1, 0.001**2)
+        drift.update(0.01 * 0.1, 0.1, 0.001**2)
+    drift.update(2.0, 0.1, 0.001**2)
     assert drift.rate == pytest.approx(0.01, rel=0.02)
 
 
 def test_lines_of_sight_meet_at_the_point():
     rng = np.random.default_rng(6)
     xy, _, now, deep, R, t = scene(rng)
-    way = CameraWay()
-    way.moved(R, t)
+    way = CameraTrajectory()
+    way.append(R, t)
     ends = xy.astype(np.float32), now.astype(np.float32)
     found, sigma = way.triangulate(CAMERA, np.zeros(len(xy), int), *ends, 0.3)
     sure = sigma < 0.1 * deep
@@ -212,19 +212,19 @@ def test_lines_of_sight_meet_at_the_point():
 
 
 def test_a_scale_is_shared_out_by_trust():
-    scale, true = Scale(0.03, 0.02), 0.96  # the road says odometry is 4 per cent too long
+    scale, true = OdometryScale(0.03, 0.02), 0.96  # the road says odometry is 4 per cent too long
     for _ in range(3000):
-        scale.heard(true / scale.factor)
+        scale.update(true / scale.factor)
     share = 0.03**2 / (0.03**2 + 0.02**2)
     assert scale.factor == pytest.approx(1 - 0.04 * share, abs=2e-3)
     assert scale.sigma == pytest.approx(0.02 * np.sqrt(share), rel=0.05)
-    assert Scale(0.03, 0.02).sigma == pytest.approx(0.03)
-    assert WHITE > 0
+    assert OdometryScale(0.03, 0.02).sigma == pytest.approx(0.03)
+    assert WHITE_NOISE > 0
 
 
 def test_a_road_tells_the_way():
     rng = np.random.default_rng(7)
-    camera = Camera(640, 360, 500, 500, 320, 120, place=np.array([0, 0, 1.5]))
+    camera = Camera(640, 360, 500, 500, 320, 120, position=np.array([0, 0, 1.5]))
     texture = rng.uniform(0, 255, (400, 400))
     R, t = camera_motion(camera, CONTROL)
 
@@ -242,13 +242,13 @@ def test_a_road_tells_the_way():
         return (128 + 6 * rough).clip(0, 255).astype(np.uint8)
 
     unknown = np.full(20, np.nan)
-    pairs = paired(np.zeros((20, 2)), np.zeros((20, 2)), *(unknown,) * 4)
-    motion = motion_between(
+    pairs = make_pairs(np.zeros((20, 2)), np.zeros((20, 2)), *(unknown,) * 4)
+    motion = estimate_motion(
         camera, pairs, 1e3, (CONTROL * (1.1, 1.1, 1), 1e-9 * np.eye(3)), alone=False
     )
     assert motion is not None
-    motion = motion._replace(rotation=R, shift=1.1 * t)
-    road = Road(camera).motion(seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
+    motion = motion._replace(rotation=R, translation=1.1 * t)
+    road = GroundTracker(camera).motion(seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
     assert road is not None
     assert road.distance == pytest.approx(np.linalg.norm(t), rel=0.02)
     assert_allclose(road.tilt, 0, atol=np.radians(0.2))

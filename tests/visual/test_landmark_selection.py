@@ -14,12 +14,12 @@ from scipy import stats
 from saccade import __version__, visual
 from saccade.evaluation.selection import mean_ranks, means, ratios
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.visual import Memory, VisualConfig
+from saccade.visual import FeatureCache, VisualConfig
 from saccade.visual.config import SELECTIONS
-from saccade.visual.frontend import Followed
-from saccade.visual.reidentification import rehearsed
-from saccade.visual.run_log import TAKEN_IN
-from saccade.visual.selection import FARTHEST, farthest_first, proof
+from saccade.visual.frontend import TrackedPoints
+from saccade.visual.reidentification import count_rematches
+from saccade.visual.run_log import INITIALIZED
+from saccade.visual.selection import FARTHEST, farthest_first, rematch_rate
 
 FRAMES = 6
 
@@ -33,23 +33,23 @@ def points(xy, looks=None):
     """Followed points with nothing else known of them."""
     n = len(xy)
     looks = np.zeros((n, 128), np.uint8) if looks is None else looks
-    columns = {each.name: each.default_factory() for each in fields(Followed)}
+    columns = {each.name: each.default_factory() for each in fields(TrackedPoints)}
     columns = {k: np.zeros((n, *each.shape[1:]), each.dtype) for k, each in columns.items()}
-    return Followed(**columns | {"xy": np.asarray(xy, np.float32), "descriptor": looks})
+    return TrackedPoints(**columns | {"xy": np.asarray(xy, np.float32), "descriptor": looks})
 
 
 def test_every_choice_is_another_one(drive):
     """And what runs share changes none of them."""
-    memory, taken = Memory(), set()
+    memory, taken = FeatureCache(), set()
     for selection in SELECTIONS:
-        config = VisualConfig(selection=selection, new_per_frame=2, in_view=16)
-        seen = visual.run(drive, config, memory=memory).meetings
-        taken.add(seen.xy[seen.kind == TAKEN_IN].tobytes())
-        assert (seen.frame[seen.kind == TAKEN_IN] == 0).sum() == 8
+        config = VisualConfig(selection=selection, new_per_frame=2, max_tracked=16)
+        seen = visual.run(drive, config, cache=memory).observations
+        taken.add(seen.xy[seen.kind == INITIALIZED].tobytes())
+        assert (seen.frame[seen.kind == INITIALIZED] == 0).sum() == 8
     assert len(taken) == len(SELECTIONS)
-    assert len(memory.glances) == FRAMES
-    alone, sharing = visual.run(drive, config), visual.run(drive, config, memory=memory)
-    assert np.array_equal(alone.meetings.xy, sharing.meetings.xy)
+    assert len(memory.features) == FRAMES
+    alone, sharing = visual.run(drive, config), visual.run(drive, config, cache=memory)
+    assert np.array_equal(alone.observations.xy, sharing.observations.xy)
     assert np.array_equal(alone.trajectory.covariance, sharing.trajectory.covariance)
 
 
@@ -72,8 +72,8 @@ def test_each_point_is_the_farthest_from_those_before_it(xy, worth, taken):
 
 def test_proof_is_the_mean_of_what_is_believed():
     tried, found = np.array([0, 1, 4, 9]), np.array([0, 1, 1, 9])
-    some = replace(points(np.zeros((4, 2))), rehearsed=tried, proven=found)
-    assert proof(some) == pytest.approx(stats.beta(1 + found, 1 + tried - found).mean())
+    some = replace(points(np.zeros((4, 2))), rematch_attempts=tried, rematches=found)
+    assert rematch_rate(some) == pytest.approx(stats.beta(1 + found, 1 + tried - found).mean())
 
 
 def test_a_point_is_proven_where_its_looks_are_found_where_it_is():
@@ -81,11 +81,11 @@ def test_a_point_is_proven_where_its_looks_are_found_where_it_is():
     followed = points([[10, 10], [50, 10], [90, 10], [130, 10]], looks)
     # the second has moved its looks elsewhere, the third two share, the fourth is not found
     found = points([[11, 10], [70, 10], [90, 10], [95, 30]], looks[[0, 1, 2, 2]])
-    after = rehearsed(rehearsed(followed, found, 0.8), found, 0.8)
-    assert after.rehearsed.tolist() == [2, 2, 2, 2]
-    assert after.proven.tolist()[:2] == [2, 0]
-    assert after.proven[3] == 0
-    assert followed.rehearsed.tolist() == [0, 0, 0, 0]
+    after = count_rematches(count_rematches(followed, found, 0.8), found, 0.8)
+    assert after.rematch_attempts.tolist() == [2, 2, 2, 2]
+    assert after.rematches.tolist()[:2] == [2, 0]
+    assert after.rematches[3] == 0
+    assert followed.rematch_attempts.tolist() == [0, 0, 0, 0]
 
 
 def test_choices_are_ranked_and_compared_drive_by_drive():

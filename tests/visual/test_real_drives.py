@@ -9,7 +9,7 @@ import pytest
 from saccade import visual
 from saccade.datasets.drives.kitti import read_kitti_drive
 from saccade.datasets.drives.tracks import read_tracks_drive
-from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.evaluation.trajectory import position_rmse
 
 
@@ -23,22 +23,22 @@ def inside(result, drive):
 
 @pytest.mark.shared
 def test_one_camera_comes_back_to_where_it_began(shared):
-    drive = palindrome(
-        read_kitti_drive(shared / "data/drives/kitti07"), PalindromeConfig(frames=48)
+    drive = out_and_back(
+        read_kitti_drive(shared / "data/drives/kitti07"), OutAndBackConfig(frames=48)
     )
     result = visual.run(drive)
     sure, returned = inside(result, drive)
     assert position_rmse(result.trajectory, drive.truth) < 0.40
     assert returned < 0.2
     assert sure >= 0.95
-    assert np.bincount(result.meetings.kind)[2] > 20
+    assert np.bincount(result.observations.kind)[2] > 20
 
 
 @pytest.mark.shared
 def test_stereo_tracks_are_followed(shared):
     tracks = shared / "data/drives/kitti07/stereo_tracks_clean.npz"
     drive = read_tracks_drive(tracks).until(150)
-    result = visual.run(drive, visual.VisualConfig(every=1))
+    result = visual.run(drive, visual.VisualConfig(detect_interval=1))
     sure, _ = inside(result, drive)
     assert position_rmse(result.trajectory, drive.truth) < 0.8
     assert sure >= 0.95

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from saccade.evaluation.drives import same_places
 from saccade.slam.consistency import chi_square_gate
-from saccade.visual.reidentification import agreeing, borne_out
+from saccade.visual.reidentification import consistent_layout, consistent_subset
 
 GATE = 0.99
 
@@ -34,7 +34,7 @@ def told_by_others(v, S, i):
 def test_what_the_others_contradict_is_left_out(seed, count, which, by):
     v, S = drawn(seed, count)
     v[which % count] += by
-    kept = borne_out(v, S, GATE)
+    kept = consistent_subset(v, S, GATE)
     told = [told_by_others(v, S, i) for i in range(count)]
     limit = chi_square_gate(2, GATE)
     if max(told) < limit:
@@ -48,13 +48,13 @@ def test_what_the_others_contradict_is_left_out(seed, count, which, by):
 
 
 def test_right_sightings_are_borne_out_as_often_as_the_gate_says():
-    kept = [borne_out(*drawn(seed, 2), GATE).all() for seed in range(2000)]
+    kept = [consistent_subset(*drawn(seed, 2), GATE).all() for seed in range(2000)]
     assert 0.97 < np.mean(kept) < 0.995  # each of two is outside once in a hundred
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_nothing_speaks_against_one(count):
-    assert borne_out(np.full((count, 2), 99.0), np.eye(2 * count), GATE).all()
+    assert consistent_subset(np.full((count, 2), 99.0), np.eye(2 * count), GATE).all()
 
 
 @given(st.integers(0, 10**6), st.integers(0, 4))
@@ -65,7 +65,7 @@ def test_landmarks_that_lie_as_they_are_seen_agree(seed, strangers):
     beta = heading + z[:, 1]
     places = np.stack([x + z[:, 0] * np.cos(beta), y + z[:, 0] * np.sin(beta)], 1)
     places[:strangers] += random.uniform(20, 90, (strangers, 2))
-    assert agreeing(z, places).tolist() == [i >= strangers for i in range(10)]
+    assert consistent_layout(z, places).tolist() == [i >= strangers for i in range(10)]
 
 
 @pytest.mark.parametrize(

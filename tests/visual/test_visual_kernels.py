@@ -7,11 +7,11 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import map_coordinates
 
 from saccade.frames import Camera
-from saccade.visual.egomotion import CLOSEST, _vote, camera_motion, paired
-from saccade.visual.ground_scale import Road, _carry
-from saccade.visual.prefetch import Ahead
+from saccade.visual.egomotion import CLOSEST, _accumulate, camera_motion, make_pairs
+from saccade.visual.ground_scale import GroundTracker, _warp
+from saccade.visual.prefetch import Prefetcher
 
-CAMERA = Camera(640, 360, 500, 480, 320, 120, place=np.array([0.2, 0.1, 1.5]))
+CAMERA = Camera(640, 360, 500, 480, 320, 120, position=np.array([0.2, 0.1, 1.5]))
 VIEW = CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy
 PIXEL, SOFT, STEP = 0.4, 3.0, 1e-6
 
@@ -60,21 +60,25 @@ def test_points_vote_for_a_motion_as_the_formulas_say(rng, known):
     now += rng.normal(0, 3, now.shape)
     deep = np.where(rng.uniform(size=k) < known, depth - t[2], np.nan)
     was = np.where(rng.uniform(size=k) < known, depth, np.nan)
-    pairs = paired(before, now, was, 0.05 * depth, deep, 0.04 * depth)
+    pairs = make_pairs(before, now, was, 0.05 * depth, deep, 0.04 * depth)
     at = pairs.inverse_depth * rng.uniform(0.9, 1.1, k)
     expected = voted(pairs, at, R, t)
     information, gradient, square, found = np.zeros((6, 6)), np.zeros(6), np.zeros(k), at.copy()
-    _vote(pairs, VIEW, R, t, PIXEL, SOFT, found, information, gradient, square)
+    _accumulate(pairs, VIEW, R, t, PIXEL, SOFT, found, information, gradient, square)
     for ours, theirs in zip((information, gradient, square, found), expected, strict=True):
         assert_allclose(ours, theirs, rtol=1e-5, atol=1e-5 * np.abs(theirs).max())
 
 
 def test_a_point_behind_the_camera_has_no_vote():
     unknown = np.full(1, np.nan)
-    pairs = paired(np.zeros((1, 2)), np.zeros((1, 2)), np.full(1, 2.0), np.ones(1), *(unknown,) * 2)
+    pairs = make_pairs(
+        np.zeros((1, 2)), np.zeros((1, 2)), np.full(1, 2.0), np.ones(1), *(unknown,) * 2
+    )
     sums, square = (np.zeros((6, 6)), np.zeros(6)), np.zeros(1)
     back = np.array([0.0, 0.0, -3.0])
-    _vote(pairs, VIEW, np.eye(3), back, PIXEL, SOFT, pairs.inverse_depth.copy(), *sums, square)
+    _accumulate(
+        pairs, VIEW, np.eye(3), back, PIXEL, SOFT, pairs.inverse_depth.copy(), *sums, square
+    )
     assert np.isinf(square[0])
     assert not sums[0].any()
 
@@ -83,7 +87,7 @@ def test_a_road_is_looked_up_where_its_plane_says(rng):
     """On a ramp neither bilinear interpolation nor slopes err."""
     R, t = camera_motion(CAMERA, np.array([4.5, 0.02, 0.03]))
     way = np.linalg.norm(t)
-    rays, at = Road(CAMERA)._rays[::10], rng.uniform(0, 255, 1000)
+    rays, at = GroundTracker(CAMERA)._rays[::10], rng.uniform(0, 255, 1000)
     v, u = np.mgrid[:360, :640]
     ramp = (5 * u + 3 * v).astype(np.int16)
     images = ramp, np.full_like(ramp, 8 * 5), np.full_like(ramp, 8 * 3)
@@ -99,7 +103,7 @@ def test_a_road_is_looked_up_where_its_plane_says(rng):
     found = np.array([way / 1.5, 0.01, -0.02])
     light, J = np.empty(len(rays)), np.empty((len(rays), 5))
     by = np.stack([axes.T @ np.append(1, found[1:]), found[0] * axes[1], found[0] * axes[2]])
-    n = _carry(rays, at, VIEW, R, t / way, found[0], by, images, light, J)
+    n = _warp(rays, at, VIEW, R, t / way, found[0], by, images, light, J)
     expected = looked_up(found)
     inside = np.isfinite(expected)
     assert 10 < n == inside.sum() < len(rays)
@@ -120,7 +124,7 @@ def test_work_ahead_is_done_once_and_in_order_and_fails_where_it_is_asked_for():
             raise ValueError("3")
         return number**2
 
-    ahead = Ahead(work, 6, 4)
+    ahead = Prefetcher(work, 6, 4)
     done = []
     for number in range(6):
         try:

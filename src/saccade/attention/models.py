@@ -8,9 +8,9 @@ if TYPE_CHECKING:
 
     from saccade.types import Float32Array, SymmetricPairs
 
-MEANT = 800
-"""Longer side in pixels of an image at which a fixation is as wide as `WITHIN` says."""
-WITHIN = 12.0
+REFERENCE_SIZE = 800
+"""Longer side in pixels of an image at which a fixation is as wide as `PAIR_RADIUS` says."""
+PAIR_RADIUS = 12.0
 """Pixels about a fixation in which the pairs that drew it there are sought."""
 
 
@@ -19,7 +19,7 @@ KINDS = {"contrast": "contrast", "symmetry": "symmetry", "both": "attention"}
 
 
 @dataclass(frozen=True)
-class Attention:
+class AttentionModel:
     """A model of attention with its settings."""
 
     model: str
@@ -48,8 +48,10 @@ class Attention:
         if self.model == "contrast":
             return []
         settings = self.settings if self.model == "symmetry" else self.settings.symmetry
-        within = WITHIN * max(image.shape) / MEANT
-        return [symmetric_pairs(image, tuple(each), settings, within=within, most=2) for each in xy]
+        within = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
+        return [
+            symmetric_pairs(image, tuple(each), settings, radius=within, max_pairs=2) for each in xy
+        ]
 
 
 def contrast_of(maps: Any) -> Any:

@@ -139,8 +139,8 @@ def inhibit_laterally(values: FloatMap, iterations: int, narrowest: float = NARR
     Source: Itti & Koch (2000).
     """
     excitation, inhibition = (
-        gaussian_kernel(strength, max(share * max(values.shape), narrowest), values.shape)
-        for strength, share in (EXCITATION, INHIBITION)
+        gaussian_kernel(strength, max(fraction * max(values.shape), narrowest), values.shape)
+        for strength, fraction in (EXCITATION, INHIBITION)
     )
     for _ in range(iterations):
         excited = truncated_filter(values, excitation)

@@ -16,8 +16,8 @@ def symmetric_pairs(
     xy: tuple[float, float],
     config: SymmetryConfig | None = None,
     *,
-    within: float = 0.0,
-    most: int = 4,
+    radius: float = 0.0,
+    max_pairs: int = 4,
 ) -> SymmetricPairs:
     """The pairs of gradients that contribute most to the symmetry of a place at each level.
 
@@ -28,9 +28,9 @@ def symmetric_pairs(
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         xy: the place in image pixels.
         config: as for `symmetry_saliency`.
-        within: radius in pixels about the place; each level takes the most symmetric of its
+        radius: radius in pixels about the place; each level takes the most symmetric of its
             cells there. At 0 it is the cell at the place.
-        most: how many pairs of each level at most.
+        max_pairs: how many pairs of each level at most.
 
     Returns:
         The pairs, the strongest first; fewer, or none, where nothing is symmetric.
@@ -38,8 +38,8 @@ def symmetric_pairs(
     Raises:
         ImageError: as `symmetry_saliency`, or the place lies outside the image.
     """
-    require(most >= 1, "most", "at least 1", most)
-    require(within >= 0, "within", "0 px or more", within)
+    require(max_pairs >= 1, "max_pairs", "at least 1", max_pairs)
+    require(radius >= 0, "radius", "0 px or more", radius)
     pixels = check_image(image)
     shape = pixels.shape[:2]
     if not (-0.5 <= xy[0] < shape[1] - 0.5 and -0.5 <= xy[1] < shape[0] - 0.5):
@@ -52,7 +52,7 @@ def symmetric_pairs(
     channels_at = steps.channels(pixels, existing_levels(shape, config, steps))
     for number, channels in channels_at.items():
         symmetry = symmetry_at(channels, kernel, config, steps)
-        row, column = most_symmetric(symmetry, xy, within, shape)
+        row, column = most_symmetric(symmetry, xy, radius, shape)
         gradients = [
             gradients_of(c, config.gain, steps.border) for c in np.moveaxis(channels, 2, 0)
         ]
@@ -62,7 +62,7 @@ def symmetric_pairs(
         first, second = (
             cell_centers(each[:, 0], each[:, 1], symmetry.shape, shape) for each in (one, two)
         )
-        strongest = np.argsort(-strength, kind="stable")[:most]
+        strongest = np.argsort(-strength, kind="stable")[:max_pairs]
         strength *= weights[number]
         level = np.full(len(strength), number)
         found.append(SymmetricPairs(first, second, angle, other, strength, level)[strongest])
@@ -74,12 +74,12 @@ def symmetric_pairs(
 
 
 def most_symmetric(
-    symmetry: FloatMap, xy: tuple[float, float], within: float, shape: tuple[int, int]
+    symmetry: FloatMap, xy: tuple[float, float], radius: float, shape: tuple[int, int]
 ) -> tuple[int, int]:
     """Row and column of the highest cell whose center lies within a radius, or of the nearest."""
     rows, columns = (index.ravel() for index in np.indices(symmetry.shape))
     distance = np.hypot(*(cell_centers(rows, columns, symmetry.shape, shape) - xy).T)
-    near = distance <= max(within, float(distance.min()))
+    near = distance <= max(radius, float(distance.min()))
     best = int(np.argmax(np.where(near, symmetry.ravel(), -1)))
     return int(rows[best]), int(columns[best])
 

@@ -31,11 +31,11 @@ from saccade.pair_sums import (
     MARGIN,
     PairKernel,
     color_sums,
+    fraction_inside,
     gradients_of,
     isotropic_sums,
     pair_kernel,
     radial_sums,
-    share_inside,
 )
 from saccade.pyramid import FloatMap, half_shape, halve, level_shape, resize
 from saccade.types import Float32Array, Image
@@ -44,7 +44,7 @@ __all__ = ["SymmetryConfig", "SymmetryMaps", "symmetry_saliency"]
 
 SUMS = {"isotropic": isotropic_sums, "radial": radial_sums, "color": color_sums}
 
-RADIAL_SHARE = 1.4
+RADIAL_FRACTION = 1.4
 """Where a part of the pairs lies inside the image their axes are alike, and on noise the radial
 sum is that part to this power of the whole; measured for rings of 1 to 4 and of 3 to 7 pixels."""
 
@@ -117,19 +117,19 @@ def symmetry_at(
     sums = SUMS[config.kind](gradients, pairs)
     if config.border == "missing":
         return sums
-    share = share_inside(sums.shape, pairs)
-    return complete(sums, share**RADIAL_SHARE if config.kind == "radial" else share)
+    fraction = fraction_inside(sums.shape, pairs)
+    return complete(sums, fraction**RADIAL_FRACTION if config.kind == "radial" else fraction)
 
 
-def complete(sums: Float32Array, share: Float32Array) -> Float32Array:
+def complete(sums: Float32Array, fraction: Float32Array) -> Float32Array:
     """The sums as if the pairs that reach beyond the border made as much as the others.
 
     Args:
         sums: (h, w) over the pairs inside the image.
-        share: (h, w) what they would be by those of all pairs if every place were alike.
+        fraction: (h, w) what they would be by those of all pairs if every place were alike.
     """
-    average = sums.sum(dtype=np.float64) / share.sum(dtype=np.float64)
-    return sums + (1 - share) * np.float32(average)
+    average = sums.sum(dtype=np.float64) / fraction.sum(dtype=np.float64)
+    return sums + (1 - fraction) * np.float32(average)
 
 
 def existing_levels(

@@ -18,7 +18,7 @@ SYSTEMS = {
 """Batch systems, and what dask-jobqueue calls them."""
 A_JOB = {"cores": 1, "memory": "2GB"}
 """What a job asks for where dask-jobqueue's file of settings does not say."""
-PATIENCE = 20.0
+TIMEOUT = 20.0
 """Seconds in which a scheduler must answer."""
 
 
@@ -31,7 +31,7 @@ def scheduler_at(address: str) -> Iterator[Cluster]:
     """
     distributed = import_optional("distributed", "cluster")
     try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(f"scheduler: expected one at {address}, found none: {error}") from error
     with client:

@@ -14,10 +14,10 @@ from importlib import import_module
 from typing import Any, Protocol, TypeAlias
 
 from saccade.batch.forkserver import begin_loading
-from saccade.batch.shards import Report, Shard
+from saccade.batch.shards import Shard, ShardReport
 
-Work: TypeAlias = Callable[[Shard], Report]
-AHEAD = 2
+Work: TypeAlias = Callable[[Shard], ShardReport]
+PREFETCH = 2
 """Shards that wait for each worker: it need not wait for the one that hands them out."""
 DIED = "the process that worked on it died; was there enough memory?"
 
@@ -29,16 +29,16 @@ class Engine(Protocol):
     def workers(self) -> int:
         """How many work at a time."""
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """The report of every shard; takes a new one only when there is room for it."""
 
 
-class Here:
+class InProcess:
     """One after the other, in this process."""
 
     workers = 1
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`."""
         import cv2
 
@@ -60,15 +60,15 @@ class Processes:
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. A shard that kills its process is tried once more, alone."""
         pool = _start(self.workers)
         try:
-            running: dict[Future[Report], Shard] = {}
+            running: dict[Future[ShardReport], Shard] = {}
             suspects: list[Shard] = []
             more = True
             while more or running:
-                while more and not suspects and len(running) < AHEAD * self.workers:
+                while more and not suspects and len(running) < PREFETCH * self.workers:
                     shard = next(shards, None)
                     more = shard is not None
                     if shard is not None:
@@ -103,7 +103,7 @@ class Cluster:
         """Threads of all workers now; they may come and go."""
         return sum(self._client.nthreads().values())
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[Report]:
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. What a worker had begun that went away is done by another."""
         distributed: Any = import_module("distributed")
 
@@ -111,7 +111,7 @@ class Cluster:
         completed = distributed.as_completed(loop=self._client.loop)
         more = True
         while more or waiting:
-            while more and len(waiting) < AHEAD * max(self.workers, 1):
+            while more and len(waiting) < PREFETCH * max(self.workers, 1):
                 shard = next(shards, None)
                 more = shard is not None
                 if shard is not None:
@@ -125,12 +125,12 @@ class Cluster:
                 yield future.result() if failure is None else lost(shard, str(failure))
 
 
-def lost(shard: Shard, why: str) -> Report:
+def lost(shard: Shard, why: str) -> ShardReport:
     """The report of a shard of which nothing came."""
-    return Report(lost=[(item.name, why) for item in shard.items])
+    return ShardReport(lost=[(item.name, why) for item in shard.items])
 
 
-def _one_by_one(work: Work, shards: list[Shard]) -> Iterator[Report]:
+def _one_by_one(work: Work, shards: list[Shard]) -> Iterator[ShardReport]:
     for shard in shards:
         with _start(1) as pool:
             try:

@@ -15,11 +15,11 @@ from saccade.batch.tables import ENTRIES, point_schema
 from saccade.errors import ConfigError, KeypointsError, OutputError
 from saccade.exchange import to_opencv, write_colmap, write_csv, write_hdf5
 from saccade.exchange.fields import check_name
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import Keypoints
 
 
-class Extracted(NamedTuple):
+class ImageKeypoints(NamedTuple):
     """The points of an image."""
 
     image: str
@@ -28,7 +28,7 @@ class Extracted(NamedTuple):
     points: Keypoints
 
 
-def read_points(place: str) -> Iterator[Extracted]:
+def read_points(place: str) -> Iterator[ImageKeypoints]:
     """The points of every image of a data set, shard by shard.
 
     Args:
@@ -72,7 +72,7 @@ class Export(NamedTuple):
     write: Callable[[str, Path], int]
 
 
-def _shard(store: Store, what: str, file: str) -> Iterator[Extracted]:
+def _shard(store: Store, what: str, file: str) -> Iterator[ImageKeypoints]:
     table = read_rows(store, f"{what}/{file}", point_schema(boxes=False))
     xy = np.stack([table["x"].to_numpy(), table["y"].to_numpy()], axis=1)
     packed = table["descriptor"].combine_chunks()
@@ -95,7 +95,7 @@ def _shard(store: Store, what: str, file: str) -> Iterator[Extracted]:
             shape = (row["height"] or 0, row["width"] or 0)
             if min(shape) < 1:
                 raise KeypointsError(f"{row['image']}: expected an image of a size, found {shape}")
-            yield Extracted(row["image"], shape, points[rows])
+            yield ImageKeypoints(row["image"], shape, points[rows])
 
 
 def _together(write: Callable[[Path, Mapping[str, Keypoints], dict[str, Any]], None]) -> Any:
@@ -108,7 +108,7 @@ def _together(write: Callable[[Path, Mapping[str, Keypoints], dict[str, Any]], N
     return export
 
 
-def _apart(suffix: str, write: Callable[[Path, Extracted], None]) -> Any:
+def _apart(suffix: str, write: Callable[[Path, ImageKeypoints], None]) -> Any:
     def export(place: str, out: Path) -> int:
         count = 0
         for each in read_points(place):
@@ -121,13 +121,13 @@ def _apart(suffix: str, write: Callable[[Path, Extracted], None]) -> Any:
     return export
 
 
-def _write_opencv(path: Path, extracted: Extracted) -> None:
+def _write_opencv(path: Path, extracted: ImageKeypoints) -> None:
     keypoints, descriptors = to_opencv(extracted.points)
     rows = [
         [*each.pt, each.size, each.angle, each.response, each.octave, each.class_id]
         for each in keypoints
     ]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         file = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE)
         if not file.isOpened():
             raise OutputError(f"{path}: cannot be written by OpenCV")

@@ -14,7 +14,7 @@ from saccade.batch.manifest import (
     write_manifest,
 )
 from saccade.batch.planning import Plan, remove_orphans
-from saccade.batch.shards import Report, Shard, extract_shard
+from saccade.batch.shards import Shard, ShardReport, extract_shard
 from saccade.batch.sources import Source
 from saccade.batch.store import open_store
 from saccade.errors import OutputError
@@ -46,7 +46,7 @@ def extract(
     size: int | None = None,
     redo: bool = False,
     stopped: Callable[[], bool] = lambda: False,
-    watch: Callable[[Report], None] = lambda report: None,
+    watch: Callable[[ShardReport], None] = lambda report: None,
 ) -> Extraction:
     """Do a job on all images of a source that are not yet done.
 
@@ -80,7 +80,7 @@ def extract(
         work = partial(extract_shard, job, out, redo=redo)
         for report in engine.run(work, _until(stopped, plan.shards(store))):
             done += report.done
-            same += report.same
+            same += report.unchanged
             lost.extend(report.lost)
             watch(report)
         complete = not stopped()

@@ -23,7 +23,7 @@ from saccade.batch.store import Folder
 from saccade.batch.tables import ENTRIES, point_schema
 from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.extras import import_optional
-from saccade.files import check_file, one_line, read_text, text_path, whole_file
+from saccade.files import atomic_write, check_file, one_line, read_text, text_path
 from saccade.formats import FORMATS, check_format
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
@@ -224,9 +224,9 @@ def build_index(folder: str | Path, most: int = 1000) -> dict[str, int]:
     images, first, count = _layout(store, most)
     vectors = _empty(faiss, store, what, most, count)
     with (
-        whole_file(place / "places.npy") as places_path,
-        whole_file(place / "vectors.faiss") as vectors_path,
-        whole_file(place / "images.json") as images_path,
+        atomic_write(place / "places.npy") as places_path,
+        atomic_write(place / "vectors.faiss") as vectors_path,
+        atomic_write(place / "images.json") as images_path,
     ):
         places = []
         for xy, descriptors in _kept(store, what, most):

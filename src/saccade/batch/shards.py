@@ -48,12 +48,12 @@ class Shard(NamedTuple):
         return f"{PREFIX}{self.name}{SUFFIX}"
 
 
-class Report(NamedTuple):
+class ShardReport(NamedTuple):
     """What came of a shard."""
 
     done: int = 0
     """Images that were worked on."""
-    same: int = 0
+    unchanged: int = 0
     """Images that had been done before."""
     rows: int = 0
     """Of the table that were made."""
@@ -63,7 +63,7 @@ class Report(NamedTuple):
     """Images whose results could not be written, and why."""
 
 
-def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> Report:
+def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> ShardReport:
     """Do what is not yet done of a shard; in any process on any machine.
 
     Args:
@@ -78,13 +78,13 @@ def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> Rep
     todo = [item for item in shard.items if item.name not in kept]
     failed = sum(row["error"] is not None for row in kept.values())
     if not todo and len(kept) == len(before):
-        return Report(same=len(kept), failed=failed)
+        return ShardReport(unchanged=len(kept), failed=failed)
     try:
         made = _write(job, store, shard, kept, todo)
     except OutputError as error:
-        return Report(same=len(kept), lost=[(item.name, str(error)) for item in todo])
+        return ShardReport(unchanged=len(kept), lost=[(item.name, str(error)) for item in todo])
     failed += sum(row["error"] is not None for row in made)
-    return Report(len(todo), len(kept), sum(row["rows"] for row in made), failed)
+    return ShardReport(len(todo), len(kept), sum(row["rows"] for row in made), failed)
 
 
 def read_rows(

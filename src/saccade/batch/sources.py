@@ -191,7 +191,7 @@ class Video:
 
 
 @dataclass(frozen=True)
-class Several:
+class ConcatenatedSources:
     """Sources one after the other."""
 
     parts: Sequence[Source]
@@ -325,7 +325,9 @@ def _mixed(names: Sequence[str], root: str, every: int = 0) -> Source:
         else:
             plain.append(name)
     files = Files.of(root, plain)
-    return Several([files, *containers] if plain else containers) if containers else files
+    return (
+        ConcatenatedSources([files, *containers] if plain else containers) if containers else files
+    )
 
 
 def _lines(path: Path) -> list[str]:

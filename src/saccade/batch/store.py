@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from saccade.batch.sources import remote_system
 from saccade.errors import OutputError
-from saccade.files import make_folder, open_file, reason_of, whole_file
+from saccade.files import atomic_write, make_folder, open_file, reason_of
 
 LEFTOVERS = ".partial"
 """Folder of files that are being written; hidden from those who read the data set."""
@@ -76,7 +76,7 @@ class Folder:
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """A temporary path; the file appears when the block ends well."""
-        with whole_file(self._path(name), self._root / LEFTOVERS) as temporary:
+        with atomic_write(self._path(name), self._root / LEFTOVERS) as temporary:
             yield temporary
 
     def remove(self, name: str) -> None:

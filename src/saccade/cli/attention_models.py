@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from saccade.attention.models import Attention
+    from saccade.attention.models import AttentionModel
 
 
 class Model(StrEnum):
@@ -23,9 +23,9 @@ ModelChoice = Annotated[Model, typer.Option(help="What draws the eye.")]
 
 def attention_model(
     model: Model, preset: str | None, config: Path | None, *, keep_features: bool = False
-) -> "Attention":
+) -> "AttentionModel":
     """The model with the settings that the command line names."""
-    from saccade.attention.models import KINDS, Attention
+    from saccade.attention.models import KINDS, AttentionModel
     from saccade.settings import load_settings
 
-    return Attention(model, load_settings(KINDS[model], preset, config), keep_features)
+    return AttentionModel(model, load_settings(KINDS[model], preset, config), keep_features)

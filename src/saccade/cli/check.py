@@ -65,7 +65,7 @@ def _as_row(report: "CheckReport") -> dict[str, Any]:
     return {
         "sequence": report.name,
         "frames": report.frames,
-        "looked_at": report.looked_at,
+        "looked_at": report.inspected,
         "clean": report.clean,
         "findings": [asdict(finding) for finding in report.findings],
         "figures": report.figures,
@@ -80,7 +80,7 @@ def _print(report: "CheckReport") -> None:
     console = Console(highlight=False)
     wrong = sum(finding.severity != "note" for finding in report.findings)
     count = f"{report.frames} frames" + (
-        f", {report.looked_at} looked at" if report.looked_at < report.frames else ""
+        f", {report.inspected} looked at" if report.inspected < report.frames else ""
     )
     verdict = f"{wrong} thing{'s' if wrong > 1 else ''} wrong" if wrong else "nothing wrong"
     console.print(Text(f"{report.name}: {count}, {verdict}", style="bold"), soft_wrap=True)

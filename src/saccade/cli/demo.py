@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from saccade.cli.options import Json
-from saccade.cli.report_builder import Album
+from saccade.cli.report_builder import ReportBuilder
 
 LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
@@ -29,15 +29,15 @@ def demo(
     """
     from importlib.resources import as_file, files
 
-    from saccade.cli.output import print_json, print_table, say, write_text
+    from saccade.cli.output import print_json, print_message, print_table, write_text
     from saccade.files import make_folder
 
     make_folder(out)
-    album = Album("saccade demo", LEAD)
+    builder = ReportBuilder("saccade demo", LEAD)
     with as_file(files("saccade") / "data") as data:
-        made = _make(data, out, album)
+        made = _make(data, out, builder)
     looked, matched, mapped, driven = made.values()
-    report = album.write(out / "report.html")
+    report = builder.write(out / "report.html")
     page = out / "index.html"
     write_text(page, _page(looked, matched, mapped, driven))
     if as_json:
@@ -55,10 +55,10 @@ def demo(
             [str(page), "all of it"],
         ],
     )
-    say(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
+    print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
 
 
-def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
+def _make(data: Path, out: Path, builder: ReportBuilder) -> dict[str, dict[str, Any]]:
     """The three systems and the whole, with a progress bar where someone watches."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -82,13 +82,15 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
     ):
         looking = progress.add_task("attention: where to look in a photograph", total=1)
         attention = attention_model(Model.both, preset=None, config=None)
-        looked = look_at(data / "rocket.jpg", out / "look", attention, fixations=10, album=album)
+        looked = look_at(
+            data / "rocket.jpg", out / "look", attention, fixations=10, builder=builder
+        )
         progress.update(looking, completed=1)
 
         matching = progress.add_task("interest points: what two photographs share", total=1)
         pair = (data / "hallway_1.jpg", data / "hallway_2.jpg")
         sift = Sift(load_settings("sift"))
-        matched = match_images(*pair, out, sift, ratio=0.8, mutual=True, album=album)
+        matched = match_images(*pair, out, sift, ratio=0.8, mutual=True, builder=builder)
         progress.update(matching, completed=1)
 
         mapping = progress.add_task("EKF-SLAM: a car in Victoria Park", total=None)
@@ -100,7 +102,7 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
             load_settings("slam"),
             lambda _, done, total: progress.update(mapping, completed=done, total=total),
             film=False,
-            album=album,
+            builder=builder,
         )
 
         driving = progress.add_task("all of it: a robot finds its way by its camera", total=None)
@@ -110,7 +112,7 @@ def _make(data: Path, out: Path, album: Album) -> dict[str, dict[str, Any]]:
             load_settings("visual"),
             lambda _, done, total: progress.update(driving, completed=done, total=total),
             pictures=FRAMES // 4,
-            album=album,
+            builder=builder,
         )
     return {"look": looked, "match": matched, "slam": mapped, "drive": driven}
 

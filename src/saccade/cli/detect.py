@@ -135,7 +135,7 @@ def detect_in(
     import numpy as np
 
     from saccade import exchange
-    from saccade.cli.symmetry_overlay import what_made
+    from saccade.cli.symmetry_overlay import contributing_pairs
     from saccade.image import read_image
     from saccade.keypoints import Must
     from saccade.types import Regions
@@ -155,7 +155,7 @@ def detect_in(
     if regions:
         row["boxes"] = found.boxes.tolist()
     if regions or isinstance(find, Must):
-        pairs = what_made(find, image, keypoints[:EXPLAINED])
+        pairs = contributing_pairs(find, image, keypoints[:EXPLAINED])
         picture = out.with_name(f"{out.name.removesuffix('.keypoints')}.pairs.png")
         row["pairs"] = str(save_figure(pair_figure(image, pairs), picture))
     if Format.NPZ in formats:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from saccade.cli.options import Json, Out, Preset, Settings
-from saccade.cli.report_builder import Album
+from saccade.cli.report_builder import ReportBuilder
 
 if TYPE_CHECKING:
     from saccade import datasets
@@ -39,7 +39,7 @@ def drive(
         str | None,
         typer.Option(
             help="Which points become landmarks: strength, random, range, contrast, symmetry, "
-            "proven, proven-range or proven-spread."
+            "rematch-rate, rematch-rate-range or rematch-rate-spread."
         ),
     ] = None,
     landmarks: Annotated[int | None, typer.Option(min=1, help="In the map at most.")] = None,
@@ -67,7 +67,7 @@ def drive(
     from rich.progress import Progress
 
     from saccade import datasets
-    from saccade.cli.output import messages, print_json, say
+    from saccade.cli.output import messages, print_json, print_message
     from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)
@@ -77,7 +77,7 @@ def drive(
     if frames is not None:
         recorded = recorded.until(frames)
     for remark in recorded.remarks:
-        say(remark)
+        print_message(remark)
     console = messages()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(escape(recorded.name), total=None)
@@ -92,7 +92,7 @@ def drive(
             checkpoint=checkpoint,
         )
     for remark in row["remarks"]:
-        say(remark)
+        print_message(remark)
     if as_json:
         print_json(row)
         return
@@ -108,7 +108,7 @@ def map_drive(
     film: bool = True,
     pictures: int = 240,
     checkpoint: float = 10.0,
-    album: Album | None = None,
+    builder: ReportBuilder | None = None,
 ) -> dict[str, Any]:
     """Map a drive, write all that comes of it, give the row for run.json.
 
@@ -120,14 +120,14 @@ def map_drive(
         film: whether a film is made.
         pictures: in the film, at most.
         checkpoint: seconds between checkpoints.
-        album: takes the map, in the place of a report of its own.
+        builder: takes the map, in the place of a report of its own.
     """
     import json
     from dataclasses import asdict
 
     import saccade
     from saccade import visual
-    from saccade.cli.drive_files import figures, write_film, write_pictures, write_tables
+    from saccade.cli.drive_files import summary, write_film, write_pictures, write_tables
     from saccade.cli.drive_report import drive_part
     from saccade.cli.output import resumable, write_text
     from saccade.formats import FORMATS
@@ -153,10 +153,10 @@ def map_drive(
             settings,
             lambda done, of: watch("film", done, of),
         )
-    numbers = figures(recorded, result)
-    own = Album(f"saccade drive: {recorded.name}", LEAD) if album is None else album
+    numbers = summary(recorded, result)
+    own = ReportBuilder(f"saccade drive: {recorded.name}", LEAD) if builder is None else builder
     own.add(lambda: drive_part(recorded, recorder.snapshots, result, numbers))
-    if album is None:
+    if builder is None:
         files["report"] = own.write(out / "report.html")
     row = {
         **numbers,

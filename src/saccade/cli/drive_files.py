@@ -45,7 +45,7 @@ def write_tables(out: Path, result: "VisualResult") -> dict[str, Path]:
             "descriptors": result.descriptors,
         },
     )
-    seen = result.meetings
+    seen = result.observations
     columns: dict[str, np.ndarray[Any, Any]] = {
         "frame": seen.frame,
         "landmark": seen.landmark,
@@ -97,7 +97,7 @@ def write_film(
     from saccade.attention.combined import attention_saliency
     from saccade.attention.contrast import contrast_saliency
     from saccade.attention.symmetry import symmetry_saliency
-    from saccade.files import whole_file
+    from saccade.files import atomic_write
     from saccade.video import video_writer
     from saccade.viewing.drive_film import drive_frames
 
@@ -108,7 +108,7 @@ def write_film(
             return symmetry_saliency(image).saliency
         return attention_saliency(image).saliency
 
-    seen = result.meetings
+    seen = result.observations
     sighting = (seen.frame, seen.kind, seen.xy)
     frames = drive_frames(
         snapshots, drive.time, result.odometry, pictures_of(drive), attention, sighting
@@ -118,25 +118,25 @@ def write_film(
         for number, frame in enumerate(frames):
             write(frame)
             if number == STILL * len(snapshots) // 100:
-                with whole_file(files["still"]) as temporary:
+                with atomic_write(files["still"]) as temporary:
                     Pillow.fromarray(frame).save(temporary, format="PNG")
             progress(min(number + 1, len(snapshots)), len(snapshots))
     return files
 
 
-def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
+def summary(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
     """What a drive says of itself in numbers; distances from the truth where that is known."""
     import numpy as np
 
     from saccade.evaluation.drives import same_places
-    from saccade.visual.run_log import RECOGNIZED
+    from saccade.visual.run_log import REIDENTIFIED
 
-    n, seen = len(result.trajectory), result.meetings
+    n, seen = len(result.trajectory), result.observations
     precision = None
-    if drive.truth is not None and (seen.kind == RECOGNIZED).any():
+    if drive.truth is not None and (seen.kind == REIDENTIFIED).any():
         poses = drive.truth.at(drive.time)
         right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, poses)
-        precision = float(right[seen.kind == RECOGNIZED].mean())
+        precision = float(right[seen.kind == REIDENTIFIED].mean())
     return {
         "sequence": drive.name,
         "frames": n,
@@ -147,7 +147,7 @@ def figures(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
         "landmarks": len(result.map),
         "landmarks_seen": len(np.unique(seen.landmark)),
         "sightings": len(seen),
-        "recognized": int((seen.kind == RECOGNIZED).sum()),
+        "recognized": int((seen.kind == REIDENTIFIED).sum()),
         "missed": result.missed,
         "ms_per_frame": 1000 * float(result.frame_seconds.mean()),
         "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},

@@ -27,11 +27,11 @@ def drive_part(
     """
     from saccade.cli.drive_files import pictures_of
     from saccade.viewing.page import Section
-    from saccade.viewing.report_map import Ground, Sightings, doubt_charts, map_part
+    from saccade.viewing.report_map import Ground, ObservedLandmarks, map_part, uncertainty_charts
 
     drives = {"odometry": result.odometry}
     drives |= {} if drive.truth is None else {"truth": drive.truth}
-    seen = result.meetings
+    seen = result.observations
     text = (
         "The ellipses enclose three standard deviations. Scrub through the drive or play it; "
         "click a landmark to see the frames in which it was seen; click a chart to go to that time."
@@ -40,8 +40,8 @@ def drive_part(
         Section(f"{drive.name}: the map while it grows", text, facts=_facts(numbers)),
         result.trajectory,
         snapshots,
-        Sightings(seen.frame, seen.landmark, seen.xy, seen.kind),
-        [*_innovations(result), *doubt_charts(result.trajectory, drive.truth)],
+        ObservedLandmarks(seen.frame, seen.landmark, seen.xy, seen.kind),
+        [*_innovations(result), *uncertainty_charts(result.trajectory, drive.truth)],
         Ground(drives),
         pictures_of(drive),
     )
@@ -55,7 +55,7 @@ def _innovations(result: "VisualResult") -> "list[Chart]":
     from saccade.slam.consistency import chi_square_band
     from saccade.viewing.report_map import innovation_charts
 
-    seen = result.meetings
+    seen = result.observations
     again = np.isfinite(seen.innovation).all(1)
     v, S = seen.innovation[again], seen.innovation_covariance[again]
     nis = np.einsum("ki,kij,kj->k", v, np.linalg.inv(S), v)

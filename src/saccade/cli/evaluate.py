@@ -120,7 +120,7 @@ def _score(
 ) -> Any:
     import numpy as np
 
-    from saccade.cli.output import say, tracked
+    from saccade.cli.output import print_message, tracked
     from saccade.datasets.fixations import read_fixations
     from saccade.errors import LogError
     from saccade.evaluation.fixations import inside
@@ -139,7 +139,7 @@ def _score(
     seen = {name: inside(xy, sizes[name]) for name, xy in places.items()}
     outside = sum(map(len, places.values())) - sum(map(len, seen.values()))
     if outside:
-        say(f"{outside} fixations outside their images are left out")
+        print_message(f"{outside} fixations outside their images are left out")
     places = {name: xy for name, xy in seen.items() if len(xy)}
     scored = tracked(score_model(model, places, sizes, sigma), "scoring", len(places))
     names, scores = zip(*scored, strict=True)

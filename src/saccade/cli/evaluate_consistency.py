@@ -92,15 +92,15 @@ def _scores(
 ) -> dict[str, Any]:
     import numpy as np
 
-    from saccade.simulation import Trials, run_trials
+    from saccade.simulation import MonteCarloRuns, run_monte_carlo
     from saccade.slam import EkfConfig
 
     found = []
-    for trial in run_trials(world, EkfConfig(filter=cast("Any", kind)), runs, seed):
+    for trial in run_monte_carlo(world, EkfConfig(filter=cast("Any", kind)), runs, seed):
         found.append(trial)
         done()
     nees, squared = (np.array(each) for each in zip(*found, strict=True))
-    trials = Trials(nees, squared)
+    trials = MonteCarloRuns(nees, squared)
     return {
         "anees": trials.anees,
         "band": list(trials.band),

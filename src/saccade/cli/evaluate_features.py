@@ -76,12 +76,12 @@ def features(
     from saccade.cli.output import print_json, print_table
     from saccade.cli.report_builder import Table, write_table_page
     from saccade.datasets.homography_pairs import homography_pairs
-    from saccade.evaluation.degradation import Disturbance
+    from saccade.evaluation.degradation import Degradation
 
     found = homography_pairs(pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
     disturbances = [
-        None if text == CLEAN else Disturbance.parse(text) for text in disturb or [CLEAN]
+        None if text == CLEAN else Degradation.parse(text) for text in disturb or [CLEAN]
     ]
     counts: Sequence[int | None] = points or [None]
     results: dict[str, Any] = {}
@@ -182,7 +182,7 @@ def _score(
             path, seed = key
             image = read_image(path)
             if disturbance is not None and seed is not None:
-                image = disturbance.of(image, seed)
+                image = disturbance.apply(image, seed)
             seen[key] = _as_features(name, detect(image), image.shape[:2])
         return seen[key]
 

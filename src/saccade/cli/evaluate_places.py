@@ -31,19 +31,19 @@ def places(
     from saccade.cli.output import print_json, print_table, tracked
     from saccade.cli.report_builder import Table, write_table_page
     from saccade.image import find_images
-    from saccade.visual.loop_detection import Places, PlacesConfig
+    from saccade.visual.loop_detection import LoopDetectionConfig, LoopDetector
 
     paths = sorted((path for each in images for path in find_images(each)), key=_number)
     sift = Sift(SiftConfig(max_keypoints=points, spread=True))
-    memory = Places(PlacesConfig(agreeing=agreeing))
+    memory = LoopDetector(LoopDetectionConfig(min_inliers=agreeing))
     found: list[dict[str, Any]] = []
     for number, path in enumerate(tracked(paths, "walking", len(paths))):
-        seen = memory.see(sift(read_image(path)))
+        seen = memory.detect(sift(read_image(path)))
         if seen is not None:
             turn = (number - seen.place + lap // 2) % lap - lap // 2
             same = abs(turn) <= NEIGHBORS
             pair = {"image": path.name, "shows": paths[seen.place].name}
-            found.append({**pair, "agreeing": seen.agreeing, "right": same})
+            found.append({**pair, "agreeing": seen.inliers, "right": same})
     right = sum(row["right"] for row in found)
     again = max(len(paths) - lap, 0)
     row = {

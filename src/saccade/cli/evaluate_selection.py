@@ -93,7 +93,7 @@ def selection(
     In --out appears a figure, selection.png. Each run is kept there: an evaluation that was
     interrupted goes on, and more seeds add to it.
     """
-    from saccade.cli.output import print_json, print_table, say
+    from saccade.cli.output import print_json, print_message, print_table
     from saccade.cli.selection_runs import run_all
     from saccade.errors import require
     from saccade.files import make_folder
@@ -121,7 +121,7 @@ def selection(
     else:
         _print_tables(rows, axes)
         print_table(OVERALL, *_overall_table(overall))
-    say(f"wrote {picture}")
+    print_message(f"wrote {picture}")
 
 
 def _tables(rows: list[dict[str, Any]], axes: Axes) -> "dict[str, FloatArray]":
@@ -211,7 +211,7 @@ def _write_page(
     rows: Sequence[dict[str, Any]],
 ) -> None:
     """All of it as a page, the figure among it; None writes nothing."""
-    from saccade.cli.report_builder import SORTED, Album
+    from saccade.cli.report_builder import SORT_HINT, ReportBuilder
     from saccade.viewing.page import Picture, Section
     from saccade.viewing.report import png_file
     from saccade.viewing.report_table import table_part
@@ -226,16 +226,18 @@ def _write_page(
     )
     every = [[row["choice"], row["drive"], str(row["budget"]), *_scores(row)] for row in rows]
     columns = ["", "drive", "new per frame", *HEADINGS]
-    album = Album("saccade evaluate selection", LEAD)
-    album.add(
+    builder = ReportBuilder("saccade evaluate selection", LEAD)
+    builder.add(
         lambda: table_part(
-            Section(OVERALL, f"{MEANING} {SORTED}", [figure]), *_overall_table(overall), "choice"
+            Section(OVERALL, f"{MEANING} {SORT_HINT}", [figure]), *_overall_table(overall), "choice"
         )
     )
-    album.add(
-        lambda: table_part(Section(EVERY, f"{MEANING_OF_EACH} {SORTED}"), columns, every, "choice")
+    builder.add(
+        lambda: table_part(
+            Section(EVERY, f"{MEANING_OF_EACH} {SORT_HINT}"), columns, every, "choice"
+        )
     )
-    album.write(path)
+    builder.write(path)
 
 
 def _shown(score: list[float] | None, factor: float, decimals: int) -> str:

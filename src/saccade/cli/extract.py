@@ -17,7 +17,7 @@ from saccade.cli.options import Json, Preset, Settings
 if TYPE_CHECKING:
     from saccade.batch import Extraction
     from saccade.batch.engines import Engine
-    from saccade.batch.shards import Report
+    from saccade.batch.shards import ShardReport
     from saccade.batch.sources import Source
 
 
@@ -135,7 +135,7 @@ def extract(
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
-    from saccade.cli.output import print_json, resumable, say
+    from saccade.cli.output import print_json, print_message, resumable
     from saccade.settings import load_settings
 
     job = Job(
@@ -167,16 +167,20 @@ def extract(
     else:
         _print(result, what.value, out)
     if result.problem is not None:
-        say(result.problem)
+        print_message(result.problem)
     others = result.totals.by_other_versions
     if others:
-        say(f"{others} images were done by another version; --redo does them anew")
+        print_message(f"{others} images were done by another version; --redo does them anew")
     if not result.complete:
         seen = result.done + result.same
-        say(f"stopped after {seen} of {len(images)} images; give the same command to go on")
+        print_message(
+            f"stopped after {seen} of {len(images)} images; give the same command to go on"
+        )
         raise SystemExit(INTERRUPTED)
     if result.totals.errors:
-        say(f"{result.totals.errors} of {len(images)} images failed; see {out}/errors.parquet")
+        print_message(
+            f"{result.totals.errors} of {len(images)} images failed; see {out}/errors.parquet"
+        )
         raise typer.Exit(1)
 
 
@@ -194,17 +198,19 @@ def _begin_loading(source: str, workers: int | None) -> None:
 def _engine(
     images: "Source", workers: int | None, scheduler: str | None, cluster: str | None, jobs: int
 ) -> Iterator["Engine"]:
-    from saccade.batch.engines import Here, Processes
+    from saccade.batch.engines import InProcess, Processes
     from saccade.errors import ConfigError
 
     if scheduler is not None and cluster is not None:
         raise ConfigError("cluster: expected --scheduler or --cluster, found both")
     if scheduler is not None or cluster is not None:
         from saccade.batch.cluster import batch_system, scheduler_at
-        from saccade.cli.output import say
+        from saccade.cli.output import print_message
 
         if cluster is not None:
-            say(f"{jobs} {'job' if jobs == 1 else 'jobs'} of {cluster}: waiting for the first")
+            print_message(
+                f"{jobs} {'job' if jobs == 1 else 'jobs'} of {cluster}: waiting for the first"
+            )
         where = scheduler_at(scheduler) if scheduler else batch_system(str(cluster), jobs)
         with where as engine:
             yield engine
@@ -213,20 +219,22 @@ def _engine(
         from saccade.batch.machine import workers_for
 
         workers = workers_for(images)
-    yield Processes(workers) if workers > 1 else Here()
+    yield Processes(workers) if workers > 1 else InProcess()
 
 
 @contextmanager
 def _stopping() -> Iterator[list[int]]:
     """A list that has an entry after the first Ctrl-C; the second raises KeyboardInterrupt."""
-    from saccade.cli.output import say
+    from saccade.cli.output import print_message
 
     asked: list[int] = []
 
     def stop(number: int, _: Any) -> None:
         asked.append(number)
         signal.signal(signal.SIGINT, before)
-        say("stopping: what has begun is finished first; press Ctrl-C again to end at once")
+        print_message(
+            "stopping: what has begun is finished first; press Ctrl-C again to end at once"
+        )
 
     before = signal.signal(signal.SIGINT, stop)
     try:
@@ -250,11 +258,11 @@ class Pace:
         self._total = total
         self._before = self._errors = 0
 
-    def after(self, report: "Report", now: float) -> str:
+    def after(self, report: "ShardReport", now: float) -> str:
         """Images per second, time left and errors so far, when a report has come."""
-        self.seen += report.done + report.same + len(report.lost)
+        self.seen += report.done + report.unchanged + len(report.lost)
         self._errors += report.failed + len(report.lost)
-        if self.seen == self._before + report.same:
+        if self.seen == self._before + report.unchanged:
             self._before, self.since = self.seen, now
         rate = (self.seen - self._before) / max(now - self.since, 1e-3)
         parts = [f"{self._errors:,} errors"] if self._errors else []

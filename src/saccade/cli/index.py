@@ -56,7 +56,7 @@ def find(
     """
     _require()
     from saccade.batch.index import FindConfig, Index
-    from saccade.cli.output import print_json, print_table, say
+    from saccade.cli.output import print_json, print_message, print_table
 
     held = Index(folder)
     found = held.find(
@@ -76,7 +76,7 @@ def find(
             [[row["image"], str(row["agreeing"]), f"{row['similarity']:.1f}"] for row in rows],
         )
     if not rows:
-        say(f"{image}: none of {len(held)} images shows the same thing")
+        print_message(f"{image}: none of {len(held)} images shows the same thing")
         raise typer.Exit(1)
 
 

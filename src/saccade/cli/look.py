@@ -8,10 +8,10 @@ import typer
 
 from saccade.cli.attention_models import Model, ModelChoice, attention_model
 from saccade.cli.options import Json, Out, Preset, Settings
-from saccade.cli.report_builder import Album
+from saccade.cli.report_builder import ReportBuilder
 
 if TYPE_CHECKING:
-    from saccade.attention.models import Attention
+    from saccade.attention.models import AttentionModel
     from saccade.types import Float32Array, Scanpath
     from saccade.viewing import Section
     from saccade.viewing.report import Part
@@ -58,7 +58,7 @@ def look(
     (NAME.look.mp4) and the saliency of its frames (NAME.look.npz).
     """
     from saccade.cli.output import for_each_image, print_json, print_table
-    from saccade.cli.video import watch
+    from saccade.cli.video import analyze_video
     from saccade.errors import ConfigError
     from saccade.image import find_images
     from saccade.video import is_video
@@ -70,7 +70,7 @@ def look(
 
     def look_or_watch(path: Path, name: str) -> dict[str, Any]:
         if is_video(path):
-            return watch(path, out / f"{name}.look", attention, every)
+            return analyze_video(path, out / f"{name}.look", attention, every)
         return look_at(
             path,
             out / f"{name}.look",
@@ -78,17 +78,17 @@ def look(
             fixations,
             by_shape=by_shape,
             film=scanpath_film,
-            album=album,
+            builder=builder,
         )
 
     paths = [path for source in images for path in find_images(source)]
-    album = Album(
+    builder = ReportBuilder(
         "saccade look", "Where contrast and symmetry draw the eye, and what can be found again."
     )
     try:
         rows = for_each_image(paths, out, look_or_watch)
     finally:
-        report = album.write(out / "report.html") if len(album) else None
+        report = builder.write(out / "report.html") if len(builder) else None
     if as_json:
         print_json({"images": rows, "report": None if report is None else str(report)})
         return
@@ -110,12 +110,12 @@ def look(
 def look_at(
     path: Path,
     out: Path,
-    attention: "Attention",
+    attention: "AttentionModel",
     fixations: int,
     *,
     by_shape: bool = False,
     film: bool = False,
-    album: Album | None = None,
+    builder: ReportBuilder | None = None,
 ) -> dict[str, Any]:
     """Look at one image: write `out`.png, `out`.npz and the film, give the row for --json.
 
@@ -126,7 +126,7 @@ def look_at(
         fixations: length of the scanpath.
         by_shape: whether inhibition of return covers objects rather than discs.
         film: whether the scanpath is also played.
-        album: takes the image with its layers, for a report.
+        builder: takes the image with its layers, for a report.
     """
     from functools import partial
 
@@ -168,9 +168,9 @@ def look_at(
         "picture": str(picture),
         "arrays": str(arrays),
     }
-    if album is not None:
-        text = "" if len(album) else TEXT
-        album.add(lambda: _part(Section(path.name, text), image, layers, fixated))
+    if builder is not None:
+        text = "" if len(builder) else TEXT
+        builder.add(lambda: _part(Section(path.name, text), image, layers, fixated))
     if film:
         played = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
         row["film"] = str(save_film(*scanpath_frames(image, fixated), played))
@@ -185,7 +185,7 @@ def _part(
 ) -> "Part":
     """The image as a part of a report, with the strongest interest points of all over it."""
     from saccade import Sift, SiftConfig
-    from saccade.viewing.report_image import MOST_POINTS, image_part
+    from saccade.viewing.report_image import MAX_POINTS, image_part
 
-    points = Sift(SiftConfig(max_keypoints=MOST_POINTS, spread=True))(image)
+    points = Sift(SiftConfig(max_keypoints=MAX_POINTS, spread=True))(image)
     return image_part(section, image, layers, fixated, points)

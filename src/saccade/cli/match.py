@@ -8,7 +8,7 @@ import typer
 
 from saccade.cli.detect import Most, Spread
 from saccade.cli.options import Json, Out, Preset, Settings
-from saccade.cli.report_builder import Album
+from saccade.cli.report_builder import ReportBuilder
 
 if TYPE_CHECKING:
     from saccade.keypoints.sift import Sift
@@ -87,7 +87,7 @@ def match_images(
     mutual: bool,
     geometry: "Geometry | None" = "fundamental",
     tolerance: float = 2.0,
-    album: Album | None = None,
+    builder: ReportBuilder | None = None,
 ) -> dict[str, Any]:
     """Match two images: write matches.png and .csv into `out`, give the row for --json.
 
@@ -121,7 +121,7 @@ def match_images(
     table = out / "matches.csv"
     write_text(table, "\n".join([header, *lines]) + "\n")
     names = f"{first.name} and {second.name}"
-    own = Album("saccade match", LEAD) if album is None else album
+    own = ReportBuilder("saccade match", LEAD) if builder is None else builder
     facts = {
         "interest points": " and ".join(f"{len(each):,}" for each in keypoints),
         "matches": f"{len(pairs):,}",
@@ -139,7 +139,7 @@ def match_images(
         "picture": str(picture),
         "table": str(table),
     }
-    if album is None:
+    if builder is None:
         row["report"] = str(own.write(out / "report.html"))
     if verified is not None:
         matrix = None if verified.matrix is None else verified.matrix.tolist()

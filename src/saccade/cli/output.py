@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from saccade.errors import OutputError, SaccadeError
-from saccade.files import whole_file
+from saccade.files import atomic_write
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def say(message: str) -> None:
+def print_message(message: str) -> None:
     """A message for the person at the terminal, on stderr."""
     print(f"saccade: {message}", file=sys.stderr)
 
@@ -28,7 +28,7 @@ def resumable(checkpoint: Path) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if checkpoint.exists():
-            say(f"the same command goes on from {checkpoint}")
+            print_message(f"the same command goes on from {checkpoint}")
         raise
 
 
@@ -78,7 +78,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all; what is no text in a name is escaped."""
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
@@ -86,7 +86,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write named arrays as .npz, whole or not at all."""
     import numpy as np
 
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         np.savez_compressed(temporary, allow_pickle=False, **arrays)
 
 
@@ -134,7 +134,7 @@ def for_each_image(
         except SaccadeError as error:
             errors.append(error)
             if len(paths) > 1:
-                say(str(error))
+                print_message(str(error))
     if errors and len(paths) > 1:
         message = f"{len(errors)} of {len(paths)} images left out; the others are in {out}"
         raise SaccadeError(message)

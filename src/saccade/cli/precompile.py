@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-PATIENCE = 180
+TIMEOUT = 180
 """Seconds that are waited for the other process; what it has not compiled is compiled here."""
 
 
@@ -21,11 +21,11 @@ def filter_compiled_ahead(log: Path) -> Iterator[Callable[[], None]]:
     Yields:
         What waits until it is done.
     """
-    from saccade._jit import is_to_compile
+    from saccade._jit import needs_compiling
     from saccade.slam.stretch import replay
 
     words = [sys.executable, "-c", f"import {__name__} as a; a.run_filter()", str(log)]
-    if (os.cpu_count() or 1) < 2 or not sys.executable or not is_to_compile(replay):
+    if (os.cpu_count() or 1) < 2 or not sys.executable or not needs_compiling(replay):
         yield lambda: None
         return
     quiet = subprocess.DEVNULL
@@ -33,7 +33,7 @@ def filter_compiled_ahead(log: Path) -> Iterator[Callable[[], None]]:
 
         def wait() -> None:
             try:
-                process.wait(PATIENCE)
+                process.wait(TIMEOUT)
             except subprocess.TimeoutExpired:
                 process.kill()
 

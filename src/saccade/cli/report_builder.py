@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from saccade.viewing.report import Part
 
-MOST = 4_700_000
+MAX_LENGTH = 4_700_000
 """Letters of all parts together; the page stays under 5 MB."""
 
-SORTED = "Click a heading to sort by it, and once more for the other way round."
+SORT_HINT = "Click a heading to sort by it, and once more for the other way round."
 """What is said of a table."""
 
 
-class Album:
+class ReportBuilder:
     """Parts of one report, as many as there is room for; the first is always kept.
 
     Args:
@@ -37,7 +37,7 @@ class Album:
             return
         part = make()
         letters = part.letters
-        if self._parts and self._letters + letters > MOST:
+        if self._parts and self._letters + letters > MAX_LENGTH:
             self._left_out += 1
             return
         self._parts.append(part)
@@ -85,8 +85,8 @@ def write_table_page(path: Path | None, command: str, lead: str, tables: Sequenc
 
     if path is None:
         return
-    album = Album(command, lead)
+    builder = ReportBuilder(command, lead)
     for title, columns, rows, text, first in (table for table in tables if table.rows):
-        section = Section(title, f"{text} {SORTED}".strip())
-        album.add(partial(table_part, section, columns, rows, first))
-    album.write(path)
+        section = Section(title, f"{text} {SORT_HINT}".strip())
+        builder.add(partial(table_part, section, columns, rows, first))
+    builder.write(path)

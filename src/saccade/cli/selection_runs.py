@@ -11,7 +11,7 @@ from saccade import __version__
 
 if TYPE_CHECKING:
     from saccade.frames import Drive
-    from saccade.visual import Memory, VisualConfig
+    from saccade.visual import FeatureCache, VisualConfig
 
 CHOICES = {
     "strength": {"selection": "strength"},
@@ -21,9 +21,9 @@ CHOICES = {
     "symmetry": {"selection": "symmetry"},
     "must": {"detector": "must", "selection": "strength"},
     "symroid": {"detector": "symroid", "selection": "strength"},
-    "proven": {"selection": "proven"},
-    "proven-range": {"selection": "proven-range"},
-    "proven-spread": {"selection": "proven-spread"},
+    "rematch-rate": {"selection": "rematch-rate"},
+    "rematch-rate-range": {"selection": "rematch-rate-range"},
+    "rematch-rate-spread": {"selection": "rematch-rate-spread"},
 }
 """What is compared: SIFT chosen in several ways, and two other detectors by strength."""
 SCORES = ("found_again", "association_precision", "ate_m", "inside_3sigma", "landmarks", "end_m")
@@ -95,9 +95,9 @@ def _runs(series: Series, out: Path) -> Iterator[dict[str, Any]]:
     from functools import cache
 
     from saccade.cli.output import write_text
-    from saccade.visual import Memory
+    from saccade.visual import FeatureCache
 
-    drive, memory = None, Memory()
+    drive, memory = None, FeatureCache()
     for budget in series.budgets:
         for choice in series.choices:
             path = series.path(out, budget, choice)
@@ -131,28 +131,28 @@ def _kept(path: Path, asked: dict[str, Any]) -> dict[str, Any]:
 
 def _opened(series: Series) -> "Drive":
     from saccade import datasets
-    from saccade.evaluation.out_and_back import PalindromeConfig, palindrome
+    from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
     from saccade.simulation import DriveConfig, simulate_drive
 
     if series.source is None:
         ring = DriveConfig(size=RING, frames_per_lap=LAP, frames=series.frames)
         return simulate_drive(ring, seed=series.seed)
     drive = datasets.load_drive("auto", series.source)
-    return palindrome(drive, PalindromeConfig(series.frames), series.seed)
+    return out_and_back(drive, OutAndBackConfig(series.frames), series.seed)
 
 
 def _settings(budget: int, choice: str, seed: int) -> "VisualConfig":
     from saccade.visual import VisualConfig
 
     chosen: dict[str, Any] = CHOICES[choice]
-    return replace(VisualConfig(new_per_frame=budget, in_view=10**5, seed=seed), **chosen)
+    return replace(VisualConfig(new_per_frame=budget, max_tracked=10**5, seed=seed), **chosen)
 
 
-def _scored(drive: "Drive", settings: "VisualConfig", memory: "Memory") -> dict[str, Any]:
+def _scored(drive: "Drive", settings: "VisualConfig", memory: "FeatureCache") -> dict[str, Any]:
     from saccade import visual
-    from saccade.cli.drive_files import figures
+    from saccade.cli.drive_files import summary
 
-    row = figures(drive, visual.run(drive, settings, memory=memory))
+    row = summary(drive, visual.run(drive, settings, cache=memory))
     looked = row["recognized"] + row["missed"]
     row["found_again"] = row["recognized"] / looked if looked else None
     return {name: row[name] for name in (*SCORES, "recognized", "landmarks_seen", "ms_per_frame")}

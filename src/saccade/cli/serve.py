@@ -7,7 +7,7 @@ import typer
 if TYPE_CHECKING:
     from socket import socket
 
-PATIENCE = 2
+SHUTDOWN_TIMEOUT = 2
 """Seconds that an answer on its way has when the server is ended."""
 
 
@@ -29,9 +29,9 @@ def serve(
     from contextlib import suppress
     from importlib.resources import files
 
-    from saccade.cli.output import say
+    from saccade.cli.output import print_message
     from saccade.extras import import_optional
-    from saccade.serving.analysis import Workbench
+    from saccade.serving.analysis import PhotoAnalyzer
     from saccade.serving.controls import controls
 
     uvicorn = import_optional("uvicorn", "serve")
@@ -43,16 +43,16 @@ def serve(
     samples = Samples(tuple(names), lambda name: (data / name).read_bytes())
     with _listening(port) as listener:
         port = listener.getsockname()[1]
-        app = application(Workbench(), samples, port, int(max_upload * 1e6), controls())
+        app = application(PhotoAnalyzer(), samples, port, int(max_upload * 1e6), controls())
         config = uvicorn.Config(
-            app, log_level="warning", access_log=False, timeout_graceful_shutdown=PATIENCE
+            app, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_TIMEOUT
         )
-        say(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it")
+        print_message(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it")
         if browser:
-            _show(f"http://127.0.0.1:{port}/")
+            _open_browser(f"http://127.0.0.1:{port}/")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])
-    say("ended")
+    print_message("ended")
 
 
 def _listening(port: int) -> "socket":
@@ -70,7 +70,7 @@ def _listening(port: int) -> "socket":
         ) from error
 
 
-def _show(address: str) -> None:
+def _open_browser(address: str) -> None:
     """Open a page, where somebody sits before a screen."""
     import sys
     import webbrowser

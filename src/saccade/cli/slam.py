@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from saccade.cli.options import Json, Out, Preset, Settings
-from saccade.cli.report_builder import Album
+from saccade.cli.report_builder import ReportBuilder
 
 if TYPE_CHECKING:
     from saccade.slam import Checkpoint, EkfConfig, Recorder, SlamResult, SmoothConfig, SmoothResult
@@ -78,7 +78,7 @@ def slam(
     from rich.progress import Progress
 
     from saccade import datasets
-    from saccade.cli.output import messages, print_json, print_table, say
+    from saccade.cli.output import messages, print_json, print_message, print_table
     from saccade.cli.slam_report import facts
     from saccade.settings import load_settings
     from saccade.slam.tuning import tune as tuned
@@ -90,7 +90,7 @@ def slam(
     if tune:
         found = tuned(recorded, settings)
         settings = found.config
-        say(found.words)
+        print_message(found.words)
     console = messages()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(escape(recorded.name), total=None)
@@ -108,9 +108,9 @@ def slam(
             checkpoint=checkpoint,
         )
     if row["warning"]:
-        say(f"warning: {row['warning']}")
+        print_message(f"warning: {row['warning']}")
     if row["remark"]:
-        say(row["remark"])
+        print_message(row["remark"])
     if as_json:
         print_json(row)
         return
@@ -128,7 +128,7 @@ def map_log(
     live: bool = False,
     rrd: Path | None = None,
     checkpoint: float = 10.0,
-    album: Album | None = None,
+    builder: ReportBuilder | None = None,
 ) -> dict[str, Any]:
     """Run the filter over a log, write all that comes of it, give the row for run.json.
 
@@ -142,14 +142,14 @@ def map_log(
         live: whether the rerun viewer is opened.
         rrd: a file for that viewer.
         checkpoint: seconds between checkpoints.
-        album: takes the map, in the place of a report of its own.
+        builder: takes the map, in the place of a report of its own.
     """
     import json
     from dataclasses import asdict
 
     import saccade
     from saccade.cli.output import write_text
-    from saccade.cli.slam_files import figures, write_film, write_pictures, write_tables
+    from saccade.cli.slam_files import summary, write_film, write_pictures, write_tables
     from saccade.cli.slam_report import facts, slam_part
     from saccade.errors import LogError
     from saccade.extras import import_optional
@@ -163,7 +163,7 @@ def map_log(
         import_optional("rerun", "live")
     try:
         show = LiveMap(log.name, log.time, dead_reckon(log, settings)) if live else None
-        recorder, kept = Recorder(heard=show), Checkpoint(out / "checkpoint.npz", checkpoint)
+        recorder, kept = Recorder(on_snapshot=show), Checkpoint(out / "checkpoint.npz", checkpoint)
         result, smoothed = _estimate(log, settings, watch, smooth, recorder, kept)
     except LogError as error:
         raise LogError(f"{log.name}: {error}") from error
@@ -176,10 +176,10 @@ def map_log(
         )
     if rrd is not None:
         files["rrd"] = save_rrd(rrd, log.name, snapshots, log.time, reckoned)
-    numbers = figures(log, result, smoothed)
-    own = Album(f"saccade slam: {log.name}", LEAD) if album is None else album
+    numbers = summary(log, result, smoothed)
+    own = ReportBuilder(f"saccade slam: {log.name}", LEAD) if builder is None else builder
     own.add(lambda: slam_part(log, result, smoothed, snapshots, facts(numbers)))
-    if album is None:
+    if builder is None:
         files["report"] = own.write(out / "report.html")
     row = {
         **numbers,

@@ -144,7 +144,7 @@ def write_film(
     return path
 
 
-def figures(
+def summary(
     log: "LandmarkLog", result: "SlamResult", smoothed: "SmoothResult | None"
 ) -> dict[str, Any]:
     """What a run says of itself in numbers; distances from the truth where that is known."""

@@ -62,10 +62,10 @@ def slam_part(
     from saccade.viewing.page import Section
     from saccade.viewing.report_map import (
         Ground,
-        Sightings,
-        doubt_charts,
+        ObservedLandmarks,
         innovation_charts,
         map_part,
+        uncertainty_charts,
     )
 
     truth = log.truth if is_in_frame(log.truth) else None
@@ -90,11 +90,11 @@ def slam_part(
         Section(f"{log.name}: the map while it grows", text, facts=facts),
         result.trajectory,
         snapshots,
-        Sightings(
+        ObservedLandmarks(
             log.observation_pose[used],
             _names_at_the_end(result.map, snapshots[-1])[result.association[used]],
         ),
-        [*charts, *doubt_charts(result.trajectory, truth)],
+        [*charts, *uncertainty_charts(result.trajectory, truth)],
         Ground(drives, log.landmark_truth),
     )
 
@@ -104,4 +104,4 @@ def _names_at_the_end(landmarks: "LandmarkMap", last: "MapSnapshot") -> "IntArra
     import numpy as np
 
     apart = np.square(landmarks.xy[:, None] - last.landmarks).sum(2)  # 0 to what it was there
-    return last.names[apart.argmin(1)] if len(last.names) else np.zeros(len(landmarks), np.int64)
+    return last.ids[apart.argmin(1)] if len(last.ids) else np.zeros(len(landmarks), np.int64)

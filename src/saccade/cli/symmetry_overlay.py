@@ -6,13 +6,15 @@ if TYPE_CHECKING:
     from saccade.attention import SymmetryConfig
     from saccade.types import Float32Array, Keypoints, SymmetricPairs
 
-MOST = 4
+MAX_PAIRS = 4
 """Pairs of those that made a point, the strongest."""
 BINOMIAL = 1.5
 """Blur of a pyramid level in its own pixels, about."""
 
 
-def what_made(find: Any, image: "Float32Array", points: "Keypoints") -> "list[SymmetricPairs]":
+def contributing_pairs(
+    find: Any, image: "Float32Array", points: "Keypoints"
+) -> "list[SymmetricPairs]":
     """The pairs about each point, as its detector weighs them.
 
     The pyramid has fewer scales than the detector: MUST's are those of the level next to its own.
@@ -31,7 +33,9 @@ def what_made(find: Any, image: "Float32Array", points: "Keypoints") -> "list[Sy
         point = points[number : number + 1]
         place = float(point.xy[0, 0]), float(point.xy[0, 1])
         config = settings(find, float(point.size[0]))
-        pairs.append(symmetric_pairs(image, place, config, within=2.0, most=MOST)[:MOST])
+        pairs.append(
+            symmetric_pairs(image, place, config, radius=2.0, max_pairs=MAX_PAIRS)[:MAX_PAIRS]
+        )
     return pairs
 
 

@@ -59,7 +59,7 @@ def textbook(
     it, and name the copy with --module.
     """
     from saccade import datasets
-    from saccade.cli.output import print_json, print_table, say, write_text
+    from saccade.cli.output import print_json, print_message, print_table, write_text
     from saccade.cli.textbook_source import OFFERS, Chapter, chapters_of
     from saccade.cli.textbook_steps import small_world
     from saccade.errors import ConfigError
@@ -80,7 +80,7 @@ def textbook(
     for appendix in appendices:
         chapter = own.get(appendix) or Chapter.of_textbook(appendix)
         if appendix in own:
-            say(f"{OFFERS[appendix][1]} is that of {chapter.path}")
+            print_message(f"{OFFERS[appendix][1]} is that of {chapter.path}")
         group, facts[appendix] = walk(chapter, image, log)
         groups.append(group)
     page, lead = out / "report.html", LEAD.format(source=source.name)

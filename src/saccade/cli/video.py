@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from saccade.attention.models import Attention
+    from saccade.attention.models import AttentionModel
 
 
-def watch(path: Path, out: Path, attention: "Attention", every: int) -> dict[str, Any]:
+def analyze_video(path: Path, out: Path, attention: "AttentionModel", every: int) -> dict[str, Any]:
     """Look at a video: write `out`.mp4 and `out`.npz, give the row for --json.
 
     The film has the frame at the left and its saliency as heat at the right; the arrays are the

@@ -6,7 +6,7 @@ from saccade.datasets.logs.dlr import read_dlr
 from saccade.datasets.logs.isam import Entries, read_isam
 from saccade.datasets.logs.isam_writer import Dialect, write_isam
 from saccade.datasets.logs.landmark_csv import write_landmarks
-from saccade.datasets.logs.loading import Format, Kind, load, recognize, save
+from saccade.datasets.logs.loading import Format, Kind, detect_format, load, save
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam
 from saccade.datasets.logs.mrclam_writer import write_mrclam
@@ -22,6 +22,7 @@ __all__ = [
     "Format",
     "Kind",
     "OdometryNoise",
+    "detect_format",
     "integrate",
     "load",
     "load_drive",
@@ -30,7 +31,6 @@ __all__ = [
     "read_log_csv",
     "read_mrclam",
     "read_victoria_park",
-    "recognize",
     "save",
     "save_drive",
     "symmetric_columns",

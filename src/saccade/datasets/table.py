@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from saccade.errors import require
 from saccade.extras import import_optional
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import FloatArray
 
 
@@ -38,7 +38,7 @@ def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> No
         import_optional("pyarrow.parquet", "parquet"),
     )
     table = arrow.table({name: arrow.array(c, from_pandas=True) for name, c in columns.items()})
-    with whole_file(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
+    with atomic_write(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
         parquet.write_table(table, file)
 
 
@@ -56,7 +56,7 @@ def _write_csv(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> None:
         ["" if isinstance(value, float) and isnan(value) else value for value in column.tolist()]
         for column in columns.values()
     ]
-    with whole_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*cells, strict=True))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import Trajectory
 
 
@@ -24,5 +24,5 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
     rows = np.stack(
         [trajectory.time, x, y, nothing, nothing, nothing, np.sin(half), np.cos(half)], 1
     )
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         np.savetxt(temporary, rows, fmt="%.9f")

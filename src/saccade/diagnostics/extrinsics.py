@@ -19,12 +19,12 @@ SHARE = 0.6
 
 def check_rotation(series: Series) -> list[Finding]:
     """Whether the camera looks quite elsewhere than is said."""
-    length = np.linalg.norm(series.way, axis=1)
+    length = np.linalg.norm(series.translation, axis=1)
     moving = series.moving & (length > 0)
     if len(series) < 20 or moving.sum() < 20:
         return []
     ahead = np.sign(series.odometry[moving, 0])[:, None]
-    direction = np.median(ahead * series.way[moving] / length[moving, None], 0)
+    direction = np.median(ahead * series.translation[moving] / length[moving, None], 0)
     direction /= max(float(np.linalg.norm(direction)), 1e-12)
     off = float(np.arccos(np.clip(direction[0], -1, 1)))
     if not WRONG < off < np.pi - WRONG:
@@ -44,7 +44,7 @@ def check_rotation(series: Series) -> list[Finding]:
     ]
 
 
-def check_mounting(series: Series, camera: Camera) -> list[Finding]:
+def check_lateral_extrinsics(series: Series, camera: Camera) -> list[Finding]:
     """Whether the camera looks a little elsewhere, or is at another place, than is said."""
     if len(series) < 20 or series.moving.sum() < 20:
         return []
@@ -54,16 +54,16 @@ def check_mounting(series: Series, camera: Camera) -> list[Finding]:
 def _check_askew(series: Series) -> list[Finding]:
     """Looking a little to the side, or up or down, of the way that is driven."""
     moving = series.moving
-    ahead = series.way[moving, 0]
+    ahead = series.translation[moving, 0]
     findings = []
     for column, axis, check in (
         (1, ("left", "right"), "camera yaw"),
         (2, ("up", "down"), "camera pitch"),
     ):
         A = ahead[:, None]
-        side = series.way[moving, column]
+        side = series.translation[moving, column]
         if column == 1:
-            A = np.stack([ahead, series.turn[moving, 2]], 1)
+            A = np.stack([ahead, series.rotation[moving, 2]], 1)
             side = side - series.odometry[moving, 1]
         found = fit(A, side)
         if found is None or not found.differs(0, 0.0, float(np.tan(ASKEW))):
@@ -86,10 +86,10 @@ def _check_askew(series: Series) -> list[Finding]:
 def _check_lever(series: Series, camera: Camera) -> list[Finding]:
     """How far the camera swings to the side while the robot turns: its place ahead of the axle."""
     moving = series.moving
-    turn = series.turn[moving, 2]
-    side = series.way[moving, 1] - series.odometry[moving, 1]
-    found = fit(np.stack([turn, series.way[moving, 0]], 1), side)
-    place = float(camera.place[0])
+    turn = series.rotation[moving, 2]
+    side = series.translation[moving, 1] - series.odometry[moving, 1]
+    found = fit(np.stack([turn, series.translation[moving, 0]], 1), side)
+    place = float(camera.position[0])
     if found is None or not found.differs(0, place, max(PLACE, SHARE * abs(place))):
         return []
     return [
@@ -97,10 +97,10 @@ def _check_lever(series: Series, camera: Camera) -> list[Finding]:
             "warning",
             "camera place",
             f"while the robot turns the camera swings as if it were {found.value[0]:.2f} m ahead "
-            f"of the robot's origin (within {2 * found.error[0]:.2f}), camera.place says "
+            f"of the robot's origin (within {2 * found.error[0]:.2f}), camera.position says "
             f"{place:.2f} m",
-            "Look at camera.place: it is where the camera is in the robot's frame, not where the "
-            "robot is in the camera's",
+            "Look at camera.position: it is where the camera is in the robot's frame, not where "
+            "the robot is in the camera's",
             float(found.value[0]),
             "m",
         )

@@ -43,7 +43,7 @@ class CheckReport:
     """Of the drive."""
     frames: int
     """How many it has."""
-    looked_at: int
+    inspected: int
     """How many of them were looked at."""
     findings: tuple[Finding, ...]
     """The worst first."""

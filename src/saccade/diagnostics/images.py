@@ -4,7 +4,7 @@ import numpy as np
 
 from saccade.diagnostics.findings import Finding, counted, numbers_of
 from saccade.diagnostics.motion import LEAST
-from saccade.diagnostics.survey import Look
+from saccade.diagnostics.survey import Survey
 from saccade.frames import Camera, Drive
 
 DARK = 8.0
@@ -21,22 +21,22 @@ MANY = 0.02
 """Share of the frames that may be blurred."""
 
 
-def check_pictures(drive: Drive, look: Look) -> list[Finding]:
+def check_images(drive: Drive, survey: Survey) -> list[Finding]:
     """Frames that cannot be read, are black, blurred or copies of others."""
-    black = (look.brightness < DARK) | (look.contrast < FLAT)
-    sharp = look.sharpness[np.isfinite(look.sharpness) & ~black]
+    black = (survey.brightness < DARK) | (survey.contrast < FLAT)
+    sharp = survey.sharpness[np.isfinite(survey.sharpness) & ~black]
     usual = float(np.median(sharp)) if len(sharp) else 0.0
-    blurred = (look.sharpness < BLURRED * usual) & ~black
-    empty = (look.points < LEAST) & ~black & np.isfinite(look.brightness)
+    blurred = (survey.sharpness < BLURRED * usual) & ~black
+    empty = (survey.points < LEAST) & ~black & np.isfinite(survey.brightness)
     findings = []
-    if look.unreadable:
-        frames = tuple(look.unreadable)
+    if survey.unreadable:
+        frames = tuple(survey.unreadable)
         findings.append(
             Finding(
                 "error",
                 "unreadable frames",
                 f"{counted(len(frames), 'frame', 'frames')} cannot be read; "
-                f"{look.unreadable[frames[0]]}",
+                f"{survey.unreadable[frames[0]]}",
                 "Replace the files or the calibration, or leave the frames out",
                 float(len(frames)),
                 "frames",
@@ -52,10 +52,10 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
                 "Look for a covered lens or a camera that fell out; odometry alone bridges them",
                 float(black.sum()),
                 "frames",
-                numbers_of(look.frame[black]),
+                numbers_of(survey.frame[black]),
             )
         )
-    if blurred.sum() > MANY * len(look):
+    if blurred.sum() > MANY * len(survey):
         findings.append(
             Finding(
                 "warning",
@@ -65,10 +65,10 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
                 "Expose for a shorter time, or drive more slowly",
                 float(blurred.sum()),
                 "frames",
-                numbers_of(look.frame[blurred]),
+                numbers_of(survey.frame[blurred]),
             )
         )
-    if empty.sum() > MANY * len(look):
+    if empty.sum() > MANY * len(survey):
         findings.append(
             Finding(
                 "warning",
@@ -78,19 +78,19 @@ def check_pictures(drive: Drive, look: Look) -> list[Finding]:
                 "Nothing is observed there; odometry alone bridges them",
                 float(empty.sum()),
                 "frames",
-                numbers_of(look.frame[empty]),
+                numbers_of(survey.frame[empty]),
             )
         )
-    return [*findings, *_check_copies(drive, look)]
+    return [*findings, *_check_copies(drive, survey)]
 
 
-def _check_copies(drive: Drive, look: Look) -> list[Finding]:
+def _check_copies(drive: Drive, survey: Survey) -> list[Finding]:
     """Frames that are exact copies of the one before, though the robot moves."""
-    step = np.abs(drive.control[np.maximum(look.frame - 1, 0)]).max(1)
-    copied = look.copied & ((step > 0) | (not drive.control.any()))
+    step = np.abs(drive.control[np.maximum(survey.frame - 1, 0)]).max(1)
+    copied = survey.copied & ((step > 0) | (not drive.control.any()))
     if not copied.any():
         return []
-    what = "points" if np.isnan(look.brightness).all() else "image"
+    what = "points" if np.isnan(survey.brightness).all() else "image"
     return [
         Finding(
             "error",
@@ -101,17 +101,17 @@ def _check_copies(drive: Drive, look: Look) -> list[Finding]:
             "out, begin its tracks anew, and let odometry bridge the step",
             float(copied.sum()),
             "frames",
-            numbers_of(look.frame[copied]),
+            numbers_of(survey.frame[copied]),
         )
     ]
 
 
-def check_motion(look: Look) -> list[Finding]:
+def check_motion(survey: Survey) -> list[Finding]:
     """Whether the images tell how the camera moved."""
-    follows = np.diff(look.frame) == 1
+    follows = np.diff(survey.frame) == 1
     if follows.sum() < FEW:
         return []
-    known = float(np.isfinite(look.turn[1:, 0])[follows].mean())
+    known = float(np.isfinite(survey.rotation[1:, 0])[follows].mean())
     if known > TOLD:
         return []
     return [

@@ -22,9 +22,9 @@ STILL = 0.2
 class Motion:
     """Of a camera from one frame to the next, along the robot's axes at the first."""
 
-    turn: FloatArray
+    rotation: FloatArray
     """(3,) radians about the axes ahead, left and up: roll, pitch (nose down) and yaw."""
-    way: FloatArray
+    translation: FloatArray
     """(3,) ahead, left and up: metres, or of length 1 where there is no range, 0 if it stands."""
     metric: bool
     """Whether the way is in metres."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from saccade.diagnostics.survey import Look
+from saccade.diagnostics.survey import Survey
 from saccade.frames import Drive
 from saccade.types import FloatArray, IntArray
 
@@ -21,9 +21,9 @@ class Series:
     """(k,) to which each step leads."""
     duration: FloatArray
     """(k,) seconds."""
-    turn: FloatArray
+    rotation: FloatArray
     """(k, 3) by the images, as `Motion.turn`."""
-    way: FloatArray
+    translation: FloatArray
     """(k, 3) by the images, in metres; where they do not tell the length, that of odometry."""
     metric: bool
     """Whether the images tell the length."""
@@ -42,24 +42,24 @@ class Series:
         return np.asarray(length > 0.3 * (np.quantile(length, 0.9) if len(length) else 0.0))
 
 
-def series_of(drive: Drive, look: Look) -> Series:
+def series_of(drive: Drive, survey: Survey) -> Series:
     """The steps of a drive that were looked at; none where it has no odometry."""
-    known = look.frame > 0
-    known &= np.isfinite(look.turn).all(1) & np.isfinite(look.way).all(1)
-    metric = bool(look.metric[known].mean() > 0.5) if known.any() else False
-    known &= look.metric == metric
+    known = survey.frame > 0
+    known &= np.isfinite(survey.rotation).all(1) & np.isfinite(survey.translation).all(1)
+    metric = bool(survey.metric[known].mean() > 0.5) if known.any() else False
+    known &= survey.metric == metric
     if not has_odometry(drive):
         known &= False
-    step = look.frame[known] - 1
+    step = survey.frame[known] - 1
     odometry = drive.control[step]
-    way = look.way[known]
+    way = survey.translation[known]
     if not metric:
         way = way * np.hypot(odometry[:, 0], odometry[:, 1])[:, None]
     return Series(
-        frame=look.frame[known],
+        frame=survey.frame[known],
         duration=np.diff(drive.time)[step],
-        turn=look.turn[known],
-        way=way,
+        rotation=survey.rotation[known],
+        translation=way,
         metric=metric,
         odometry=odometry,
         covariance=drive.control_covariance[step],
@@ -83,13 +83,13 @@ class Lag:
     """Correlation as they are."""
 
 
-def lag_of(drive: Drive, look: Look) -> Lag | None:
+def lag_of(drive: Drive, survey: Survey) -> Lag | None:
     """Where the turns of odometry and of the images fit best; None where nothing turns."""
-    at = {int(i): k for k, i in enumerate(look.frame)}
+    at = {int(i): k for k, i in enumerate(survey.frame)}
     seen = np.full(len(drive) - 1, np.nan)
     for i, k in at.items():
         if i > 0:
-            seen[i - 1] = look.turn[k, 2]
+            seen[i - 1] = survey.rotation[k, 2]
     duration = np.diff(drive.time)
     period = float(np.median(duration)) if len(duration) else 0.0
     if period <= 0:

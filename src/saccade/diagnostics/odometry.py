@@ -28,7 +28,7 @@ def check_turns(series: Series, lag: Lag | None) -> list[Finding]:
     """Sign, scale, bias and noise of the turns, and the clock they are told by."""
     if lag is None or len(series) < 20:
         return []
-    if np.std(series.turn[:, 2] / series.duration) < TURNING:
+    if np.std(series.rotation[:, 2] / series.duration) < TURNING:
         return []
     if lag.agreement < -ALIKE:
         return [
@@ -125,17 +125,19 @@ def _check_drift(series: Series) -> list[Finding]:
 
 def _turns_fitted(series: Series) -> Fit | None:
     """Turns of odometry as so many times those of the images, and so much in a second."""
-    A = np.stack([series.turn[:, 2], series.duration], 1)
+    A = np.stack([series.rotation[:, 2], series.duration], 1)
     return fit(A, series.odometry[:, 2])
 
 
-def check_ways(series: Series) -> list[Finding]:
+def check_translations(series: Series) -> list[Finding]:
     """Sign, scale and noise of the way ahead."""
     moving = series.moving
     if len(series) < 20 or moving.sum() < 20:
         return []
-    seen, told = series.way[moving, 0], series.odometry[moving, 0]
-    still = float(np.mean(np.linalg.norm(series.way[moving], axis=1) < STANDS * np.abs(told)))
+    seen, told = series.translation[moving, 0], series.odometry[moving, 0]
+    still = float(
+        np.mean(np.linalg.norm(series.translation[moving], axis=1) < STANDS * np.abs(told))
+    )
     if still > SLIPS:
         return [
             Finding(
@@ -185,7 +187,7 @@ def check_ways(series: Series) -> list[Finding]:
 
 def _check_noise(series: Series, column: int, name: str, unit: str) -> list[Finding]:
     """Whether the covariances of odometry are those of its errors."""
-    seen = series.turn[:, 2] if column == 2 else series.way[:, 0]
+    seen = series.rotation[:, 2] if column == 2 else series.translation[:, 0]
     found = fit(np.stack([seen, series.duration], 1), series.odometry[:, column])
     told = np.sqrt(np.median(series.covariance[:, column, column]))
     if found is None or not found.sigma > 2 * told:

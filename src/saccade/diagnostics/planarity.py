@@ -3,7 +3,7 @@
 import numpy as np
 
 from saccade.diagnostics.findings import Finding
-from saccade.diagnostics.survey import Look
+from saccade.diagnostics.survey import Survey
 from saccade.frames import Drive
 from saccade.types import FloatArray
 
@@ -18,13 +18,13 @@ SHORT = 2.0
 """Seconds over which turns by the images may be added up."""
 
 
-def check_ground(drive: Drive, look: Look) -> list[Finding]:
+def check_ground(drive: Drive, survey: Survey) -> list[Finding]:
     """Pitch, roll and height, by the truth if it is known, and else by the images."""
     if drive.truth_off_plane is not None and drive.truth is not None:
         known = drive.truth.time
         there = (known >= drive.time[0]) & (known <= drive.time[-1])
         return _by_truth(drive.truth_off_plane[there], drive.truth.pose[there])
-    return _by_images(drive, look)
+    return _by_images(drive, survey)
 
 
 def _by_truth(lift: FloatArray, pose: FloatArray) -> list[Finding]:
@@ -49,7 +49,7 @@ def _by_truth(lift: FloatArray, pose: FloatArray) -> list[Finding]:
     return findings
 
 
-def _by_images(drive: Drive, look: Look) -> list[Finding]:
+def _by_images(drive: Drive, survey: Survey) -> list[Finding]:
     """From roll and pitch added up over short stretches, where images do not drift yet."""
     period = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
     if period <= 0:
@@ -57,7 +57,7 @@ def _by_images(drive: Drive, look: Look) -> list[Finding]:
     size = max(round(SHORT / period), 2)
     swings = [
         np.abs(np.cumsum(stretch[:, :2], 0)).max()
-        for stretch in _stretches(look, size)
+        for stretch in _stretches(survey, size)
         if np.isfinite(stretch).all()
     ]
     if len(swings) < 3:
@@ -65,12 +65,12 @@ def _by_images(drive: Drive, look: Look) -> list[Finding]:
     return _tilted(float(np.quantile(swings, 0.75)), f"by the images within {SHORT:g} s")
 
 
-def _stretches(look: Look, size: int) -> list[FloatArray]:
+def _stretches(survey: Survey, size: int) -> list[FloatArray]:
     """Turns (size, 3) of frames that follow each other."""
     return [
-        look.turn[k : k + size]
-        for k in range(1, len(look) - size + 1, size)
-        if look.frame[k + size - 1] - look.frame[k - 1] == size
+        survey.rotation[k : k + size]
+        for k in range(1, len(survey) - size + 1, size)
+        if survey.frame[k + size - 1] - survey.frame[k - 1] == size
     ]
 
 

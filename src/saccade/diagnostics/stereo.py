@@ -3,7 +3,7 @@
 import numpy as np
 
 from saccade.diagnostics.findings import Finding
-from saccade.diagnostics.survey import Look
+from saccade.diagnostics.survey import Survey
 
 LEAST = 200
 """Points below which nothing is said."""
@@ -13,11 +13,11 @@ ROWS = 1.0
 """Pixels by which rows may be apart."""
 
 
-def check_stereo(look: Look) -> list[Finding]:
+def check_stereo(survey: Survey) -> list[Finding]:
     """Right and left the same way round, and on the same rows."""
-    if len(look.disparity) < LEAST:
+    if len(survey.disparity) < LEAST:
         return []
-    negative = float(np.mean(look.disparity < -1.0))
+    negative = float(np.mean(survey.disparity < -1.0))
     findings = []
     if negative > NEGATIVE:
         swapped = negative > 0.5
@@ -34,7 +34,7 @@ def check_stereo(look: Look) -> list[Finding]:
                 "%",
             )
         )
-    rows = look.rows_apart[np.isfinite(look.rows_apart)]
+    rows = survey.rows_apart[np.isfinite(survey.rows_apart)]
     apart = float(np.median(np.abs(rows))) if len(rows) >= LEAST else 0.0
     if apart > ROWS:
         findings.append(

@@ -8,7 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.diagnostics.motion import motion_between
-from saccade.diagnostics.tracks import Points, View, followed, points_of, shrink_of, shrunk
+from saccade.diagnostics.tracks import (
+    Points,
+    PreparedFrame,
+    match_points,
+    points_of,
+    shrink_factor,
+    shrunk,
+)
 from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Tracks
 from saccade.types import FloatArray, IntArray
@@ -22,7 +29,7 @@ LEAST_COPIES = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Survey:
     """What was seen of m frames."""
 
     frame: IntArray
@@ -39,9 +46,9 @@ class Look:
     """(m,) whether the frame is an exact copy of the one before."""
     unreadable: dict[int, str]
     """Messages by number of the frame."""
-    turn: FloatArray
+    rotation: FloatArray
     """(m, 3) as `Motion.turn`, from the frame before to this one; NaN where not known."""
-    way: FloatArray
+    translation: FloatArray
     """(m, 3) as `Motion.way`; NaN where not known."""
     metric: npt.NDArray[np.bool_]
     """(m,) whether the way is in metres."""
@@ -54,9 +61,9 @@ class Look:
         return len(self.frame)
 
 
-def look_through(
+def survey_drive(
     drive: Drive, most: int, progress: Callable[[int, int], None] | None = None
-) -> Look:
+) -> Survey:
     """Look at the frames of a drive.
 
     Args:
@@ -64,18 +71,18 @@ def look_through(
         most: images; tracks are looked at whatever their number.
         progress: told the number of frames done, and of all.
     """
-    shrink = shrink_of(drive.camera)
+    shrink = shrink_factor(drive.camera)
     chosen = chosen_frames(len(drive), most)
     first = next((i for i in chosen if _readable(drive, i)), None)
     tracks = first is not None and drive.load(first).tracks is not None
     if tracks:
         chosen = list(range(len(drive)))
-    looker = _Looker(drive, drive.camera if tracks else shrunk(drive.camera, shrink), shrink)
+    surveyor = _Surveyor(drive, drive.camera if tracks else shrunk(drive.camera, shrink), shrink)
     for done, i in enumerate(chosen, 1):
-        looker.see(i)
+        surveyor.add(i)
         if progress is not None:
             progress(done, len(chosen))
-    return looker.look()
+    return surveyor.survey()
 
 
 def chosen_frames(n: int, most: int) -> list[int]:
@@ -95,7 +102,7 @@ def _readable(drive: Drive, i: int) -> bool:
     return True
 
 
-class _Looker:
+class _Surveyor:
     """What has been seen so far, and the frame before."""
 
     def __init__(self, drive: Drive, camera: Camera, shrink: int) -> None:
@@ -104,11 +111,11 @@ class _Looker:
         self.motions: list[list[float]] = []
         self.unreadable: dict[int, str] = {}
         self.pairs: list[FloatArray] = []
-        self.before: tuple[int, View, Points | None] | None = None
+        self.before: tuple[int, PreparedFrame, Points | None] | None = None
 
-    def see(self, i: int) -> None:
+    def add(self, i: int) -> None:
         try:
-            view = View.of(self.drive.load(i), self.shrink)
+            view = PreparedFrame.of(self.drive.load(i), self.shrink)
         except ImageError as error:
             self.unreadable[i] = str(error)
             self.before = None
@@ -126,21 +133,24 @@ class _Looker:
         self.before = (i, view, points)
 
     def _motion(
-        self, last: tuple[int, View, Points | None] | None, view: View, points: Points | None
+        self,
+        last: tuple[int, PreparedFrame, Points | None] | None,
+        view: PreparedFrame,
+        points: Points | None,
     ) -> list[float]:
         motion = None
         if last is not None and last[2] is not None:
-            pairs = followed(last[2], (last[1], view), points)
+            pairs = match_points(last[2], (last[1], view), points)
             motion = motion_between(*pairs, self.camera)
         if motion is None:
             return [np.nan] * 6 + [0]
-        return [*motion.turn.tolist(), *motion.way.tolist(), motion.metric]
+        return [*motion.rotation.tolist(), *motion.translation.tolist(), motion.metric]
 
-    def look(self) -> Look:
+    def survey(self) -> Survey:
         rows, motions = np.array(self.rows, np.float64), np.array(self.motions, np.float64)
         whole = 1 if self.camera is self.drive.camera else self.shrink
         pairs = np.concatenate([np.zeros((0, 2)), *self.pairs]) * whole
-        return Look(
+        return Survey(
             frame=rows[:, 0].astype(np.int64),
             brightness=rows[:, 1],
             contrast=rows[:, 2],
@@ -148,15 +158,15 @@ class _Looker:
             points=rows[:, 4].astype(np.int64),
             copied=rows[:, 5] > 0,
             unreadable=self.unreadable,
-            turn=motions[:, :3],
-            way=motions[:, 3:6],
+            rotation=motions[:, :3],
+            translation=motions[:, 3:6],
             metric=motions[:, 6] > 0,
             disparity=pairs[:, 0],
             rows_apart=pairs[:, 1],
         )
 
 
-def _of_picture(view: View) -> tuple[float, float, float]:
+def _of_picture(view: PreparedFrame) -> tuple[float, float, float]:
     """Brightness, contrast and sharpness."""
     if view.grey is None:
         return np.nan, np.nan, np.nan
@@ -165,7 +175,7 @@ def _of_picture(view: View) -> tuple[float, float, float]:
     return float(view.grey.mean()), contrast, fine / max(contrast, 1.0)
 
 
-def _is_copy(before: View, now: View) -> bool:
+def _is_copy(before: PreparedFrame, now: PreparedFrame) -> bool:
     if now.tracks is not None and before.tracks is not None:
         return _tracks_are_copies(before.tracks, now.tracks)
     if now.grey is None or before.grey is None:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from saccade.frames import Camera, Frame, Tracks
 from saccade.types import FloatArray, Image
-from saccade.visual.optical_flow import follow, gray_bytes
+from saccade.visual.optical_flow import gray_bytes, track_points
 
 Grey: TypeAlias = npt.NDArray[np.uint8]
 WIDEST = 800
@@ -39,7 +39,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PreparedFrame:
     """A frame as it is looked at: grey, and no wider than `WIDEST`."""
 
     grey: Grey | None = None
@@ -52,7 +52,7 @@ class View:
     """In pixels of the whole image."""
 
     @classmethod
-    def of(cls, frame: Frame, shrink: int) -> "View":
+    def of(cls, frame: Frame, shrink: int) -> "PreparedFrame":
         """A frame, its images made smaller by a whole number."""
         depth = None if frame.depth is None else frame.depth[::shrink, ::shrink]
         left, right = (
@@ -61,7 +61,7 @@ class View:
         return cls(left, right, depth, frame.tracks)
 
 
-def shrink_of(camera: Camera) -> int:
+def shrink_factor(camera: Camera) -> int:
     """By how much the images of a camera are made smaller."""
     return -(-camera.width // WIDEST)
 
@@ -90,7 +90,7 @@ def _small(image: Image, by: int) -> Grey:
     return grey
 
 
-def points_of(view: View, camera: Camera) -> Points | None:
+def points_of(view: PreparedFrame, camera: Camera) -> Points | None:
     """Points of a frame that may be followed; None where it shows none.
 
     Args:
@@ -111,15 +111,15 @@ def points_of(view: View, camera: Camera) -> Points | None:
         column, row = np.rint(xy).astype(np.int64).T
         depth = view.depth[row, column]
     elif view.right is not None and view.right.shape == view.grey.shape:
-        there, good = follow(view.grey, view.right, xy.astype(np.float32))
+        there, good = track_points(view.grey, view.right, xy.astype(np.float32))
         disparity = np.where(good, xy[:, 0] - there[:, 0], np.nan)
         rows = np.where(good, there[:, 1] - xy[:, 1], np.nan)
         depth = depth_of(disparity, camera)
     return Points(xy, depth, disparity, rows)
 
 
-def followed(
-    first: Points, views: tuple[View, View], second: Points | None
+def match_points(
+    first: Points, views: tuple[PreparedFrame, PreparedFrame], second: Points | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where points of one frame are in the next.
 
@@ -139,7 +139,7 @@ def followed(
     one, other = (view.grey for view in views)
     if one is None or other is None or one.shape != other.shape:
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-    xy, good = follow(one, other, first.xy.astype(np.float32))
+    xy, good = track_points(one, other, first.xy.astype(np.float32))
     return first.xy[good], xy[good].astype(np.float64), first.depth[good]
 
 

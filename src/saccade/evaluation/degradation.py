@@ -16,7 +16,7 @@ LEVELS = 255
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Degradation:
     """One kind of disturbance and how much of it."""
 
     kind: str
@@ -35,7 +35,7 @@ class Disturbance:
         )
 
     @classmethod
-    def parse(cls, text: str) -> "Disturbance":
+    def parse(cls, text: str) -> "Degradation":
         """The one that is written as `noise:20`.
 
         Raises:
@@ -53,7 +53,7 @@ class Disturbance:
     def __str__(self) -> str:
         return f"{self.kind}:{self.amount:g}"
 
-    def of(self, image: Float32Array, seed: int) -> Float32Array:
+    def apply(self, image: Float32Array, seed: int) -> Float32Array:
         """The image as an 8-bit camera would give it under the disturbance.
 
         Args:

@@ -15,7 +15,7 @@ from saccade.types import FloatArray, IntArray, Trajectory
 
 
 @dataclass(frozen=True)
-class PalindromeConfig:
+class OutAndBackConfig:
     """How many frames, and what the odometry gets wrong."""
 
     frames: int = 160
@@ -35,7 +35,9 @@ class PalindromeConfig:
             require(0 <= getattr(self, name) < 100, name, "0 to under 100", getattr(self, name))
 
 
-def palindrome(drive: Drive, config: PalindromeConfig = PalindromeConfig(), seed: int = 0) -> Drive:
+def out_and_back(
+    drive: Drive, config: OutAndBackConfig = OutAndBackConfig(), seed: int = 0
+) -> Drive:
     """Out on the even frames of a drive, back on the odd ones.
 
     Args:
@@ -56,7 +58,7 @@ def palindrome(drive: Drive, config: PalindromeConfig = PalindromeConfig(), seed
     n = min(config.frames, len(drive))
     if n < 4:
         raise DriveError(f"{drive.name}: palindrome: expected at least 4 frames, found {n}")
-    order = there_and_back(n)
+    order = out_and_back_order(n)
     duration = np.abs(np.diff(drive.time[order]))  # (n - 1,)
     time = drive.time[0] + np.concatenate([[0.0], np.cumsum(duration)])
     pose = drive.truth.at(drive.time[order])
@@ -78,24 +80,24 @@ def palindrome(drive: Drive, config: PalindromeConfig = PalindromeConfig(), seed
     )
 
 
-def there_and_back(n: int) -> IntArray:
+def out_and_back_order(n: int) -> IntArray:
     """Numbers of the even ones of n frames, then of the odd ones from the last on."""
     return np.concatenate([np.arange(0, n, 2), np.arange(1, n, 2)[::-1]])
 
 
 def _odometry(
-    true: FloatArray, duration: FloatArray, config: PalindromeConfig, seed: int
+    true: FloatArray, duration: FloatArray, config: OutAndBackConfig, seed: int
 ) -> tuple[FloatArray, FloatArray]:
     """Steps (m, 3) as odometry has them, and their covariance (m, 3, 3)."""
     white = np.random.default_rng(seed).standard_normal((len(true), 2))
     bias, walk = np.deg2rad([config.gyro_bias, config.gyro_walk])
-    share = config.white_percent / 100
+    fraction = config.white_percent / 100
     measured = true.copy()
-    measured[:, :2] *= 1 + config.scale_percent / 100 + share * white[:, :1]
+    measured[:, :2] *= 1 + config.scale_percent / 100 + fraction * white[:, :1]
     measured[:, 2] += bias * duration + walk * np.sqrt(duration) * white[:, 1]
 
     way = measured[:, :2]
     covariance = np.zeros((len(true), 3, 3))
-    covariance[:, :2, :2] = share**2 * way[:, :, None] * way[:, None, :]
+    covariance[:, :2, :2] = fraction**2 * way[:, :, None] * way[:, None, :]
     covariance[:, 2, 2] = (walk**2 + bias**2 * duration.sum()) * duration
     return measured, covariance

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError, OutputError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
 
 CENTER = np.float32(0.5)
@@ -78,7 +78,7 @@ def write_colmap(
         _check_pair(pair, indices, keypoints)
         if pair[::-1] in matches:
             raise KeypointsError(f"matches of {' and '.join(pair)}: expected one order, found both")
-    with whole_file(path) as temporary, _open_new(pycolmap, temporary, path) as database:
+    with atomic_write(path) as temporary, _open_new(pycolmap, temporary, path) as database:
         numbers = {}
         for name, points in keypoints.items():
             numbers[name] = _add_image(pycolmap, database, check_name(name), shapes[name])

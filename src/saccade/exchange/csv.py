@@ -8,7 +8,7 @@ import numpy as np
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import checked, keypoints_from, reading
-from saccade.files import read_text, whole_file
+from saccade.files import atomic_write, read_text
 from saccade.types import Keypoints
 
 COLUMNS = ("x", "y", "size", "angle", "response", "octave")
@@ -30,7 +30,7 @@ def write_csv(path: str | Path, keypoints: Keypoints) -> None:
     points = checked(str(path), keypoints)
     columns = (*points.xy.T, points.size, points.angle, points.response, points.octave)
     with (
-        whole_file(path) as temporary,
+        atomic_write(path) as temporary,
         temporary.open("w", encoding="utf-8", newline="") as file,
     ):
         writer = csv.writer(file, lineterminator="\n")

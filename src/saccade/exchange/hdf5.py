@@ -18,7 +18,7 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.formats import FORMATS, check_format
 from saccade.npz import check_unpacked
 from saccade.types import Float32Array, Keypoints
@@ -47,7 +47,7 @@ def write_hdf5(
         OutputError: the file cannot be written.
     """
     h5py = import_optional("h5py", "hdf5")
-    with whole_file(path) as temporary, _created(h5py, temporary) as file:
+    with atomic_write(path) as temporary, _created(h5py, temporary) as file:
         file.attrs[NOTE] = FORMATS["points"]
         for name, points in keypoints.items():
             group = file.create_group(check_name(name))

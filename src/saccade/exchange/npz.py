@@ -6,7 +6,7 @@ import numpy as np
 
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import checked, keypoints_from, reading
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.formats import FORMATS, check_format
 from saccade.npz import read_arrays
 from saccade.types import Keypoints
@@ -27,7 +27,7 @@ def write_npz(path: str | Path, keypoints: Keypoints) -> None:
     """
     fields = vars(checked(str(path), keypoints))
     arrays = {name: values for name, values in fields.items() if values is not None}
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
         version = np.array(FORMATS["points"])
         np.savez_compressed(file, allow_pickle=False, format=version, **arrays)
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
-from saccade.files import check_file, whole_file
+from saccade.files import atomic_write, check_file
 from saccade.formats import FORMATS, check_format
 from saccade.npz import check_unpacked
 from saccade.types import IntArray, Keypoints
@@ -62,7 +62,7 @@ def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
     """
     table = to_arrow(keypoints)
     pq = import_optional("pyarrow.parquet", "parquet")
-    with whole_file(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
+    with atomic_write(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
         pq.write_table(table, file, compression="zstd")
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from saccade._jit import spread
+from saccade._jit import run_in_blocks
 from saccade.keypoints.gradients import (
     CELL_SIZE,
     CELLS,
@@ -91,7 +91,7 @@ def orientations(
         )
         smooth_circles(bins[block], smoothing)
 
-    spread(fill, len(bins), BLOCK, threads)
+    run_in_blocks(fill, len(bins), BLOCK, threads)
     before, after = np.roll(bins, 1, axis=1), np.roll(bins, -1, axis=1)
     highest = bins.max(axis=1, keepdims=True, initial=0)
     # Of two equal neighbors the second is the peak: symmetrical patterns have such.
@@ -162,7 +162,7 @@ def describe_frames(
         if not as_float:
             quantized[block] = to_bytes(raw[block])
 
-    spread(fill, len(raw), BLOCK, threads)
+    run_in_blocks(fill, len(raw), BLOCK, threads)
     return raw if as_float else quantized
 
 

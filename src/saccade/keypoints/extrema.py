@@ -5,7 +5,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from saccade._jit import kernel, spread
+from saccade._jit import kernel, run_in_blocks
 from saccade.keypoints._refinement_kernels import fit_extrema
 from saccade.types import Float32Array, FloatArray, IntArray
 
@@ -81,7 +81,7 @@ def find_extrema(
         kinds = lagrange, refit, neighbors < 26
         fit_extrema(dog, border, contrast_threshold, edge_ratio, *kinds, *part)
 
-    spread(fit, count, SEEDS_AT_ONCE, threads)
+    run_in_blocks(fit, count, SEEDS_AT_ONCE, threads)
     kept = np.flatnonzero(values)
     if refit:
         kept = kept[nearest_of_each(seeds[kept], offsets[kept])]
@@ -148,7 +148,7 @@ def find_seeds(
             find_candidates(dog, threshold, border, neighbors, first, last, out)
         found[first] = out[:count]
 
-    spread(search, searched, ROWS_AT_ONCE, threads)
+    run_in_blocks(search, searched, ROWS_AT_ONCE, threads)
     return np.concatenate([np.empty((0, 3), np.int64), *(found[row] for row in sorted(found))])
 
 

@@ -67,8 +67,8 @@ def fill_orientation_bins(
         stride = max(int(spacing * sigma + 0.5), 1)
         plane = octave[planes[i]]
         count = gather_gradients(plane, x, y, 1 / sigma, 0.0, radius / sigma, stride, samples)
-        weigh_gradients(samples, count, ORIENTATION_SIGMA, per_radian, float(ORIENTATION_BINS))
-        share_directions(samples, count, linear, lower, shares)
+        weight_gradients(samples, count, ORIENTATION_SIGMA, per_radian, float(ORIENTATION_BINS))
+        interpolate_directions(samples, count, linear, lower, shares)
         circle[:] = 0
         for k in range(count):
             first = np.uint64(np.uint32(lower[k]))
@@ -96,7 +96,7 @@ def smooth_circles(bins: Float32Array, passes: int) -> None:
 
 
 @kernel(fastmath=("nnan", "nsz", "contract"))
-def share_directions(
+def interpolate_directions(
     samples: Float32Array, count: int, linear: bool, lower: Int32Array, shares: Float32Array
 ) -> None:
     """Find the two bins beside the direction of each sample, and what each of them gets.
@@ -110,12 +110,12 @@ def share_directions(
     """
     turn, half = np.float32(ORIENTATION_BINS), np.float32(0.5)
     for k in range(count):
-        place, share = samples[2, k], samples[3, k]
+        place, fraction = samples[2, k], samples[3, k]
         place = place - turn if place >= turn else place
         low = np.int32(place) if linear else np.int32(place + half)
-        part = share * (place - np.float32(low)) if linear else np.float32(0)
+        part = fraction * (place - np.float32(low)) if linear else np.float32(0)
         lower[k] = low
-        shares[0, k] = share - part
+        shares[0, k] = fraction - part
         shares[1, k] = part
 
 
@@ -146,12 +146,12 @@ def fill_descriptors(
         stride = max(int(spacing * sigmas[i] + 0.5), 1)
         along, across = cos(angle) / cell, sin(angle) / cell
         count = gather_gradients(octave[planes[i]], x, y, along, across, reach, stride, samples)
-        weigh_gradients(
+        weight_gradients(
             samples, count, CELLS * window_sigma, -per_radian, angle * per_radian + 2 * DIRECTIONS
         )
-        share_trilinearly(samples, count, reach, corners, shares)
+        interpolate_trilinearly(samples, count, reach, corners, shares)
         cells[:] = 0
-        add_shares(corners, shares, count, cells)
+        add_weights(corners, shares, count, cells)
         for row in range(CELLS):
             for column in range(CELLS):
                 start = (row + 1) * STRIP + (column + 1) * PILE
@@ -161,7 +161,7 @@ def fill_descriptors(
 
 
 @kernel(fastmath=("nnan", "nsz", "contract"))
-def share_trilinearly(
+def interpolate_trilinearly(
     samples: Float32Array, count: int, reach: float, corners: Int32Array, shares: Float32Array
 ) -> None:
     """Find the eight entries around each sample, and what each of them gets.
@@ -199,7 +199,7 @@ def share_trilinearly(
 
 
 @kernel()
-def add_shares(corners: Int32Array, shares: Float32Array, count: int, cells: Float32Array) -> None:
+def add_weights(corners: Int32Array, shares: Float32Array, count: int, cells: Float32Array) -> None:
     """Add the shares of each sample to the eight entries from its corner."""
     for k in range(count):
         first = np.uint64(np.uint32(corners[k]))
@@ -295,7 +295,7 @@ def gather_row(
 
 
 @kernel(fastmath=("nsz", "contract"))
-def weigh_gradients(
+def weight_gradients(
     samples: Float32Array, count: int, window_sigma: float, per_radian: float, offset: float
 ) -> None:
     """Turn gradients, rows 2 and 3 of `samples`, into place among directions and weight.

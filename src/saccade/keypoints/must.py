@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade._jit import spread
+from saccade._jit import run_in_blocks
 from saccade.image import as_gray
 from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.scale_space_points import Points, detect, interest_points
-from saccade.keypoints.workspaces import Workbench
+from saccade.keypoints.workspaces import WorkspacePool
 from saccade.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
 from saccade.scale_space import Workspace
 from saccade.types import Float32Array, Image, Keypoints
@@ -54,7 +54,7 @@ class Must:
     """
 
     def __init__(self, config: MustConfig | None = None, threads: int = 0) -> None:
-        self._bench = Workbench(threads)
+        self._bench = WorkspacePool(threads)
         self.config = config or MustConfig()
         self.threads = self._bench.threads
 
@@ -127,7 +127,7 @@ def symmetry_of(
             sums = isotropic_sums([gradients], pairs)
             np.multiply(sums, np.float32((spacing * sigma) ** config.scale_power), out=symmetry[i])
 
-    spread(fill, len(symmetry), 1, threads)
+    run_in_blocks(fill, len(symmetry), 1, threads)
     return symmetry
 
 

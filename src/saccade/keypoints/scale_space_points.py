@@ -117,7 +117,7 @@ def interest_points(
         found.append(points)
     points = concatenate(found)
     order = strongest(points, space, config.max_keypoints, config.spread)
-    return handed_out(points, order, space, config, describe, threads)
+    return to_keypoints(points, order, space, config, describe, threads)
 
 
 def detect(
@@ -186,7 +186,7 @@ def concatenate(parts: list[Points]) -> Points:
     return Points(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
 
 
-def handed_out(
+def to_keypoints(
     points: Points,
     order: npt.NDArray[np.int64],
     space: ScaleSpace,
@@ -316,7 +316,7 @@ def locate(
     plane and the last but two, or the nearest there is.
 
     Args:
-        keypoints: n points, as `check_given` leaves them.
+        keypoints: n points, as `check_keypoints` leaves them.
         space: what `config` makes of their image; at least one octave if there are points.
         config: of the detector.
 
@@ -341,7 +341,7 @@ def locate(
     return octave, plane, xy.astype(np.float32), (sigma / spacing).astype(np.float32)
 
 
-def check_given(keypoints: Keypoints, shape: tuple[int, int]) -> Keypoints:
+def check_keypoints(keypoints: Keypoints, shape: tuple[int, int]) -> Keypoints:
     """Points in their proper dtypes, without descriptors, if an image shows them.
 
     Args:

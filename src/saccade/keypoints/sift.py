@@ -10,14 +10,14 @@ from saccade.image import as_gray
 from saccade.keypoints.scale_space_points import (
     Points,
     all_directions,
-    check_given,
+    check_keypoints,
     describe_all,
     detect,
     interest_points,
     scale_space_of,
 )
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.keypoints.workspaces import Workbench
+from saccade.keypoints.workspaces import WorkspacePool
 from saccade.scale_space import SMALLEST_SIDE, difference_of_gaussians
 from saccade.types import Float32Array, Image, Keypoints
 
@@ -34,7 +34,7 @@ class Sift:
     """
 
     def __init__(self, config: SiftConfig | None = None, threads: int = 0) -> None:
-        self._bench = Workbench(threads)
+        self._bench = WorkspacePool(threads)
         self.config = SiftConfig.recommended() if config is None else config
         self.threads = self._bench.threads
 
@@ -95,7 +95,7 @@ class Sift:
             ImageError: not an image, or too small an image.
         """
         gray, config = as_gray(image), self.config
-        given = check_given(keypoints, gray.shape)
+        given = check_keypoints(keypoints, gray.shape)
         with self._bench.workspace() as workspace:
             space = scale_space_of(gray, config, SMALLEST_SIDE, workspace, self.threads)
             if len(given) and not space.octaves:

@@ -93,7 +93,7 @@ class SymRoid:
             return Regions.none()
         kept = np.zeros(len(response) + 1, np.int64)
         kept[1 + strongest] = 1 + np.arange(len(strongest))
-        xy, boxes = widened(kept[labels], levels, pairs, (gray.shape[0], gray.shape[1]))
+        xy, boxes = expand_to_pairs(kept[labels], levels, pairs, (gray.shape[0], gray.shape[1]))
         keypoints = Keypoints(
             xy=xy.astype(np.float32),
             size=np.sqrt(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)).astype(np.float32),
@@ -171,7 +171,9 @@ def grow(symmetry: Float32Array, config: SymRoidConfig) -> tuple[Labels, FloatAr
     for row, column in local_maxima(symmetry, config.seed_threshold * highest).tolist():
         if labels[row, column] == 0:
             value = float(symmetry[row, column])
-            rows, columns, mine = hill(symmetry, row, column, config.growth_threshold * value)
+            rows, columns, mine = connected_region(
+                symmetry, row, column, config.growth_threshold * value
+            )
             window = labels[rows, columns]
             if not window[mine].any():
                 found.append(value)
@@ -188,7 +190,9 @@ def local_maxima(symmetry: Float32Array, least: float) -> IntArray:
     return cells[np.argsort(-symmetry[peaks], kind="stable")]
 
 
-def hill(symmetry: Float32Array, row: int, column: int, least: float) -> tuple[slice, slice, Mask]:
+def connected_region(
+    symmetry: Float32Array, row: int, column: int, least: float
+) -> tuple[slice, slice, Mask]:
     """The cells about one that hang together along the axes and have at least a value.
 
     Returns:
@@ -210,7 +214,7 @@ def hill(symmetry: Float32Array, row: int, column: int, least: float) -> tuple[s
         reach *= 4
 
 
-def widened(
+def expand_to_pairs(
     labels: IntArray, levels: list[Level], pairs: PairKernel, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
     """Regions with the discs on which their strongest pairs lie.

@@ -8,7 +8,7 @@ from saccade.errors import require
 from saccade.scale_space import Workspace
 
 
-class Workbench:
+class WorkspacePool:
     """How many work at a time, and memory for as many calls as ran at a time.
 
     Args:

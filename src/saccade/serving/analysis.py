@@ -7,21 +7,21 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from saccade.attention.models import KINDS, Attention, layers_of
+from saccade.attention.models import KINDS, AttentionModel, layers_of
 from saccade.errors import ConfigError, ImageError, require
 from saccade.serving.controls import DETECTORS, MODELS
 
 if TYPE_CHECKING:
     from saccade.types import Float32Array
 
-HELD = 4
+MAX_PHOTOS = 4
 """Photographs that are kept in memory, those that were used last."""
-MOST_PIXELS = 40_000_000
+MAX_PIXELS = 40_000_000
 """Of a photograph."""
-MOST_FIXATIONS = 100
-MOST_POINTS = 2000
+MAX_FIXATIONS = 100
+MAX_POINTS = 2000
 """Interest points that are drawn."""
-NAME = 200
+MAX_NAME = 200
 """Letters of a name that are kept."""
 
 
@@ -34,12 +34,12 @@ class Photo:
     """(H, W, 3) in [0, 1]."""
 
 
-class Workbench:
-    """Holds the last few photographs, and looks at them; see `saccade.serving.app.Bench`."""
+class PhotoAnalyzer:
+    """Holds the last few photographs, and looks at them; see `saccade.serving.app.Analyzer`."""
 
     def __init__(self) -> None:
         self._photos: OrderedDict[str, Photo] = OrderedDict()
-        self._seen: tuple[Photo, Attention, Any] | None = None
+        self._last_maps: tuple[Photo, AttentionModel, Any] | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
         """Hold a photograph.
@@ -55,17 +55,17 @@ class Workbench:
         from saccade.serving.snippets import read_python
         from saccade.viewing.report_image import photograph
 
-        name = name[-NAME:]
+        name = name[-MAX_NAME:]
         width, height = size_in_header(data, name)
-        if width * height > MOST_PIXELS:
+        if width * height > MAX_PIXELS:
             raise ImageError(
-                f"{name}: expected at most {MOST_PIXELS / 1e6:g} million pixels, "
+                f"{name}: expected at most {MAX_PIXELS / 1e6:g} million pixels, "
                 f"found {width} x {height}"
             )
         pixels = decode_image(data, name)
         token = secrets.token_urlsafe(12)
         self._photos[token] = Photo(name, pixels)
-        while len(self._photos) > HELD:
+        while len(self._photos) > MAX_PHOTOS:
             self._photos.popitem(last=False)
         return {
             "photo": token,
@@ -75,32 +75,32 @@ class Workbench:
             "python": read_python(name),
         }
 
-    def look(self, wishes: Mapping[str, Any]) -> dict[str, Any]:
+    def analyze(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Where a photograph draws the eye.
 
         Args:
-            wishes: "photo", "model", "fixations", and by kind the settings that count.
+            request: "photo", "model", "fixations", and by kind the settings that count.
 
         Raises:
             KeyError: the photograph is not held.
             SaccadeError: a wish that cannot be granted.
         """
         from saccade.attention.scanpath import scanpath
-        from saccade.serving.snippets import look_command, look_python
+        from saccade.serving.snippets import attention_command, attention_python
         from saccade.settings import settings_from
         from saccade.viewing.report_image import scanpath_data
 
         began = perf_counter()
-        photo = self._photo(wishes)
-        model = wishes.get("model", "both")
+        photo = self._photo(request)
+        model = request.get("model", "both")
         require(model in list(MODELS), "model", f"one of {', '.join(MODELS)}", model)
-        fixations = wishes.get("fixations", 10)
-        fits = type(fixations) is int and 1 <= fixations <= MOST_FIXATIONS
-        require(fits, "fixations", f"1 to {MOST_FIXATIONS}", fixations)
+        fixations = request.get("fixations", 10)
+        fits = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
+        require(fits, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
         outer, *inner = MODELS[model]
-        table = _table(wishes, outer) | {kind: _table(wishes, kind) for kind in inner}
-        attention = Attention(model, settings_from(KINDS[model], table, outer))
-        config = settings_from("scanpath", _table(wishes, "scanpath"), "scanpath")
+        table = _table(request, outer) | {kind: _table(request, kind) for kind in inner}
+        attention = AttentionModel(model, settings_from(KINDS[model], table, outer))
+        config = settings_from("scanpath", _table(request, "scanpath"), "scanpath")
         saliency, maps = self._maps_of(photo, attention)
         path = scanpath(saliency, photo.pixels.shape, fixations, config)
         of = (attention.model, attention.settings, config, fixations)
@@ -108,76 +108,80 @@ class Workbench:
             "maps": maps,
             "scanpath": scanpath_data(path),
             "ms": 1000 * (perf_counter() - began),
-            "python": look_python(*of),
-            "command": look_command(photo.name, *of),
+            "python": attention_python(*of),
+            "command": attention_command(photo.name, *of),
         }
 
-    def find(self, wishes: Mapping[str, Any]) -> dict[str, Any]:
+    def detect(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Interest points of a photograph.
 
         Args:
-            wishes: "photo", "detector", and the settings of that.
+            request: "photo", "detector", and the settings of that.
 
         Raises:
             KeyError: the photograph is not held.
             SaccadeError: a wish that cannot be granted.
         """
         from saccade.keypoints import Must, Sift, SymRoid
-        from saccade.serving.snippets import find_command, find_python
+        from saccade.serving.snippets import detection_command, detection_python
         from saccade.settings import settings_from
         from saccade.viewing.report_image import points_data
 
         began = perf_counter()
-        photo = self._photo(wishes)
-        name = wishes.get("detector", "sift")
+        photo = self._photo(request)
+        name = request.get("detector", "sift")
         require(name in DETECTORS, "detector", f"one of {', '.join(DETECTORS)}", name)
-        settings = settings_from(name, _table(wishes, name), name)
+        settings = settings_from(name, _table(request, name), name)
         detector: Any = {"sift": Sift, "must": Must, "symroid": SymRoid}[name]
         found = detector(settings)(photo.pixels)
         points = found.keypoints if name == "symroid" else found
         return {
-            "points": points_data(points[:MOST_POINTS]),
+            "points": points_data(points[:MAX_POINTS]),
             "found": len(points),
             "ms": 1000 * (perf_counter() - began),
-            "python": find_python(name, settings),
-            "command": find_command(photo.name, name, settings),
+            "python": detection_python(name, settings),
+            "command": detection_command(photo.name, name, settings),
         }
 
-    def warm(self) -> None:
+    def warm_up(self) -> None:
         """Compile what all of it needs."""
         import numpy as np
 
         held = Photo("", np.random.default_rng(1).random((160, 160, 3), np.float32))
-        other = Workbench()
+        other = PhotoAnalyzer()
         other._photos[""] = held
-        other.look({"photo": ""})
+        other.analyze({"photo": ""})
         for detector in DETECTORS:
-            other.find({"photo": "", "detector": detector})
+            other.detect({"photo": "", "detector": detector})
 
-    def _photo(self, wishes: Mapping[str, Any]) -> Photo:
-        token = wishes.get("photo")
+    def _photo(self, request: Mapping[str, Any]) -> Photo:
+        token = request.get("photo")
         if not isinstance(token, str) or token not in self._photos:
             raise KeyError("the photograph is not held any more; drop it again")
         self._photos.move_to_end(token)
         return self._photos[token]
 
-    def _maps_of(self, photo: Photo, attention: Attention) -> "tuple[Float32Array, list[Any]]":
+    def _maps_of(self, photo: Photo, attention: AttentionModel) -> "tuple[Float32Array, list[Any]]":
         """The saliency and all maps as pictures; those of last time where nothing changed."""
         from saccade.viewing.report_image import heat
 
-        if self._seen is None or self._seen[0] is not photo or self._seen[1] != attention:
+        if (
+            self._last_maps is None
+            or self._last_maps[0] is not photo
+            or self._last_maps[1] != attention
+        ):
             try:
                 layers = layers_of(attention.maps(photo.pixels), attention.model)
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
             pictures = [{"name": name, "address": heat(each)} for name, each in layers.items()]
-            self._seen = (photo, attention, (layers["saliency"], pictures))
-        found: tuple[Float32Array, list[Any]] = self._seen[2]
+            self._last_maps = (photo, attention, (layers["saliency"], pictures))
+        found: tuple[Float32Array, list[Any]] = self._last_maps[2]
         return found
 
 
-def _table(wishes: Mapping[str, Any], kind: str) -> dict[str, Any]:
-    table = wishes.get(kind, {})
+def _table(request: Mapping[str, Any], kind: str) -> dict[str, Any]:
+    table = request.get(kind, {})
     if not isinstance(table, dict):
         raise ConfigError(f"{kind}: expected settings by name, found {table!r}")
     return table

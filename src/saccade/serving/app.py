@@ -21,29 +21,29 @@ from saccade.serving.guard import Guard, TooLargeError, body_of
 from saccade.serving.page import policy_of, serve_page
 from saccade.viewing.report import as_json
 
-WISHES = 100_000
+MAX_REQUEST = 100_000
 """Bytes of a request that is no photograph."""
-WAITING = 16
+MAX_WAITING = 16
 """Requests that may wait while one is worked on; who comes then is sent away."""
-GONE = 499
+CLIENT_CLOSED_REQUEST = 499
 """Status of an answer to somebody who has left."""
 
 _logger = logging.getLogger(__name__)
 
 
-class Bench(Protocol):
+class Analyzer(Protocol):
     """What looks at photographs."""
 
     def open(self, data: bytes, name: str) -> Mapping[str, Any]:
         """Hold a photograph; raises `SaccadeError` where it is none."""
 
-    def look(self, wishes: Mapping[str, Any]) -> Mapping[str, Any]:
+    def analyze(self, wishes: Mapping[str, Any]) -> Mapping[str, Any]:
         """Where it draws the eye."""
 
-    def find(self, wishes: Mapping[str, Any]) -> Mapping[str, Any]:
+    def detect(self, wishes: Mapping[str, Any]) -> Mapping[str, Any]:
         """Its interest points."""
 
-    def warm(self) -> None:
+    def warm_up(self) -> None:
         """Do everything once, so that the first photograph does not wait for a compiler."""
 
 
@@ -64,28 +64,28 @@ class Server:
         most: bytes of a photograph.
     """
 
-    def __init__(self, bench: Bench, samples: Samples, most: int) -> None:
-        self.bench = bench
+    def __init__(self, analyzer: Analyzer, samples: Samples, max_bytes: int) -> None:
+        self.analyzer = analyzer
         self.samples = samples
-        self.most = most
+        self.most = max_bytes
         self._one = anyio.CapacityLimiter(1)
         self._waiting = 0
-        self._warm = Event()
+        self._warmed_up = Event()
 
-    def warm(self) -> None:
+    def warm_up(self) -> None:
         """Let the bench warm up while the page is served already."""
 
         def work() -> None:
             try:
-                self.bench.warm()
+                self.analyzer.warm_up()
             finally:
-                self._warm.set()
+                self._warmed_up.set()
 
         Thread(target=work, name="saccade-warm", daemon=True).start()
 
     async def state(self, _: Request) -> Response:
         """Whether everything is compiled."""
-        return _answer({"warm": self._warm.is_set()})
+        return _answer({"warm": self._warmed_up.is_set()})
 
     async def sample(self, request: Request) -> Response:
         """One of the photographs to begin with."""
@@ -98,27 +98,27 @@ class Server:
         """A photograph, as the body of the request."""
         data = await self._body(request, self.most)
         name = request.query_params.get("name", "photograph")
-        return await self._worked(request, lambda: self.bench.open(data, name))
+        return await self._worked(request, lambda: self.analyzer.open(data, name))
 
     async def look(self, request: Request) -> Response:
         """Attention, by the wishes in the body."""
         wishes = await self._wishes(request)
-        return await self._worked(request, lambda: self.bench.look(wishes))
+        return await self._worked(request, lambda: self.analyzer.analyze(wishes))
 
     async def find(self, request: Request) -> Response:
         """Interest points, likewise."""
         wishes = await self._wishes(request)
-        return await self._worked(request, lambda: self.bench.find(wishes))
+        return await self._worked(request, lambda: self.analyzer.detect(wishes))
 
     async def _worked(self, request: Request, work: Callable[[], Mapping[str, Any]]) -> Response:
         """The answer, when its turn comes, unless who asked has left meanwhile."""
-        if self._waiting >= WAITING:
+        if self._waiting >= MAX_WAITING:
             raise HTTPException(503, "busy: too many requests wait already")
         self._waiting += 1
         try:
             async with self._one:
                 if await request.is_disconnected():
-                    return Response(status_code=GONE)
+                    return Response(status_code=CLIENT_CLOSED_REQUEST)
                 found = await run_sync(work)
         except KeyError as error:
             raise HTTPException(404, str(error.args[0])) from error
@@ -128,17 +128,17 @@ class Server:
             self._waiting -= 1
         return _answer(found)
 
-    async def _body(self, request: Request, most: int) -> bytes:
+    async def _body(self, request: Request, max_bytes: int) -> bytes:
         try:
-            return await body_of(request, most)
+            return await body_of(request, max_bytes)
         except TooLargeError as error:
-            words = f"too large: expected at most {most / 1e6:g} MB"
+            words = f"too large: expected at most {max_bytes / 1e6:g} MB"
             raise HTTPException(413, words, {"Connection": "close"}) from error
         except ClientDisconnect as error:
-            raise HTTPException(GONE) from error
+            raise HTTPException(CLIENT_CLOSED_REQUEST) from error
 
     async def _wishes(self, request: Request) -> dict[str, Any]:
-        body = await self._body(request, WISHES)
+        body = await self._body(request, MAX_REQUEST)
         try:
             wishes = json.loads(body, parse_constant=_no_number)
         except (ValueError, RecursionError) as error:
@@ -149,23 +149,23 @@ class Server:
 
 
 def application(
-    bench: Bench, samples: Samples, port: int, most: int, controls: Mapping[str, Any]
+    analyzer: Analyzer, samples: Samples, port: int, max_bytes: int, controls: Mapping[str, Any]
 ) -> Starlette:
     """The server as an ASGI application.
 
     Args:
-        bench: what looks at photographs.
+        analyzer: what looks at photographs.
         samples: photographs to begin with.
         port: on which it is reached; it answers to no other name.
-        most: bytes of a photograph.
+        max_bytes: bytes of a photograph.
         controls: what the page offers to change, for its script.
     """
-    server = Server(bench, samples, most)
-    page = serve_page({**controls, "most": most, "samples": samples.names})
+    server = Server(analyzer, samples, max_bytes)
+    page = serve_page({**controls, "most": max_bytes, "samples": samples.names})
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
-        server.warm()
+        server.warm_up()
         yield
 
     async def front(_: Request) -> Response:

@@ -22,7 +22,7 @@ def read_python(name: str) -> str:
     return f"import saccade\n\nimage = saccade.read_image({name!r})"
 
 
-def look_python(model: str, settings: Any, path: Any, fixations: int) -> str:
+def attention_python(model: str, settings: Any, path: Any, fixations: int) -> str:
     """The lines that look at it."""
     more = f", fixations={fixations}" if fixations != FIXATIONS else ""
     if changes(path):
@@ -33,13 +33,13 @@ def look_python(model: str, settings: Any, path: Any, fixations: int) -> str:
     )
 
 
-def find_python(detector: str, settings: Any) -> str:
+def detection_python(detector: str, settings: Any) -> str:
     """The lines that find its interest points."""
     inside = _constructed(settings) if changes(settings) else ""
     return f"points = saccade.{CLASSES[detector]}({inside})(image)"
 
 
-def look_command(name: str, model: str, settings: Any, path: Any, fixations: int) -> str:
+def attention_command(name: str, model: str, settings: Any, path: Any, fixations: int) -> str:
     """The command that looks at it."""
     words = f"--model {model}" if model != "both" else ""
     if fixations != FIXATIONS:
@@ -50,7 +50,7 @@ def look_command(name: str, model: str, settings: Any, path: Any, fixations: int
     return command
 
 
-def find_command(name: str, detector: str, settings: Any) -> str:
+def detection_command(name: str, detector: str, settings: Any) -> str:
     """The command that finds its interest points."""
     words = "" if detector == "sift" else f"--detector {detector}"
     return _with_file("detect", name, words, detector, settings)

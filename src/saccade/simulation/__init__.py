@@ -2,16 +2,16 @@
 
 from saccade.simulation.drive import simulate_drive
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
-from saccade.simulation.monte_carlo import Trials, run_trials
+from saccade.simulation.monte_carlo import MonteCarloRuns, run_monte_carlo
 from saccade.simulation.world import WorldConfig, simulate_world
 
 __all__ = [
     "DriveConfig",
     "LightConfig",
+    "MonteCarloRuns",
     "OdometryConfig",
-    "Trials",
     "WorldConfig",
-    "run_trials",
+    "run_monte_carlo",
     "simulate_drive",
     "simulate_world",
 ]

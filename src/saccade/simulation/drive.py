@@ -8,7 +8,7 @@ import numpy as np
 from saccade.frames import Drive, Frame, steps_between
 from saccade.simulation.course import drive_course
 from saccade.simulation.drive_config import DriveConfig, OdometryConfig
-from saccade.simulation.illumination import Light
+from saccade.simulation.illumination import Illumination
 from saccade.simulation.rendering import render, render_depth
 from saccade.simulation.ring import ring_scene
 from saccade.simulation.scene import Scene
@@ -39,13 +39,13 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
     pose = drive_course(config, way)
     control, covariance = _odometry(config.odometry, steps_between(pose), odometry)
     camera = config.camera
-    scene = _once(lambda: ring_scene(config, place))
-    lit = Light.drawn(config.light, camera, time, light)
+    scene = _lazily(lambda: ring_scene(config, place))
+    lit = Illumination.drawn(config.light, camera, time, light)
 
     def load(number: int) -> Frame:
         number = range(len(time))[number]
         pictures = [
-            lit.fall_on(render(scene(), camera, pose[number], right), number, int(right))
+            lit.apply(render(scene(), camera, pose[number], right), number, int(right))
             for right in ((False, True) if camera.baseline > 0 else (False,))
         ]
         return Frame(
@@ -68,7 +68,7 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
     )
 
 
-def _once(build: Callable[[], Scene]) -> Callable[[], Scene]:
+def _lazily(build: Callable[[], Scene]) -> Callable[[], Scene]:
     """`build`, called at the first need only: who wants no frames need not wait for the walls."""
     lock, built = Lock(), list[Scene]()
 

@@ -66,7 +66,7 @@ class DriveConfig:
     """Metres."""
     spacing: float = 1.6
     """Metres from poster to poster along a wall, at least."""
-    pictures: int = 0
+    posters: int = 0
     """How many different pictures there are on the posters; 0 for as many as there are."""
     mirrored: bool = False
     """Whether each poster is symmetric about its vertical axis."""
@@ -83,7 +83,7 @@ class DriveConfig:
     """Frames per second."""
     image_size: tuple[int, int] = (320, 240)
     """Width and height in pixels."""
-    field: float = 70.0
+    field_of_view: float = 70.0
     """Degrees of the camera's field of view, across."""
     baseline: float = 0.15
     """Metres to the right camera; 0 for a single camera."""
@@ -110,7 +110,7 @@ class DriveConfig:
         eye = self.camera_height
         require(0.05 <= eye < height, "camera_height", f"0.05 to under {height:g} m", eye)
         require(0.5 <= self.spacing <= 100, "spacing", "0.5 to 100 m", self.spacing)
-        require(0 <= self.pictures <= 1000, "pictures", "0 to 1000", self.pictures)
+        require(0 <= self.posters <= 1000, "posters", "0 to 1000", self.posters)
         require(0 <= self.sway <= 0.2 * corridor, "sway", "0 to a fifth of corridor", self.sway)
         aside = 0.2 * corridor + self.sway  # room between the course and the block's corners
         most = min((np.sqrt(0.5) * corridor - aside) / (np.sqrt(2) - 1), most)
@@ -121,7 +121,12 @@ class DriveConfig:
         require(0 < self.frame_rate <= 1e4, "frame_rate", "over 0, up to 1e4", self.frame_rate)
         pixels = len(self.image_size) == 2 and all(16 <= side <= 4096 for side in self.image_size)
         require(pixels, "image_size", "two of 16 to 4096 px", self.image_size)
-        require(20 <= self.field <= 120, "field", "20 to 120 degrees", self.field)
+        require(
+            20 <= self.field_of_view <= 120,
+            "field_of_view",
+            "20 to 120 degrees",
+            self.field_of_view,
+        )
         most = 0.25 * corridor
         require(0 <= self.baseline <= most, "baseline", f"0 to {most:g} m", self.baseline)
 
@@ -129,7 +134,7 @@ class DriveConfig:
     def camera(self) -> Camera:
         """Level, above the middle of the robot, and looking ahead."""
         width, height = self.image_size
-        focal = width / 2 / float(np.tan(np.deg2rad(self.field / 2)))
+        focal = width / 2 / float(np.tan(np.deg2rad(self.field_of_view / 2)))
         return Camera(
             width,
             height,
@@ -154,7 +159,7 @@ class DriveConfig:
     @classmethod
     def repeated(cls) -> "DriveConfig":
         """The ring with four pictures that hang again and again."""
-        return cls(pictures=4)
+        return cls(posters=4)
 
     @classmethod
     def mirror(cls) -> "DriveConfig":

@@ -17,7 +17,7 @@ PERIODS = (8.0, 40.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Light:
+class Illumination:
     """The light of a drive, drawn once and for all; frame i is the same whenever it is taken."""
 
     gain: FloatArray
@@ -36,7 +36,7 @@ class Light:
     @classmethod
     def drawn(
         cls, config: LightConfig, camera: Camera, time: FloatArray, seed: np.random.SeedSequence
-    ) -> "Light":
+    ) -> "Illumination":
         """The light at times (n,) in seconds."""
         drifts, flicker, noise = seed.spawn(3)
         gain, gamma, vignetting = (_drift(time, each) for each in drifts.spawn(3))
@@ -53,7 +53,7 @@ class Light:
             seed=int(noise.generate_state(1, np.uint64)[0]),
         )
 
-    def fall_on(
+    def apply(
         self, picture: npt.NDArray[np.uint8], frame: int, camera: int
     ) -> npt.NDArray[np.uint8]:
         """What the sensor makes of a picture.

@@ -13,7 +13,7 @@ from saccade.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trials:
+class MonteCarloRuns:
     """Errors of several runs, at every pose."""
 
     nees: FloatArray
@@ -50,7 +50,7 @@ class Trials:
         return float(np.sqrt(self.squared_error.mean()))
 
 
-def run_trials(
+def run_monte_carlo(
     world: WorldConfig, config: EkfConfig, runs: int, seed: int = 0
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """NEES (t,) and squared position error (t,) of run after run, each with other noise."""

@@ -28,16 +28,16 @@ class Columns:
     """(n,) number of the wall."""
     depth: FloatArray
     """(n,) metres along the optical axis."""
-    place: FloatArray
+    position: FloatArray
     """(n,) metres along its band."""
     stretch: FloatArray
     """(n,) metres of wall per pixel across."""
 
 
-def eye_of(camera: Camera, pose: FloatArray, right: bool = False) -> FloatArray:
+def camera_position(camera: Camera, pose: FloatArray, right: bool = False) -> FloatArray:
     """(2,) where a camera of a robot at a pose (3,) is: the left one, or the right."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    ahead, left = camera.place[0], camera.place[1] - (camera.baseline if right else 0.0)
+    ahead, left = camera.position[0], camera.position[1] - (camera.baseline if right else 0.0)
     return np.array([pose[0] + c * ahead - s * left, pose[1] + s * ahead + c * left])
 
 
@@ -60,11 +60,11 @@ def render(
         (np.arange(side * samples) + 0.5) / samples - 0.5
         for side, samples in zip(size, SAMPLES, strict=True)
     )
-    columns = meet_walls(scene, camera, pose, x, right)
+    columns = intersect_walls(scene, camera, pose, x, right)
     across, down = _wall_texels(scene, camera, columns, y)
     horizon = int(np.searchsorted(y, camera.cy, side="right"))
     ground = _ground_texels(scene, camera, pose, x, y[horizon:], right)
-    depth = camera.fy * camera.place[2] / (y[horizon:, None] - camera.cy)
+    depth = camera.fy * camera.position[2] / (y[horizon:, None] - camera.cy)
     for walls, floor in zip((across, down), ground, strict=True):
         np.copyto(walls[horizon:], floor, where=depth < columns.depth)
     samples = cv2.remap(scene.atlas, across, down, cv2.INTER_LINEAR)
@@ -74,15 +74,15 @@ def render(
 def render_depth(scene: Scene, camera: Camera, pose: FloatArray) -> FloatArray:
     """(H, W) metres along the optical axis in the middle of each pixel; NaN for the sky."""
     x, y = np.arange(camera.width), np.arange(camera.height)[:, None]
-    wall = meet_walls(scene, camera, pose, x, False).depth
+    wall = intersect_walls(scene, camera, pose, x, False).depth
     tangent = (y - camera.cy) / camera.fy
-    height = camera.place[2] - tangent * wall
+    height = camera.position[2] - tangent * wall
     with np.errstate(divide="ignore"):
-        ground = camera.place[2] / tangent
+        ground = camera.position[2] / tangent
     return np.where(height > scene.wall_height, np.nan, np.where(height < 0, ground, wall))
 
 
-def meet_walls(
+def intersect_walls(
     scene: Scene, camera: Camera, pose: FloatArray, x: FloatArray | IntArray, right: bool
 ) -> Columns:
     """The nearest wall in each column x (n,) of the image, in pixels."""
@@ -94,7 +94,7 @@ def meet_walls(
     length = np.hypot(*along.T)
     along = along / length[:, None]  # (m, 2)
     front = np.stack([along[:, 1], -along[:, 0]], 1)  # (m, 2) normals towards the viewer
-    to_start = scene.start - eye_of(camera, pose, right)
+    to_start = scene.start - camera_position(camera, pose, right)
     facing = ray @ front.T  # (n, m)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = (to_start * front).sum(1) / facing
@@ -122,8 +122,8 @@ def _wall_texels(
         mine = scene.band[columns.wall] == band
         left[mine], width[mine] = scales.left[i[mine]], scales.width[i[mine]]
         top[mine] = scales.top[j[mine]]
-    across = left + np.clip(columns.place * texels / 2**i - 0.5, 0, width - 1)
-    first = (scene.wall_height - camera.place[2]) * texels / 2**j - 0.5
+    across = left + np.clip(columns.position * texels / 2**i - 0.5, 0, width - 1)
+    first = (scene.wall_height - camera.position[2]) * texels / 2**j - 0.5
     slope = columns.depth / camera.fy * texels / 2**j
     down = np.multiply.outer((y - camera.cy).astype(np.float32), slope.astype(np.float32))
     down += first.astype(np.float32)
@@ -136,13 +136,13 @@ def _ground_texels(
     scene: Scene, camera: Camera, pose: FloatArray, x: FloatArray, y: FloatArray, right: bool
 ) -> tuple[Float32Array, Float32Array]:
     """Column and row (rows, n) in the atlas of what each sample below the horizon sees."""
-    depth = camera.fy * camera.place[2] / (y - camera.cy)
+    depth = camera.fy * camera.position[2] / (y - camera.cy)
     texels, scales = scene.ground.texels, scene.ground_scales
-    long = depth**2 / (camera.fy * camera.place[2]) / SAMPLES[1]  # metres from sample to sample
+    long = depth**2 / (camera.fy * camera.position[2]) / SAMPLES[1]  # metres from sample to sample
     wide = depth / camera.fx / SAMPLES[0]
     i = _scale(texels * np.sqrt(long * wide), GROUND)
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    east, south = (eye_of(camera, pose, right) - scene.ground.corner) * (1, -1)
+    east, south = (camera_position(camera, pose, right) - scene.ground.corner) * (1, -1)
     aside = ((x - camera.cx) / camera.fx).astype(np.float32)
     found = []
     for start, ahead, across, first in ((east, c, s, scales.left), (south, -s, c, scales.top)):

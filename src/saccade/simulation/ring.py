@@ -54,7 +54,7 @@ def _rectangle(x: float, y: float, width: float, depth: float) -> FloatArray:
 def chosen_pictures(config: DriveConfig, rng: np.random.Generator) -> list[Texture]:
     """The pictures of a ring, in the order in which they hang."""
     there = pictures()
-    order = rng.permutation(len(there))[: config.pictures or len(there)]
+    order = rng.permutation(len(there))[: config.posters or len(there)]
     return [mirrored(there[k]) if config.mirrored else there[k] for k in order]
 
 

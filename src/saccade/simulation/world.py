@@ -36,9 +36,9 @@ class WorldConfig:
     """Metres to either side of the course within which they are."""
     scan_every: int = 1
     """Steps from scan to scan."""
-    reach: tuple[float, float] = (0.5, 5.0)
+    range_limits: tuple[float, float] = (0.5, 5.0)
     """Metres within which a landmark is seen."""
-    field: float = 360.0
+    field_of_view: float = 360.0
     """Degrees of the field of view, in the middle of which is the way ahead."""
     range_percent: float = 5.0
     """Standard deviation of a range, in per cent of it."""
@@ -74,12 +74,17 @@ class WorldConfig:
         ):
             require(0 <= getattr(self, name) < 1e3, name, "0 to under 1000", getattr(self, name))
         require(0 <= self.bends <= 3, "bends", "0 to 3", self.bends)
-        require(0 < self.field <= 360, "field", "over 0 degrees, up to 360", self.field)
         require(
-            len(self.reach) == 2 and 0 <= self.reach[0] < self.reach[1] < 1e6,
-            "reach",
+            0 < self.field_of_view <= 360,
+            "field_of_view",
+            "over 0 degrees, up to 360",
+            self.field_of_view,
+        )
+        require(
+            len(self.range_limits) == 2 and 0 <= self.range_limits[0] < self.range_limits[1] < 1e6,
+            "range_limits",
             "two ascending numbers from 0",
-            self.reach,
+            self.range_limits,
         )
 
     @classmethod
@@ -110,8 +115,8 @@ class WorldConfig:
             landmarks=35,
             beside=20.0,
             scan_every=8,
-            reach=(0.0, 30.0),
-            field=180.0,
+            range_limits=(0.0, 30.0),
+            field_of_view=180.0,
             range_percent=0.0,
             range_sigma=0.1,
             bearing_sigma=1.0,
@@ -134,7 +139,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
     truth = _path(exact)  # (t + 1, 3)
     world = _layout(config)  # (n, 2)
     control, U = _odometry(config, motion, rng)
-    pose, landmark, z = _sightings(config, truth, world)
+    pose, landmark, z = _observations(config, truth, world)
     sigma = np.empty(z.shape)
     sigma[:, 0] = config.range_percent / 100 * z[:, 0] + config.range_sigma
     sigma[:, 1] = np.deg2rad(config.bearing_sigma)
@@ -164,38 +169,38 @@ def _controls(config: WorldConfig) -> tuple[FloatArray, FloatArray]:
     curvature = 2 * np.pi / config.length * (1 + config.bends * np.cos(6 * np.pi * middle))
     if config.vehicle == "robot":
         turn = curvature * config.stride
-        told = np.stack([np.full(config.steps, config.stride), turn], 1)
-        return told, _robot_steps(told)
+        commanded = np.stack([np.full(config.steps, config.stride), turn], 1)
+        return commanded, _robot_steps(commanded)
     sine = curvature * config.wheel_base
     require(np.abs(sine).max() < 1, "bends", "a course that the car can follow", config.bends)
     speed = np.full(config.steps, config.stride / config.step_time)
-    told = np.stack([speed, np.arcsin(sine)], 1)
-    return told, _car_steps(config, told)
+    commanded = np.stack([speed, np.arcsin(sine)], 1)
+    return commanded, _car_steps(config, commanded)
 
 
-def _robot_steps(told: FloatArray) -> FloatArray:
+def _robot_steps(commanded: FloatArray) -> FloatArray:
     """Turn, then go ahead."""
-    d, turn = told.T
+    d, turn = commanded.T
     return np.stack([d * np.cos(turn), d * np.sin(turn), turn], 1)
 
 
-def _car_steps(config: WorldConfig, told: FloatArray) -> FloatArray:
+def _car_steps(config: WorldConfig, commanded: FloatArray) -> FloatArray:
     """Of the front axle's middle, which goes where its wheels point."""
-    d, steering = told[:, 0] * config.step_time, told[:, 1]
+    d, steering = commanded[:, 0] * config.step_time, commanded[:, 1]
     across = d * np.sin(steering)
     return np.stack([d * np.cos(steering), across, across / config.wheel_base], 1)
 
 
 def _odometry(
-    config: WorldConfig, told: FloatArray, rng: np.random.Generator
+    config: WorldConfig, commanded: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """The steps as the vehicle measures them (t, 3), and their covariance (t, 3, 3)."""
-    share = config.odometry_percent / 100 * config.stride
-    sigma = np.array([share / np.sqrt(2), 2 * np.sqrt(2) * share])
+    fraction = config.odometry_percent / 100 * config.stride
+    sigma = np.array([fraction / np.sqrt(2), 2 * np.sqrt(2) * fraction])
     if config.vehicle == "car":
         sigma = np.array([config.speed_sigma, np.deg2rad(config.steering_sigma)])
-    measured = told + sigma * rng.standard_normal(told.shape)
-    B = np.zeros((len(told), 3, 2))
+    measured = commanded + sigma * rng.standard_normal(commanded.shape)
+    B = np.zeros((len(commanded), 3, 2))
     if config.vehicle == "car":
         speed, c, s = measured[:, 0], np.cos(measured[:, 1]), np.sin(measured[:, 1])
         B[:, 0] = np.stack([c, -speed * s], 1) * config.step_time
@@ -232,7 +237,7 @@ def _layout(config: WorldConfig) -> FloatArray:
     return near[:, :2] + left * rng.uniform(-config.beside, config.beside, (config.landmarks, 1))
 
 
-def _sightings(
+def _observations(
     config: WorldConfig, truth: FloatArray, world: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """From which pose (k,) each landmark (k,) is seen, and its range and bearing (k, 2)."""
@@ -241,8 +246,8 @@ def _sightings(
     z = np.empty(there.shape)
     z[..., 0] = np.hypot(there[..., 0], there[..., 1])
     z[..., 1] = wrap(np.arctan2(there[..., 1], there[..., 0]) - truth[scans, None, 2])
-    near, far = config.reach
+    near, far = config.range_limits
     seen = (z[..., 0] >= near) & (z[..., 0] <= far)
-    seen &= np.abs(z[..., 1]) <= np.deg2rad(config.field / 2)
+    seen &= np.abs(z[..., 1]) <= np.deg2rad(config.field_of_view / 2)
     scan, landmark = np.nonzero(seen)
     return scans[scan], landmark.astype(np.int64), z[seen]

@@ -16,8 +16,8 @@ from saccade.slam.models import (
     compose,
     difference,
     drive,
+    inverse_observe,
     observe,
-    place,
     wrap,
 )
 from saccade.slam.results import Innovation
@@ -55,8 +55,8 @@ __all__ = [
     "dead_reckon",
     "difference",
     "drive",
+    "inverse_observe",
     "observe",
-    "place",
     "run",
     "smooth",
     "wrap",

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from saccade.errors import ConfigError, LogError
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.formats import FORMATS
 from saccade.npz import read_arrays
 from saccade.types import FloatArray
@@ -90,7 +90,7 @@ class Checkpoint:
         _logger.info("%s: going on after pose %d of %d", self.path, self.step, len(log.time))
         return self.resumed
 
-    def keep(self, step: int, state: dict[str, Any]) -> None:
+    def save(self, step: int, state: dict[str, Any]) -> None:
         """Save a run if it is time to.
 
         Args:
@@ -113,7 +113,7 @@ class Checkpoint:
             }
         )
         arrays = {str(number): array for number, array in enumerate(encoder.arrays)}
-        with whole_file(self.path) as temporary:
+        with atomic_write(self.path) as temporary:
             seal = np.array(_seal(text, arrays))
             np.savez(temporary, allow_pickle=False, text=np.array(text), seal=seal, **arrays)
         self.step = step

@@ -19,11 +19,11 @@ from saccade.types import FloatArray, Trajectory
 REGULAR = 1e-6
 """Smallest eigenvalue of the correlations of a covariance that counts as regular."""
 
-FEWEST = 20
+MIN_OBSERVATIONS = 20
 """Innovations that say something about a model."""
-TOLERATED = 1.5
+TOLERATED_FRACTION = 1.5
 """Factor by which deviations may be wrong before it is worth a word."""
-WRONG = 0.005
+WRONG_FRACTION = 0.005
 """Share of observations that may be wrong before it is worth a warning."""
 
 
@@ -49,31 +49,31 @@ class Consistency:
         Of a filter that is surer than it may be. The median tells of the noise, whatever wrong
         observations there are; how many are far out tells of those.
         """
-        if self._said < FEWEST:
+        if self._text < MIN_OBSERVATIONS:
             return ""
         found = []
-        if self._factor > TOLERATED:
+        if self._factor > TOLERATED_FRACTION:
             found.append(f"the innovations are {self._factor:.1f} times as large as it lets expect")
-        if self._impossible.mean() > WRONG:
+        if self._impossible.mean() > WRONG_FRACTION:
             found.append(f"{self._impossible.mean():.1%} of the observations are impossible")
         return f"the model is wrong: {', '.join(found)}; see --tune" if found else ""
 
     @property
     def remark(self) -> str:
         """What is worth knowing of the innovations though no harm is done; empty if nothing."""
-        if self._said < FEWEST:
+        if self._text < MIN_OBSERVATIONS:
             return ""
         found = []
-        if self._factor < 1 / TOLERATED:
+        if self._factor < 1 / TOLERATED_FRACTION:
             found.append(
                 f"the noise of the log is cautious, the innovations are {self._factor:.2f} of what "
                 "it lets expect; --tune finds one that fits"
             )
         wrong = self._impossible
-        if 0 < wrong.mean() <= WRONG and self.mean > self.band[1]:
+        if 0 < wrong.mean() <= WRONG_FRACTION and self.mean > self.band[1]:
             rest = float(self._used[~wrong].mean())
             found.append(
-                f"{wrong.sum()} of {self._said} observations are impossible and count less, the "
+                f"{wrong.sum()} of {self._text} observations are impossible and count less, the "
                 f"mean NIS of the others is {rest:.2f}"
             )
         return "; ".join(found)
@@ -83,7 +83,7 @@ class Consistency:
         return self.nis[np.isfinite(self.nis)]
 
     @property
-    def _said(self) -> int:
+    def _text(self) -> int:
         return len(self._used)
 
     @property

@@ -31,7 +31,9 @@ class Sensor(Protocol):
             (..., 2), and its Jacobian (..., 2, 5) by the pose and the landmark.
         """
 
-    def place(self, pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def inverse_observe(
+        self, pose: FloatArray, z: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Where observations (..., 2) from a pose (3,) put their landmarks.
 
         Returns:
@@ -126,7 +128,7 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
     return z, H  # (..., 2), (..., 2, 5)
 
 
-def place(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def inverse_observe(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where observed landmarks are (C.15, C.18).
 
     Args:
@@ -160,7 +162,7 @@ class RangeBearing:
     """Range in metres and bearing in radians, from the robot's place and heading."""
 
     observe = staticmethod(observe)
-    place = staticmethod(place)
+    inverse_observe = staticmethod(inverse_observe)
     difference = staticmethod(difference)
 
 

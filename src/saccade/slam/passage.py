@@ -10,12 +10,12 @@ from saccade.slam.association.nearest_neighbor import (
     Association,
     KnownIdentity,
     NearestNeighbor,
-    number_by_first_sight,
+    number_by_first_observation,
 )
 from saccade.slam.exploring import Explorer
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.map_management.candidates import Candidates
-from saccade.slam.map_management.culling import Presence
+from saccade.slam.map_management.culling import Culling
 from saccade.slam.results import Replay
 from saccade.slam.stretch import Stretch
 from saccade.types import FloatArray, IntArray, LandmarkLog
@@ -32,7 +32,7 @@ class Passage:
     ekf: EkfSlam
     associate: Association
     candidates: Candidates
-    presence: Presence | None
+    presence: Culling | None
     """None where the log says what was seen."""
     U: FloatArray
     """(t, c, c)."""
@@ -69,13 +69,13 @@ class Passage:
         if start == 0 or not self.in_stretches:
             self._step(start)
             if start == 0 and self._known:
-                which = number_by_first_sight(self.log.landmark, self.log.observation_pose)
+                which = number_by_first_observation(self.log.landmark, self.log.observation_pose)
                 self.association[:] = np.maximum(which, -1)
             done += 1
         if done < end:
             stretch, said = self._stretch(done, end)
             if self._explorer is None:
-                self.ekf.follow(stretch, said)
+                self.ekf.replay_into(stretch, said)
             while self._explorer is not None and stretch.at[0] < end - done:
                 self.forget(self._explorer.go_on(stretch, done, self.log.time[done:end], said))
         self._check(start, end)
@@ -88,11 +88,11 @@ class Passage:
         scan = np.arange(self.scans[step], self.scans[step + 1])
         if len(scan) > 0:
             z, R = log.observation, self.R
-            looks = self.presence is not None and step % self.presence.rule.every == 0
-            expected = ekf.expect().z if looks else None
+            looks = self.presence is not None and step % self.presence.rule.interval == 0
+            expected = ekf.predict_observations().z if looks else None
             found = self.associate(ekf, z[scan], R[scan], log.landmark[scan])
             old, new = scan[found >= 0], scan[found == NEW]
-            what = ekf.look(z[old], R[old], found[found >= 0])  # C.10-C.14
+            what = ekf.update_scan(z[old], R[old], found[found >= 0])  # C.10-C.14
             said.innovation[old], said.innovation_covariance[old] = what[2:4]
             said.nis[old] = what.nis
             confirmed = self.candidates.confirm(ekf, z[new], R[new], log.time[step])
@@ -101,7 +101,7 @@ class Passage:
                 self.association[k] = ekf.augment(z[k], R[k])  # C.15-C.18
                 self.associate.added(int(self.association[k]), int(log.landmark[k]))
             if self.presence is not None and expected is not None:
-                self.forget(self.presence.absent(ekf, expected, self.association[scan]))
+                self.forget(self.presence.update(ekf, expected, self.association[scan]))
         said.pose[step], said.covariance[step] = ekf.pose, ekf.pose_covariance
 
     def forget(self, landmarks: IntArray) -> None:

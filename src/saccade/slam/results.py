@@ -18,7 +18,7 @@ class Innovation(NamedTuple):
     """Normalized innovation squared; chi-square with two degrees if the filter is right."""
 
 
-class Expectation(NamedTuple):
+class PredictedObservations(NamedTuple):
     """What the filter expects to see of every landmark."""
 
     z: FloatArray

@@ -19,7 +19,7 @@ from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.map_management.candidates import Candidates
-from saccade.slam.map_management.culling import Presence, View
+from saccade.slam.map_management.culling import Culling, FieldOfView
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.passage import Passage
 from saccade.slam.results import Replay
@@ -34,13 +34,13 @@ RETRACTIONS: dict[str, Retraction] = {
     "first-estimates": FIRST_ESTIMATES,
 }
 """How each kind of filter measures errors."""
-RULES: dict[str, Callable[[float, float], Association]] = {
+ASSOCIATION_RULES: dict[str, Callable[[float, float], Association]] = {
     "nearest": NearestNeighbor,
     "mutual": partial(NearestNeighbor, mutual=True),
     "joint": JointCompatibility,
 }
 """How what a log does not name is told, given two gates."""
-FINEST = 1e-4
+MIN_SIGMA = 1e-4
 """Metres and radians. What claims to be exact leaves a filter no room for its own linearization
 and drives it off; it is taken to be as good as this."""
 
@@ -59,13 +59,13 @@ class EkfConfig:
     """Unknown landmarks: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999
     """Unknown landmarks: what is outside this probability for every landmark is new."""
-    sightings: int = 5
+    confirm_after: int = 5
     """Unknown landmarks: one enters the map at this sighting; 1 takes the first."""
-    lifetime: float = 2.0
+    candidate_timeout: float = 2.0
     """Unknown landmarks: units of the log's time for which a new place waits to be seen again."""
-    trusted: int = 10
+    min_observations: int = 10
     """Unknown landmarks: one that was seen less often in all is no part of the resulting map."""
-    presence: float = 0.4
+    culling_ratio: float = 0.4
     """Unknown landmarks: one that is seen less often than this share of the times that it should
     have been is removed; 0 keeps all."""
     motion_noise_scale: float = 1.0
@@ -84,14 +84,16 @@ class EkfConfig:
 
     def __post_init__(self) -> None:
         require(self.filter in RETRACTIONS, "filter", f"one of {(*RETRACTIONS,)}", self.filter)
-        kinds = ("auto", "known", *RULES)
+        kinds = ("auto", "known", *ASSOCIATION_RULES)
         require(self.association in kinds, "association", f"one of {kinds}", self.association)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
-        require(self.sightings >= 1, "sightings", "at least 1", self.sightings)
-        require(self.lifetime > 0, "lifetime", "over 0", self.lifetime)
-        require(self.trusted >= 1, "trusted", "at least 1", self.trusted)
-        require(0 <= self.presence < 1, "presence", "from 0 to under 1", self.presence)
+        require(self.confirm_after >= 1, "confirm_after", "at least 1", self.confirm_after)
+        require(self.candidate_timeout > 0, "candidate_timeout", "over 0", self.candidate_timeout)
+        require(self.min_observations >= 1, "min_observations", "at least 1", self.min_observations)
+        require(
+            0 <= self.culling_ratio < 1, "culling_ratio", "from 0 to under 1", self.culling_ratio
+        )
         for name in ("motion_noise_scale", "sensor_noise_scale"):
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0 and under 1e6", value)
@@ -109,7 +111,7 @@ class EkfConfig:
 
         Errors along the axes of the map, every observation with its full weight, no odometry
         bias, no landmark removed. The print is silent on two things: covariances R that are
-        singular are made regular (`FINEST`), and of a landmark that a scan shows twice when it
+        singular are made regular (`MIN_SIGMA`), and of a landmark that a scan shows twice when it
         is new, the second observation is dropped.
         """
         return cls(
@@ -180,59 +182,61 @@ def run(
     """
     poses = len(log.time)
     associate, candidates = _association(log, config, associate)
-    named = isinstance(associate, KnownIdentity) or config.presence == 0
-    presence = None if named else Presence(View.of(log), config.presence)
-    going = Passage(
+    named = isinstance(associate, KnownIdentity) or config.culling_ratio == 0
+    presence = None if named else Culling(FieldOfView.from_log(log), config.culling_ratio)
+    passage = Passage(
         log=log,
         ekf=_filter(log, config, motion, sensor),
         associate=associate,
         candidates=candidates,
         presence=presence,
         U=log.control_covariance * config.motion_noise_scale**2,
-        R=_believed(log.observation_covariance * config.sensor_noise_scale**2),
+        R=_regularized(log.observation_covariance * config.sensor_noise_scale**2),
         scans=np.searchsorted(log.observation_pose, np.arange(poses + 1)),
         said=Replay.empty(poses, len(log.observation)),
         association=np.full(len(log.observation), -1),
     )
     state = {
-        "ekf": going.ekf,
+        "ekf": passage.ekf,
         "associate": associate,
         "candidates": candidates,
         "presence": presence,
-        "association": going.association,
+        "association": passage.association,
         "recorder": recorder,
-        **going.said._asdict(),
+        **passage.said._asdict(),
     }
     identity = (log, config, motion, sensor, associate)
     done = 0 if checkpoint is None else checkpoint.resume(log, identity, state)
     hundredth = poses // 100 + 1
-    stretch = hundredth if going.in_stretches and recorder is None else 1
+    stretch = hundredth if passage.in_stretches and recorder is None else 1
 
     for start in range(done, poses, stretch):
         end = min(start + stretch, poses)
-        going.go_on(start, end)
+        passage.go_on(start, end)
         if recorder is not None:
-            recorder.add(start, poses, going.ekf, going.association[going.scan(start, end)])
+            recorder.add(start, poses, passage.ekf, passage.association[passage.scan(start, end)])
         if checkpoint is not None:
-            checkpoint.keep(end, state)
+            checkpoint.save(end, state)
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
     if presence is not None:
-        seen = np.bincount(going.association[going.association >= 0], minlength=len(going.ekf))
-        presence.removed += int((seen < config.trusted).sum())
-        going.forget(np.flatnonzero(seen < config.trusted))
-    pose, covariance, innovation, spread, nis = going.said
+        seen = np.bincount(
+            passage.association[passage.association >= 0], minlength=len(passage.ekf)
+        )
+        presence.removed += int((seen < config.min_observations).sum())
+        passage.forget(np.flatnonzero(seen < config.min_observations))
+    pose, covariance, innovation, spread, nis = passage.said
     return SlamResult(
         trajectory=Trajectory(log.time, pose, covariance),
-        map=_landmark_map(going.ekf, log, going.association),
+        map=_landmark_map(passage.ekf, log, passage.association),
         consistency=summarize(nis),
-        association=going.association,
+        association=passage.association,
         innovation=innovation,
         innovation_covariance=spread,
         dead_reckoning=dead_reckon(log, config, motion),
         removed=0 if presence is None else presence.removed,
-        odometry_bias=going.ekf.odometry_bias,
+        odometry_bias=passage.ekf.odometry_bias,
     )
 
 
@@ -277,18 +281,18 @@ def _filter(log: LandmarkLog, config: EkfConfig, motion: Motion | None, sensor: 
     )
 
 
-def _believed(R: FloatArray) -> FloatArray:
-    """Covariances (k, 2, 2), singular ones with `FINEST` in every direction."""
+def _regularized(R: FloatArray) -> FloatArray:
+    """Covariances (k, 2, 2), singular ones with `MIN_SIGMA` in every direction."""
     a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
     least = (a + d) / 2 - np.hypot((a - d) / 2, b)
-    return R + FINEST**2 * (least < FINEST**2)[:, None, None] * np.eye(2)
+    return R + MIN_SIGMA**2 * (least < MIN_SIGMA**2)[:, None, None] * np.eye(2)
 
 
 def _association(
     log: LandmarkLog, config: EkfConfig, own: Association | None
 ) -> tuple[Association, Candidates]:
     if own is not None:
-        return own, Candidates(config.sightings, config.lifetime, config.gate)
+        return own, Candidates(config.confirm_after, config.candidate_timeout, config.gate)
     named = log.landmark >= 0
     if config.association == "known" and not named.any() and len(named) > 0:
         raise LogError(
@@ -296,11 +300,11 @@ def _association(
             "the landmarks it sees"
         )
     if config.association == "known" or (config.association == "auto" and named.all()):
-        return KnownIdentity(), Candidates(sightings=1, lifetime=config.lifetime)
-    rule = RULES["mutual" if config.association == "auto" else config.association]
+        return KnownIdentity(), Candidates(confirm_after=1, timeout=config.candidate_timeout)
+    rule = ASSOCIATION_RULES["mutual" if config.association == "auto" else config.association]
     return (
         rule(config.gate, config.new_gate),
-        Candidates(config.sightings, config.lifetime, config.gate),
+        Candidates(config.confirm_after, config.candidate_timeout, config.gate),
     )
 
 
@@ -312,5 +316,5 @@ def _landmark_map(ekf: EkfSlam, log: LandmarkLog, association: IntArray) -> Land
         id=identity if (identity >= 0).all() else np.arange(len(ekf)),
         xy=ekf.landmarks,
         covariance=ekf.landmark_covariances,
-        sightings=np.bincount(association[used], minlength=len(ekf)),
+        observations=np.bincount(association[used], minlength=len(ekf)),
     )

@@ -18,12 +18,12 @@ class Recorder:
     """
 
     def __init__(
-        self, frames: int = 240, heard: Callable[[Sequence[MapSnapshot]], None] | None = None
+        self, frames: int = 240, on_snapshot: Callable[[Sequence[MapSnapshot]], None] | None = None
     ) -> None:
         require(frames >= 1, "frames", "at least 1", frames)
         self.snapshots: list[MapSnapshot] = []
         self._frames = frames
-        self._heard = heard
+        self._on_snapshot = on_snapshot
         self._path: list[FloatArray] = []
         self._seen: set[int] = set()
 
@@ -48,10 +48,10 @@ class Recorder:
                 covariance=ekf.pose_covariance,
                 landmarks=ekf.landmarks,
                 landmark_covariance=ekf.landmark_covariances,
-                names=ekf.names,
-                seen=np.array(sorted(n for n in self._seen if n < len(ekf)), np.int64),
+                ids=ekf.ids,
+                observed=np.array(sorted(n for n in self._seen if n < len(ekf)), np.int64),
             )
         )
         self._path, self._seen = [], set()
-        if self._heard is not None:
-            self._heard(self.snapshots)
+        if self._on_snapshot is not None:
+            self._on_snapshot(self.snapshots)

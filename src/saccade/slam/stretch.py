@@ -6,8 +6,13 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import is_full
-from saccade.slam.filter._range_bearing_kernels import move, sight, take_in, tell_pose
-from saccade.slam.filter.state import LANDMARKS, Belief
+from saccade.slam.filter._range_bearing_kernels import (
+    augment_range_bearing,
+    predict_by_control,
+    update_range_bearing,
+    write_pose,
+)
+from saccade.slam.filter.state import LANDMARKS, FilterState
 from saccade.slam.filter.validation import check_all
 from saccade.slam.results import Replay
 from saccade.types import FloatArray, IntArray
@@ -69,7 +74,7 @@ class Stretch(NamedTuple):
 
 
 @kernel()
-def replay(b: Belief, kind: int, huber: float, s: Stretch, out: Replay) -> None:
+def replay(b: FilterState, kind: int, huber: float, s: Stretch, out: Replay) -> None:
     """Go on with a stretch as far as there is room."""
     while s.at[0] < len(s.control) and not is_full(b):
         if s.at[1] < 0:
@@ -80,33 +85,33 @@ def replay(b: Belief, kind: int, huber: float, s: Stretch, out: Replay) -> None:
 
 
 @kernel()
-def step(b: Belief, kind: int, s: Stretch) -> None:
+def step(b: FilterState, kind: int, s: Stretch) -> None:
     """Move to the next step."""
     i = s.at[0]
-    move(b, kind, s.control[i], s.U[i], s.slopes[i])
+    predict_by_control(b, kind, s.control[i], s.U[i], s.slopes[i])
     s.at[1] = s.edge[i]
 
 
 @kernel()
-def see(b: Belief, kind: int, huber: float, s: Stretch, out: Replay) -> bool:
+def see(b: FilterState, kind: int, huber: float, s: Stretch, out: Replay) -> bool:
     """Take what is seen from here, as far as there is room; gives whether it was all."""
     while s.at[1] < s.edge[s.at[0] + 1]:
         k = s.at[1]
         if is_full(b):
             return False
-        if s.landmark[k] == b.used[LANDMARKS]:
-            take_in(b, s.z[k], s.R[k])
+        if s.landmark[k] == b.counts[LANDMARKS]:
+            augment_range_bearing(b, s.z[k], s.R[k])
         elif s.landmark[k] >= 0:
-            m = len(b.work) + 2 * s.landmark[k]
+            m = len(b.workspace) + 2 * s.landmark[k]
             v, S = out.innovation[k], out.innovation_covariance[k]
-            out.nis[k] = sight(b, kind, m, s.z[k], s.R[k], huber, v, S)
+            out.nis[k] = update_range_bearing(b, kind, m, s.z[k], s.R[k], huber, v, S)
         s.at[1] += 1
     return True
 
 
 @kernel()
-def arrive(b: Belief, kind: int, s: Stretch, out: Replay) -> None:
+def arrive(b: FilterState, kind: int, s: Stretch, out: Replay) -> None:
     """Say where the robot is after a step."""
     i = s.at[0]
-    tell_pose(b, kind, out.pose[i], out.covariance[i])
+    write_pose(b, kind, out.pose[i], out.covariance[i])
     s.at[0], s.at[1] = i + 1, -1

@@ -12,9 +12,9 @@ from saccade.viewing.map_film import HEIGHT, map_frames
 LEFT = 640
 """Pixels; the width of what the camera sees."""
 RADIUS = 4
-LANDMARK, RECOGNIZED, NEW = (0, 158, 115), (213, 94, 0), (230, 159, 0)
+LANDMARK, REIDENTIFIED, NEW = (0, 158, 115), (213, 94, 0), (230, 159, 0)
 """RGB of landmarks that are followed, met again and taken in."""
-COLORS = (NEW, LANDMARK, RECOGNIZED)
+COLORS = (NEW, LANDMARK, REIDENTIFIED)
 WORDS = ("new", "followed", "recognized")
 SHADE = 0.55
 """Weight of the attention map over the photograph."""

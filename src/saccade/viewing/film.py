@@ -9,7 +9,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from saccade.errors import require
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import Float32Array, Scanpath
 from saccade.viewing.attention import draw_scanpath
 from saccade.viewing.style import figure_for, picture_axes
@@ -58,7 +58,7 @@ def save_film(
     require(slower > 0, "slower", "a factor above 0", slower)
     shown = [1000 * slower * length for length in lengths[:-1]] + [1000 * lengths[-1]]
     pictures = [Image.fromarray(frame) for frame in frames]
-    with whole_file(file) as temporary:
+    with atomic_write(file) as temporary:
         pictures[0].save(
             temporary,
             format="GIF",

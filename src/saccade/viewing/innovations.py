@@ -10,7 +10,7 @@ from saccade.types import FloatArray, Trajectory
 from saccade.viewing.maps import SIGMAS, quiet_axes
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE
 
-MOST_DOTS = 20_000
+MAX_DOTS = 20_000
 """Observations that are drawn one by one."""
 
 
@@ -59,7 +59,7 @@ def innovation_figure(
 def _draw_nis(
     axes: Axes, time: FloatArray, nis: FloatArray, window: int, band: tuple[float, float]
 ) -> None:
-    step = len(nis) // MOST_DOTS + 1
+    step = len(nis) // MAX_DOTS + 1
     axes.semilogy(time[::step], nis[::step].clip(1e-3), ".", color=GRAY, markersize=2, alpha=0.4)
     axes.axhspan(*band, color=GREEN, alpha=0.35, linewidth=0, label="95 % of a consistent filter")
     if len(nis) >= window:

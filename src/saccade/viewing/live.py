@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import FloatArray, MapSnapshot, Trajectory
 from saccade.viewing.maps import bounds, ellipse_outlines
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED
@@ -20,7 +20,7 @@ FILM_RATE = 24
 """Snapshots a second, when it is played."""
 ARROW = 0.03
 """Length of the robot, by the size of the map."""
-MOST_POINTS = 2000
+MAX_POINTS = 2000
 """Of a drive: it is sent again with each snapshot."""
 
 
@@ -76,7 +76,7 @@ def save_rrd(
         OutputError: the file cannot be written.
     """
     stage = _Stage(name, time, dead_reckoning)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         stage.stream.save(temporary)
         drives = [each.path[:, :2] for each in snapshots]
         stage.begin(bounds(np.concatenate([np.empty((0, 2)), *drives])))
@@ -138,7 +138,7 @@ class _Stage:
         reckoned = self.dead_reckoning.pose[: step + 1, :2]
         self._lines("map/odometry", [_thinned(reckoned)], GRAY)
         self._lines("map/drive", [_thinned(self.path)], BLUE)
-        self._lines("map/in_sight", [[pose[:2], landmarks[i]] for i in snapshot.seen], GREEN)
+        self._lines("map/in_sight", [[pose[:2], landmarks[i]] for i in snapshot.observed], GREEN)
         outlines = ellipse_outlines(landmarks, snapshot.landmark_covariance)
         self._lines("map/landmarks/sigma", _closed(outlines), ORANGE)
         covariance = snapshot.covariance[:2, :2]
@@ -165,7 +165,7 @@ class _Stage:
 
 
 def _thinned(path: FloatArray) -> FloatArray:
-    step = len(path) // MOST_POINTS + 1
+    step = len(path) // MAX_POINTS + 1
     return np.concatenate([path[::step], path[-1:]])
 
 

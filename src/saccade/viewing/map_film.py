@@ -109,7 +109,7 @@ class _Stage:
         frame = self.ground.copy()
         inside = frame[self.panel]
         self._draw_ellipses(inside, landmarks, snapshot.landmark_covariance, ORANGE)
-        seen = landmarks[snapshot.seen]
+        seen = landmarks[snapshot.observed]
         lines = np.stack([np.broadcast_to(pose[:2], seen.shape), seen], 1)  # (s, 2, 2)
         _draw_lines(inside, [*self._pixels(lines)], GREEN)
         _fill(inside, [*(self._pixels(landmarks)[:, None] + DOT)], "black")

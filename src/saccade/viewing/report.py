@@ -27,7 +27,7 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
     "table": ("table.js",),
 }
 """Of each kind of part, beside those of every page."""
-MOST = 4_500_000
+MAX_LENGTH = 4_500_000
 """Letters of a part, so that a page with it stays under 5 MB."""
 PICTURE = 1_300_000
 """Letters of one picture, likewise."""

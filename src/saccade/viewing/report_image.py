@@ -17,13 +17,13 @@ from saccade.viewing.page import Section
 from saccade.viewing.report import Part, jpeg, with_notes
 from saccade.viewing.style import HEAT
 
-LONGEST = 1200
+MAX_SIDE = 1200
 """Pixels, of the longer side of a photograph in a report."""
-SMALL = 400
+MAX_MAP_SIDE = 400
 """The same where there are many."""
-MOST_POINTS = 400
+MAX_POINTS = 400
 """Interest points that are shown with their descriptors."""
-MOST_MATCHES = 5000
+MAX_MATCHES = 5000
 
 
 def image_part(
@@ -32,7 +32,7 @@ def image_part(
     maps: Mapping[str, Float32Array],
     path: Scanpath,
     keypoints: Keypoints | None = None,
-    longest: int = LONGEST,
+    longest: int = MAX_SIDE,
 ) -> Part:
     """A photograph, where it draws the eye, and its interest points.
 
@@ -41,10 +41,10 @@ def image_part(
         image: (H, W, 3) in [0, 1].
         maps: by title; each (h, w), not negative.
         path: fixations.
-        keypoints: the first `MOST_POINTS` of them are shown.
+        keypoints: the first `MAX_POINTS` of them are shown.
         longest: pixels of the longer side in the report.
     """
-    points = None if keypoints is None else keypoints[:MOST_POINTS]
+    points = None if keypoints is None else keypoints[:MAX_POINTS]
     data: dict[str, Any] = {
         "image": photograph(image, longest),
         "maps": [{"name": name, "address": heat(values)} for name, values in maps.items()],
@@ -71,7 +71,7 @@ def match_part(
         pairs: (m, 2) indices into the two.
         inliers: (m,) which of them agree with one geometry; None where that was not asked.
     """
-    stride = -(-len(pairs) // MOST_MATCHES) or 1
+    stride = -(-len(pairs) // MAX_MATCHES) or 1
     every = slice(None, None, stride)
     shown = pairs[every]
     section = with_notes(section, {"matches": (len(pairs), stride)})
@@ -108,7 +108,7 @@ def points_data(points: Keypoints) -> dict[str, Any]:
     return data
 
 
-def photograph(image: Float32Array, longest: int = LONGEST) -> dict[str, Any]:
+def photograph(image: Float32Array, longest: int = MAX_SIDE) -> dict[str, Any]:
     """A photograph (H, W, 3) in [0, 1] as a JPEG, and its size; `longest` is of its longer side."""
     height, width = image.shape[:2]
     scale = min(1.0, longest / max(height, width))
@@ -120,7 +120,7 @@ def photograph(image: Float32Array, longest: int = LONGEST) -> dict[str, Any]:
 
 def heat(values: Float32Array) -> str:
     """A map as the address of a PNG, from 0 to its maximum."""
-    scale = min(1.0, SMALL / max(values.shape))
+    scale = min(1.0, MAX_MAP_SIDE / max(values.shape))
     size = (max(1, round(values.shape[1] * scale)), max(1, round(values.shape[0] * scale)))
     small = cv2.resize(np.asarray(values, np.float32), size, interpolation=cv2.INTER_AREA)
     levels = np.asarray((small * (255 / max(float(small.max()), 1e-12))).round(), np.uint8)

@@ -10,38 +10,38 @@ import numpy as np
 from saccade.types import FloatArray, Image, IntArray, LandmarkMap, MapSnapshot, Trajectory
 from saccade.viewing.maps import SIGMAS
 from saccade.viewing.page import Section
-from saccade.viewing.report import MOST, Part, jpeg, with_notes
+from saccade.viewing.report import MAX_LENGTH, Part, jpeg, with_notes
 
-MOST_POSES = 6000
+MAX_POSES = 6000
 """Of each drive; of a longer one every so-manieth is kept."""
-MOST_DOTS = 3000
+MAX_DOTS = 3000
 """Of each chart."""
-MOST_ROWS = 40_000
+MAX_ROWS = 40_000
 """Landmarks in all snapshots together; where there are more, snapshots are left out."""
-MOST_RUNS = 60_000
+MAX_RUNS = 60_000
 """Stretches in which a landmark was seen without a gap."""
-MOST_PIXELS = 50_000
+MAX_PIXELS = 50_000
 """Places of landmarks in the pictures of the camera."""
 GAP = 2
 """Poses between two sightings of one stretch, at most."""
-MOST_SHOWN = 160
+MAX_SHOWN = 160
 """Pictures of the camera."""
-MOST_PICTURES = 1_600_000
+MAX_PICTURES = 1_600_000
 """Letters for all the pictures of the camera."""
 WIDE = 280
 """Pixels, of a picture of the camera."""
-ROOMS = (1.0, 0.7, 0.4, 0.2)
+BUDGET_FRACTIONS = (1.0, 0.7, 0.4, 0.2)
 """Shares of these numbers that are tried until the part is small enough."""
 
 
 @dataclass(frozen=True)
-class Sightings:
+class ObservedLandmarks:
     """What was seen of which landmark when."""
 
     step: IntArray
     """(k,) number of the pose, ascending."""
     name: IntArray
-    """(k,) of the landmark, as in `MapSnapshot.names`."""
+    """(k,) of the landmark, as in `MapSnapshot.ids`."""
     xy: FloatArray | None = None
     """(k, 2) pixels."""
     kind: IntArray | None = None
@@ -83,7 +83,7 @@ def map_part(
     section: Section,
     estimate: Trajectory,
     snapshots: Sequence[MapSnapshot],
-    sightings: Sightings,
+    sightings: ObservedLandmarks,
     charts: Sequence[Chart],
     ground: Ground = Ground(),
     picture: Callable[[int], Image | None] | None = None,
@@ -101,9 +101,11 @@ def map_part(
     """
     drawn = [] if picture is None else _pictures([each.step for each in snapshots], picture)
     runs = _runs(sightings, estimate.time - estimate.time[0])
-    for room in ROOMS:
-        part = _map_part(section, estimate, snapshots, sightings, charts, ground, drawn, runs, room)
-        if part.letters <= MOST:
+    for budget in BUDGET_FRACTIONS:
+        part = _map_part(
+            section, estimate, snapshots, sightings, charts, ground, drawn, runs, budget
+        )
+        if part.letters <= MAX_LENGTH:
             break
     return part
 
@@ -112,26 +114,26 @@ def _map_part(
     section: Section,
     estimate: Trajectory,
     snapshots: Sequence[MapSnapshot],
-    sightings: Sightings,
+    sightings: ObservedLandmarks,
     charts: Sequence[Chart],
     ground: Ground,
     drawn: Sequence[tuple[int, dict[str, Any]]],
     runs: Mapping[str, FloatArray | IntArray],
-    room: float,
+    budget: float,
 ) -> Part:
-    """The part with a share `room` of what it may hold at most."""
+    """The part with a share `budget` of what it may hold at most."""
     start = float(estimate.time[0])
     rows = sum(len(each.landmarks) for each in snapshots)
-    every = _stride(rows, MOST_ROWS * room)
+    every = _stride(rows, MAX_ROWS * budget)
     kept = _thinned(snapshots, every)
     letters = [len(source["address"]) for _, source in drawn]
-    shown = _thinned(drawn, _stride(sum(letters), MOST_PICTURES * room))
-    stretches = _stride(len(runs["name"]), MOST_RUNS * room)
+    shown = _thinned(drawn, _stride(sum(letters), MAX_PICTURES * budget))
+    stretches = _stride(len(runs["name"]), MAX_RUNS * budget)
     dots = max((len(chart.time) for chart in charts if chart.dots), default=0)
     notes = {
         "states of the map": (len(snapshots), every),
         "stretches in which a landmark was seen": (len(runs["name"]), stretches),
-        "innovations": (dots, _stride(dots, MOST_DOTS)),
+        "innovations": (dots, _stride(dots, MAX_DOTS)),
     }
     drives = {"estimate": estimate, **ground.drives}
     data = {
@@ -139,7 +141,7 @@ def _map_part(
         "drives": [_drive(name, drive, start) for name, drive in drives.items()],
         "snapshots": _snapshots(kept, estimate.time - start),
         "runs": {name: values[::stretches] for name, values in runs.items()},
-        "pixels": _pixels(sightings, [at for at, _ in shown], MOST_PIXELS * room),
+        "pixels": _pixels(sightings, [at for at, _ in shown], MAX_PIXELS * budget),
         "pictures": [{"step": at, "source": source} for at, source in shown],
         "charts": [_chart(chart, start) for chart in charts],
     }
@@ -148,7 +150,7 @@ def _map_part(
     return Part(with_notes(section, notes), "map", data)
 
 
-def doubt_charts(estimate: Trajectory, truth: Trajectory | None) -> list[Chart]:
+def uncertainty_charts(estimate: Trajectory, truth: Trajectory | None) -> list[Chart]:
     """How sure the estimate is of itself over time; its errors against that where they are known.
 
     Args:
@@ -224,14 +226,14 @@ def innovation_charts(
     ]
     sigma = np.sqrt(np.diagonal(covariance[used], axis1=1, axis2=2))
     for i, which in enumerate(components):
-        share = innovation[used, i] / np.maximum(sigma[:, i], 1e-300)
+        fraction = innovation[used, i] / np.maximum(sigma[:, i], 1e-300)
         title, limit = f"Innovation of the {which}", SIGMAS * ones
         charts.append(
             Chart(
                 title,
                 "sigma",
                 time,
-                share,
+                fraction,
                 (-limit, limit),
                 "3 sigma",
                 "each observation",
@@ -252,7 +254,7 @@ def _stride(count: int, most: float) -> int:
 
 
 def _drive(name: str, drive: Trajectory, start: float) -> dict[str, Any]:
-    at = np.array(_thinned(range(len(drive)), len(drive) // MOST_POSES + 1), np.int64)
+    at = np.array(_thinned(range(len(drive)), len(drive) // MAX_POSES + 1), np.int64)
     return {"name": name, "time": drive.time[at] - start, "xy": drive.pose[at, :2].ravel()}
 
 
@@ -268,14 +270,14 @@ def _snapshots(snapshots: Sequence[MapSnapshot], time: FloatArray) -> dict[str, 
         "time": time[step],
         "pose": np.hstack([pose, own]).ravel(),
         "count": np.array([len(each.landmarks) for each in snapshots]),
-        "name": np.concatenate([each.names for each in snapshots]),
+        "name": np.concatenate([each.ids for each in snapshots]),
         "landmark": np.hstack([places, spread[:, [0, 1, 3]]]).ravel(),
-        "seen_count": np.array([len(each.seen) for each in snapshots]),
-        "seen": np.concatenate([each.seen for each in snapshots]),
+        "seen_count": np.array([len(each.observed) for each in snapshots]),
+        "seen": np.concatenate([each.observed for each in snapshots]),
     }
 
 
-def _runs(sightings: Sightings, time: FloatArray) -> dict[str, FloatArray | IntArray]:
+def _runs(sightings: ObservedLandmarks, time: FloatArray) -> dict[str, FloatArray | IntArray]:
     """The stretches in which each landmark was seen: first and last pose, and how often."""
     order = np.lexsort((sightings.step, sightings.name))
     name, step = sightings.name[order], sightings.step[order]
@@ -295,7 +297,9 @@ def _runs(sightings: Sightings, time: FloatArray) -> dict[str, FloatArray | IntA
     }
 
 
-def _pixels(sightings: Sightings, pictured: Sequence[int], most: float) -> dict[str, Any] | None:
+def _pixels(
+    sightings: ObservedLandmarks, pictured: Sequence[int], most: float
+) -> dict[str, Any] | None:
     """Where landmarks are in the pictures."""
     if sightings.xy is None or sightings.kind is None:
         return None
@@ -310,7 +314,7 @@ def _pixels(sightings: Sightings, pictured: Sequence[int], most: float) -> dict[
 
 
 def _chart(chart: Chart, start: float) -> dict[str, Any]:
-    every = slice(None, None, _stride(len(chart.time), MOST_DOTS))
+    every = slice(None, None, _stride(len(chart.time), MAX_DOTS))
     data: dict[str, Any] = {
         "title": chart.title,
         "unit": chart.unit,
@@ -334,7 +338,7 @@ def _pictures(
 ) -> list[tuple[int, dict[str, Any]]]:
     """Small pictures of some poses, as many as there is room for."""
     made: list[tuple[int, dict[str, Any]]] = []
-    for step in _thinned(steps, _stride(len(steps), MOST_SHOWN)):
+    for step in _thinned(steps, _stride(len(steps), MAX_SHOWN)):
         image = picture(step)
         if image is not None:
             made.append((step, _small(image)))

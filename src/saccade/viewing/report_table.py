@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, with_notes
 
-MOST_LETTERS = 3_000_000
+MAX_LETTERS = 3_000_000
 """Of all cells."""
 
 
@@ -22,7 +22,7 @@ def table_part(
     """
     rows = [list(row) for row in rows]
     letters = sum(len(cell) + 3 for row in rows for cell in row)
-    stride = -(-letters // MOST_LETTERS) or 1
+    stride = -(-letters // MAX_LETTERS) or 1
     section, rows = with_notes(section, {"rows": (len(rows), stride)}), rows[::stride]
     data = {"title": section.heading, "columns": list(columns), "rows": rows, "first": first}
     return Part(section, "table", data)

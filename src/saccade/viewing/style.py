@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from saccade.files import whole_file
+from saccade.files import atomic_write
 
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 """After Okabe & Ito (2008), told apart under every common color-vision deficiency."""
@@ -41,6 +41,6 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     Raises:
         OutputError: the file cannot be written.
     """
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, facecolor="white")
     return Path(path)

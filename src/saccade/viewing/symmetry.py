@@ -65,9 +65,9 @@ def draw_pairs(axes: Axes, image: Float32Array, pairs: Sequence[SymmetricPairs])
     """
     axes.imshow(faded(image), interpolation="antialiased", vmin=0, vmax=1, cmap="gray")
     for each in pairs:
-        share = each.strength / each.strength.max(initial=1e-30)
-        strong, share = each[share >= SHOWN], share[share >= SHOWN]
-        width = THIN + (THICK - THIN) * share
+        fraction = each.strength / each.strength.max(initial=1e-30)
+        strong, fraction = each[fraction >= SHOWN], fraction[fraction >= SHOWN]
+        width = THIN + (THICK - THIN) * fraction
         joined = np.stack([strong.first, strong.second], axis=1)
         length = STROKE * np.hypot(*(strong.first - strong.second).T)
         axes.add_collection(LineCollection(list(joined), colors=ORANGE, linewidths=width))

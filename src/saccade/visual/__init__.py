@@ -1,8 +1,15 @@
 """The whole chain: camera frames in, map out."""
 
 from saccade.visual.config import VisualConfig
-from saccade.visual.frame_features import Memory
+from saccade.visual.frame_features import FeatureCache
 from saccade.visual.pipeline import Pipeline, run
-from saccade.visual.result import Meetings, VisualResult
+from saccade.visual.result import LandmarkObservations, VisualResult
 
-__all__ = ["Meetings", "Memory", "Pipeline", "VisualConfig", "VisualResult", "run"]
+__all__ = [
+    "FeatureCache",
+    "LandmarkObservations",
+    "Pipeline",
+    "VisualConfig",
+    "VisualResult",
+    "run",
+]

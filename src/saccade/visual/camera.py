@@ -12,7 +12,7 @@ NEAREST = 0.05
 """Metres along the optical axis within which nothing is looked at."""
 
 
-class Sightings(NamedTuple):
+class RangeBearings(NamedTuple):
     """Points of one frame as the map knows them: range and bearing in the robot's frame."""
 
     z: FloatArray
@@ -34,7 +34,7 @@ def from_pixels(camera: Camera, xy: FloatArray, depth: FloatArray) -> FloatArray
     Returns:
         (k, 3) metres ahead, to the left and up.
     """
-    return camera.place + (directions(camera, xy) * depth[:, None]) @ camera.rotation.T
+    return camera.position + (directions(camera, xy) * depth[:, None]) @ camera.rotation.T
 
 
 def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +48,7 @@ def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArra
         (k, 2) pixels, and (k,) metres along the optical axis; what is nearer than `NEAREST`,
         or behind the camera, has NaN for pixels.
     """
-    seen = (points - camera.place) @ camera.rotation
+    seen = (points - camera.position) @ camera.rotation
     depth = seen[:, 2]
     safe = np.where(depth > NEAREST, depth, np.nan)
     xy = np.stack(
@@ -76,7 +76,7 @@ def depth_of(camera: Camera, disparity: FloatArray) -> FloatArray:
 
 def range_bearing(
     camera: Camera, xy: FloatArray, depth: FloatArray, pixel_sigma: float, depth_sigma: FloatArray
-) -> Sightings:
+) -> RangeBearings:
     """What the map sees of points whose depth is known, with its covariance to first order.
 
     Args:
@@ -110,12 +110,12 @@ def range_bearing(
         2,
     )  # (k, 2, 3) a standard deviation of each pixel coordinate and of the depth, on the ground
     root = by_point @ spread
-    return Sightings(z, root @ root.transpose(0, 2, 1), points[:, 2])
+    return RangeBearings(z, root @ root.transpose(0, 2, 1), points[:, 2])
 
 
-def some(seen: Sightings, index: npt.NDArray[Any]) -> Sightings:
+def subset(seen: RangeBearings, index: npt.NDArray[Any]) -> RangeBearings:
     """Those of k sightings that an index or a mask names."""
-    return Sightings(seen.z[index], seen.covariance[index], seen.height[index])
+    return RangeBearings(seen.z[index], seen.covariance[index], seen.height[index])
 
 
 def directions(camera: Camera, xy: FloatArray) -> FloatArray:

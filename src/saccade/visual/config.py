@@ -11,9 +11,9 @@ Selection: TypeAlias = Literal[
     "range",
     "contrast",
     "symmetry",
-    "proven",
-    "proven-range",
-    "proven-spread",
+    "rematch-rate",
+    "rematch-rate-range",
+    "rematch-rate-spread",
 ]
 """How the points that become landmarks may be chosen."""
 DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
@@ -27,40 +27,40 @@ class VisualConfig:
 
     detector: DetectorName = "sift"
     """What finds points that may become landmarks."""
-    selection: Selection = "proven-range"
+    selection: Selection = "rematch-rate-range"
     """Which of them do: the strongest, any, those whose range is known best, the most salient by
     contrast or by symmetry, or those that were known again most surely while they were followed;
     of these with a sure range, or far from other landmarks in the image."""
     new_per_frame: int = 8
     """Landmarks that a frame may add, on average."""
-    in_view: int = 20
+    max_tracked: int = 20
     """Landmarks that are followed at a time; where as many are, none is added."""
-    landmarks: int = 500
+    max_landmarks: int = 500
     """That the map holds at most."""
-    every: int = 4
+    detect_interval: int = 4
     """Frames from one in which points are detected and described to the next."""
-    points: int = 400
+    max_points: int = 400
     """Detected in such a frame at most."""
-    followed: int = 200
+    max_tracks: int = 200
     """Points that are followed at a time: landmarks, and others that tell how the robot moves."""
-    apart: float = 12.0
+    min_spacing: float = 12.0
     """Pixels between points that are followed."""
-    reach: tuple[float, float] = (0.3, 100.0)
+    range_limits: tuple[float, float] = (0.3, 100.0)
     """Metres within which a landmark is taken in."""
-    range_share: float = 0.15
+    relative_range_sigma: float = 0.15
     """A range is used if its standard deviation is under this share of it."""
     pixel_sigma: float = 0.5
     """Standard deviation of a followed point, in pixels."""
     disparity_sigma: float = 0.4
     """Standard deviation of a disparity, in pixels."""
-    depth_share: float = 0.02
+    relative_depth_sigma: float = 0.02
     """Standard deviation of a depth image, as a share of the depth."""
-    common_sigma: tuple[float, float] = (0.01, 0.1)
+    shared_error_sigma: tuple[float, float] = (0.01, 0.1)
     """What all sightings of a frame get wrong together, standard deviations: the share of
     the range, and degrees. Pitch, roll, calibration and the clock are in it."""
     persistence: float = 0.4
     """Seconds after which errors of the motion from frame to frame are forgotten (1 / e)."""
-    motion_share: tuple[float, float] = (0.01, 0.015)
+    relative_motion_sigma: tuple[float, float] = (0.01, 0.015)
     """Standard deviations of what the calibration gets wrong in the length of the way and in the
     turn, as shares of them: the same throughout a stretch of 10 m and a corner."""
     tilt_sigma: float = 0.5
@@ -86,30 +86,35 @@ class VisualConfig:
         require(self.selection in SELECTIONS, "selection", f"one of {SELECTIONS}", self.selection)
         for name, least in (
             ("new_per_frame", 1),
-            ("in_view", 4),
-            ("followed", 4),
-            ("landmarks", 1),
-            ("every", 1),
-            ("points", 1),
+            ("max_tracked", 4),
+            ("max_tracks", 4),
+            ("max_landmarks", 1),
+            ("detect_interval", 1),
+            ("max_points", 1),
         ):
             value = getattr(self, name)
             require(least <= value <= 10**5, name, f"{least} to 1e5", value)
         for name in (
-            "apart",
+            "min_spacing",
             "pixel_sigma",
             "disparity_sigma",
-            "depth_share",
+            "relative_depth_sigma",
             "huber",
             "height_sigma",
         ):
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0, under 1e6", value)
-        near, far = self.reach
-        require(0 <= near < far, "reach", "two ascending numbers from 0", self.reach)
-        require(0 < self.range_share <= 1, "range_share", "over 0, at most 1", self.range_share)
+        near, far = self.range_limits
+        require(0 <= near < far, "range_limits", "two ascending numbers from 0", self.range_limits)
+        require(
+            0 < self.relative_range_sigma <= 1,
+            "relative_range_sigma",
+            "over 0, at most 1",
+            self.relative_range_sigma,
+        )
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
-        for name in ("common_sigma", "acceleration", "motion_share"):
+        for name in ("shared_error_sigma", "acceleration", "relative_motion_sigma"):
             value = getattr(self, name)
             require(min(value) >= 0 and len(value) == 2, name, "two numbers from 0", value)
         require(0 <= self.tilt_sigma < 45, "tilt_sigma", "0 to under 45", self.tilt_sigma)

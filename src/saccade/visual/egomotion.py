@@ -15,13 +15,13 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Prior: TypeAlias = tuple[FloatArray, FloatArray]
 """Control (3,) that is expected, and its covariance (3, 3)."""
 
-FEWEST = 6
+MIN_PAIRS = 6
 """Points that tell a motion."""
-AGREES = 4.0
+INLIER_SIGMAS = 4.0
 """Standard deviations by which a point may miss the motion of the others."""
 TOLERANCE = 1.5
 """Pixels by which it may in the first guess."""
-TRIES = 100
+MAX_TRIALS = 100
 CONFIDENCE = 0.999
 TILT = (0.05, 0.02, 0.02)
 """Standard deviations of metres up, radians rolled and pitched from one frame to the next,
@@ -34,7 +34,7 @@ FRONT = 0.05
 CLOSEST = 1.0
 """Inverse depth, 1 / metres, that a point has at most."""
 ROUNDS = 12
-SETTLED = 1e-6
+CONVERGED = 1e-6
 
 
 class Motion(NamedTuple):
@@ -46,11 +46,11 @@ class Motion(NamedTuple):
     """(3,) metres up, radians rolled to the right and pitched down."""
     covariance: FloatArray
     """(3, 3) of the control."""
-    agrees: BoolArray
+    inliers: BoolArray
     """(k,) which points move as the robot did."""
     rotation: FloatArray
     """(3, 3) that turns the camera's frame of before into that of now."""
-    shift: FloatArray
+    translation: FloatArray
     """(3,) metres, where the camera of before is in the frame of now."""
     with_prior: bool
     """Whether the control has in it what was expected: one camera alone does not know how far."""
@@ -73,7 +73,7 @@ class Pairs(NamedTuple):
     """(k,) its standard deviation."""
 
 
-def paired(
+def make_pairs(
     before: Float32Array,
     now: Float32Array,
     depth: FloatArray,
@@ -96,7 +96,7 @@ def paired(
     )
 
 
-def motion_between(
+def estimate_motion(
     camera: Camera, pairs: Pairs, pixel_sigma: float, prior: Prior, alone: bool
 ) -> Motion | None:
     """The motion that most points agree with.
@@ -112,9 +112,9 @@ def motion_between(
     Returns:
         The motion, or None where too few points agree with any.
     """
-    if len(pairs.before) < FEWEST:
+    if len(pairs.before) < MIN_PAIRS:
         return None
-    guess = _first_guess(camera, pairs) if alone else camera_motion(camera, prior[0])
+    guess = _initial_motion(camera, pairs) if alone else camera_motion(camera, prior[0])
     if guess is None:
         return None
     (R, t), at, square = guess, pairs.inverse_depth.copy(), np.empty(len(pairs.before))
@@ -122,19 +122,19 @@ def motion_between(
     view = camera.fx, camera.fy, camera.cx, camera.cy
     rounds = SOFTNESS[-2:] if alone else SOFTNESS
     for i in range(ROUNDS):
-        away = np.append(_angles(R @ guess[0].T), t - guess[1])
+        away = np.append(_rotation_vector(R @ guess[0].T), t - guess[1])
         information, gradient = weight + 1e-9 * np.eye(6), -weight @ away
         soft = rounds[min(i, len(rounds) - 1)]
-        _vote(pairs, view, R, t, pixel_sigma, soft, at, information, gradient, square)
+        _accumulate(pairs, view, R, t, pixel_sigma, soft, at, information, gradient, square)
         step = np.linalg.solve(information, gradient)
         R, t = cv2.Rodrigues(step[:3])[0] @ R, t + step[3:]
-        if i >= len(rounds) and np.abs(step).max() < SETTLED:
+        if i >= len(rounds) and np.abs(step).max() < CONVERGED:
             break
-    agrees = square < AGREES**2
-    if agrees.sum() < FEWEST:
+    agrees = square < INLIER_SIGMAS**2
+    if agrees.sum() < MIN_PAIRS:
         return None
     control, tilt = robot_motion(camera, R, t)
-    B = _by_camera(camera, R, t)[:3]
+    B = _camera_jacobian(camera, R, t)[:3]
     spread = B @ np.linalg.inv(information) @ B.T
     return Motion(control, tilt, spread, agrees, R, t, not alone)
 
@@ -142,7 +142,7 @@ def motion_between(
 def robot_motion(camera: Camera, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The robot's control (3,) and tilt (3,), points X of the camera's frame becoming R X + t."""
     turned = camera.rotation @ R @ camera.rotation.T
-    moved = camera.rotation @ t + camera.place - turned @ camera.place
+    moved = camera.rotation @ t + camera.position - turned @ camera.position
     back, axes = -turned.T @ moved, turned.T
     control = np.array([back[0], back[1], np.arctan2(axes[1, 0], axes[0, 0])])
     roll = np.arctan2(axes[2, 1], axes[2, 2])
@@ -157,17 +157,17 @@ def camera_motion(camera: Camera, control: FloatArray) -> tuple[FloatArray, Floa
     turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     moved = -turned @ np.append(control[:2], 0.0)
     R = camera.rotation.T @ turned @ camera.rotation
-    return R, camera.rotation.T @ (moved - camera.place + turned @ camera.place)
+    return R, camera.rotation.T @ (moved - camera.position + turned @ camera.position)
 
 
-def _by_camera(camera: Camera, R: FloatArray, t: FloatArray) -> FloatArray:
+def _camera_jacobian(camera: Camera, R: FloatArray, t: FloatArray) -> FloatArray:
     """(6, 6) slope of the robot's control and tilt by a turn (3,) of R and a shift (3,) of t.
 
     Roll and pitch are taken for small.
     """
     turned = camera.rotation @ R @ camera.rotation.T
     slope = np.zeros((6, 6))
-    x, y, z = camera.rotation @ t + camera.place
+    x, y, z = camera.rotation @ t + camera.position
     # back = -turned^T moved; both factors turn about the camera's axes
     about = turned.T @ camera.rotation
     slope[[0, 1, 3], :3] = (
@@ -183,12 +183,12 @@ def _prior_weight(camera: Camera, covariance: FloatArray, R: FloatArray) -> Floa
     spread = np.zeros((6, 6))
     spread[:3, :3] = covariance + 1e-10 * np.eye(3)
     spread[[3, 4, 5], [3, 4, 5]] = np.square(TILT)
-    slope = _by_camera(camera, R, np.zeros(3))
+    slope = _camera_jacobian(camera, R, np.zeros(3))
     return np.asarray(slope.T @ np.linalg.solve(spread, slope))
 
 
 @kernel()
-def _vote(
+def _accumulate(
     pairs: Pairs,
     view: tuple[float, float, float, float],
     R: FloatArray,
@@ -273,10 +273,10 @@ def _vote(
                     information[m, k] += count * J[j, m] * sure[j] * J[j, k]
 
 
-def _first_guess(camera: Camera, pairs: Pairs) -> tuple[FloatArray, FloatArray] | None:
+def _initial_motion(camera: Camera, pairs: Pairs) -> tuple[FloatArray, FloatArray] | None:
     """R and t by samples of points whose depth is known."""
     known = pairs.sigma < 0.5 * pairs.inverse_depth
-    if known.sum() < FEWEST:
+    if known.sum() < MIN_PAIRS:
         return None
     points = directions(camera, pairs.before[known]) / pairs.inverse_depth[known, None]
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
@@ -286,16 +286,16 @@ def _first_guess(camera: Camera, pairs: Pairs) -> tuple[FloatArray, FloatArray] 
         pairs.now[known],
         matrix,
         None,
-        iterationsCount=TRIES,
+        iterationsCount=MAX_TRIALS,
         reprojectionError=TOLERANCE,
         confidence=CONFIDENCE,
         flags=cv2.SOLVEPNP_EPNP,
     )
-    if not found or agree is None or len(agree) < FEWEST:
+    if not found or agree is None or len(agree) < MIN_PAIRS:
         return None
     return np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(shift, np.float64).ravel()
 
 
-def _angles(R: FloatArray) -> FloatArray:
+def _rotation_vector(R: FloatArray) -> FloatArray:
     """(3,) a turn as a vector along its axis."""
     return np.asarray(cv2.Rodrigues(R)[0], np.float64).ravel()

@@ -17,7 +17,7 @@ from saccade.keypoints.symroid import SymRoid
 from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
 from saccade.visual.camera import (
     NEAREST,
-    Sightings,
+    RangeBearings,
     depth_of,
     from_pixels,
     is_inside,
@@ -25,8 +25,14 @@ from saccade.visual.camera import (
 )
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import depth_at, first_disparities, stereo_depth_sigma
-from saccade.visual.egomotion import Motion, Prior, motion_between, paired
-from saccade.visual.optical_flow import ByteArray, Follow, disparities, follow, gray_bytes
+from saccade.visual.egomotion import Motion, Prior, estimate_motion, make_pairs
+from saccade.visual.optical_flow import (
+    ByteArray,
+    TrackFunction,
+    disparities,
+    gray_bytes,
+    track_points,
+)
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
@@ -42,7 +48,7 @@ DARK = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PreparedFrame:
     """A frame, as far as it can be used."""
 
     frame: Frame
@@ -51,13 +57,13 @@ class View:
     right: ByteArray | None = None
 
     @property
-    def blind(self) -> bool:
+    def is_blank(self) -> bool:
         """Whether there is nothing to be seen."""
         return self.left is None and self.frame.tracks is None
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class TrackedPoints:
     """Points in view: landmarks, and what may become one."""
 
     xy: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
@@ -70,34 +76,34 @@ class Followed:
     """(k,) numbers, -1 for those that are none."""
     track: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) names that the sequence gives them; -1 where it gives none."""
-    born: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    first_frame: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) frame from which each has been followed."""
-    first: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    first_xy: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
     """(k, 2) pixels in that frame."""
     response: Float32Array = field(default_factory=lambda: np.zeros(0, np.float32))
     """(k,) how strong each was there."""
     descriptor: ByteArray = field(default_factory=lambda: np.zeros((0, 128), np.uint8))
     """(k, 128) how each looked there."""
-    again: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
+    reidentified: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
     """(k,) whether it was recognized there, after it had been out of sight."""
-    rehearsed: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    rematch_attempts: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) times that it was looked for by its looks alone while it was followed."""
-    proven: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    rematches: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(k,) how many of them found it where it was."""
 
     def __len__(self) -> int:
         return len(self.xy)
 
-    def __getitem__(self, index: BoolArray | IntArray) -> "Followed":
-        return Followed(*(column[index] for column in self._columns()))
+    def __getitem__(self, index: BoolArray | IntArray) -> "TrackedPoints":
+        return TrackedPoints(*(column[index] for column in self._columns()))
 
-    def joined(self, other: "Followed") -> "Followed":
+    def concatenated(self, other: "TrackedPoints") -> "TrackedPoints":
         """These and those."""
         pairs = zip(self._columns(), other._columns(), strict=True)
-        return Followed(*(np.concatenate(pair) for pair in pairs))
+        return TrackedPoints(*(np.concatenate(pair) for pair in pairs))
 
     @property
-    def known(self) -> BoolArray:
+    def is_landmark(self) -> BoolArray:
         """(k,) which are landmarks."""
         return self.landmark >= 0
 
@@ -111,14 +117,14 @@ class Followed:
         return [getattr(self, each.name) for each in fields(self)]
 
 
-def look(frame: Frame, camera: Camera) -> View:
+def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
     """Make ready what following needs.
 
     Raises:
         DriveError: an image that is not of the size of the calibration.
     """
     if frame.image is None:
-        return View(frame)
+        return PreparedFrame(frame)
     gray = gray_bytes(frame.image)
     if gray.shape != (camera.height, camera.width):
         raise DriveError(
@@ -126,20 +132,20 @@ def look(frame: Frame, camera: Camera) -> View:
             f"px as the calibration says, found {gray.shape[1]} x {gray.shape[0]}"
         )
     if cv2.meanStdDev(gray)[1][0, 0] < DARK:
-        return View(frame)
+        return PreparedFrame(frame)
     right = None if frame.right is None else gray_bytes(frame.right)
-    return View(frame, gray, right)
+    return PreparedFrame(frame, gray, right)
 
 
 def track(
     camera: Camera,
-    before: View,
-    now: View,
-    followed: Followed,
+    before: PreparedFrame,
+    now: PreparedFrame,
+    followed: TrackedPoints,
     prior: Prior,
     config: VisualConfig,
-    follow: Follow = follow,
-) -> tuple[Followed, Motion | None]:
+    follow: TrackFunction = track_points,
+) -> tuple[TrackedPoints, Motion | None]:
     """Find the followed points again, those that move as the robot does.
 
     Args:
@@ -166,14 +172,14 @@ def track(
         here, xy = followed[found], xy[found]
         depth = _depth_again(camera, now, xy, here.depth, follow)
     else:
-        return Followed(), None
+        return TrackedPoints(), None
     sigma = depth_deviation(camera, depth, config)
     ranged = measures_depth(camera, now.frame)
     was = here.depth if ranged else np.full(len(here), np.nan)
-    pairs = paired(here.xy, xy, was, here.depth_sigma, depth, sigma)
-    motion = motion_between(camera, pairs, config.pixel_sigma, prior, ranged)
+    pairs = make_pairs(here.xy, xy, was, here.depth_sigma, depth, sigma)
+    motion = estimate_motion(camera, pairs, config.pixel_sigma, prior, ranged)
     moved = replace(here, xy=xy, depth=depth, depth_sigma=sigma)
-    return (moved if motion is None else moved[motion.agrees]), motion
+    return (moved if motion is None else moved[motion.inliers]), motion
 
 
 def measures_depth(camera: Camera, frame: Frame) -> bool:
@@ -181,7 +187,7 @@ def measures_depth(camera: Camera, frame: Frame) -> bool:
     return camera.baseline > 0 or frame.depth is not None
 
 
-def tells_depth(drive: Drive) -> bool:
+def provides_depth(drive: Drive) -> bool:
     """Whether the frames of a drive do: by the first of them that can be read.
 
     Raises:
@@ -205,7 +211,7 @@ def depth_deviation(camera: Camera, depth: FloatArray, config: VisualConfig) -> 
     """(k,) standard deviations of depths (k,) that were measured, in metres."""
     if camera.baseline > 0:
         return stereo_depth_sigma(camera, depth, config.disparity_sigma)
-    return config.depth_share * depth
+    return config.relative_depth_sigma * depth
 
 
 def observe(
@@ -215,7 +221,7 @@ def observe(
     depth_sigma: FloatArray,
     config: VisualConfig,
     tilt: float,
-) -> tuple[Sightings, BoolArray]:
+) -> tuple[RangeBearings, BoolArray]:
     """Range and bearing of points, and which of them are known well enough.
 
     Args:
@@ -233,17 +239,19 @@ def observe(
     far = np.nan_to_num(depth, nan=1.0)
     sigma = np.nan_to_num(depth_sigma, nan=1.0)
     seen = range_bearing(camera, xy.astype(np.float64), far, config.pixel_sigma, sigma)
-    above = seen.height - camera.place[2]
+    above = seen.height - camera.position[2]
     seen.covariance[:, 0, 0] += np.square(tilt * above)
     seen.covariance[:, 1, 1] += np.square(tilt * above / seen.z[:, 0])
     reach, spread = seen.z[:, 0], np.sqrt(seen.covariance[:, 0, 0])
-    useful = np.isfinite(depth) & (reach > config.reach[0]) & (reach < config.reach[1])
-    return seen, useful & (spread < config.range_share * reach)
+    useful = (
+        np.isfinite(depth) & (reach > config.range_limits[0]) & (reach < config.range_limits[1])
+    )
+    return seen, useful & (spread < config.relative_range_sigma * reach)
 
 
-def bearing_alone(
+def observe_bearing_only(
     camera: Camera, xy: Float32Array, reach: FloatArray, config: VisualConfig, tilt: float
-) -> Sightings:
+) -> RangeBearings:
     """Sightings of points (k, 2) that are at ranges (k,) already: they tell the bearing alone."""
     near, far = (from_pixels(camera, xy.astype(np.float64), np.full(len(xy), s)) for s in (0, 1))
     origin, ahead = near[:, :2], (far - near)[:, :2]
@@ -266,15 +274,15 @@ class Detector:
         self._find: Sift | Must | SymRoid
         if config.detector == "sift":
             octave = -1 if camera.width * camera.height <= SMALL else 0
-            points = SiftConfig(max_keypoints=config.points, spread=True, first_octave=octave)
+            points = SiftConfig(max_keypoints=config.max_points, spread=True, first_octave=octave)
             self._find = Sift(points)
         elif config.detector == "must":
-            self._find = Must(MustConfig(max_keypoints=config.points))
+            self._find = Must(MustConfig(max_keypoints=config.max_points))
         else:
             self._find = SymRoid()
         self._config, self._camera = config, camera
 
-    def __call__(self, view: View, number: int) -> Followed:
+    def __call__(self, view: PreparedFrame, number: int) -> TrackedPoints:
         """The points of a frame that shows something; none of them is a landmark yet."""
         given, camera = view.frame.tracks, self._camera
         if given is not None:
@@ -287,9 +295,9 @@ class Detector:
             track = np.full(len(points), -1)
             depth = self._depths(camera, view, points)
         else:
-            return Followed()
+            return TrackedPoints()
         assert points.descriptors is not None
-        return Followed(
+        return TrackedPoints(
             points.xy,
             depth,
             depth_deviation(camera, depth, self._config),
@@ -304,12 +312,12 @@ class Detector:
             np.zeros(len(points), np.int64),
         )
 
-    def _depths(self, camera: Camera, view: View, points: Keypoints) -> FloatArray:
+    def _depths(self, camera: Camera, view: PreparedFrame, points: Keypoints) -> FloatArray:
         """(n,) metres along the optical axis of new points; NaN where not known."""
         if view.frame.depth is not None:
             return depth_at(view.frame.depth, points.xy)
         if view.left is not None and view.right is not None:
-            near = self._config.reach[0]
+            near = self._config.range_limits[0]
             return depth_of(
                 camera, first_disparities(camera, view.left, view.right, points.xy, near)
             )
@@ -317,7 +325,7 @@ class Detector:
 
 
 def _depth_again(
-    camera: Camera, view: View, xy: Float32Array, before: FloatArray, follow: Follow
+    camera: Camera, view: PreparedFrame, xy: Float32Array, before: FloatArray, follow: TrackFunction
 ) -> FloatArray:
     if view.frame.depth is not None:
         return depth_at(view.frame.depth, xy)

@@ -43,11 +43,11 @@ SHORTEST = 0.3
 """Heights that the robot must go."""
 ROUNDS = 15
 SETTLED = 1e-3
-WHITE = 0.04
+WHITE_NOISE = 0.04
 """Standard deviation of a single measurement, as a share of the way."""
 
 
-class RoadMotion(NamedTuple):
+class GroundMotion(NamedTuple):
     """What the road says of the way."""
 
     distance: float
@@ -56,7 +56,7 @@ class RoadMotion(NamedTuple):
     """Radians by which the road was pitched and rolled under the robot."""
 
 
-class Road:
+class GroundTracker:
     """The ground before a camera, and how it moves in the image.
 
     Args:
@@ -67,7 +67,7 @@ class Road:
         self._camera, self._pixels = camera, _trapezoid(camera)
         self._rays = directions(camera, self._pixels.astype(np.float64))
 
-    def motion(self, before: ByteArray, now: ByteArray, motion: Motion) -> RoadMotion | None:
+    def motion(self, before: ByteArray, now: ByteArray, motion: Motion) -> GroundMotion | None:
         """How far the camera went between two images.
 
         The brightness of the road before the robot is carried from one image to the other by a
@@ -82,15 +82,15 @@ class Road:
             None where the robot went too short a way, or what is before it is no road.
         """
         camera, pixels, R = self._camera, self._pixels, motion.rotation
-        height, way = float(camera.place[2]), float(np.linalg.norm(motion.shift))
+        height, way = float(camera.position[2]), float(np.linalg.norm(motion.translation))
         if way < SHORTEST * height or len(pixels) == 0:
             return None
         first, (left, top) = _smooth(before, pixels, SEAM)
         at = first[pixels[:, 1] - top, pixels[:, 0] - left].astype(np.float64)
         second, (left, top) = _smooth(now, pixels, MARGIN)
         view = camera.fx, camera.fy, camera.cx - left, camera.cy - top
-        images = second, _steep(second, 1, 0), _steep(second, 0, 1)
-        ahead = motion.shift / way
+        images = second, _gradient(second, 1, 0), _gradient(second, 0, 1)
+        ahead = motion.translation / way
         normal = np.cross(ahead, camera.rotation[1])  # the way is along the road, up or down
         normal *= -np.sign(normal @ camera.rotation[2]) / np.linalg.norm(normal)
         axes = np.stack([normal, ahead, np.cross(normal, ahead)])  # (3, 3)
@@ -99,7 +99,7 @@ class Road:
         for _ in range(ROUNDS):
             tilted = axes.T @ np.append(1.0, found[1:])
             slope = np.stack([tilted, found[0] * axes[1], found[0] * axes[2]])
-            n = _carry(self._rays, at, view, R, ahead, found[0], slope, images, light, J)
+            n = _warp(self._rays, at, view, R, ahead, found[0], slope, images, light, J)
             if n < SEEN * len(at):
                 return None
             seen, A = light[:n], J[:n]
@@ -121,11 +121,11 @@ class Road:
             return None
         if (np.abs(found[1:]) > 1.5 * TILT).any():
             return None
-        return RoadMotion(float(found[0]) * height, (float(found[1]), float(found[2])))
+        return GroundMotion(float(found[0]) * height, (float(found[1]), float(found[2])))
 
 
 @kernel()
-def _carry(
+def _warp(
     rays: FloatArray,
     at: FloatArray,
     view: tuple[float, float, float, float],
@@ -169,18 +169,18 @@ def _carry(
         x, y = u * fx + cx, v * fy + cy
         if not (1 < x < width - 2 and 1 < y < height - 2):
             continue
-        steep = _between(across, x, y) / 8 * (ahead[0] - u * ahead[2]) / z * fx
-        steep += _between(down, x, y) / 8 * (ahead[1] - v * ahead[2]) / z * fy
+        steep = _bilinear(across, x, y) / 8 * (ahead[0] - u * ahead[2]) / z * fx
+        steep += _bilinear(down, x, y) / 8 * (ahead[1] - v * ahead[2]) / z * fy
         for j in range(3):
             J[n, j] = steep * (a * slope[j, 0] + b * slope[j, 1] + c * slope[j, 2])
         J[n, 3], J[n, 4] = -at[i], -1.0
-        light[n] = _between(gray, x, y)
+        light[n] = _bilinear(gray, x, y)
         n += 1
     return n
 
 
 @kernel()
-def _between(image: ByteArray | ShortArray, x: float, y: float) -> float:
+def _bilinear(image: ByteArray | ShortArray, x: float, y: float) -> float:
     """An image at a place between four pixels (bilinear)."""
     i, j = int(y), int(x)
     p, q = y - i, x - j
@@ -190,7 +190,7 @@ def _between(image: ByteArray | ShortArray, x: float, y: float) -> float:
 
 
 @dataclass
-class Scale:
+class OdometryScale:
     """How long odometry's metre is, by the road.
 
     Both may be wrong all the time: odometry by its wheels, the road by the height of the camera.
@@ -217,14 +217,14 @@ class Scale:
         return float(np.sqrt(self._spread[0, 0]))
 
     @property
-    def road(self) -> float:
+    def ground_factor(self) -> float:
         """By which distances by the road are to be divided."""
         return 1.0 + float(self._wrong[1])
 
-    def heard(self, ratio: float) -> None:
+    def update(self, ratio: float) -> None:
         """Take in the distance by the road, divided by that of odometry times `factor`."""
         missed = ratio - 1.0 - self._wrong[1]
-        total = self._spread.sum() + WHITE**2
+        total = self._spread.sum() + WHITE_NOISE**2
         if missed**2 < 9 * total:
             gain = self._spread.sum(1) / total
             self._wrong = self._wrong + gain * missed
@@ -236,7 +236,7 @@ def _trapezoid(camera: Camera) -> IntArray:
     down = -camera.rotation[2]
     rows = np.arange(camera.height - 4, 0, -ROWS)
     steep = down[1] * (rows - camera.cy) / camera.fy + down[2]
-    depth = camera.place[2] / np.where(steep > 0, steep, np.nan)
+    depth = camera.position[2] / np.where(steep > 0, steep, np.nan)
     road = [np.zeros((0, 2), np.int64)]
     for row, z in zip(rows.tolist(), depth.tolist(), strict=True):
         if NEAR < z < FAR:
@@ -260,6 +260,6 @@ def _smooth(image: ByteArray, pixels: IntArray, margin: int) -> tuple[ByteArray,
     return np.asarray(cv2.GaussianBlur(part, KERNEL, BLUR), np.uint8), corner.tolist()
 
 
-def _steep(image: ByteArray, across: int, down: int) -> ShortArray:
+def _gradient(image: ByteArray, across: int, down: int) -> ShortArray:
     """Eight times the slope of an image across, or down."""
     return np.asarray(cv2.Sobel(image, cv2.CV_16S, across, down, ksize=3), np.int16)

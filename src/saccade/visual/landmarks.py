@@ -18,13 +18,13 @@ class Landmarks:
     """(n,) metres above the robot's origin."""
     descriptor: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 128), np.uint8))
     """(n, 128) when it was seen first."""
-    seen: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    observations: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(n,) frames in which it was met."""
     missed: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(n,) times that it was looked for in vain."""
-    last: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    last_observed: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(n,) frame in which it was met last."""
-    _given: int = field(default=0, init=False)
+    _next_id: int = field(default=0, init=False)
 
     def __len__(self) -> int:
         return len(self.id)
@@ -32,14 +32,14 @@ class Landmarks:
     def add(self, height: FloatArray, descriptor: npt.NDArray[np.uint8], frame: int) -> IntArray:
         """Take in new ones; returns their numbers (k,)."""
         k = len(height)
-        new = np.arange(self._given, self._given + k)
-        self._given += k
+        new = np.arange(self._next_id, self._next_id + k)
+        self._next_id += k
         self.id = np.append(self.id, new)
         self.height = np.append(self.height, height)
         self.descriptor = np.concatenate([self.descriptor, descriptor])
-        self.seen = np.append(self.seen, np.ones(k, np.int64))
+        self.observations = np.append(self.observations, np.ones(k, np.int64))
         self.missed = np.append(self.missed, np.zeros(k, np.int64))
-        self.last = np.append(self.last, np.full(k, frame))
+        self.last_observed = np.append(self.last_observed, np.full(k, frame))
         return new
 
     def rows(self, numbers: IntArray) -> IntArray:
@@ -49,17 +49,17 @@ class Landmarks:
         at = np.searchsorted(self.id, numbers).clip(0, len(self.id) - 1)
         return np.where(self.id[at] == numbers, at, -1)
 
-    def met(self, rows: IntArray, frame: int) -> None:
+    def count_observed(self, rows: IntArray, frame: int) -> None:
         """Count that landmarks were seen."""
-        self.seen[rows] += 1
-        self.last[rows] = frame
+        self.observations[rows] += 1
+        self.last_observed[rows] = frame
 
     def keep(self, kept: npt.NDArray[np.bool_]) -> None:
         """Forget the others; `kept` is (n,)."""
-        for name in ("id", "height", "descriptor", "seen", "missed", "last"):
+        for name in ("id", "height", "descriptor", "observations", "missed", "last_observed"):
             setattr(self, name, getattr(self, name)[kept])
 
-    def least_wanted(self, count: int, followed: IntArray, frame: int) -> IntArray:
+    def least_useful(self, count: int, followed: IntArray, frame: int) -> IntArray:
         """Which landmarks to give up.
 
         Those that were looked for in vain most often for each time that they were met, of
@@ -73,8 +73,8 @@ class Landmarks:
         Returns:
             (count,) rows, ascending.
         """
-        failing = (self.missed + 1) / (self.seen + self.missed + 2)
-        age = (frame - self.last) / (frame + 1)
+        failing = (self.missed + 1) / (self.observations + self.missed + 2)
+        age = (frame - self.last_observed) / (frame + 1)
         unwanted = failing + 1e-3 * age
         in_view = self.rows(followed)
         unwanted[in_view[in_view >= 0]] = -1.0

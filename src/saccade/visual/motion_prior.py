@@ -13,11 +13,11 @@ CORNER = np.pi / 2
 """Radians through which an error of the turn stays the same."""
 STRETCH = 10.0
 """Metres along which an error of the way does."""
-PATIENCE = 5.0
+MAX_WAIT = 5.0
 """Seconds for which what odometry gets wrong all the time may have to do without the camera."""
 
 
-def joined(
+def fuse(
     first: tuple[FloatArray, FloatArray], second: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Two independent estimates (3,) with covariances (3, 3) as one.
@@ -33,7 +33,7 @@ def joined(
 
 
 @dataclass
-class Foresight:
+class MotionPrior:
     """The next motion, from odometry and from how the robot moved before."""
 
     acceleration: FloatArray
@@ -42,7 +42,7 @@ class Foresight:
     _speed: FloatArray | None = field(default=None, init=False)
     _spread: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), init=False)
 
-    def foresee(
+    def predict(
         self, control: FloatArray, covariance: FloatArray, seconds: float
     ) -> tuple[FloatArray, FloatArray]:
         """Odometry joined with what the last motion lets expect.
@@ -60,15 +60,17 @@ class Foresight:
             return control, covariance
         expected = self._speed * seconds
         spread = self._spread * seconds**2 + np.diag(np.square(self.acceleration * seconds**2))
-        return joined((control, covariance), (expected, spread))
+        return fuse((control, covariance), (expected, spread))
 
-    def saw(self, control: FloatArray, covariance: FloatArray, seconds: float) -> None:
+    def update(self, control: FloatArray, covariance: FloatArray, seconds: float) -> None:
         """Hear how the robot did move, (3,), and how sure that is (3, 3)."""
         if seconds > 0:
             self._speed, self._spread = control / seconds, covariance / seconds**2
 
 
-def lasting(motion: Motion, seconds: float, config: VisualConfig, tilt: float) -> FloatArray:
+def correlated_covariance(
+    motion: Motion, seconds: float, config: VisualConfig, tilt: float
+) -> FloatArray:
     """(3, 3) of a motion, as if its errors were new with every frame.
 
     They are not: the same points are looked at in successive frames. Errors that are forgotten
@@ -81,7 +83,7 @@ def lasting(motion: Motion, seconds: float, config: VisualConfig, tilt: float) -
     forgotten = np.exp(-seconds / config.persistence)
     factor = np.sqrt((1 + forgotten) / (1 - min(forgotten, 1 - 1e-6)))
     wide = np.diag([1.0, 1.0, factor]) if motion.with_prior else factor * np.eye(3)
-    way, turn = config.motion_share
+    way, turn = config.relative_motion_sigma
     way, turn = np.hypot((0.0 if motion.with_prior else way, turn), 1 - np.cos(tilt))
     ahead = motion.control[:2]
     found = wide @ motion.covariance @ wide
@@ -91,7 +93,9 @@ def lasting(motion: Motion, seconds: float, config: VisualConfig, tilt: float) -
     return found
 
 
-def lasting_of(control: FloatArray, seconds: float, share: float, drift: "TurnDrift") -> FloatArray:
+def systematic_covariance(
+    control: FloatArray, seconds: float, share: float, drift: "TurnRateBias"
+) -> FloatArray:
     """(3, 3) of what odometry gets wrong all the time, as far as the camera has not told yet.
 
     Args:
@@ -101,7 +105,7 @@ def lasting_of(control: FloatArray, seconds: float, share: float, drift: "TurnDr
         drift: of the turn.
 
     Returns:
-        Of a step by itself, as if it were new with each; over `STRETCH` and `PATIENCE` the steps
+        Of a step by itself, as if it were new with each; over `STRETCH` and `MAX_WAIT` the steps
         have together what they have wrong in truth.
     """
     ahead = control[:2]
@@ -109,12 +113,12 @@ def lasting_of(control: FloatArray, seconds: float, share: float, drift: "TurnDr
     along, aside = np.append(ahead, 0.0), np.array([-ahead[1] / 2, ahead[0] / 2, 1.0])
     return np.asarray(
         share**2 * max(STRETCH / length, 1.0) * np.outer(along, along)
-        + drift.variance * seconds * max(PATIENCE, seconds) * np.outer(aside, aside)
+        + drift.variance * seconds * max(MAX_WAIT, seconds) * np.outer(aside, aside)
     )
 
 
 @dataclass
-class TurnDrift:
+class TurnRateBias:
     """By how much odometry turns too far to the left in each second, by what the camera sees."""
 
     rate: float = 0.0
@@ -122,14 +126,14 @@ class TurnDrift:
     variance: float = 0.02**2
     """Of the rate."""
 
-    def taken_off(self, control: FloatArray, seconds: float) -> FloatArray:
+    def corrected(self, control: FloatArray, seconds: float) -> FloatArray:
         """A control (3,) by odometry without it; half of a turn happens before half of the way."""
         turn = self.rate * seconds
         c, s = np.cos(turn / 2), np.sin(turn / 2)
         ahead, left, turned = control
         return np.array([c * ahead + s * left, c * left - s * ahead, turned - turn])
 
-    def heard(self, turned: float, seconds: float, variance: float) -> None:
+    def update(self, turned: float, seconds: float, variance: float) -> None:
         """Take in radians by which odometry has turned further than the camera, and their variance.
 
         What cannot be drift is left out: the robot may have been lifted, or its wheels slip.

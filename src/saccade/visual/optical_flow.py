@@ -31,7 +31,7 @@ def gray_bytes(image: Image) -> ByteArray:
     return np.rint(as_gray(image) * 255).astype(np.uint8)
 
 
-def follow(
+def track_points(
     before: ByteArray, now: ByteArray, xy: Float32Array, guess: Float32Array | None = None
 ) -> tuple[Float32Array, BoolArray]:
     """Where points of one image are in the next one.
@@ -65,10 +65,10 @@ def follow(
     return np.asarray(there, np.float32), np.asarray(ok)
 
 
-Follow = Callable[
+TrackFunction = Callable[
     [ByteArray, ByteArray, Float32Array, Float32Array | None], tuple[Float32Array, BoolArray]
 ]
-"""What `follow` is, and what may stand for it."""
+"""What `track_points` is, and what may stand for it."""
 
 
 def disparities(
@@ -76,7 +76,7 @@ def disparities(
     right: ByteArray,
     xy: Float32Array,
     expected: FloatArray,
-    follow: Follow = follow,
+    follow: TrackFunction = track_points,
 ) -> FloatArray:
     """How many pixels further left points lie in the right image of a rectified rig.
 

@@ -11,14 +11,14 @@ MEMORY = 2.0
 grow, not what the robot leans."""
 LASTING = 10.0
 """Seconds for which it counts how far the robot has leaned."""
-WORTH_A_WORD = 3.0
+REMARKABLE = 3.0
 """Times as far as was assumed."""
 HEAVE = 0.3
 """Metres up and down that are worth one."""
 
 
 @dataclass
-class Plane:
+class Planarity:
     """How far the robot leaves it."""
 
     assumed: float
@@ -40,7 +40,7 @@ class Plane:
     def _deviation(self) -> FloatArray:
         return np.asarray(np.sqrt(self._square / max(self._weight, 1e-9)))
 
-    def heard(self, tilt: FloatArray, seconds: float) -> None:
+    def update(self, tilt: FloatArray, seconds: float) -> None:
         """Take in metres up, radians rolled and pitched (3,) since the last frame."""
         self._away = self._away * np.exp(-seconds / MEMORY) + tilt
         kept = np.exp(-seconds / LASTING)
@@ -52,7 +52,7 @@ class Plane:
     def remarks(self) -> tuple[str, ...]:
         """What the user should know, in sentences."""
         found = []
-        if self.most > WORTH_A_WORD * self.assumed:
+        if self.most > REMARKABLE * self.assumed:
             found.append(f"pitches and rolls by {np.degrees(self.most):.1f} deg")
         if self.heave > HEAVE:
             found.append(f"rises and falls by {self.heave:.1f} m")

@@ -10,20 +10,20 @@ from threadpoolctl import threadpool_limits
 
 T = TypeVar("T")
 
-TURN = 5e-4
+SWITCH_INTERVAL = 5e-4
 """Seconds that a thread waits for the Python code of another. By default it is ten times as long,
 and many waits make up a frame."""
 
 
 @contextmanager
-def side_by_side() -> Iterator[None]:
+def shorter_switch_interval() -> Iterator[None]:
     """Let two threads of Python work well beside each other meanwhile.
 
     They take turns often, and the linear algebra of the one does not start more threads: with the
     other at work those wait for each other, ten times longer than it takes one alone.
     """
     usual = sys.getswitchinterval()
-    sys.setswitchinterval(min(usual, TURN))
+    sys.setswitchinterval(min(usual, SWITCH_INTERVAL))
     try:
         with threadpool_limits(1, user_api="blas"):
             yield
@@ -31,7 +31,7 @@ def side_by_side() -> Iterator[None]:
         sys.setswitchinterval(usual)
 
 
-class Ahead(Generic[T]):
+class Prefetcher(Generic[T]):
     """The work on the items of a series, some of which are done before they are asked for.
 
     It is done one by one and in order by a thread of its own, so that the outcome is that of

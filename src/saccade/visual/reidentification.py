@@ -9,10 +9,10 @@ import numpy.typing as npt
 from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.models import wrap
-from saccade.slam.results import Expectation
+from saccade.slam.results import PredictedObservations
 from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
-from saccade.visual.camera import Sightings
-from saccade.visual.frontend import Followed
+from saccade.visual.camera import RangeBearings
+from saccade.visual.frontend import TrackedPoints
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
@@ -24,11 +24,13 @@ ASIDE = 0.02
 """The same where the range is what the map says, and the bearing alone is seen."""
 HERE = 4.0
 """Pixels within which a point that is followed is found again where it is."""
-FEWEST = 4
+MIN_AGREEING = 4
 """Landmarks that must agree on one pose where several are met at a time."""
 
 
-def look_alikes(points: Keypoints, descriptors: npt.NDArray[np.uint8], ratio: float) -> IntArray:
+def descriptor_matches(
+    points: Keypoints, descriptors: npt.NDArray[np.uint8], ratio: float
+) -> IntArray:
     """(m, 2) points and landmarks whose descriptors are each other's nearest by far."""
     if len(points) == 0 or len(descriptors) == 0:
         return np.zeros((0, 2), np.int64)
@@ -37,7 +39,7 @@ def look_alikes(points: Keypoints, descriptors: npt.NDArray[np.uint8], ratio: fl
 
 
 def within_gate(
-    seen: Sightings, expected: Expectation, height: FloatArray, gate: float
+    seen: RangeBearings, expected: PredictedObservations, height: FloatArray, gate: float
 ) -> BoolArray:
     """Which sightings may be of the landmarks they look like.
 
@@ -56,7 +58,9 @@ def within_gate(
     return np.asarray(near & (np.abs(seen.height - height) < HEIGHT * seen.z[:, 0] + HEIGHT))
 
 
-def agreeing(z: FloatArray, places: FloatArray, tolerance: float = TOLERANCE) -> BoolArray:
+def consistent_layout(
+    z: FloatArray, positions: FloatArray, tolerance: float = TOLERANCE
+) -> BoolArray:
     """Which of several landmarks lie to each other as they are seen.
 
     Each two of them tell a pose; that with which most of all agree wins. Of up to two landmarks
@@ -64,7 +68,7 @@ def agreeing(z: FloatArray, places: FloatArray, tolerance: float = TOLERANCE) ->
 
     Args:
         z: (m, 2) range and bearing.
-        places: (m, 2) of the landmarks in the map.
+        positions: (m, 2) of the landmarks in the map.
         tolerance: share of the range, and metres, by which one may miss.
 
     Returns:
@@ -74,7 +78,7 @@ def agreeing(z: FloatArray, places: FloatArray, tolerance: float = TOLERANCE) ->
     if m < 3:
         return np.zeros(m, np.bool_)
     seen = z[:, 0] * np.exp(1j * z[:, 1])  # in the robot's frame
-    there = places[:, 0] + 1j * places[:, 1]
+    there = positions[:, 0] + 1j * positions[:, 1]
     i, j = np.triu_indices(m, 1)
     turn = (there[j] - there[i]) * np.conj(seen[j] - seen[i])
     turn /= np.maximum(np.abs(turn), 1e-12)
@@ -84,10 +88,10 @@ def agreeing(z: FloatArray, places: FloatArray, tolerance: float = TOLERANCE) ->
     )  # (pairs, m)
     fits = missed < tolerance * z[:, 0] + tolerance
     best = fits[np.argmax(fits.sum(1))]
-    return best if best.sum() >= min(FEWEST, m) else np.zeros(m, np.bool_)
+    return best if best.sum() >= min(MIN_AGREEING, m) else np.zeros(m, np.bool_)
 
 
-def borne_out(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
+def consistent_subset(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
     """Which of some sightings the others bear out.
 
     Those that fit together best are left after the one that the others contradict most has been
@@ -117,33 +121,33 @@ def borne_out(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
     return np.isin(np.arange(len(v)), kept)
 
 
-def keep_apart(
-    xy: Float32Array, order: IntArray, taken: Float32Array, apart: float, count: int
+def enforce_spacing(
+    xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
 ) -> IntArray:
     """The first of some points that are not near one another, nor near others.
 
     Args:
         xy: (n, 2) pixels.
         order: (n,) indices, the most wanted first.
-        taken: (k, 2) pixels that are occupied.
-        apart: pixels.
+        occupied: (k, 2) pixels that are occupied.
+        min_spacing: pixels.
         count: how many are wanted.
 
     Returns:
         (up to count,) indices.
     """
-    near = [*taken]
+    near = [*occupied]
     chosen: list[int] = []
     for i in order.tolist():
         if len(chosen) == count:
             break
-        if not near or np.square(np.asarray(near) - xy[i]).sum(1).min() >= apart**2:
+        if not near or np.square(np.asarray(near) - xy[i]).sum(1).min() >= min_spacing**2:
             near.append(xy[i])
             chosen.append(i)
     return np.asarray(chosen, np.int64)
 
 
-def rehearsed(followed: Followed, found: Followed, ratio: float) -> Followed:
+def count_rematches(followed: TrackedPoints, found: TrackedPoints, ratio: float) -> TrackedPoints:
     """Followed points, looked for by their looks alone among what is found in the same frame.
 
     Whoever is not known again while it is in plain sight will not be after it was lost.
@@ -151,10 +155,10 @@ def rehearsed(followed: Followed, found: Followed, ratio: float) -> Followed:
     Args:
         followed: k points.
         found: n points.
-        ratio: as that of `look_alikes`.
+        ratio: as that of `descriptor_matches`.
     """
-    pairs = look_alikes(found.keypoints, followed.descriptor, ratio)
-    apart = np.hypot(*(found.xy[pairs[:, 0]] - followed.xy[pairs[:, 1]]).T)
-    proven = followed.proven.copy()
-    proven[pairs[apart < HERE, 1]] += 1
-    return replace(followed, rehearsed=followed.rehearsed + 1, proven=proven)
+    pairs = descriptor_matches(found.keypoints, followed.descriptor, ratio)
+    min_spacing = np.hypot(*(found.xy[pairs[:, 0]] - followed.xy[pairs[:, 1]]).T)
+    proven = followed.rematches.copy()
+    proven[pairs[min_spacing < HERE, 1]] += 1
+    return replace(followed, rematch_attempts=followed.rematch_attempts + 1, rematches=proven)

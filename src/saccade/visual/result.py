@@ -9,7 +9,7 @@ from saccade.types import FloatArray, IntArray, LandmarkMap, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Meetings:
+class LandmarkObservations:
     """Every sighting of a landmark that went into the map, in the order of the frames."""
 
     frame: IntArray
@@ -54,7 +54,7 @@ class VisualResult:
     """(m, 128) of the landmarks of the map."""
     height: FloatArray
     """(m,) metres above the robot's origin."""
-    meetings: Meetings
+    observations: LandmarkObservations
     """What was seen of which landmark when."""
     tilt: FloatArray
     """(n, 3) what the camera saw of metres up, radians rolled and pitched since the last frame."""
@@ -68,4 +68,4 @@ class VisualResult:
     """What went wrong on the way, in sentences."""
 
     def __repr__(self) -> str:
-        return f"VisualResult({self.trajectory!r}, {self.map!r}, {self.meetings!r})"
+        return f"VisualResult({self.trajectory!r}, {self.map!r}, {self.observations!r})"

@@ -12,36 +12,36 @@ import numpy.typing as npt
 from saccade.frames import Drive
 from saccade.slam.models import compose
 from saccade.types import Float32Array, FloatArray, IntArray, LandmarkMap, Trajectory
-from saccade.visual.camera import Sightings
+from saccade.visual.camera import RangeBearings
 from saccade.visual.egomotion import Motion
-from saccade.visual.frame_features import Glance
-from saccade.visual.result import Meetings, VisualResult
+from saccade.visual.frame_features import FrameFeatures
+from saccade.visual.result import LandmarkObservations, VisualResult
 from saccade.visual.visual_map import VisualMap
 
-TAKEN_IN, FOLLOWED, RECOGNIZED = 0, 1, 2
+INITIALIZED, TRACKED, REIDENTIFIED = 0, 1, 2
 """Kinds of meetings with landmarks."""
-NAMED = 5
+MAX_NAMED = 5
 """Frames that cannot be used are named, at most."""
-PIECES = 512
+MAX_CHUNKS = 512
 """Meetings are kept in so many pieces at most: a checkpoint writes each by itself."""
 
 
 @dataclass(eq=False)
-class Recording:
+class RunLog:
     """What was believed and seen in each frame so far."""
 
     drive: Drive
     remarks: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     missed: int = 0
-    sighted: int = -1
+    last_visible: int = -1
     """Number of the last frame in which there was something to be seen."""
-    _took: list[float] = field(default_factory=list)
+    _frame_seconds: list[float] = field(default_factory=list)
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
     _visual: list[FloatArray] = field(default_factory=list)
     _tilt: list[FloatArray] = field(default_factory=list)
-    _meetings: list[tuple[npt.NDArray[Any], ...]] = field(default_factory=list)
+    _observations: list[tuple[npt.NDArray[Any], ...]] = field(default_factory=list)
 
     @contextmanager
     def timed(self, step: str) -> Iterator[None]:
@@ -52,48 +52,48 @@ class Recording:
         finally:
             self.seconds[step] = self.seconds.get(step, 0.0) + perf_counter() - start
 
-    def glanced(self, glance: Glance) -> Glance:
+    def add_features(self, features: FrameFeatures) -> FrameFeatures:
         """Note how long a frame took that was looked at ahead, and what was wrong with it."""
-        for step, seconds in glance.seconds.items():
+        for step, seconds in features.seconds.items():
             self.seconds[step] = self.seconds.get(step, 0.0) + seconds
-        self.remarks.extend(glance.remarks)
-        return glance
+        self.remarks.extend(features.remarks)
+        return features
 
     def _remarks(self) -> tuple[str, ...]:
         """What was wrong with frames: the first of many by name, how many others there are."""
-        more = len(self.remarks) - NAMED
+        more = len(self.remarks) - MAX_NAMED
         if more <= 0:
             return tuple(self.remarks)
-        return (*self.remarks[:NAMED], f"{more} more frames could not be used")
+        return (*self.remarks[:MAX_NAMED], f"{more} more frames could not be used")
 
-    def meetings(
+    def add_observations(
         self,
         number: int,
         kind: int,
         landmark: IntArray,
         xy: Float32Array,
-        seen: Sightings,
-        surprise: tuple[FloatArray, FloatArray] | None = None,
+        seen: RangeBearings,
+        innovation: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         """Note k sightings of one frame, and their innovations with covariances if any."""
         k = len(landmark)
         sigma = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
         named = np.full(k, number), landmark, np.full(k, kind)
-        surprise = surprise or (np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan))
-        self._meetings.append((*named, xy.astype(np.float64), seen.z, sigma, *surprise))
-        if len(self._meetings) == PIECES:
-            self._meetings = [tuple(self._columns())]
+        innovation = innovation or (np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan))
+        self._observations.append((*named, xy.astype(np.float64), seen.z, sigma, *innovation))
+        if len(self._observations) == MAX_CHUNKS:
+            self._observations = [tuple(self._columns())]
 
-    def moved(self, expected: FloatArray, motion: Motion | None) -> None:
+    def add_motion(self, expected: FloatArray, motion: Motion | None) -> None:
         """Note what the camera says of the way to this frame, or else what was expected (3,)."""
         control = expected if motion is None else motion.control
         before = self._visual[-1] if self._visual else self.drive.start
         self._visual.append(compose(before, control)[0])
         self._tilt.append(np.full(3, np.nan) if motion is None else motion.tilt)
 
-    def believed(self, pose: FloatArray, covariance: FloatArray, seconds: float) -> None:
+    def add_pose(self, pose: FloatArray, covariance: FloatArray, seconds: float) -> None:
         """Note where the robot is, after all that the frame showed, and how long that took."""
-        self._took.append(seconds)
+        self._frame_seconds.append(seconds)
         self._pose.append(pose)
         self._covariance.append(covariance)
 
@@ -108,20 +108,22 @@ class Recording:
             trajectory=Trajectory(time, np.array(self._pose), np.array(self._covariance)),
             odometry=Trajectory(time, np.array(reckoned)),
             visual_odometry=Trajectory(time, np.array(self._visual)),
-            map=LandmarkMap(known.id, world.ekf.landmarks, world.landmark_covariances, known.seen),
+            map=LandmarkMap(
+                known.id, world.ekf.landmarks, world.landmark_covariances, known.observations
+            ),
             descriptors=known.descriptor,
             height=known.height,
-            meetings=Meetings(*self._columns()),
+            observations=LandmarkObservations(*self._columns()),
             tilt=np.array(self._tilt),
             missed=self.missed,
             seconds=dict(self.seconds),
-            frame_seconds=np.array(self._took),
-            remarks=(*self._remarks(), *world.plane.remarks()),
+            frame_seconds=np.array(self._frame_seconds),
+            remarks=(*self._remarks(), *world.planarity.remarks()),
         )
 
     def _columns(self) -> list[npt.NDArray[Any]]:
-        if not self._meetings:
+        if not self._observations:
             none = np.zeros(0, np.int64)
             pairs = [np.zeros((0, 2))] * 4
             return [none, none, none, *pairs, np.zeros((0, 2, 2))]
-        return [np.concatenate(column) for column in zip(*self._meetings, strict=True)]
+        return [np.concatenate(column) for column in zip(*self._observations, strict=True)]

@@ -7,13 +7,13 @@ from saccade.attention.symmetry import SymmetryConfig, symmetry_saliency
 from saccade.pyramid import FloatMap
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.frontend import Followed
+from saccade.visual.frontend import TrackedPoints
 
 FARTHEST = 100.0
 """Pixels from other landmarks beyond which a point stands as free as any."""
 
 
-def attend(image: Image, config: VisualConfig) -> FloatMap | None:
+def selection_saliency(image: Image, config: VisualConfig) -> FloatMap | None:
     """Saliency (h, w) of an image, None where the choice does not ask for it."""
     if config.selection == "contrast":
         return contrast_saliency(image).saliency
@@ -22,12 +22,12 @@ def attend(image: Image, config: VisualConfig) -> FloatMap | None:
     return None
 
 
-def preference(
-    points: Followed,
-    range_share: FloatArray,
+def rank_candidates(
+    points: TrackedPoints,
+    relative_range_sigma: FloatArray,
     saliency: FloatMap | None,
     shape: tuple[int, int],
-    taken: Float32Array,
+    occupied: Float32Array,
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
@@ -35,10 +35,10 @@ def preference(
 
     Args:
         points: n points that are followed.
-        range_share: (n,) deviation of the range, as a share of it.
-        saliency: what `attend` gave.
+        relative_range_sigma: (n,) deviation of the range, as a share of it.
+        saliency: what `selection_saliency` gave.
         shape: (H, W) of the image.
-        taken: (k, 2) pixels of landmarks in view.
+        occupied: (k, 2) pixels of landmarks in view.
         config: how to choose.
         frame: its number; what is left to chance is the same in every run.
 
@@ -47,16 +47,18 @@ def preference(
     """
     chance = np.random.default_rng((config.seed, frame)).permutation(len(points))
     points = points[chance]
-    if config.selection == "proven-spread":
-        return chance[farthest_first(points.xy, proof(points), taken)]
+    if config.selection == "rematch-rate-spread":
+        return chance[farthest_first(points.xy, rematch_rate(points), occupied)]
     if config.selection == "strength":
         wanted = points.response.astype(np.float64)
     elif config.selection == "range":
-        wanted = -range_share[chance]
-    elif config.selection == "proven":
-        wanted = proof(points)
-    elif config.selection == "proven-range":
-        wanted = proof(points) * (1 - range_share[chance] / (2 * config.range_share))
+        wanted = -relative_range_sigma[chance]
+    elif config.selection == "rematch-rate":
+        wanted = rematch_rate(points)
+    elif config.selection == "rematch-rate-range":
+        wanted = rematch_rate(points) * (
+            1 - relative_range_sigma[chance] / (2 * config.relative_range_sigma)
+        )
     elif saliency is not None:
         wanted = saliency_at(saliency, points.xy, shape)
     else:
@@ -64,30 +66,30 @@ def preference(
     return chance[np.argsort(-wanted, kind="stable")]
 
 
-def proof(points: Followed) -> FloatArray:
+def rematch_rate(points: TrackedPoints) -> FloatArray:
     """(n,) probability with which each point is known again by its looks.
 
     The mean of the belief (Beta distribution) that is left of an even one by how often it was
     looked for while it was followed, and found.
     """
-    return np.asarray((points.proven + 1) / (points.rehearsed + 2))
+    return np.asarray((points.rematches + 1) / (points.rematch_attempts + 2))
 
 
-def farthest_first(xy: Float32Array, worth: FloatArray, taken: Float32Array) -> IntArray:
+def farthest_first(xy: Float32Array, worth: FloatArray, occupied: Float32Array) -> IntArray:
     """Points in such an order that each is far from those before it and from others.
 
     Args:
         xy: (n, 2) pixels.
         worth: (n,) factors by which distances count.
-        taken: (k, 2) pixels of the others.
+        occupied: (k, 2) pixels of the others.
 
     Returns:
         (n,) indices.
     """
-    apart = np.hypot(*(xy[:, None] - xy).astype(np.float64).transpose(2, 0, 1))  # (n, n)
+    distances = np.hypot(*(xy[:, None] - xy).astype(np.float64).transpose(2, 0, 1))  # (n, n)
     free = np.full(len(xy), FARTHEST)
-    if len(taken):
-        others = np.hypot(*(xy[:, None] - taken).astype(np.float64).transpose(2, 0, 1))
+    if len(occupied):
+        others = np.hypot(*(xy[:, None] - occupied).astype(np.float64).transpose(2, 0, 1))
         free = np.minimum(free, others.min(1))
     order: list[int] = []
     left = np.ones(len(xy), np.bool_)
@@ -95,7 +97,7 @@ def farthest_first(xy: Float32Array, worth: FloatArray, taken: Float32Array) -> 
         i = int(np.argmax(np.where(left, free * worth, -1.0)))
         order.append(i)
         left[i] = False
-        free = np.minimum(free, apart[i])
+        free = np.minimum(free, distances[i])
     return np.asarray(order, np.int64)
 
 

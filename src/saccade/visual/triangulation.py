@@ -8,31 +8,31 @@ from saccade.frames import Camera
 from saccade.types import Float32Array, FloatArray, IntArray
 from saccade.visual.camera import directions
 
-STEP_SHARE = 0.05
+STEP_FRACTION = 0.05
 """Standard deviation of the length of a step, as a share of it; over several steps it shrinks."""
 LEAST_PARALLAX = 1e-4
 """Radians under which lines of sight count as parallel."""
 
 
 @dataclass
-class CameraWay:
+class CameraTrajectory:
     """Where the camera was at each frame, as the motions from one to the next add up."""
 
     rotation: list[FloatArray] = field(default_factory=lambda: [np.eye(3)])
     """Of each frame, (3, 3) from the frame of the first."""
-    shift: list[FloatArray] = field(default_factory=lambda: [np.zeros(3)])
+    translation: list[FloatArray] = field(default_factory=lambda: [np.zeros(3)])
     """Of each frame, (3,) metres."""
 
-    def moved(self, rotation: FloatArray, shift: FloatArray) -> None:
+    def append(self, rotation: FloatArray, shift: FloatArray) -> None:
         """Go on: points X of the last frame become `rotation` X + `shift`."""
-        self.shift.append(rotation @ self.shift[-1] + shift)
+        self.translation.append(rotation @ self.translation[-1] + shift)
         self.rotation.append(rotation @ self.rotation[-1])
 
-    def since(self, frames: IntArray) -> tuple[FloatArray, FloatArray]:
+    def motion_since(self, frames: IntArray) -> tuple[FloatArray, FloatArray]:
         """(k, 3, 3) and (k, 3) from earlier frames (k,) to the last one."""
         R = self.rotation[-1] @ np.array([self.rotation[i].T for i in frames.tolist()])
-        earlier = np.array([self.shift[i] for i in frames.tolist()])
-        return R, self.shift[-1] - (R @ earlier[:, :, None])[:, :, 0]
+        earlier = np.array([self.translation[i] for i in frames.tolist()])
+        return R, self.translation[-1] - (R @ earlier[:, :, None])[:, :, 0]
 
     def triangulate(
         self,
@@ -57,7 +57,7 @@ class CameraWay:
         """
         if len(frames) == 0:
             return np.zeros(0), np.zeros(0)
-        R, t = self.since(frames)
+        R, t = self.motion_since(frames)
         here = directions(camera, now.astype(np.float64))
         there = (R @ directions(camera, first.astype(np.float64))[:, :, None])[:, :, 0]
         # depth here * here - depth there * there = t, by least squares
@@ -69,7 +69,7 @@ class CameraWay:
         depth = (c * p - b * q) / np.where(meet, between, 1.0)
         other = (b * p - a * q) / np.where(meet, between, 1.0)
         angle = np.sqrt(2) * pixel_sigma / camera.fx
-        steps = np.maximum(len(self.shift) - 1 - frames, 1)
-        share = np.hypot(angle / np.maximum(sine, LEAST_PARALLAX), STEP_SHARE / np.sqrt(steps))
+        steps = np.maximum(len(self.translation) - 1 - frames, 1)
+        share = np.hypot(angle / np.maximum(sine, LEAST_PARALLAX), STEP_FRACTION / np.sqrt(steps))
         known = meet & (depth > 0) & (other > 0)
         return np.where(known, depth, np.nan), np.where(known, depth * share, np.nan)

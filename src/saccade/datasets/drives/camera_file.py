@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import ConfigError, DriveError, require
-from saccade.files import read_text, whole_file
+from saccade.files import atomic_write, read_text
 from saccade.frames import AHEAD, Camera
 from saccade.types import FloatArray
 
@@ -97,7 +97,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     values: dict[str, Any] = {name: getattr(camera, name) for name in _INTRINSICS}
     values |= {
         "baseline": camera.baseline,
-        "place": camera.place.tolist(),
+        "place": camera.position.tolist(),
         "rotation": camera.rotation.tolist(),
         "distortion": list(calibration.distortion),
         "rate": calibration.rate,
@@ -106,7 +106,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     }
     if calibration.start is not None:
         values["start"] = list(calibration.start)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(tomli_w.dumps(values), encoding="utf-8")
 
 
@@ -120,6 +120,9 @@ def _calibration(values: dict[str, FloatArray]) -> Calibration:
         x, y, z = values[name].tolist()
         return x, y, z
 
+    place = values.get("place", np.zeros(3))
+    placed = place.shape == (3,) and bool(np.isfinite(place).all())
+    require(placed, "place", "three numbers in metres", place.tolist())
     camera = Camera(
         width=int(number("width")),
         height=int(number("height")),
@@ -128,7 +131,7 @@ def _calibration(values: dict[str, FloatArray]) -> Calibration:
         cx=number("cx"),
         cy=number("cy"),
         baseline=number("baseline"),
-        place=values.get("place", np.zeros(3)),
+        position=place,
         rotation=values.get("rotation", AHEAD.copy()),
     )
     return Calibration(

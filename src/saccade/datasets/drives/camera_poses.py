@@ -21,7 +21,7 @@ class Poses:
     """(n,) seconds."""
     rotation: FloatArray
     """(n, 3, 3) turns its vectors into the world's."""
-    place: FloatArray
+    position: FloatArray
     """(n, 3) metres, in the world's frame."""
 
     def __len__(self) -> int:
@@ -85,29 +85,29 @@ def rotations(quaternion: FloatArray, name: str) -> FloatArray:
     )
 
 
-def of_robot(poses: Poses, camera: Camera, begin: float) -> Poses:
+def robot_poses(poses: Poses, camera: Camera, begin: float) -> Poses:
     """Poses of the robot, from those of its camera.
 
     The world becomes the robot's frame at the pose nearest to `begin`, in seconds: x ahead, y to
     the left, z up as the camera is mounted.
     """
     rotation = poses.rotation @ camera.rotation.T
-    place = poses.place - rotation @ camera.place
+    place = poses.position - rotation @ camera.position
     first = int(np.argmin(np.abs(poses.time - begin)))
     back = rotation[first].T
     return Poses(poses.time, back @ rotation, (place - place[first]) @ back.T)
 
 
-def on_the_plane(poses: Poses) -> Trajectory:
+def project_to_plane(poses: Poses) -> Trajectory:
     """What the plane z = 0 keeps of the robot's poses: x, y, and where its x axis points."""
     ahead = poses.rotation[:, :, 0]
     heading = np.arctan2(ahead[:, 1], ahead[:, 0])
-    return Trajectory(poses.time, np.column_stack([poses.place[:, :2], heading]))
+    return Trajectory(poses.time, np.column_stack([poses.position[:, :2], heading]))
 
 
-def off_the_plane(poses: Poses) -> FloatArray:
+def off_plane_components(poses: Poses) -> FloatArray:
     """What it leaves out, (n, 3): height in metres, pitch (nose up) and roll in radians."""
     R = poses.rotation
     pitch = np.arcsin(R[:, 2, 0].clip(-1, 1))
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
-    return np.column_stack([poses.place[:, 2], pitch, roll])
+    return np.column_stack([poses.position[:, 2], pitch, roll])

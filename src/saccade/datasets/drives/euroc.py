@@ -10,7 +10,7 @@
 The robot's frame is that of a robot on which the left camera looks straight ahead; times count
 from the first image. Both cameras are straightened and rectified. There is no wheel odometry:
 without odometry.csv the turn is the gyroscope's, with its noise and bias, and of the way nothing
-is known but how fast such a vehicle flies (see `unknown_steps`).
+is known but how fast such a vehicle flies (see `unknown_increments`).
 """
 
 import csv
@@ -24,12 +24,12 @@ from saccade.datasets.drives.camera_file import Calibration
 from saccade.datasets.drives.camera_poses import Poses, rotations
 from saccade.datasets.drives.image_files import ImageFiles, in_time
 from saccade.datasets.drives.odometry_increments import (
+    OdometryIncrements,
     SpeedNoise,
-    Steps,
-    steps_from_speeds,
-    unknown_steps,
+    increments_from_speeds,
+    unknown_increments,
 )
-from saccade.datasets.drives.sidecar_files import Truth, assembled, read_steps
+from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, read_increments
 from saccade.datasets.drives.undistortion import Lens, rectified
 from saccade.datasets.text import numbers, read_lines
 from saccade.errors import DriveError
@@ -77,7 +77,7 @@ def read_euroc_drive(path: Path) -> Drive:
     turned = sensor.body[:3, :3] @ lens.rotation.T
     camera = replace(camera, rotation=AHEAD.copy())
     beside = top.parent if top.name == "mav0" else top
-    steps = read_steps(beside, time, number) or _by_gyroscope(top / "imu0", time, zero, turned)
+    steps = read_increments(beside, time, number) or _by_gyroscope(top / "imu0", time, zero, turned)
     truth = _truth(top / "state_groundtruth_estimate0" / "data.csv", zero, sensor, turned, camera)
     load = ImageFiles(
         camera,
@@ -88,7 +88,7 @@ def read_euroc_drive(path: Path) -> Drive:
         right_lens=right_lens,
     )
     name = beside.resolve().name
-    return assembled(name, Calibration(camera), time, load, steps, truth, remarks)
+    return assemble_drive(name, Calibration(camera), time, load, steps, truth, remarks)
 
 
 def read_stamped(path: Path, columns: int) -> tuple[IntArray, FloatArray]:
@@ -159,9 +159,11 @@ def _lens(path: Path, sensor: _Sensor) -> Lens:
     return Lens(matrix, tuple(bent), camera, np.eye(3))
 
 
-def _by_gyroscope(folder: Path, time: FloatArray, zero: int, turned: FloatArray) -> Steps:
+def _by_gyroscope(
+    folder: Path, time: FloatArray, zero: int, turned: FloatArray
+) -> OdometryIncrements:
     """Turns by the gyroscope, ways unknown; nothing known at all where there is none."""
-    steps = unknown_steps(time)
+    steps = unknown_increments(time)
     if not (folder / "data.csv").exists():
         return steps
     stamps, rates = read_stamped(folder / "data.csv", 3)
@@ -172,10 +174,12 @@ def _by_gyroscope(folder: Path, time: FloatArray, zero: int, turned: FloatArray)
     robot = rates @ body.T @ turned @ AHEAD.T  # (k, 3) rad/s about ahead, left and up
     clock = _seconds(stamps, zero)
     order = np.argsort(clock, kind="stable")
-    by_gyro = steps_from_speeds(clock[order], np.zeros(len(clock)), robot[order, 2], time, GYRO)
+    by_gyro = increments_from_speeds(
+        clock[order], np.zeros(len(clock)), robot[order, 2], time, GYRO
+    )
     control, covariance = steps.control.copy(), steps.covariance.copy()
     control[:, 2], covariance[:, 2, 2] = by_gyro.control[:, 2], by_gyro.covariance[:, 2, 2]
-    return Steps(control, covariance)
+    return OdometryIncrements(control, covariance)
 
 
 def _truth(path: Path, zero: int, sensor: _Sensor, turned: FloatArray, camera: Camera) -> Truth:

@@ -16,8 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from saccade.datasets.drives.camera_file import CAMERA_FILE, read_calibration
-from saccade.datasets.drives.image_files import ImageFiles, images_of, in_time, straight
-from saccade.datasets.drives.sidecar_files import assembled, read_truth, steps_or_unknown
+from saccade.datasets.drives.image_files import ImageFiles, images_of, in_time, undistort
+from saccade.datasets.drives.sidecar_files import (
+    assemble_drive,
+    read_increments_or_unknown,
+    read_truth,
+)
 from saccade.datasets.drives.undistortion import Lens
 from saccade.datasets.text import read_columns
 from saccade.errors import DriveError
@@ -39,7 +43,7 @@ class _VideoFile:
     def __call__(self, i: int) -> Frame:
         number = int(self.number[i])
         name = f"{self.frames.path}, frame {number}"
-        image = straight(self.frames[number], self.camera, self.lens, name)
+        image = undistort(self.frames[number], self.camera, self.lens, name)
         return Frame(float(self.time[i]), image)
 
 
@@ -66,9 +70,9 @@ def read_folder_drive(path: Path) -> Drive:
         lens=Lens.of(calibration.camera, calibration.distortion),
         right_lens=Lens.of(calibration.camera, calibration.distortion),
     )
-    steps = steps_or_unknown(path, time, number)
+    steps = read_increments_or_unknown(path, time, number)
     truth = read_truth(path, clock, calibration.camera, time[0])
-    return assembled(path.resolve().name, calibration, time, load, steps, truth, remarks)
+    return assemble_drive(path.resolve().name, calibration, time, load, steps, truth, remarks)
 
 
 def read_video_drive(path: Path) -> Drive:
@@ -89,9 +93,9 @@ def read_video_drive(path: Path) -> Drive:
     lens = Lens.of(calibration.camera, calibration.distortion)
     time = clock[number]
     load = _VideoFile(frames, number, calibration.camera, time, lens)
-    steps = steps_or_unknown(path.parent, time, number)
+    steps = read_increments_or_unknown(path.parent, time, number)
     truth = read_truth(path.parent, clock, calibration.camera, time[0])
-    return assembled(path.stem, calibration, time, load, steps, truth, remarks)
+    return assemble_drive(path.stem, calibration, time, load, steps, truth, remarks)
 
 
 def _clock(folder: Path, frames: int, rate: float) -> FloatArray:

@@ -53,7 +53,7 @@ class ImageFiles:
 
     def _image(self, paths: Sequence[Path | None], lens: Lens | None, i: int) -> Image | None:
         path = paths[i] if paths else None
-        return None if path is None else straight(read_stored(path), self.camera, lens, str(path))
+        return None if path is None else undistort(read_stored(path), self.camera, lens, str(path))
 
     def _metres(self, i: int) -> FloatArray | None:
         path = self.depth[i] if self.depth else None
@@ -63,14 +63,14 @@ class ImageFiles:
         return metres(steps, self.depth_unit, self.camera, self.lens, str(path))
 
 
-def straight(pixels: Image, camera: Camera, lens: Lens | None, name: str) -> Image:
+def undistort(pixels: Image, camera: Camera, lens: Lens | None, name: str) -> Image:
     """An image without the distortion of its lens.
 
     Raises:
         ImageError: it has another size than the calibration; `name` is in the message.
     """
     _check_size(pixels, camera, name)
-    return pixels if lens is None else lens.straighten(pixels)
+    return pixels if lens is None else lens.undistort(pixels)
 
 
 def _check_size(pixels: Image, camera: Camera, name: str) -> None:
@@ -91,7 +91,7 @@ def metres(steps: Image, unit: float, camera: Camera, lens: Lens | None, name: s
     if steps.ndim != 2:
         raise ImageError(f"{name}: expected depth, one number a pixel, found a colour image")
     _check_size(steps, camera, name)
-    steps = steps if lens is None else lens.straighten(steps, cv2.INTER_NEAREST)
+    steps = steps if lens is None else lens.undistort(steps, cv2.INTER_NEAREST)
     return np.where(np.nan_to_num(steps) == NO_DEPTH, np.nan, steps * np.float64(unit))
 
 

@@ -6,7 +6,7 @@
                              image_3/ (with P2, P3) are taken where there is no image_0
     depth/                   optional: 16-bit images of the left camera's depth
     camera.toml              optional, see `camera_file`: instead of calib.txt
-    calib.npz                optional: `cam_T_imu`, see `read_mounting`
+    calib.npz                optional: `cam_T_imu`, see `read_extrinsics`
 
 and odometry and truth as `sidecar_files` tells. There may be fewer images than times.
 """
@@ -18,7 +18,11 @@ import numpy as np
 from saccade.datasets.archive import Archive
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
 from saccade.datasets.drives.image_files import ImageFiles, images_of, in_time, numbered, size_of
-from saccade.datasets.drives.sidecar_files import assembled, read_truth, steps_or_unknown
+from saccade.datasets.drives.sidecar_files import (
+    assemble_drive,
+    read_increments_or_unknown,
+    read_truth,
+)
 from saccade.datasets.drives.undistortion import Lens
 from saccade.datasets.text import fields, numbers, read_columns, read_lines
 from saccade.errors import DriveError
@@ -48,7 +52,7 @@ def read_kitti_drive(path: Path) -> Drive:
     order, remarks = in_time(clock[there], str(path / "times.txt"))
     number, time = there[order], clock[there[order]]
     calibration = _calibration(path, pair, size_of(left[int(number[0])]), stereo=bool(right))
-    steps = steps_or_unknown(path, time, number)
+    steps = read_increments_or_unknown(path, time, number)
     truth = read_truth(path, clock, calibration.camera, time[0])
     load = ImageFiles(
         calibration.camera,
@@ -61,7 +65,7 @@ def read_kitti_drive(path: Path) -> Drive:
         right_lens=Lens.of(calibration.camera, calibration.distortion),
     )
     remarks += _missing(there, path / pair[0])
-    return assembled(path.resolve().name, calibration, time, load, steps, truth, remarks)
+    return assemble_drive(path.resolve().name, calibration, time, load, steps, truth, remarks)
 
 
 def read_projections(path: Path) -> dict[str, FloatArray]:
@@ -80,7 +84,7 @@ def read_projections(path: Path) -> dict[str, FloatArray]:
     return matrices
 
 
-def read_mounting(path: Path) -> tuple[FloatArray, FloatArray]:
+def read_extrinsics(path: Path) -> tuple[FloatArray, FloatArray]:
     """Place (3,) and rotation (3, 3) of the camera on the robot from a `calib.npz`.
 
     Its `cam_T_imu` has the rotation that turns vectors of the inertial unit into the camera's, but
@@ -117,7 +121,7 @@ def _calibration(
         )
     place, rotation = np.array([0.0, 0.0, KITTI_HEIGHT]), AHEAD.copy()
     if (path / "calib.npz").exists():
-        place, rotation = read_mounting(path / "calib.npz")
+        place, rotation = read_extrinsics(path / "calib.npz")
     baseline = 0.0
     if stereo and right is not None:
         baseline = float(P[0, 3] / P[0, 0] - right[0, 3] / right[0, 0])
@@ -129,7 +133,7 @@ def _calibration(
         cx=float(P[0, 2]),
         cy=float(P[1, 2]),
         baseline=baseline,
-        place=place,
+        position=place,
         rotation=rotation,
     )
     return Calibration(camera)

@@ -48,14 +48,14 @@ def load_drive(kind: DriveKind, path: str | Path) -> Drive:
     if not path.exists():
         raise DriveError(f"{path}: expected a camera drive, found no such file or folder")
     if kind == "auto":
-        kind = recognize_drive(path)
+        kind = detect_layout(path)
     try:
         return _READERS[kind](path)
     except LogError as error:
         raise DriveError(str(error)) from error
 
 
-def recognize_drive(path: Path) -> DriveKind:
+def detect_layout(path: Path) -> DriveKind:
     """Which layout a file or folder has.
 
     Raises:

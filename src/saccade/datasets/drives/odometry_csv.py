@@ -17,10 +17,10 @@ import numpy as np
 
 from saccade.datasets.drives.odometry_increments import (
     WHEELS,
+    OdometryIncrements,
     SpeedNoise,
-    Steps,
-    joined,
-    steps_from_speeds,
+    composed,
+    increments_from_speeds,
 )
 from saccade.datasets.table import symmetric_columns, write_table
 from saccade.datasets.text import in_order, numbers, read_lines
@@ -41,7 +41,7 @@ OXTS = SpeedNoise(ahead=0.17, left=0.05, turn=0.018, turn_bias=0.005)
 """Measured against the truth of KITTI 07: 0.52 m/s and 0.05 rad/s, white at 10 Hz."""
 
 
-def read_odometry(path: Path, time: FloatArray, frame: IntArray) -> Steps:
+def read_odometry(path: Path, time: FloatArray, frame: IntArray) -> OdometryIncrements:
     """The steps between the frames of a drive.
 
     Args:
@@ -58,7 +58,7 @@ def read_odometry(path: Path, time: FloatArray, frame: IntArray) -> Steps:
         upper = np.triu_indices(3)
         covariance = np.zeros((len(table), 3, 3))
         covariance[:, upper[0], upper[1]] = covariance[:, upper[1], upper[0]] = table[:, 3:]
-        return joined(Steps(table[:, :3], covariance), frame, str(path))
+        return composed(OdometryIncrements(table[:, :3], covariance), frame, str(path))
     clock = 0 if header == SPEED_COLUMNS else 1
     if len(table) < 2:
         raise DriveError(f"{path}: expected at least two rows of speeds, found {len(table)}")
@@ -71,11 +71,11 @@ def read_odometry(path: Path, time: FloatArray, frame: IntArray) -> Steps:
             f"found {begin:.3f} to {end:.3f} s"
         )
     if header == SPEED_COLUMNS:
-        return steps_from_speeds(table[:, 0], table[:, 1], table[:, 2], time, WHEELS)
-    return steps_from_speeds(table[:, 1], table[:, 2], table[:, 7], time, OXTS)
+        return increments_from_speeds(table[:, 0], table[:, 1], table[:, 2], time, WHEELS)
+    return increments_from_speeds(table[:, 1], table[:, 2], table[:, 7], time, OXTS)
 
 
-def write_steps(path: Path, steps: Steps) -> None:
+def write_increments(path: Path, steps: OdometryIncrements) -> None:
     """Write steps with every digit.
 
     Raises:

@@ -17,7 +17,7 @@ ALONE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class OdometryIncrements:
     """The way of a robot in m pieces, each in the frame at its beginning."""
 
     control: FloatArray
@@ -48,9 +48,9 @@ WHEELS = SpeedNoise(ahead=0.05, left=0.02, turn=0.02, turn_bias=0.002)
 """Of wheel encoders and a gyroscope on a small robot, where nobody says."""
 
 
-def steps_from_speeds(
+def increments_from_speeds(
     time: FloatArray, speed: FloatArray, turn_rate: FloatArray, at: FloatArray, noise: SpeedNoise
-) -> Steps:
+) -> OdometryIncrements:
     """Arcs between frames, from speeds that go straight from sample to sample.
 
     Args:
@@ -64,12 +64,12 @@ def steps_from_speeds(
     d, phi = (np.diff(_integral(time, each, at)) for each in (speed, turn_rate))
     chord = d * np.sinc(phi / (2 * np.pi))
     control = np.stack([chord * np.cos(phi / 2), chord * np.sin(phi / 2), phi], 1)
-    return Steps(control, _covariance(d, duration, noise))
+    return OdometryIncrements(control, _covariance(d, duration, noise))
 
 
-def steps_from_poses(
+def increments_from_poses(
     poses: Trajectory, at: FloatArray, name: str, noise: SpeedNoise = WHEELS
-) -> Steps:
+) -> OdometryIncrements:
     """Steps between frames, from poses that odometry has added up already.
 
     Args:
@@ -94,10 +94,10 @@ def steps_from_poses(
     ahead, left = c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]
     turn = np.angle(np.exp(1j * np.diff(pose[:, 2])))
     duration = np.diff(at)
-    return Steps(np.stack([ahead, left, turn], 1), _covariance(ahead, duration, noise))
+    return OdometryIncrements(np.stack([ahead, left, turn], 1), _covariance(ahead, duration, noise))
 
 
-def unknown_steps(at: FloatArray) -> Steps:
+def unknown_increments(at: FloatArray) -> OdometryIncrements:
     """Steps of a robot without odometry: it stands, give or take all that it may do.
 
     Args:
@@ -107,10 +107,10 @@ def unknown_steps(at: FloatArray) -> Steps:
     covariance = np.zeros((len(duration), 3, 3))
     for i, sigma in enumerate((UNKNOWN_SPEED, UNKNOWN_SPEED, UNKNOWN_TURN)):
         covariance[:, i, i] = np.square(sigma * duration)
-    return Steps(np.zeros((len(duration), 3)), covariance)
+    return OdometryIncrements(np.zeros((len(duration), 3)), covariance)
 
 
-def joined(steps: Steps, chosen: IntArray, name: str) -> Steps:
+def composed(steps: OdometryIncrements, chosen: IntArray, name: str) -> OdometryIncrements:
     """Steps between some of the frames, from those between all.
 
     Args:
@@ -138,7 +138,7 @@ def joined(steps: Steps, chosen: IntArray, name: str) -> Steps:
             control[k], covariance[k] = _after(
                 control[k], covariance[k], steps.control[i], steps.covariance[i]
             )
-    return Steps(control, covariance)
+    return OdometryIncrements(control, covariance)
 
 
 def _covariance(way: FloatArray, duration: FloatArray, noise: SpeedNoise) -> FloatArray:

@@ -10,7 +10,7 @@ from saccade.datasets.drives.ros_messages import measured
 from saccade.types import FloatArray
 
 
-def mounting(messages: Iterable[Any], base: str, part: str, name: str) -> FloatArray | None:
+def extrinsics(messages: Iterable[Any], base: str, part: str, name: str) -> FloatArray | None:
     """Pose (4, 4) of a part in the frame of another one; None where no chain joins them.
 
     Args:

@@ -15,7 +15,7 @@ Topics are found by their types, and where there are several by their names:
 
 A camera.toml in the folder of the bag goes before CameraInfo and transforms. Times are those of the
 messages' headers, from the first image on. Without odometry nothing is known of the way (see
-`unknown_steps`). Needs the extra `ros`.
+`unknown_increments`). Needs the extra `ros`.
 """
 
 import weakref
@@ -30,9 +30,18 @@ from typing import Any
 import numpy as np
 
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
-from saccade.datasets.drives.camera_poses import Poses, off_the_plane, on_the_plane, rotations
-from saccade.datasets.drives.image_files import in_time, metres, straight
-from saccade.datasets.drives.odometry_increments import Steps, steps_from_poses, unknown_steps
+from saccade.datasets.drives.camera_poses import (
+    Poses,
+    off_plane_components,
+    project_to_plane,
+    rotations,
+)
+from saccade.datasets.drives.image_files import in_time, metres, undistort
+from saccade.datasets.drives.odometry_increments import (
+    OdometryIncrements,
+    increments_from_poses,
+    unknown_increments,
+)
 from saccade.datasets.drives.ros_messages import (
     calibration_of,
     measured,
@@ -40,8 +49,8 @@ from saccade.datasets.drives.ros_messages import (
     pose_of,
     seconds_of,
 )
-from saccade.datasets.drives.ros_transforms import mounting
-from saccade.datasets.drives.sidecar_files import Truth, assembled
+from saccade.datasets.drives.ros_transforms import extrinsics
+from saccade.datasets.drives.sidecar_files import Truth, assemble_drive
 from saccade.datasets.drives.tum_rgbd import associated
 from saccade.datasets.drives.undistortion import Lens
 from saccade.errors import DriveError, ImageError, SaccadeError
@@ -231,7 +240,7 @@ class BagFrames:
 
     def _straight(self, pixels: Image | None, which: int, i: int) -> Image | None:
         name = f"{self.bag.path}, {self.topics[which]}, frame {i}"
-        return None if pixels is None else straight(pixels, self.camera, self.lens, name)
+        return None if pixels is None else undistort(pixels, self.camera, self.lens, name)
 
 
 def read_rosbag_drive(path: Path) -> Drive:
@@ -270,7 +279,7 @@ def _drive(bag: Bag, path: Path) -> Drive:
         calibration.depth_unit,
         Lens.of(calibration.camera, calibration.distortion),
     )
-    return assembled(path.stem, calibration, time, load, steps, truth, remarks)
+    return assemble_drive(path.stem, calibration, time, load, steps, truth, remarks)
 
 
 def _image_topics(bag: Bag) -> tuple[str, str, str]:
@@ -310,18 +319,18 @@ def _mounted(bag: Bag, image: str, camera: Camera) -> Camera:
     base = next(bag.messages(odometry))[1].child_frame_id
     part = next(bag.messages(image))[1].header.frame_id
     messages = (message for topic in fixed for _, message in bag.messages(topic))
-    pose = mounting(messages, base, part, f"{bag.path}, {fixed[0]}")
+    pose = extrinsics(messages, base, part, f"{bag.path}, {fixed[0]}")
     if pose is None:
         return camera
-    return replace(camera, place=pose[:3, 3].copy(), rotation=pose[:3, :3].copy())
+    return replace(camera, position=pose[:3, 3].copy(), rotation=pose[:3, :3].copy())
 
 
-def _steps(bag: Bag, time: FloatArray, zero: float) -> Steps:
+def _steps(bag: Bag, time: FloatArray, zero: float) -> OdometryIncrements:
     topic = _odometry_topic(bag)
     if topic is None:
-        return unknown_steps(time)
+        return unknown_increments(time)
     robot = _poses(bag, topic, zero)
-    return steps_from_poses(on_the_plane(robot), time, f"{bag.path}, {topic}")
+    return increments_from_poses(project_to_plane(robot), time, f"{bag.path}, {topic}")
 
 
 def _odometry_topic(bag: Bag) -> str | None:
@@ -333,7 +342,7 @@ def _truth(bag: Bag, zero: float) -> Truth:
     for topic in bag.topics(POSES):
         if any(word in topic.lower() for word in TRUE):
             poses = _poses(bag, topic, zero)
-            return Truth(on_the_plane(poses), off_the_plane(poses))
+            return Truth(project_to_plane(poses), off_plane_components(poses))
     return Truth()
 
 

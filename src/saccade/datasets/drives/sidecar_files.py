@@ -15,14 +15,14 @@ import numpy as np
 from saccade.datasets.drives.camera_file import Calibration
 from saccade.datasets.drives.camera_poses import (
     Poses,
-    of_robot,
-    off_the_plane,
-    on_the_plane,
+    off_plane_components,
+    project_to_plane,
     read_kitti_poses,
     read_tum_poses,
+    robot_poses,
 )
 from saccade.datasets.drives.odometry_csv import read_odometry
-from saccade.datasets.drives.odometry_increments import Steps, unknown_steps
+from saccade.datasets.drives.odometry_increments import OdometryIncrements, unknown_increments
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import FloatArray, IntArray, Trajectory
 
@@ -45,11 +45,11 @@ class Truth:
             camera: on the robot.
             begin: seconds of the first frame, from where the robot's truth begins.
         """
-        robot = of_robot(poses, camera, begin)
-        return cls(on_the_plane(robot), off_the_plane(robot))
+        robot = robot_poses(poses, camera, begin)
+        return cls(project_to_plane(robot), off_plane_components(robot))
 
 
-def read_steps(path: Path, time: FloatArray, number: IntArray) -> Steps | None:
+def read_increments(path: Path, time: FloatArray, number: IntArray) -> OdometryIncrements | None:
     """Odometry of a folder, if it has any.
 
     Args:
@@ -63,9 +63,11 @@ def read_steps(path: Path, time: FloatArray, number: IntArray) -> Steps | None:
     return None
 
 
-def steps_or_unknown(path: Path, time: FloatArray, number: IntArray) -> Steps:
+def read_increments_or_unknown(
+    path: Path, time: FloatArray, number: IntArray
+) -> OdometryIncrements:
     """Odometry of a folder, or steps of which nothing is known."""
-    return read_steps(path, time, number) or unknown_steps(time)
+    return read_increments(path, time, number) or unknown_increments(time)
 
 
 def read_truth(path: Path, clock: FloatArray, camera: Camera, begin: float) -> Truth:
@@ -79,7 +81,7 @@ def read_truth(path: Path, clock: FloatArray, camera: Camera, begin: float) -> T
     """
     if (path / "groundtruth.tum").exists():
         poses = read_tum_poses(path / "groundtruth.tum")
-        return Truth(on_the_plane(poses), off_the_plane(poses))
+        return Truth(project_to_plane(poses), off_plane_components(poses))
     if (path / "groundtruth_tum.txt").exists():
         return Truth.of_camera(read_tum_poses(path / "groundtruth_tum.txt"), camera, begin)
     benchmark = path.resolve().parent.parent / "poses" / f"{path.resolve().name}.txt"
@@ -89,12 +91,12 @@ def read_truth(path: Path, clock: FloatArray, camera: Camera, begin: float) -> T
     return Truth()
 
 
-def assembled(
+def assemble_drive(
     name: str,
     calibration: Calibration,
     time: FloatArray,
     load: Callable[[int], Frame],
-    steps: Steps,
+    steps: OdometryIncrements,
     truth: Truth,
     remarks: tuple[str, ...],
 ) -> Drive:

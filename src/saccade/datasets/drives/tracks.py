@@ -3,7 +3,7 @@
     stereo_tracks_clean.npz  or stereo_tracks.npz, or any file that is named:
                              frame (k,), ascending; track (k,) the same for the same point;
                              uvlr (k, 4) pixels: u left, v left, u right, v right
-    calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `read_mounting`)
+    calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `read_extrinsics`)
     times.txt                seconds, one line a frame; frames beyond are left out
 
 and odometry and truth as `sidecar_files` tells.
@@ -21,8 +21,12 @@ import numpy as np
 from saccade.datasets.archive import Archive
 from saccade.datasets.drives.camera_file import Calibration
 from saccade.datasets.drives.image_files import images_of, in_time, size_of
-from saccade.datasets.drives.kitti import read_mounting
-from saccade.datasets.drives.sidecar_files import assembled, read_truth, steps_or_unknown
+from saccade.datasets.drives.kitti import read_extrinsics
+from saccade.datasets.drives.sidecar_files import (
+    assemble_drive,
+    read_increments_or_unknown,
+    read_truth,
+)
 from saccade.datasets.text import read_columns
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive, Frame, Tracks
@@ -70,12 +74,12 @@ def read_tracks_drive(path: Path) -> Drive:
     number, remarks = in_time(clock, str(folder / "times.txt"))
     camera = _camera(folder, tracks.xy)
     time = clock[number]
-    steps = steps_or_unknown(folder, time, number)
+    steps = read_increments_or_unknown(folder, time, number)
     truth = read_truth(folder, clock, camera, time[0])
     first, end = (np.searchsorted(frame, number, side=side) for side in ("left", "right"))
     name = f"{folder.resolve().name}/{file.stem}"
     load = TrackFile(time, first, end, tracks)
-    return assembled(name, Calibration(camera), time, load, steps, truth, remarks)
+    return assemble_drive(name, Calibration(camera), time, load, steps, truth, remarks)
 
 
 def _read(file: Path) -> tuple[IntArray, Tracks]:
@@ -112,7 +116,7 @@ def _camera(folder: Path, xy: FloatArray) -> Camera:
             f"{calib}: expected K of shape (3, 3) and a baseline b, found "
             f"{K.dtype} {K.shape} and {b.dtype} {b.shape}"
         )
-    place, rotation = read_mounting(calib)
+    place, rotation = read_extrinsics(calib)
     seen = np.ceil(xy.max(0)) + 1 if len(xy) else np.ones(2)
     width, height = int(seen[0]), int(seen[1])
     if (folder / "image_0").is_dir():
@@ -125,6 +129,6 @@ def _camera(folder: Path, xy: FloatArray) -> Camera:
         cx=float(K[0, 2]),
         cy=float(K[1, 2]),
         baseline=float(b.reshape(())),
-        place=place,
+        position=place,
         rotation=rotation,
     )

@@ -19,7 +19,7 @@ import numpy as np
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
 from saccade.datasets.drives.camera_poses import read_tum_poses
 from saccade.datasets.drives.image_files import ImageFiles, in_time
-from saccade.datasets.drives.sidecar_files import Truth, assembled, steps_or_unknown
+from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, read_increments_or_unknown
 from saccade.datasets.drives.undistortion import Lens
 from saccade.datasets.text import fields, numbers, read_lines
 from saccade.errors import DriveError
@@ -58,7 +58,7 @@ def read_tum_drive(path: Path) -> Drive:
     if (path / "groundtruth.txt").exists():
         poses = read_tum_poses(path / "groundtruth.txt")
         truth = Truth.of_camera(poses, calibration.camera, time[0])
-    steps = steps_or_unknown(path, time, number)
+    steps = read_increments_or_unknown(path, time, number)
     load = ImageFiles(
         calibration.camera,
         time,
@@ -67,7 +67,7 @@ def read_tum_drive(path: Path) -> Drive:
         depth_unit=calibration.depth_unit,
         lens=Lens.of(calibration.camera, calibration.distortion),
     )
-    return assembled(path.resolve().name, calibration, time, load, steps, truth, remarks)
+    return assemble_drive(path.resolve().name, calibration, time, load, steps, truth, remarks)
 
 
 def read_list(path: Path) -> tuple[FloatArray, list[str]]:

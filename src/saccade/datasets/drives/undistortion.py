@@ -30,7 +30,7 @@ class Lens:
             return None
         return cls(intrinsics(camera), distortion, camera, np.eye(3))
 
-    def straighten(self, pixels: Image, how: int = cv2.INTER_LINEAR) -> Image:
+    def undistort(self, pixels: Image, how: int = cv2.INTER_LINEAR) -> Image:
         """The image of the pinhole camera; black where the real one saw nothing."""
         return cv2.remap(pixels, *self._maps, how)
 

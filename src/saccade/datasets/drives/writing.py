@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, write_calibration
-from saccade.datasets.drives.odometry_csv import write_steps
-from saccade.datasets.drives.odometry_increments import Steps
+from saccade.datasets.drives.odometry_csv import write_increments
+from saccade.datasets.drives.odometry_increments import OdometryIncrements
 from saccade.datasets.tum import write_tum
 from saccade.errors import DriveError, OutputError
 from saccade.frames import Camera, Drive
@@ -89,7 +89,9 @@ def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | No
     write_calibration(folder / CAMERA_FILE, calibration)
     (folder / "calib.txt").write_text(_projections(drive.camera), encoding="utf-8")
     np.savetxt(folder / "times.txt", drive.time, fmt="%.9f")
-    write_steps(folder / "odometry.csv", Steps(drive.control, drive.control_covariance))
+    write_increments(
+        folder / "odometry.csv", OdometryIncrements(drive.control, drive.control_covariance)
+    )
     if drive.truth is not None:
         write_tum(folder / "groundtruth.tum", drive.truth)
     for i in range(len(drive)):

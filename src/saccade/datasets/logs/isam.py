@@ -43,9 +43,9 @@ TORO_ORDER = (0, 1, 4, 2, 5, 3)
 """Where TORO keeps each of xx, xy, xt, yy, yt, tt."""
 
 _EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
-_SIGHTINGS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
+_OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
 _POSES = {"VERTEX_SE2": 5, "VERTEX2": 5}
-_FIELDS = {**_EDGES, **_SIGHTINGS, **_POSES, "VERTEX_XY": 4, "FIX": 2}
+_FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4, "FIX": 2}
 """How many words a line of each kind has."""
 
 
@@ -65,7 +65,7 @@ class _Lines:
     """What stands in the file, kind by kind."""
 
     edges: list[_Line] = field(default_factory=list)
-    sightings: list[_Line] = field(default_factory=list)
+    observations: list[_Line] = field(default_factory=list)
     vertex: dict[int, list[float]] = field(default_factory=dict)
     tags: set[str] = field(default_factory=set)
 
@@ -92,7 +92,7 @@ def read_isam(path: str | Path, entries: Entries = "auto") -> LandmarkLog:
     kind = _dialect(found) if entries == "auto" else entries
     edges = _chain(path, found.edges)
     pose = [edges[0].first, *(edge.second for edge in edges)]
-    sightings = sorted(found.sightings, key=lambda line: line.first)
+    sightings = sorted(found.observations, key=lambda line: line.first)
     seen_from = np.array([line.first for line in sightings], np.int64)
     number = np.searchsorted(pose, seen_from)
     for k in np.flatnonzero(np.append(pose, -1)[number] != seen_from)[:1].tolist():
@@ -135,11 +135,11 @@ def _parse(path: Path) -> _Lines:
         first = _identity(path, number, words[1])
         if tag in _POSES:
             found.vertex[first] = numbers(path, number, words[2:])
-        if tag not in _EDGES and tag not in _SIGHTINGS:
+        if tag not in _EDGES and tag not in _OBSERVATIONS:
             continue
         second = _identity(path, number, words[2])
         line = _Line(number, tag, first, second, numbers(path, number, words[3:]))
-        (found.edges if tag in _EDGES else found.sightings).append(line)
+        (found.edges if tag in _EDGES else found.observations).append(line)
     if not found.edges:
         raise LogError(f"{path}: expected lines of {', '.join(_EDGES)}, found none")
     return found

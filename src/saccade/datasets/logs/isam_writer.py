@@ -9,7 +9,7 @@ import numpy as np
 from saccade.datasets.logs.cartesian import to_cartesian, to_relative_poses
 from saccade.datasets.logs.isam import TORO_ORDER
 from saccade.errors import LogError, require
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import FloatArray, LandmarkLog
 
 Dialect: TypeAlias = Literal["g2o", "isam", "toro", "gtsam"]
@@ -52,10 +52,10 @@ def write_isam(
     lines = [
         *_vertices(log, dialect),
         *_edges(log, dialect),
-        *(_polar(log, dialect) if range_bearing else _sightings(log, dialect)),
+        *(_polar(log, dialect) if range_bearing else _observations(log, dialect)),
         *(["FIX 0"] if dialect == "g2o" else []),  # at the end: GTSAM reads no farther
     ]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -88,7 +88,7 @@ def _edges(log: LandmarkLog, dialect: Dialect) -> Iterator[str]:
         yield _line(_EDGE[dialect], [step, step + 1], [*u.tolist(), *entries])
 
 
-def _sightings(log: LandmarkLog, dialect: Dialect) -> Iterator[str]:
+def _observations(log: LandmarkLog, dialect: Dialect) -> Iterator[str]:
     xy, covariance = to_cartesian(log.observation, log.observation_covariance)
     near = log.observation[:, 0] < 1e-9
     if near.any():

@@ -3,7 +3,7 @@
 import csv
 from pathlib import Path
 
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import LandmarkMap
 
 HEADER = ("id", "x", "y", "cov_xx", "cov_xy", "cov_yy", "sightings")
@@ -20,7 +20,7 @@ def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    with whole_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
         for i in range(len(landmarks)):
@@ -28,6 +28,6 @@ def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
             if landmarks.covariance is not None:
                 C = landmarks.covariance[i]
                 spread = [float(C[0, 0]), float(C[0, 1]), float(C[1, 1])]
-            count = "" if landmarks.sightings is None else int(landmarks.sightings[i])
+            count = "" if landmarks.observations is None else int(landmarks.observations[i])
             x, y = landmarks.xy[i].tolist()
             writer.writerow([int(landmarks.id[i]), x, y, *spread, count])

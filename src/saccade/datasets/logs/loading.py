@@ -66,7 +66,7 @@ def load(
     if not path.exists():
         raise LogError(f"{path}: expected a landmark log, found no such file or folder")
     if kind == "auto":
-        kind = recognize(path)
+        kind = detect_format(path)
     park = kind == "victoria-park" and path.suffix.lower() == ".mat"
     for name, given, has in (
         ("robot", robot, kind == "mrclam"),
@@ -128,7 +128,7 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
         write_isam(path, log, cast("Dialect", kind))
 
 
-def recognize(path: Path) -> Kind:
+def detect_format(path: Path) -> Kind:
     """Which data set a file or folder is of.
 
     Raises:

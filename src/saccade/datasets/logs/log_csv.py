@@ -28,7 +28,7 @@ from saccade.errors import LogError
 from saccade.types import FloatArray, LandmarkLog
 
 _START = ("x", "y", "heading")
-_SEEN = ("range", "bearing")
+_OBSERVED = ("range", "bearing")
 _CONTROLS = {"compose": ("forward", "left", "turn"), "drive": ("distance", "turn")}
 
 
@@ -46,8 +46,8 @@ def columns_of(motion: str) -> list[str]:
         *control,
         *covariance_names(control),
         "landmark",
-        *_SEEN,
-        *covariance_names(_SEEN),
+        *_OBSERVED,
+        *covariance_names(_OBSERVED),
     ]
 
 
@@ -70,11 +70,11 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
         table[name][0] = log.start[i]
     for i, name in enumerate(control):
         table[name][place[1:]] = log.control[:, i]
-    for i, name in enumerate(_SEEN):
+    for i, name in enumerate(_OBSERVED):
         table[name][sight] = log.observation[:, i]
     for names, rows, matrices in (
         (control, place[1:], log.control_covariance),
-        (_SEEN, sight, log.observation_covariance),
+        (_OBSERVED, sight, log.observation_covariance),
     ):
         upper = matrices[:, *np.triu_indices(len(names))]
         for i, name in enumerate(covariance_names(names)):
@@ -113,8 +113,8 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
 def _check_header(path: Path, header: list[str], motion: str) -> None:
     known = columns_of(motion)
     strange = [name for name in header if name not in known]
-    needed = ["time", *_CONTROLS[motion], *_SEEN]
-    needed += [f"cov_{name}_{name}" for name in (*_CONTROLS[motion], *_SEEN)]
+    needed = ["time", *_CONTROLS[motion], *_OBSERVED]
+    needed += [f"cov_{name}_{name}" for name in (*_CONTROLS[motion], *_OBSERVED)]
     missing = [name for name in needed if name not in header]
     if strange or missing or len(set(header)) < len(header):
         wrong = f"{strange[0][:40]!r}" if strange else f"no {', '.join(missing)}"
@@ -145,7 +145,7 @@ class _Table:
             raise LogError(f"{where}: expected {len(self.header)} cells, found {len(cells)}")
         row = {n: c.strip() for n, c in zip(self.header, cells, strict=True) if c.strip()}
         moved = any(name in row for name in self.control_names)
-        saw = any(name in row for name in _SEEN)
+        saw = any(name in row for name in _OBSERVED)
         if not self.time:
             if moved or saw:
                 raise LogError(f"{where}: expected the first pose, found {', '.join(row)}")
@@ -153,12 +153,12 @@ class _Table:
         elif moved == saw:
             both = "both" if moved else "neither"
             raise LogError(
-                f"{where}: expected {', '.join(self.control_names)} or {', '.join(_SEEN)}, "
+                f"{where}: expected {', '.join(self.control_names)} or {', '.join(_OBSERVED)}, "
                 f"found {both}"
             )
         (time,) = self._numbers(line, row, ("time",))
         if saw:
-            self._see(line, row, time)
+            self._add_observation(line, row, time)
             return
         if self.time and time < self.time[-1]:
             raise LogError(f"{where}: time goes back from {self.time[-1]:g} to {time:g}")
@@ -184,7 +184,7 @@ class _Table:
             landmark=np.array(self.landmark, np.int64),
         )
 
-    def _see(self, line: int, row: dict[str, str], time: float) -> None:
+    def _add_observation(self, line: int, row: dict[str, str], time: float) -> None:
         if time != self.time[-1]:
             raise LogError(
                 f"{self.path}, line {line}: expected an observation at the time of the pose above, "
@@ -199,8 +199,8 @@ class _Table:
             raise LogError(f"{self.path}, line {line}: expected up to 18 digits, found {identity}")
         self.landmark.append(int(identity))
         self.pose.append(len(self.time) - 1)
-        self.observation.append(self._numbers(line, row, _SEEN))
-        self.observation_covariance.append(self._covariance(line, row, _SEEN))
+        self.observation.append(self._numbers(line, row, _OBSERVED))
+        self.observation_covariance.append(self._covariance(line, row, _OBSERVED))
 
     def _numbers(
         self, line: int, row: dict[str, str], names: tuple[str, ...], default: str = "nothing"

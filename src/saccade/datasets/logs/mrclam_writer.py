@@ -7,7 +7,7 @@ import numpy as np
 from saccade.datasets.logs.cartesian import to_relative_poses
 from saccade.datasets.logs.mrclam import ROBOTS
 from saccade.errors import LogError, require
-from saccade.files import whole_file
+from saccade.files import atomic_write
 from saccade.types import FloatArray, LandmarkLog
 
 
@@ -63,7 +63,7 @@ def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
         )
     for name, (columns, table) in tables.items():
         lines = [f"# {columns}", *("\t".join(map(_word, row)) for row in table.tolist())]
-        with whole_file(Path(folder) / name) as temporary:
+        with atomic_write(Path(folder) / name) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import wrapped
-from saccade.slam.filter.state import INVARIANT, LANDMARKS, Belief
+from saccade.slam.filter.state import INVARIANT, LANDMARKS, FilterState
 from saccade.slam.models import NEAREST
 from saccade.types import FloatArray, IntArray
 
@@ -22,12 +22,14 @@ _SLACK = 1 + 1e-9
 
 
 @kernel()
-def expect(b: Belief, kind: int, landmark: IntArray, z: FloatArray, S: FloatArray) -> None:
+def predict_observations(
+    b: FilterState, kind: int, landmark: IntArray, z: FloatArray, S: FloatArray
+) -> None:
     """Fill range and bearing z (c, 2) of landmarks (c,), and S = H P H^T (c, 2, 2)."""
-    r, s, a, P = len(b.work), b.state, b.swing, b.P
+    r, s, a, P = len(b.workspace), b.state, b.heading_lever, b.P
     D, W = np.zeros((2, 5)), np.zeros((2, 5))  # x, y, heading, landmark
     for i in range(len(landmark)):
-        m, own = r + 2 * landmark[i], b.own[landmark[i]]
+        m, blocks = r + 2 * landmark[i], b.blocks[landmark[i]]
         dx, dy = s[m] - s[0], s[m + 1] - s[1]
         q = hypot(dx, dy)
         for k in range(2):
@@ -48,8 +50,8 @@ def expect(b: Belief, kind: int, landmark: IntArray, z: FloatArray, S: FloatArra
                 W[j, p] = P[p, m] * d[3] + P[p, m + 1] * d[4]
                 for o in range(3):
                     W[j, p] += P[p, o] * d[o]
-            W[j, 3] = own[0] * d[3] + own[1] * d[4]
-            W[j, 4] = own[1] * d[3] + own[2] * d[4]
+            W[j, 3] = blocks[0] * d[3] + blocks[1] * d[4]
+            W[j, 4] = blocks[1] * d[3] + blocks[2] * d[4]
             for p in range(3):
                 W[j, 3] += P[p, m] * d[p]
                 W[j, 4] += P[p, m + 1] * d[p]
@@ -61,7 +63,7 @@ def expect(b: Belief, kind: int, landmark: IntArray, z: FloatArray, S: FloatArra
 
 
 @kernel()
-def distances(
+def mahalanobis_distances(
     expected: FloatArray,
     spread: FloatArray,
     z: FloatArray,
@@ -71,7 +73,7 @@ def distances(
 ) -> None:
     """Fill the normalized innovations squared (m, c), infinite over the limit.
 
-    Of observations z (m, 2) and R (m, 2, 2), with landmarks as `expect` has them.
+    Of observations z (m, 2) and R (m, 2, 2), with landmarks as `predict_observations` has them.
     """
     for i in range(len(z)):
         for j in range(len(expected)):
@@ -90,25 +92,27 @@ def distances(
 
 
 @kernel()
-def within_reach(b: Belief, z: FloatArray, R: FloatArray, limit: float, landmark: IntArray) -> int:
+def prefilter_landmarks(
+    b: FilterState, z: FloatArray, R: FloatArray, limit: float, landmark: IntArray
+) -> int:
     """Fill in the landmarks that may be within `limit` of an observation; gives their number.
 
     No deviation of a sum is over the sum of the deviations: no pair that is left out could
     have a distance under the limit, but most landmarks are told without their covariance.
     """
-    r, s, a, P, count = len(b.work), b.state, b.swing, b.P, 0
+    r, s, a, P, count = len(b.workspace), b.state, b.heading_lever, b.P, 0
     here, turn = sqrt(abs(P[0, 0]) + abs(P[1, 1])), sqrt(abs(P[2, 2]))
     first, last, coarse, skew = inf, -inf, 0.0, 0.0
     for k in range(len(z)):
         first, last = min(first, z[k, 0]), max(last, z[k, 0])
         coarse, skew = max(coarse, R[k, 0, 0]), max(skew, R[k, 1, 1])
     gate, noise = sqrt(limit) * _SLACK, sqrt(coarse)
-    for i in range(b.used[LANDMARKS]):
+    for i in range(b.counts[LANDMARKS]):
         m = r + 2 * i
         dx, dy = s[m] - s[0], s[m + 1] - s[1]
         q = sqrt(dx * dx + dy * dy)
-        swing = abs(a[m] - a[0]) + abs(a[m + 1] - a[1])
-        spread = here + sqrt(abs(b.own[i, 0]) + abs(b.own[i, 2])) + swing * turn
+        lever = abs(a[m] - a[0]) + abs(a[m + 1] - a[1])
+        spread = here + sqrt(abs(b.blocks[i, 0]) + abs(b.blocks[i, 2])) + lever * turn
         along = gate * (spread + noise)
         if q - last > along or first - q > along:
             continue
@@ -125,8 +129,8 @@ def within_reach(b: Belief, z: FloatArray, R: FloatArray, limit: float, landmark
 
 
 @kernel()
-def associate(
-    b: Belief,
+def associate_nearest(
+    b: FilterState,
     kind: int,
     z: FloatArray,
     R: FloatArray,
@@ -136,20 +140,22 @@ def associate(
     found: IntArray,
 ) -> None:
     """Fill the landmark of each observation (m,), `NEW` or `DROPPED`, as `NearestNeighbor`."""
-    landmark = np.empty(b.used[LANDMARKS], np.int64)
-    landmark = landmark[: within_reach(b, z, R, outer, landmark)]
+    landmark = np.empty(b.counts[LANDMARKS], np.int64)
+    landmark = landmark[: prefilter_landmarks(b, z, R, outer, landmark)]
     expected, S = np.empty((len(landmark), 2)), np.empty((len(landmark), 2, 2))
-    expect(b, kind, landmark, expected, S)
+    predict_observations(b, kind, landmark, expected, S)
     distance = np.empty((len(z), len(landmark)))
-    distances(expected, S, z, R, outer, distance)
-    choose(distance, limit, outer, mutual, found)
+    mahalanobis_distances(expected, S, z, R, outer, distance)
+    select_pairs(distance, limit, outer, mutual, found)
     for i in range(len(z)):
         if found[i] >= 0:
             found[i] = landmark[found[i]]
 
 
 @kernel()
-def choose(distance: FloatArray, limit: float, outer: float, mutual: bool, found: IntArray) -> None:
+def select_pairs(
+    distance: FloatArray, limit: float, outer: float, mutual: bool, found: IntArray
+) -> None:
     """Fill the column of each row (m,) of distances (m, c); `NEW` where all are over `outer`."""
     if mutual:
         pair_mutual(distance, limit, found)
@@ -172,9 +178,9 @@ def drop_ambiguous(distance: FloatArray, found: IntArray) -> None:
         if found[i] >= 0:
             taken[found[i]] = True
     for i in range(len(distance)):
-        own = distance[i, found[i]] if found[i] >= 0 else inf
+        blocks = distance[i, found[i]] if found[i] >= 0 else inf
         for j in range(distance.shape[1]):
-            if not taken[j] and distance[i, j] <= own + AMBIGUOUS and found[i] >= 0:
+            if not taken[j] and distance[i, j] <= blocks + AMBIGUOUS and found[i] >= 0:
                 found[i] = DROPPED
 
 

@@ -15,7 +15,7 @@ from saccade.slam.association.gating import DROPPED, NEW, drop_ambiguous, pair_m
 from saccade.slam.association.nearest_neighbor import mahalanobis_squared
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.results import Expectation
+from saccade.slam.results import PredictedObservations
 from saccade.types import FloatArray, IntArray
 
 
@@ -46,12 +46,12 @@ class JointCompatibility:
         rows = np.flatnonzero((distance <= limit).any(1))
         if len(rows) > 1:
             columns = np.flatnonzero((distance <= limit).any(0))
-            expected, S = expect_together(ekf, columns)
+            expected, S = predict_jointly(ekf, columns)
             v = ekf.sensor.difference(z[rows, None], expected)
             gates = np.array([chdtri(2 * (k + 1), 1 - self.gate) for k in range(len(rows))])
             best = np.full(len(rows), -1)
             near = distance[np.ix_(rows, columns)]
-            search(near, limit, v, S, R[rows], gates, self.nodes, best)
+            branch_and_bound(near, limit, v, S, R[rows], gates, self.nodes, best)
             paired[rows] = np.where(best >= 0, columns[best], DROPPED)
         drop_ambiguous(distance, paired)
         return np.where(outside, NEW, paired).astype(np.int64)
@@ -60,7 +60,7 @@ class JointCompatibility:
         """Nothing to remember: the map is in the filter."""
 
 
-def expect_together(ekf: EkfSlam, landmarks: IntArray) -> Expectation:
+def predict_jointly(ekf: EkfSlam, landmarks: IntArray) -> PredictedObservations:
     """What should be seen of some landmarks, and how its errors hang together.
 
     Args:
@@ -78,11 +78,11 @@ def expect_together(ekf: EkfSlam, landmarks: IntArray) -> Expectation:
     for k in range(c):
         J[k, :, r + 2 * k : r + 2 * k + 2] = H[k, :, r:]
     flat = J.reshape(2 * c, r + 2 * c)
-    return Expectation(expected, flat @ ekf.marginal(landmarks) @ flat.T)
+    return PredictedObservations(expected, flat @ ekf.marginal(landmarks) @ flat.T)
 
 
 @kernel()
-def search(
+def branch_and_bound(
     distance: FloatArray,
     limit: float,
     v: FloatArray,
@@ -141,7 +141,7 @@ def search(
                 continue
             tried += 1
             k = 2 * pairs[i]
-            _extend(L, white, k, i, j, chosen, v, S, R)
+            _extend_cholesky(L, white, k, i, j, chosen, v, S, R)
             total[i + 1] += white[k] ** 2 + white[k + 1] ** 2
             if not total[i + 1] <= gates[pairs[i]]:
                 continue
@@ -152,7 +152,7 @@ def search(
 
 
 @kernel()
-def _extend(
+def _extend_cholesky(
     L: FloatArray,
     white: FloatArray,
     k: int,

@@ -59,7 +59,7 @@ class KnownIdentity:
         self.number[identity] = landmark
 
 
-def number_by_first_sight(identity: IntArray, pose: IntArray) -> IntArray:
+def number_by_first_observation(identity: IntArray, pose: IntArray) -> IntArray:
     """What `KnownIdentity` finds in a whole log.
 
     Args:
@@ -100,7 +100,7 @@ class NearestNeighbor:
         limit, outer = self.limits
         distance = mahalanobis_squared(ekf, z, R, outer)  # (m, N)
         found = np.empty(len(z), np.int64)
-        gating.choose(distance, limit, outer, self.mutual, found)
+        gating.select_pairs(distance, limit, outer, self.mutual, found)
         return found
 
     @property
@@ -126,10 +126,10 @@ def mahalanobis_squared(
     Returns:
         (m, N); infinite over the limit and where the innovation covariance is singular.
     """
-    expected = ekf.expect()
+    expected = ekf.predict_observations()
     if type(ekf.sensor) is RangeBearing:
         distance = np.empty((len(z), len(ekf)))
-        gating.distances(*expected, z, R, limit, distance)
+        gating.mahalanobis_distances(*expected, z, R, limit, distance)
         return distance
     v = ekf.sensor.difference(z[:, None], expected.z)  # (m, N, 2)
     distance = squared_distance(v, expected.covariance + R[:, None])

@@ -1,4 +1,4 @@
-"""The arithmetic of the filter on plain arrays: each step changes the `Belief` it is given.
+"""The arithmetic of the filter on plain arrays: each step changes the `FilterState` it is given.
 
 What is stored of the covariance is that of the errors
 
@@ -18,7 +18,15 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.slam.filter._row_kernels import add_product, mix, mix_two
-from saccade.slam.filter.state import GIVEN, INVARIANT, KEPT, LANDMARKS, STANDARD, TAKEN, Belief
+from saccade.slam.filter.state import (
+    CACHED,
+    DOWNDATES,
+    INVARIANT,
+    LANDMARKS,
+    STANDARD,
+    UPDATES,
+    FilterState,
+)
 from saccade.types import FloatArray
 
 SINGULAR = 1e-13
@@ -58,12 +66,12 @@ def sandwich(
 
 
 @kernel(fastmath=("contract",))
-def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
+def predict(b: FilterState, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,), F (r, r) its slope, Q (r, r) its noise (C.5-C.6)."""
-    r = len(b.work)
-    n = r + 2 * b.used[LANDMARKS]
-    P, old, a = b.P, b.work, b.swing
-    G, Pxx, leak, turn = b.small[0], b.small[1], b.small[2, 0], b.small[2, 1]
+    r = len(b.workspace)
+    n = r + 2 * b.counts[LANDMARKS]
+    P, old, a = b.P, b.workspace, b.heading_lever
+    G, Pxx, leak, turn = b.scratch[0], b.scratch[1], b.scratch[2, 0], b.scratch[2, 1]
     for i in range(r):
         leak[i] = 0.0
         for k in range(r):
@@ -82,7 +90,7 @@ def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArra
                 leak[i] += G[i, k] * with_turn
         for i in range(r):
             leak[i] += Q[i, 2]
-        _swing_landmarks(b, turn, leak[2] - before)
+        _add_heading_noise(b, turn, leak[2] - before)
     sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.6, Pxx
     for i in range(r):
         mix(old[i, r:n], 0.0, 1.0, P[i, r:n])
@@ -100,14 +108,18 @@ def predict(b: Belief, kind: int, moved: FloatArray, F: FloatArray, Q: FloatArra
 
 
 @kernel(fastmath=("contract",))
-def _swing_landmarks(b: Belief, turn: FloatArray, variance: float) -> None:
+def _add_heading_noise(b: FilterState, turn: FloatArray, variance: float) -> None:
     """Change the landmarks' eta by -a e, e the error of a turn, `variance` in all.
 
     It is turn . eta of the robot before the step, and noise.
     """
-    r = len(b.work)
-    n = r + 2 * b.used[LANDMARKS]
-    a, y, x = b.swing[r:n], b.given[b.used[GIVEN], r:n], b.taken[b.used[TAKEN], r:n]
+    r = len(b.workspace)
+    n = r + 2 * b.counts[LANDMARKS]
+    a, y, x = (
+        b.heading_lever[r:n],
+        b.updates[b.counts[UPDATES], r:n],
+        b.downdates[b.counts[DOWNDATES], r:n],
+    )
     if variance <= 0:
         return
     root, coupled = sqrt(variance), False
@@ -118,31 +130,36 @@ def _swing_landmarks(b: Belief, turn: FloatArray, variance: float) -> None:
             coupled = True
     if coupled:
         mix(y, 1.0, -1.0, x)
-        _add_own(b, x, -1.0)
-        b.used[TAKEN] += 1
-        b.fresh[0] = 0.0
-    _add_own(b, y, 1.0)
-    if b.fresh[0] > 0:
-        mix(b.given[b.used[GIVEN] - 1, r:n], sqrt(1 + variance / b.fresh[0]), 0.0, a)
+        _add_to_blocks(b, x, -1.0)
+        b.counts[DOWNDATES] += 1
+        b.mergeable_variance[0] = 0.0
+    _add_to_blocks(b, y, 1.0)
+    if b.mergeable_variance[0] > 0:
+        mix(
+            b.updates[b.counts[UPDATES] - 1, r:n],
+            sqrt(1 + variance / b.mergeable_variance[0]),
+            0.0,
+            a,
+        )
     else:
-        b.used[GIVEN] += 1
-    b.fresh[0] += 0.0 if coupled else variance
+        b.counts[UPDATES] += 1
+    b.mergeable_variance[0] += 0.0 if coupled else variance
 
 
 @kernel(fastmath=("contract",))
-def _add_own(b: Belief, y: FloatArray, sign: float) -> None:
+def _add_to_blocks(b: FilterState, y: FloatArray, sign: float) -> None:
     """Add sign y^T y, y (2N,), to the landmarks' own blocks."""
-    own, xy = b.own, y.reshape((len(y) // 2, 2))
+    blocks, xy = b.blocks, y.reshape((len(y) // 2, 2))
     for i in range(len(xy)):
         first, second = xy[i, 0], xy[i, 1]
-        own[i, 0] += sign * first * first
-        own[i, 1] += sign * first * second
-        own[i, 2] += sign * second * second
+        blocks[i, 0] += sign * first * first
+        blocks[i, 1] += sign * first * second
+        blocks[i, 2] += sign * second * second
 
 
 @kernel()
-def correct(
-    b: Belief,
+def update(
+    b: FilterState,
     kind: int,
     m: int,
     v: FloatArray,
@@ -157,32 +174,32 @@ def correct(
     H (2, r + 2) is by eta of the robot and the landmark, `noise` (2, 2) the covariance of the
     observation. Only their columns take part in the gain (C.10-C.13).
     """
-    r, P = len(b.work), b.P
-    n = r + 2 * b.used[LANDMARKS]
-    D, A = b.small[0], b.small[1]
-    weigh(b, m, H, noise, 1.0, S, D, A)
+    r, P = len(b.workspace), b.P
+    n = r + 2 * b.counts[LANDMARKS]
+    D, A = b.scratch[0], b.scratch[1]
+    prepare_update(b, m, H, noise, 1.0, S, D, A)
     first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
     nis = first * first + second * second
     if nis > huber * huber:
-        weigh(b, m, H, noise, sqrt(nis) / huber, b.small[2], D, A)
+        prepare_update(b, m, H, noise, sqrt(nis) / huber, b.scratch[2], D, A)
         first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
-    V = b.taken[b.used[TAKEN] : b.used[TAKEN] + 2]
+    V = b.downdates[b.counts[DOWNDATES] : b.counts[DOWNDATES] + 2]
     _observed_rows(b, m, D, V)
     for i in range(r):
         if V[0, i] ** 2 + V[1, i] ** 2 > P[i, i] * (1 + ROUNDING):
             V[0, i] = V[1, i] = 0.0
-    _take_own(b, V)
+    _downdate_blocks(b, V)
     x, y = V[0, :n], V[1, :n]
     for i in range(r):
         mix_two(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
-    b.used[TAKEN] += 2
+    b.counts[DOWNDATES] += 2
     _retract(b, kind, first, second, V)
     return float(nis)
 
 
 @kernel()
-def weigh(
-    b: Belief,
+def prepare_update(
+    b: FilterState,
     m: int,
     H: FloatArray,
     noise: FloatArray,
@@ -191,19 +208,19 @@ def weigh(
     D: FloatArray,
     A: FloatArray,
 ) -> None:
-    """Fill S (C.12) of an observation as in `correct`; D = A H; and A.
+    """Fill S (C.12) of an observation as in `update`; D = A H; and A.
 
     A (2, 2) is the inverse root of S: A S A^T = 1 on the directions in which S has a
     variance. What rounding leaves of one that is much smaller than its terms is none.
     """
-    r, P, C = len(b.work), b.P, b.small[3]
-    q, own = r + 2, b.own[(m - r) // 2]
+    r, P, C = len(b.workspace), b.P, b.scratch[3]
+    q, blocks = r + 2, b.blocks[(m - r) // 2]
     for i in range(r):
         for j in range(r):
             C[i, j] = P[i, j]
         C[i, r] = C[r, i] = P[i, m]
         C[i, r + 1] = C[r + 1, i] = P[i, m + 1]
-    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = own[0], own[1], own[1], own[2]
+    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = blocks[0], blocks[1], blocks[1], blocks[2]
     sandwich(H, C, noise, scale, S, (2, q))
     s0, s1 = 0.0, 0.0
     for i in range(q):
@@ -227,11 +244,11 @@ def weigh(
 
 
 @kernel(fastmath=("contract",))
-def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
-    """Fill V (2, n) with D's product with the covariance of eta, D as `weigh` gives it."""
-    r, P = len(b.work), b.P
-    n = r + 2 * b.used[LANDMARKS]
-    base = 2 * _base_rows(b, m)
+def _observed_rows(b: FilterState, m: int, D: FloatArray, V: FloatArray) -> None:
+    """Fill V (2, n) with D's product with the covariance of eta, D as `prepare_update` gives it."""
+    r, P = len(b.workspace), b.P
+    n = r + 2 * b.counts[LANDMARKS]
+    base = 2 * _cached_rows(b, m)
     for k in range(2):
         v, first, second = V[k, :n], D[k, r], D[k, r + 1]
         mix(v, 0.0, D[k, 0], P[0, :n])
@@ -241,64 +258,68 @@ def _observed_rows(b: Belief, m: int, D: FloatArray, V: FloatArray) -> None:
                 mix(v, 1.0, D[k, i], P[i, :n])
         for i in range(r):
             v[i] += first * P[i, m] + second * P[i, m + 1]
-        mix_two(v[r:], first, b.base[base, r:n], second, b.base[base + 1, r:n])
-    add_product(V, D, r, m, -1.0, b.taken, b.used[TAKEN], n)
-    add_product(V, D, r, m, 1.0, b.given, b.used[GIVEN], n)
+        mix_two(v[r:], first, b.cached_rows[base, r:n], second, b.cached_rows[base + 1, r:n])
+    add_product(V, D, r, m, -1.0, b.downdates, b.counts[DOWNDATES], n)
+    add_product(V, D, r, m, 1.0, b.updates, b.counts[UPDATES], n)
 
 
 @kernel()
-def _base_rows(b: Belief, m: int) -> int:
-    """Which pair of `Belief.base` holds the two rows from row m of what is added up.
+def _cached_rows(b: FilterState, m: int) -> int:
+    """Which pair of `FilterState.cached_rows` holds the two rows from row m of what is added up.
 
     Half of each is a column of the upper triangle, far apart in memory; a landmark that is in
     view is observed again and again until the next rows are added up.
     """
-    r, i = len(b.work), (m - len(b.work)) // 2
-    n = r + 2 * b.used[LANDMARKS]
-    if b.which[i] < 0:
-        first, second, P = b.base[2 * b.used[KEPT]], b.base[2 * b.used[KEPT] + 1], b.P
+    r, i = len(b.workspace), (m - len(b.workspace)) // 2
+    n = r + 2 * b.counts[LANDMARKS]
+    if b.cached_pair[i] < 0:
+        first, second, P = (
+            b.cached_rows[2 * b.counts[CACHED]],
+            b.cached_rows[2 * b.counts[CACHED] + 1],
+            b.P,
+        )
         for j in range(r, m):
             first[j], second[j] = P[j, m], P[j, m + 1]
         first[m], first[m + 1] = P[m, m], P[m, m + 1]
         second[m], second[m + 1] = P[m, m + 1], P[m + 1, m + 1]
         mix(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
         mix(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
-        b.which[i] = b.used[KEPT]
-        b.used[KEPT] += 1
-    return int(b.which[i])
+        b.cached_pair[i] = b.counts[CACHED]
+        b.counts[CACHED] += 1
+    return int(b.cached_pair[i])
 
 
 @kernel()
-def _forget_base(b: Belief) -> None:
+def _invalidate_cache(b: FilterState) -> None:
     """What is added up has changed."""
-    for i in range(b.used[LANDMARKS]):
-        b.which[i] = -1
-    b.used[KEPT] = 0
+    for i in range(b.counts[LANDMARKS]):
+        b.cached_pair[i] = -1
+    b.counts[CACHED] = 0
 
 
 @kernel(fastmath=("contract",))
-def _take_own(b: Belief, V: FloatArray) -> None:
+def _downdate_blocks(b: FilterState, V: FloatArray) -> None:
     """Take V^T V, V (2, n), from the landmarks' own blocks, but no more than is there."""
-    r, own = len(b.work), b.own
-    n = r + 2 * b.used[LANDMARKS]
+    r, blocks = len(b.workspace), b.blocks
+    n = r + 2 * b.counts[LANDMARKS]
     x, y = V[0, r:n].reshape((n - r) // 2, 2), V[1, r:n].reshape((n - r) // 2, 2)
     for i in range(len(x)):
-        if x[i, 0] ** 2 + y[i, 0] ** 2 > own[i, 0] * (1 + ROUNDING):
+        if x[i, 0] ** 2 + y[i, 0] ** 2 > blocks[i, 0] * (1 + ROUNDING):
             x[i, 0] = y[i, 0] = 0.0
-        if x[i, 1] ** 2 + y[i, 1] ** 2 > own[i, 2] * (1 + ROUNDING):
+        if x[i, 1] ** 2 + y[i, 1] ** 2 > blocks[i, 2] * (1 + ROUNDING):
             x[i, 1] = y[i, 1] = 0.0
-        own[i, 0] -= x[i, 0] ** 2 + y[i, 0] ** 2
-        own[i, 1] -= x[i, 0] * x[i, 1] + y[i, 0] * y[i, 1]
-        own[i, 2] -= x[i, 1] ** 2 + y[i, 1] ** 2
+        blocks[i, 0] -= x[i, 0] ** 2 + y[i, 0] ** 2
+        blocks[i, 1] -= x[i, 0] * x[i, 1] + y[i, 0] * y[i, 1]
+        blocks[i, 2] -= x[i, 1] ** 2 + y[i, 1] ** 2
 
 
 @kernel(fastmath=("contract",))
-def _retract(b: Belief, kind: int, first: float, second: float, V: FloatArray) -> None:
+def _retract(b: FilterState, kind: int, first: float, second: float, V: FloatArray) -> None:
     """Correct the state by first V[0] + second V[1], errors of eta (C.10).
 
     The invariant filter's state is corrected by an exponential.
     """
-    s, a, r, sine, lost, p, q = b.state, b.swing, len(b.work), 0.0, 0.0, 1.0, 0.0
+    s, a, r, sine, lost, p, q = b.state, b.heading_lever, len(b.workspace), 0.0, 0.0, 1.0, 0.0
     turn = first * V[0, 2] + second * V[1, 2]
     if kind == INVARIANT and turn != 0:
         sine, lost = sin(turn), 2 * sin(turn / 2) ** 2
@@ -306,14 +327,14 @@ def _retract(b: Belief, kind: int, first: float, second: float, V: FloatArray) -
     for i in range(2, r):
         s[i] += first * V[0, i] + second * V[1, i]
     s[2] = wrapped(s[2])
-    n, by = r + 2 * b.used[LANDMARKS], (first, second, p, q, sine, lost)
-    _shift(s[:2], a[:2], V[0, :2], V[1, :2], by, kind)
-    _shift(s[r:n], a[r:n], V[0, r:n], V[1, r:n], by, kind)
-    b.fresh[0] = 0.0
+    n, by = r + 2 * b.counts[LANDMARKS], (first, second, p, q, sine, lost)
+    _retract_points(s[:2], a[:2], V[0, :2], V[1, :2], by, kind)
+    _retract_points(s[r:n], a[r:n], V[0, r:n], V[1, r:n], by, kind)
+    b.mergeable_variance[0] = 0.0
 
 
 @kernel(fastmath=("contract",))
-def _shift(
+def _retract_points(
     s: FloatArray, a: FloatArray, v: FloatArray, w: FloatArray, by: tuple[float, ...], kind: int
 ) -> None:
     """Correct points s (2 k,) and their swing by rows v and w of V, see `_retract`."""
@@ -332,14 +353,14 @@ def _shift(
 
 
 @kernel(fastmath=("contract",))
-def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None:
+def augment(b: FilterState, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None:
     """Take in a landmark at xy (2,), its slope G (2, r) by the robot, and noise (C.16-C.17)."""
-    r, P, D = len(b.work), b.P, b.small[0, 0]
-    n = r + 2 * b.used[LANDMARKS]
+    r, P, D = len(b.workspace), b.P, b.scratch[0, 0]
+    n = r + 2 * b.counts[LANDMARKS]
     for k in range(2):
         for i in range(r):
             D[i] = G[k, i]
-        D[2] += D[0] * b.swing[0] + D[1] * b.swing[1]
+        D[2] += D[0] * b.heading_lever[0] + D[1] * b.heading_lever[1]
         for j in range(n):
             P[j, n + k] = 0.0
             for i in range(r):
@@ -349,17 +370,17 @@ def augment(b: Belief, xy: FloatArray, G: FloatArray, noise: FloatArray) -> None
             for i in range(r):
                 total += D[i] * P[i, n + m]
             P[n + m, n + k] = total  # C.17, Gx Pxx Gx^T + Gz R Gz^T
-            b.own[b.used[LANDMARKS], k + m] = total
-        b.state[n + k], b.swing[n + k] = xy[k], 0.0
-        for i in range(len(b.taken)):
-            b.taken[i, n + k] = b.given[i, n + k] = 0.0
-    _forget_base(b)
-    b.which[b.used[LANDMARKS]] = -1
-    b.used[LANDMARKS] += 1
+            b.blocks[b.counts[LANDMARKS], k + m] = total
+        b.state[n + k], b.heading_lever[n + k] = xy[k], 0.0
+        for i in range(len(b.downdates)):
+            b.downdates[i, n + k] = b.updates[i, n + k] = 0.0
+    _invalidate_cache(b)
+    b.cached_pair[b.counts[LANDMARKS]] = -1
+    b.counts[LANDMARKS] += 1
 
 
 @kernel()
-def is_full(b: Belief) -> bool:
+def is_full(b: FilterState) -> bool:
     """Whether there is no room for another step and another landmark."""
-    full = len(b.taken) - b.used[TAKEN] < 3 or b.used[GIVEN] == len(b.given)
-    return bool(full or b.used[LANDMARKS] == len(b.own))
+    full = len(b.downdates) - b.counts[DOWNDATES] < 3 or b.counts[UPDATES] == len(b.updates)
+    return bool(full or b.counts[LANDMARKS] == len(b.blocks))

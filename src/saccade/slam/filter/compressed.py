@@ -20,16 +20,16 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import (
     LANDMARKS,
     STANDARD,
-    Belief,
+    FilterState,
     add_rows,
     flush,
     grown,
-    new_belief,
+    new_state,
     size_of,
     symmetric,
 )
 from saccade.slam.filter.validation import check_landmark
-from saccade.slam.results import Expectation, Innovation
+from saccade.slam.results import Innovation, PredictedObservations
 from saccade.types import FloatArray, IntArray
 
 SPARE = 16
@@ -62,12 +62,12 @@ class CompressedSlam:
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
         """Correct the state by an observation of a landmark of the map (C.10-C.14)."""
-        number = self._find(landmark)
+        number = self._local_number(landmark)
         return self._local.update(z, R, number)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
         """What `update` would find."""
-        number = self._find(landmark)
+        number = self._local_number(landmark)
         return self._local.innovation(z, R, number)
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
@@ -79,9 +79,9 @@ class CompressedSlam:
         self._number[new] = self._local.augment(z, R)
         return new
 
-    def expect(self) -> Expectation:
+    def predict_observations(self) -> PredictedObservations:
         """What should be seen of every landmark from here."""
-        return self.whole.expect()
+        return self.whole.predict_observations()
 
     def marginal(self, landmarks: IntArray) -> FloatArray:
         """The joint covariance of the robot and of some landmarks (3 + 2k, 3 + 2k)."""
@@ -137,7 +137,7 @@ class CompressedSlam:
     def __repr__(self) -> str:
         return f"CompressedSlam({len(self._number)} of {len(self)} landmarks, {self._local!r})"
 
-    def _find(self, landmark: int) -> int:
+    def _local_number(self, landmark: int) -> int:
         """The number of a landmark in the neighborhood, which moves if it is not there."""
         check_landmark(landmark, len(self))
         if landmark not in self._number:
@@ -147,7 +147,7 @@ class CompressedSlam:
 
     def _enter(self, wanted: IntArray) -> None:
         """Make a neighborhood of the landmarks around the robot and of those wanted."""
-        b, r = self._whole._belief, len(self._whole._robot)
+        b, r = self._whole._filter_state, len(self._whole._robot)
         flush(b)
         apart = self._whole.landmarks - b.state[:2]
         near = np.hypot(apart[:, 0], apart[:, 1]) <= self._radius
@@ -161,52 +161,54 @@ class CompressedSlam:
 
         self._E = np.empty((len(rest), L + 1, 2))
         self._E[:, :L, 0] = _block(b, rest, rows)
-        self._E[:, L, 1] = b.swing[rest]
-        self._E[:, L, 0] = _turned(-b.swing[rest])  # d = -J a
+        self._E[:, L, 1] = b.heading_lever[rest]
+        self._E[:, L, 0] = _turned(-b.heading_lever[rest])  # d = -J a
         self._E[:, :L, 1] = _turned(self._E[:, :L, 0])
-        self._E[:, L, 1] = b.swing[rest]
+        self._E[:, L, 1] = b.heading_lever[rest]
 
-        local = new_belief(b.state[:r], b.P[:r, :r], self._most + L + 1)
-        local.state[:L], local.swing[:L], local.P[:L, :L] = (
+        local = new_state(b.state[:r], b.P[:r, :r], self._most + L + 1)
+        local.state[:L], local.heading_lever[:L], local.P[:L, :L] = (
             b.state[rows],
-            b.swing[rows],
+            b.heading_lever[rows],
             _block(b, rows, rows),
         )
-        local.own[: len(here)] = b.own[here]
-        local.own[len(here) : len(here) + L + 1] = np.inf  # has no variance that could run out
+        local.blocks[: len(here)] = b.blocks[here]
+        local.blocks[len(here) : len(here) + L + 1] = np.inf  # has no variance that could run out
         local.P[np.arange(L), L + 2 * np.arange(L)] = 1.0
         local.state[3 * L] = 1.0
-        local.swing[3 * L + 1] = 0.0 if self._whole._retraction == STANDARD else 1.0
-        local.used[LANDMARKS] = len(here) + L + 1
+        local.heading_lever[3 * L + 1] = 0.0 if self._whole._retraction == STANDARD else 1.0
+        local.counts[LANDMARKS] = len(here) + L + 1
         self._local = copy.copy(self._whole)
-        self._local._belief = local
+        self._local._filter_state = local
 
     def _leave(self) -> None:
         """Bring the whole filter up to date."""
-        local, r = self._local._belief, len(self._whole._robot)
+        local, r = self._local._filter_state, len(self._whole._robot)
         flush(local)
         C = symmetric(local.P[: size_of(local), : size_of(local)])
-        while len(self) > len(self._whole._belief.own):
-            self._whole._belief = grown(self._whole._belief)
-        b = self._whole._belief
-        b.used[LANDMARKS] = len(self)
+        while len(self) > len(self._whole._filter_state.blocks):
+            self._whole._filter_state = grown(self._whole._filter_state)
+        b = self._whole._filter_state
+        b.counts[LANDMARKS] = len(self)
         here = np.array(list(self._number), np.int64)
         numbers = np.array(list(self._number.values()), np.int64)
         rows, theirs = _rows(here, r), _rows(numbers, r)
-        b.state[rows], b.swing[rows] = local.state[theirs], local.swing[theirs]
-        b.own[here] = local.own[numbers]
+        b.state[rows], b.heading_lever[rows] = local.state[theirs], local.heading_lever[theirs]
+        b.blocks[here] = local.blocks[numbers]
         _put(b, rows, rows, C[np.ix_(theirs, theirs)])
         if len(self._rest) > 0:
-            self._bring(b, C, rows, theirs)
+            self._apply_deferred(b, C, rows, theirs)
 
-    def _bring(self, b: Belief, C: FloatArray, rows: IntArray, theirs: IntArray) -> None:
+    def _apply_deferred(
+        self, b: FilterState, C: FloatArray, rows: IntArray, theirs: IntArray
+    ) -> None:
         """Do to the landmarks that waited what was done in the meantime."""
-        r, rest = len(b.work), _rows(self._rest, len(b.work))[len(b.work) :]
+        r, rest = len(b.workspace), _rows(self._rest, len(b.workspace))[len(b.workspace) :]
         waiting = _rows(np.array(self._waiting), r)[r:]
         E = self._E.reshape(len(rest), -1)
         _put(b, rest, rows, E @ C[np.ix_(waiting, theirs)])  # C_BA
-        delta = self._local._belief.state[waiting]
-        b.swing[rest] = _turned(E @ delta) if self._whole._retraction != STANDARD else 0.0
+        delta = self._local._filter_state.state[waiting]
+        b.heading_lever[rest] = _turned(E @ delta) if self._whole._retraction != STANDARD else 0.0
         delta[-2] -= 1.0
         b.state[rest] += E @ delta
         values, vectors = np.linalg.eigh(C[np.ix_(waiting, waiting)])  # Psi
@@ -229,13 +231,13 @@ def _turned(points: FloatArray) -> FloatArray:
     return turned
 
 
-def _block(b: Belief, rows: IntArray, columns: IntArray) -> FloatArray:
+def _block(b: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
     i, j = rows[:, None], columns
     return b.P[np.minimum(i, j), np.maximum(i, j)]
 
 
-def _put(b: Belief, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
+def _put(b: FilterState, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
     i, j = rows[:, None], columns
     b.P[np.minimum(i, j), np.maximum(i, j)] = block
-    r = len(b.work)
+    r = len(b.workspace)
     b.P[:r, :r] = symmetric(b.P[:r, :r])

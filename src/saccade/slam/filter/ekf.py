@@ -17,14 +17,14 @@ from saccade.slam.filter.state import (
     grown,
     landmark_blocks,
     marginal,
-    new_belief,
+    new_state,
     robot_rows,
     size_of,
     without,
 )
 from saccade.slam.filter.validation import check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrapped
-from saccade.slam.results import Expectation, Innovation, Replay
+from saccade.slam.results import Innovation, PredictedObservations, Replay
 from saccade.slam.stretch import Stretch, replay
 from saccade.types import FloatArray, IntArray
 
@@ -70,10 +70,10 @@ class EkfSlam:
         self._huber = huber
         robot = check_vector("pose", pose, max(3, np.size(pose)))
         spread = check_covariance("covariance of the pose", covariance, len(robot))
-        self._belief = new_belief(robot, spread, FIRST_CAPACITY)
+        self._filter_state = new_state(robot, spread, FIRST_CAPACITY)
         self._names = np.zeros(0, np.int64)  # of the landmarks at the last removal
         self._removed = 0
-        self._belief.state[2] = wrapped(robot[2])
+        self._filter_state.state[2] = wrapped(robot[2])
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
         """Move the robot (C.5-C.9).
@@ -86,12 +86,12 @@ class EkfSlam:
         U = check_covariance("covariance of the control", U, len(u))
         self._make_room()
         if self.is_compiled:
-            _range_bearing_kernels.move(
-                self._belief, self._retraction, u, U, self._slopes(u[None])[0]
+            _range_bearing_kernels.predict_by_control(
+                self._filter_state, self._retraction, u, U, self._slopes(u[None])[0]
             )
             return
         moved, Fx, Fu = self._motion(self._robot, u)  # C.5, C.8, C.9
-        _kernels.predict(self._belief, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
+        _kernels.predict(self._filter_state, self._retraction, moved, Fx, Fu @ U @ Fu.T)  # C.7
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
         """Correct the state by an observation of a landmark of the map (C.10-C.14).
@@ -112,13 +112,13 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
-        b, how, S = self._belief, self._how, np.empty((2, 2))
+        b, how, S = self._filter_state, self._huber_kind, np.empty((2, 2))
         if self.is_compiled:
             m, v = len(self._robot) + 2 * landmark, np.empty(2)
-            nis = _range_bearing_kernels.sight(b, how[0], m, z, R, how[1], v, S)
+            nis = _range_bearing_kernels.update_range_bearing(b, how[0], m, z, R, how[1], v, S)
         else:
             m, v, H, noise = self._linearized(z, R, landmark)  # C.14
-            nis = _kernels.correct(b, how[0], m, v, H, noise, how[1], S)  # C.10-C.13
+            nis = _kernels.update(b, how[0], m, v, H, noise, how[1], S)  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -137,11 +137,13 @@ class EkfSlam:
         R = check_covariance("covariance of the observation", R, 2)
         at, v, H, noise = self._linearized(z, R, landmark)  # C.14
         S, root = np.empty((2, 2)), np.empty((2, 2))
-        _kernels.weigh(self._belief, at, H, noise, 1.0, S, np.empty(H.shape), root)  # C.12
+        _kernels.prepare_update(
+            self._filter_state, at, H, noise, 1.0, S, np.empty(H.shape), root
+        )  # C.12
         white = root @ v
         return Innovation(v, S, float(white @ white))
 
-    def look(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Replay:
+    def update_scan(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Replay:
         """Take what is seen from one pose at once, as a `replay` that does not move.
 
         Args:
@@ -153,7 +155,7 @@ class EkfSlam:
         still = np.zeros((1, 2)), np.zeros((1, 2, 2)), np.zeros(len(z), np.int64)
         s = Stretch.of(*still, z, R, landmark)
         s.at[1] = 0
-        return self._followed(s)
+        return self._replay_compiled(s)
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
         """Take a new landmark into the map (C.15-C.18).
@@ -168,8 +170,8 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self._make_room()
-        xy, Gx, Gz = self._sensor.place(self._robot, z)  # C.15, C.18
-        _kernels.augment(self._belief, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
+        xy, Gx, Gz = self._sensor.inverse_observe(self._robot, z)  # C.15, C.18
+        _kernels.augment(self._filter_state, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
         return len(self) - 1
 
     def replay(
@@ -194,14 +196,14 @@ class EkfSlam:
             landmark: (k,) number in the map; the next free number augments, a negative
                 one leaves the observation out.
         """
-        return self._followed(Stretch.of(control, U, scan, z, R, landmark))
+        return self._replay_compiled(Stretch.of(control, U, scan, z, R, landmark))
 
-    def _followed(self, s: Stretch) -> Replay:
+    def _replay_compiled(self, s: Stretch) -> Replay:
         out = Replay.empty(len(s.control), len(s.z))
-        self.follow(s, out)
+        self.replay_into(s, out)
         return out
 
-    def follow(self, s: Stretch, out: Replay) -> None:
+    def replay_into(self, s: Stretch, out: Replay) -> None:
         """`replay` a stretch; fills `out`."""
         free = np.maximum.accumulate(np.append(len(self) - 1, s.landmark))[:-1] + 1  # (k,)
         if (s.landmark > free).any():
@@ -215,7 +217,7 @@ class EkfSlam:
         s = s._replace(slopes=self._slopes(s.control))
         while s.at[0] < len(s.control):
             self._make_room()
-            replay(self._belief, *self._how, s, out)
+            replay(self._filter_state, *self._huber_kind, s, out)
 
     def remove(self, landmarks: IntArray) -> None:
         """Take landmarks out of the map; those behind them move up in number.
@@ -226,29 +228,29 @@ class EkfSlam:
         for number in np.asarray(landmarks).tolist():
             check_landmark(number, len(self))
         gone = np.unique(np.asarray(landmarks, np.int64))
-        self._names = np.delete(self.names, gone)
+        self._names = np.delete(self.ids, gone)
         self._removed += len(gone)
-        without(self._belief, np.asarray(landmarks, np.int64))
+        without(self._filter_state, np.asarray(landmarks, np.int64))
 
     def rescale(self, factor: float, about: FloatArray) -> None:
         """Make the map larger about a place (2,), as when its metre was a wrong one."""
-        b, r, n = self._belief, len(self._robot), size_of(self._belief)
+        b, r, n = self._filter_state, len(self._robot), size_of(self._filter_state)
         flush(b)
         grow = np.full(n, factor)
         grow[2:r] = 1.0
         for i in (0, 1):
             at = np.append(i, np.arange(r + i, n, 2))
             b.state[at] = about[i] + factor * (b.state[at] - about[i])
-        b.swing[:n] *= grow
+        b.heading_lever[:n] *= grow
         b.P[:n, :n] *= grow[:, None] * grow
-        b.own[: len(self)] *= factor**2
+        b.blocks[: len(self)] *= factor**2
 
-    def expect(self) -> Expectation:
+    def predict_observations(self) -> PredictedObservations:
         """What should be seen of every landmark from here, for the association."""
-        b, r, N = self._belief, len(self._robot), len(self)
+        b, r, N = self._filter_state, len(self._robot), len(self)
         if self.is_compiled:
-            found = Expectation(np.empty((N, 2)), np.empty((N, 2, 2)))
-            gating.expect(b, self._retraction, np.arange(N), *found)
+            found = PredictedObservations(np.empty((N, 2)), np.empty((N, 2, 2)))
+            gating.predict_observations(b, self._retraction, np.arange(N), *found)
             return found
         z, H = self._sensor.observe(self._robot, self.landmarks)
         Hx, Hm = H[..., :r], H[..., r:]  # (N, 2, r), (N, 2, 2)
@@ -257,7 +259,7 @@ class EkfSlam:
         cross = Hx @ Pxm @ Hm.transpose(0, 2, 1)  # (N, 2, 2)
         own = Hm @ self.landmark_covariances @ Hm.transpose(0, 2, 1)
         robot = Hx @ rows[:, :r] @ Hx.transpose(0, 2, 1)
-        return Expectation(z, robot + cross + cross.transpose(0, 2, 1) + own)
+        return PredictedObservations(z, robot + cross + cross.transpose(0, 2, 1) + own)
 
     def marginal(self, landmarks: IntArray) -> FloatArray:
         """The joint covariance of the robot and of some landmarks, without looking at the rest.
@@ -268,18 +270,20 @@ class EkfSlam:
         Returns:
             (3 + 2k, 3 + 2k), in the order given.
         """
-        return marginal(self._belief, self._retraction, np.asarray(landmarks, np.int64))
+        return marginal(self._filter_state, self._retraction, np.asarray(landmarks, np.int64))
 
     @property
     def pose(self) -> FloatArray:
         """(3,) x, y in metres, heading in radians."""
-        return self._belief.state[:3].copy()
+        return self._filter_state.state[:3].copy()
 
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
         covariance = np.empty((3, 3))
-        _range_bearing_kernels.tell_pose(self._belief, self._retraction, np.empty(3), covariance)
+        _range_bearing_kernels.write_pose(
+            self._filter_state, self._retraction, np.empty(3), covariance
+        )
         return covariance
 
     @property
@@ -288,7 +292,7 @@ class EkfSlam:
         return self._robot[3:].copy() if self.is_compiled and len(self._robot) > 3 else None
 
     @property
-    def names(self) -> IntArray:
+    def ids(self) -> IntArray:
         """(n,) how many landmarks had been taken in before each; it stays as others go."""
         since = np.arange(len(self._names) + self._removed, len(self) + self._removed)
         return np.concatenate([self._names, since])
@@ -296,22 +300,26 @@ class EkfSlam:
     @property
     def landmarks(self) -> FloatArray:
         """(N, 2) metres, in the order in which they were augmented."""
-        return self._belief.state[len(self._robot) : size_of(self._belief)].reshape(-1, 2).copy()
+        return (
+            self._filter_state.state[len(self._robot) : size_of(self._filter_state)]
+            .reshape(-1, 2)
+            .copy()
+        )
 
     @property
     def landmark_covariances(self) -> FloatArray:
         """(N, 2, 2) square metres."""
-        return landmark_blocks(self._belief, self._retraction)
+        return landmark_blocks(self._filter_state, self._retraction)
 
     @property
     def state(self) -> FloatArray:
         """(3 + 2N,) the pose, then the landmarks (C.3)."""
-        return self._belief.state[: size_of(self._belief)].copy()
+        return self._filter_state.state[: size_of(self._filter_state)].copy()
 
     @property
     def covariance(self) -> FloatArray:
         """(3 + 2N, 3 + 2N) of the whole state (C.4)."""
-        return dense(self._belief, self._retraction)
+        return dense(self._filter_state, self._retraction)
 
     @property
     def motion(self) -> Motion:
@@ -324,19 +332,19 @@ class EkfSlam:
         return self._sensor
 
     def __len__(self) -> int:
-        return int(self._belief.used[LANDMARKS])
+        return int(self._filter_state.counts[LANDMARKS])
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
         return f"EkfSlam({len(self)} landmarks, pose {x:.2f} {y:.2f} m {theta:.3f} rad)"
 
     @property
-    def _how(self) -> tuple[int, float]:
+    def _huber_kind(self) -> tuple[int, float]:
         return self._retraction, self._huber
 
     @property
     def _robot(self) -> FloatArray:
-        return self._belief.state[: len(self._belief.work)]
+        return self._filter_state.state[: len(self._filter_state.workspace)]
 
     def _replay_slowly(self, s: Stretch, out: Replay) -> None:
         for i in range(len(s.control)):
@@ -358,10 +366,10 @@ class EkfSlam:
         self, z: FloatArray, R: FloatArray, landmark: int
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         """The landmark's row, and the `Linearization` of an observation of it."""
-        b, r = self._belief, len(self._robot)
+        b, r = self._filter_state, len(self._robot)
         m = r + 2 * landmark
         here = np.append(np.arange(r), [m, m + 1])
-        s, a = b.state[here], b.swing[here]
+        s, a = b.state[here], b.heading_lever[here]
         first = s.copy()
         first[[0, r]] -= a[[1, r + 1]]
         first[[1, r + 1]] += a[[0, r]]
@@ -369,8 +377,8 @@ class EkfSlam:
 
     def _make_room(self, landmarks: int = 1) -> None:
         """For another step and so many more landmarks."""
-        if len(self) + landmarks > len(self._belief.own):
-            while len(self) + landmarks > len(self._belief.own):
-                self._belief = grown(self._belief)
-        elif _kernels.is_full(self._belief):
-            flush(self._belief)
+        if len(self) + landmarks > len(self._filter_state.blocks):
+            while len(self) + landmarks > len(self._filter_state.blocks):
+                self._filter_state = grown(self._filter_state)
+        elif _kernels.is_full(self._filter_state):
+            flush(self._filter_state)

@@ -73,7 +73,7 @@ def linearize(
     if retraction == STANDARD:
         expected, H = sensor.observe(s[:-2], s[-2:])
         return Linearization(sensor.difference(z, expected), H, R)  # C.14
-    seen, Gp, Gz = sensor.place(s[:-2], z)
+    seen, Gp, Gz = sensor.inverse_observe(s[:-2], z)
     dx, dy = (first[-2:] - first[:2]).tolist()
     H = np.concatenate([-Gp, np.eye(2)], 1)
     H[:, :3] = [[-1.0, 0.0, dy], [0.0, -1.0, -dx]]

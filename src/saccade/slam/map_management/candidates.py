@@ -14,41 +14,41 @@ FIRST_CAPACITY = 64
 """Candidates for which there is room at first."""
 
 
-class Waiting(NamedTuple):
+class CandidateBuffer(NamedTuple):
     """Places where something new was seen."""
 
     xy: FloatArray
     """(c, 2)."""
     covariance: FloatArray
     """(c, 2, 2)."""
-    sightings: IntArray
+    observations: IntArray
     """(c,)."""
-    last: FloatArray
+    last_observed: FloatArray
     """(c,) time of the last sighting."""
-    stays: BoolArray
+    kept: BoolArray
     """(c,) whether it is kept, while others are forgotten."""
-    used: IntArray
+    size: IntArray
     """(1,) how many of these places there are."""
 
     @classmethod
-    def room(cls, count: int) -> "Waiting":
+    def empty(cls, count: int) -> "CandidateBuffer":
         """None as yet."""
         return cls(
             xy=np.zeros((count, 2)),
             covariance=np.zeros((count, 2, 2)),
-            sightings=np.zeros(count, np.int64),
-            last=np.zeros(count),
-            stays=np.zeros(count, np.bool_),
-            used=np.zeros(1, np.int64),
+            observations=np.zeros(count, np.int64),
+            last_observed=np.zeros(count),
+            kept=np.zeros(count, np.bool_),
+            size=np.zeros(1, np.int64),
         )
 
 
-class Patience(NamedTuple):
+class ConfirmationPolicy(NamedTuple):
     """When a candidate becomes a landmark, and when it is forgotten."""
 
-    sightings: int
-    lifetime: float
-    limit: float
+    confirm_after: int
+    timeout: float
+    max_distance: float
     """Normalized distance squared within which an observation is of a candidate."""
 
 
@@ -65,9 +65,9 @@ class Candidates:
         gate: probability with which an observation of a candidate is taken for one.
     """
 
-    def __init__(self, sightings: int, lifetime: float, gate: float = 0.99) -> None:
-        self.patience = Patience(sightings, lifetime, chi_square_gate(2, gate))
-        self.waiting = Waiting.room(FIRST_CAPACITY)
+    def __init__(self, confirm_after: int, timeout: float, gate: float = 0.99) -> None:
+        self.patience = ConfirmationPolicy(confirm_after, timeout, chi_square_gate(2, gate))
+        self.waiting = CandidateBuffer.empty(FIRST_CAPACITY)
 
     def confirm(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, time: float) -> list[int]:
         """Look for the new observations of a scan among the candidates.
@@ -81,10 +81,10 @@ class Candidates:
         Returns:
             The rows of `z` that confirm a candidate: each is to become a landmark.
         """
-        if self.patience.sightings <= 1:
+        if self.patience.confirm_after <= 1:
             return list(range(len(z)))
         self.make_room(len(z))
-        xy, _, Gz = ekf.sensor.place(ekf.pose, z)  # (m, 2), (m, 2, 2)
+        xy, _, Gz = ekf.sensor.inverse_observe(ekf.pose, z)  # (m, 2), (m, 2, 2)
         confirmed = np.empty(len(z), np.bool_)
         spread = Gz @ R @ Gz.transpose(0, 2, 1)  # (m, 2, 2)
         confirm(self.waiting, self.patience, xy, spread, time, confirmed)
@@ -92,59 +92,62 @@ class Candidates:
 
     def make_room(self, count: int) -> None:
         """For so many more."""
-        used = int(self.waiting.used[0])
-        while len(self.waiting.last) < used + count:
-            old, self.waiting = self.waiting, Waiting.room(2 * len(self.waiting.last))
+        used = int(self.waiting.size[0])
+        while len(self.waiting.last_observed) < used + count:
+            old, self.waiting = (
+                self.waiting,
+                CandidateBuffer.empty(2 * len(self.waiting.last_observed)),
+            )
             for theirs, ours in zip(old[:-1], self.waiting[:-1], strict=True):
                 ours[:used] = theirs[:used]
-            self.waiting.used[0] = used
+            self.waiting.size[0] = used
 
 
 @kernel()
 def confirm(
-    w: Waiting,
-    patience: Patience,
+    w: CandidateBuffer,
+    policy: ConfirmationPolicy,
     xy: FloatArray,
     covariance: FloatArray,
     time: float,
     confirmed: BoolArray,
 ) -> None:
     """Fill whether observations at xy (m, 2) with covariance (m, 2, 2) confirm a candidate (m,)."""
-    if patience.sightings <= 1:
+    if policy.confirm_after <= 1:
         for i in range(len(xy)):
             confirmed[i] = True
         return
     if len(xy) == 0:
         return
-    for j in range(w.used[0]):
-        w.stays[j] = time - w.last[j] <= patience.lifetime
-    _forget(w)
+    for j in range(w.size[0]):
+        w.kept[j] = time - w.last_observed[j] <= policy.timeout
+    _drop_stale(w)
     paired = np.empty(len(xy), np.int64)
-    pair_nearest_first(_apart(w, xy, covariance), patience.limit, paired)
+    pair_nearest_first(_squared_distances(w, xy, covariance), policy.max_distance, paired)
     for i in range(len(xy)):
         j, times = paired[i], 1
         if j < 0:
-            j = w.used[0]
-            w.used[0] += 1
+            j = w.size[0]
+            w.size[0] += 1
         else:
-            times = w.sightings[j] + 1
+            times = w.observations[j] + 1
         for k in range(2):
             w.xy[j, k] = xy[i, k]
             for m in range(2):
                 w.covariance[j, k, m] = covariance[i, k, m]
-        w.sightings[j], w.last[j] = times, time
-        confirmed[i] = times >= patience.sightings
-    for j in range(w.used[0]):
-        w.stays[j] = w.sightings[j] < patience.sightings
-    _forget(w)
+        w.observations[j], w.last_observed[j] = times, time
+        confirmed[i] = times >= policy.confirm_after
+    for j in range(w.size[0]):
+        w.kept[j] = w.observations[j] < policy.confirm_after
+    _drop_stale(w)
 
 
 @kernel()
-def _apart(w: Waiting, xy: FloatArray, covariance: FloatArray) -> FloatArray:
+def _squared_distances(w: CandidateBuffer, xy: FloatArray, covariance: FloatArray) -> FloatArray:
     """Normalized distances squared (m, c) of observations from candidates; infinite if singular."""
-    distance = np.empty((len(xy), w.used[0]))
+    distance = np.empty((len(xy), w.size[0]))
     for i in range(len(xy)):
-        for j in range(w.used[0]):
+        for j in range(w.size[0]):
             v, u = xy[i, 0] - w.xy[j, 0], xy[i, 1] - w.xy[j, 1]
             a = covariance[i, 0, 0] + w.covariance[j, 0, 0]
             c = covariance[i, 0, 1] + w.covariance[j, 0, 1]
@@ -157,15 +160,15 @@ def _apart(w: Waiting, xy: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 @kernel()
-def _forget(w: Waiting) -> None:
+def _drop_stale(w: CandidateBuffer) -> None:
     """Forget the candidates that do not stay."""
     j = 0
-    for i in range(w.used[0]):
-        if w.stays[i]:
+    for i in range(w.size[0]):
+        if w.kept[i]:
             for k in range(2):
                 w.xy[j, k] = w.xy[i, k]
                 for m in range(2):
                     w.covariance[j, k, m] = w.covariance[i, k, m]
-            w.sightings[j], w.last[j] = w.sightings[i], w.last[i]
+            w.observations[j], w.last_observed[j] = w.observations[i], w.last_observed[i]
             j += 1
-    w.used[0] = j
+    w.size[0] = j

@@ -9,17 +9,17 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
 
-class View(NamedTuple):
+class FieldOfView(NamedTuple):
     """Where a sensor mostly sees what is there."""
 
-    reach: float
+    max_range: float
     """Range."""
     left: float
     right: float
     """Bearings, left over right."""
 
     @classmethod
-    def of(cls, log: LandmarkLog) -> "View":
+    def from_log(cls, log: LandmarkLog) -> "FieldOfView":
         """The nearer half of what a log saw, and all but the last of its bearings."""
         if len(log.observation) == 0:
             return cls(0.0, 0.0, 0.0)
@@ -27,40 +27,40 @@ class View(NamedTuple):
         return cls(float(np.median(log.observation[:, 0])), left, right)
 
 
-class Watch(NamedTuple):
+class VisibilityCounts(NamedTuple):
     """What is kept of each landmark, with room for more."""
 
-    times: IntArray
+    counts: IntArray
     """(c, 2) how often it was seen, and missed; zero for what is to come."""
     expected: FloatArray
     """(c, 2) range and bearing at which it should be seen in a scan."""
-    before: IntArray
+    mapped_before: IntArray
     """(1,) how many landmarks were in the map before that scan."""
-    gone: BoolArray
+    culled: BoolArray
     """(c,) whether it should have been seen more often."""
 
     @classmethod
-    def of(cls, times: IntArray) -> "Watch":
+    def from_counts(cls, times: IntArray) -> "VisibilityCounts":
         """Of landmarks that were seen and missed so often."""
         c = len(times)
         return cls(times, np.zeros((c, 2)), np.zeros(1, np.int64), np.zeros(c, np.bool_))
 
 
-class Rule(NamedTuple):
+class CullingRule(NamedTuple):
     """When a landmark is none."""
 
-    seen_in: View
-    least: float
-    patience: int
-    every: int
+    field_of_view: FieldOfView
+    min_ratio: float
+    max_missed: int
+    interval: int
     """Poses from one look at the whole map to the next; 0 never looks."""
 
 
-NEVER = Rule(View(0.0, 0.0, 0.0), 0.0, 0, 0)
+NO_CULLING = CullingRule(FieldOfView(0.0, 0.0, 0.0), 0.0, 0, 0)
 """All landmarks stay."""
 
 
-class Presence:
+class Culling:
     """Counts how often each landmark was seen, and how often it was not but should have been.
 
     Args:
@@ -70,13 +70,15 @@ class Presence:
         every: poses from one look at the whole map to the next.
     """
 
-    def __init__(self, view: View, least: float, patience: int = 5, every: int = 4) -> None:
-        self.rule = Rule(view, least, patience, every)
-        self.watch = Watch.of(np.zeros((0, 2), np.int64))
+    def __init__(
+        self, field_of_view: FieldOfView, min_ratio: float, max_missed: int = 5, interval: int = 4
+    ) -> None:
+        self.rule = CullingRule(field_of_view, min_ratio, max_missed, interval)
+        self.counts = VisibilityCounts.from_counts(np.zeros((0, 2), np.int64))
         self.removed = 0
         """Landmarks that were taken out of the map."""
 
-    def absent(self, ekf: EkfSlam, expected: FloatArray, found: IntArray) -> IntArray:
+    def update(self, ekf: EkfSlam, expected: FloatArray, found: IntArray) -> IntArray:
         """Hear what was seen in a scan.
 
         Args:
@@ -88,44 +90,56 @@ class Presence:
             (k,) landmarks to be removed, of which nothing is kept here any more.
         """
         self.make_room(len(ekf))
-        self.watch.expected[: len(expected)], self.watch.before[0] = expected, len(expected)
-        look(self.watch, self.rule, len(ekf), found)
-        return self.forget()
+        self.counts.expected[: len(expected)], self.counts.mapped_before[0] = (
+            expected,
+            len(expected),
+        )
+        check_visibility(self.counts, self.rule, len(ekf), found)
+        return self.remove_culled()
 
     def make_room(self, landmarks: int) -> None:
         """For a map of so many."""
-        old, more = self.watch, landmarks - len(self.watch.gone)
+        old, more = self.counts, landmarks - len(self.counts.culled)
         if more > 0:
-            self.watch = Watch.of(np.concatenate([old.times, np.zeros((more, 2), np.int64)]))
-            self.watch.expected[: len(old.gone)], self.watch.before[:] = old.expected, old.before
+            self.counts = VisibilityCounts.from_counts(
+                np.concatenate([old.counts, np.zeros((more, 2), np.int64)])
+            )
+            self.counts.expected[: len(old.culled)], self.counts.mapped_before[:] = (
+                old.expected,
+                old.mapped_before,
+            )
 
-    def forget(self) -> IntArray:
+    def remove_culled(self) -> IntArray:
         """Keep nothing of the landmarks (k,) that are gone."""
-        gone = np.flatnonzero(self.watch.gone)
+        gone = np.flatnonzero(self.counts.culled)
         if len(gone) > 0:
-            self.watch = Watch.of(np.delete(self.watch.times, gone, 0))
+            self.counts = VisibilityCounts.from_counts(np.delete(self.counts.counts, gone, 0))
             self.removed += len(gone)
         return gone
 
 
 @kernel()
-def _in_view(view: View, z: FloatArray) -> bool:
-    return bool(z[0] < view.reach and view.right < z[1] < view.left)
+def _in_view(view: FieldOfView, z: FloatArray) -> bool:
+    return bool(z[0] < view.max_range and view.right < z[1] < view.left)
 
 
 @kernel()
-def look(w: Watch, rule: Rule, landmarks: int, found: IntArray) -> bool:
+def check_visibility(
+    w: VisibilityCounts, rule: CullingRule, landmarks: int, found: IntArray
+) -> bool:
     """Count what was `found` (m,) of so many landmarks; gives whether any of them is gone."""
-    seen, missed, before = w.times[:, 0], w.times[:, 1], w.before[0]
+    seen, missed, before = w.counts[:, 0], w.counts[:, 1], w.mapped_before[0]
     for i in range(before):
-        missed[i] += _in_view(rule.seen_in, w.expected[i])
+        missed[i] += _in_view(rule.field_of_view, w.expected[i])
     for i in range(len(found)):
         if found[i] >= 0:
             seen[found[i]] += 1
             if found[i] < before:
-                missed[found[i]] -= _in_view(rule.seen_in, w.expected[found[i]])
+                missed[found[i]] -= _in_view(rule.field_of_view, w.expected[found[i]])
     any_gone = False
     for i in range(landmarks):
-        w.gone[i] = missed[i] > rule.patience and seen[i] < rule.least * (seen[i] + missed[i])
-        any_gone = any_gone or w.gone[i]
+        w.culled[i] = missed[i] > rule.max_missed and seen[i] < rule.min_ratio * (
+            seen[i] + missed[i]
+        )
+        any_gone = any_gone or w.culled[i]
     return any_gone

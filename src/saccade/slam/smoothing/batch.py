@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.slam.models import Motion
 from saccade.slam.run import SlamResult
-from saccade.slam.smoothing.fixed_lag import slide
+from saccade.slam.smoothing.fixed_lag import smooth_fixed_lag
 from saccade.slam.smoothing.problem import SmoothConfig, SmoothingProblem, SmoothResult
 from saccade.types import LandmarkLog
 
@@ -40,7 +40,7 @@ def smooth(
         ConfigError: GTSAM is not installed.
     """
     problem = SmoothingProblem(log, filtered, config or SmoothConfig(), motion)
-    return slide(problem) if problem.config.method == "fixed-lag" else _solve(problem)
+    return smooth_fixed_lag(problem) if problem.config.method == "fixed-lag" else _solve(problem)
 
 
 def _solve(problem: SmoothingProblem) -> SmoothResult:
@@ -54,9 +54,9 @@ def _solve(problem: SmoothingProblem) -> SmoothResult:
     marginals = gtsam.Marginals(problem.graph, best)
     pose, spread = np.empty((len(problem), 3)), np.empty((len(problem), 3, 3))
     for number in range(len(problem)):
-        covariance = marginals.marginalCovariance(problem.x(number))
+        covariance = marginals.marginalCovariance(problem.pose_key(number))
         pose[number], spread[number] = problem.pose(number, best, covariance)
-    landmarks = [problem.l(number) for number in range(len(problem.filtered.map))]
+    landmarks = [problem.landmark_key(number) for number in range(len(problem.filtered.map))]
     xy = np.array([best.atPoint2(key) for key in landmarks]).reshape(-1, 2)
     around = np.array([marginals.marginalCovariance(key) for key in landmarks]).reshape(-1, 2, 2)
     weights = np.array([problem.weight(number, best) for number in range(len(problem.used))])

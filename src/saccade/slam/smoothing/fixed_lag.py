@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam.models import place
+from saccade.slam.models import inverse_observe
 from saccade.slam.smoothing.problem import SmoothingProblem, SmoothResult
 from saccade.types import FloatArray
 
@@ -20,7 +20,7 @@ RELINEARIZED = 0.003
 """Metres and radians by which a variable must move before its factors are linearized again."""
 
 
-def slide(problem: SmoothingProblem) -> SmoothResult:
+def smooth_fixed_lag(problem: SmoothingProblem) -> SmoothResult:
     """Smooth a drive with a fixed lag.
 
     Args:
@@ -34,7 +34,7 @@ def slide(problem: SmoothingProblem) -> SmoothResult:
     window = _Window(problem)
     begin = 0
     for end, later in zip(newest, [*newest[1:], -1], strict=True):
-        window.move_on(begin, end, float(time[end]), time)
+        window.advance(begin, end, float(time[end]), time)
         left = len(time)  # all leave at the end of the drive
         if later >= 0:  # a pose that is as old as the lag may leave when the window moves
             left = int(np.searchsorted(time, time[later] - problem.config.lag, "right"))
@@ -64,21 +64,21 @@ class _Window:
         self.weights = np.empty(len(problem.used))
         self.recorded = 0
 
-    def move_on(self, begin: int, end: int, now: float, time: FloatArray) -> None:
+    def advance(self, begin: int, end: int, now: float, time: FloatArray) -> None:
         """Take in the pose variables from `begin` to `end`, with all that is seen from them."""
         problem, gtsam = self.problem, self.problem.gtsam
         factors, values, stamps = gtsam.NonlinearFactorGraph(), gtsam.Values(), {}
-        pose = self.values.atPose2(problem.x(begin - 1)) if begin > 0 else None
+        pose = self.values.atPose2(problem.pose_key(begin - 1)) if begin > 0 else None
         for number in range(begin, end + 1):
-            control = problem.control(number)
+            control = problem.control_factor(number)
             pose = control.prior() if pose is None else pose.compose(control.measured())
             factors.add(control)
-            values.insert(problem.x(number), pose)
-            stamps[problem.x(number)] = float(time[number])
+            values.insert(problem.pose_key(number), pose)
+            stamps[problem.pose_key(number)] = float(time[number])
             for each in range(self.edge[number], self.edge[number + 1]):
-                factors.add(problem.sighting(each))
-                self._meet(each, pose, values)
-        stamps.update(dict.fromkeys(map(problem.l, self.known), now))
+                factors.add(problem.observation_factor(each))
+                self._initialize(each, pose, values)
+        stamps.update(dict.fromkeys(map(problem.landmark_key, self.known), now))
         try:
             self.smoother.update(factors, values, stamps)
             for _ in range(problem.config.iterations):
@@ -92,7 +92,7 @@ class _Window:
     def record(self, end: int) -> None:
         """Keep what is believed of the pose variables before `end`."""
         for number in range(self.recorded, end):
-            covariance = self.smoother.marginalCovariance(self.problem.x(number))
+            covariance = self.smoother.marginalCovariance(self.problem.pose_key(number))
             found = self.problem.pose(number, self.values, covariance)
             self.pose[number], self.spread[number] = found
             for each in range(self.edge[number], self.edge[number + 1]):
@@ -102,28 +102,31 @@ class _Window:
     def result(self, moves: int) -> SmoothResult:
         problem, drive = self.problem, self.problem.gtsam.Values(self.values)
         for number, pose in enumerate(self.pose):
-            if drive.exists(problem.x(number)):
-                drive.erase(problem.x(number))
-            drive.insert(problem.x(number), problem.gtsam.Pose2(*pose))
+            if drive.exists(problem.pose_key(number)):
+                drive.erase(problem.pose_key(number))
+            drive.insert(problem.pose_key(number), problem.gtsam.Pose2(*pose))
         problem.check(drive)
-        keys = list(map(self.problem.l, range(len(self.problem.filtered.map))))
+        keys = list(map(self.problem.landmark_key, range(len(self.problem.filtered.map))))
         xy = np.array([self.values.atPoint2(key) for key in keys]).reshape(-1, 2)
         around = np.array([self.smoother.marginalCovariance(key) for key in keys])
         return self.problem.result(
             (self.pose, self.spread), (xy, around.reshape(-1, 2, 2)), self.weights, moves
         )
 
-    def _meet(self, each: int, pose: Any, values: Any) -> None:
+    def _initialize(self, each: int, pose: Any, values: Any) -> None:
         """A landmark that is seen for the first time begins where it is seen."""
         k = self.problem.used[each]
         number = int(self.problem.filtered.association[k])
         if number not in self.known:
             self.known.add(number)
             here = np.array([pose.x(), pose.y(), pose.theta()])
-            values.insert(self.problem.l(number), place(here, self.problem.log.observation[k])[0])
+            values.insert(
+                self.problem.landmark_key(number),
+                inverse_observe(here, self.problem.log.observation[k])[0],
+            )
 
     def _refusal(self, error: RuntimeError) -> LogError:
-        name = self.problem.name(*self.problem.culprit(error))
+        name = self.problem.name(*self.problem.undetermined_variable(error))
         return LogError(
             f"smoothing: expected measurements that determine every pose and landmark within the "
             f"lag of {self.problem.config.lag:g}, found that they leave open {name}; a longer lag "

@@ -22,7 +22,7 @@ STIFF = 1e-4
 EVEN = 1e-2
 """Noise of a control in every direction, by its largest in metres and in radians: GTSAM gives
 up where weights differ by more than about four thousand in root."""
-MOST_NAMED = 5
+MAX_NAMED = 5
 """Variables that a complaint names before it only counts them."""
 
 
@@ -112,16 +112,16 @@ class SmoothingProblem:
         """(v,) the first pose of each variable."""
         self.graph = self.gtsam.NonlinearFactorGraph()
         self._add_controls(np.flatnonzero(moves))
-        self._add_sightings()
+        self._add_observations()
 
     def __len__(self) -> int:
         return len(self.first)
 
-    def control(self, number: int) -> Any:
+    def control_factor(self, number: int) -> Any:
         """The factor that leads to a pose variable; the prior for the first."""
         return self.graph.at(number)
 
-    def sighting(self, number: int) -> Any:
+    def observation_factor(self, number: int) -> Any:
         """The factor of an observation, by its place in `used`."""
         return self.graph.at(len(self) + number)
 
@@ -129,19 +129,19 @@ class SmoothingProblem:
         """The filter's, as GTSAM's values."""
         values = self.gtsam.Values()
         for number, pose in enumerate(self.filtered.trajectory.pose[self.first]):
-            values.insert(self.x(number), self.gtsam.Pose2(*pose))
+            values.insert(self.pose_key(number), self.gtsam.Pose2(*pose))
         for number, xy in enumerate(self.filtered.map.xy):
-            values.insert(self.l(number), xy)
+            values.insert(self.landmark_key(number), xy)
         return values
 
     def weight(self, number: int, values: Any) -> float:
         """Of an observation by its place in `used`, from its loss: k e - k^2 / 2 beyond e = k."""
-        k, loss = self.config.huber, self.sighting(number).error(values)
+        k, loss = self.config.huber, self.observation_factor(number).error(values)
         return 1.0 if loss <= k * k / 2 else k / (loss / k + k / 2)
 
     def pose(self, number: int, values: Any, covariance: Any) -> tuple[FloatArray, FloatArray]:
         """A pose (3,) and its covariance (3, 3) from GTSAM's, whose errors are in its own frame."""
-        found = values.atPose2(self.x(number))
+        found = values.atPose2(self.pose_key(number))
         turn = _turned(found.theta())
         return np.array([found.x(), found.y(), found.theta()]), turn @ covariance @ turn.T
 
@@ -167,23 +167,23 @@ class SmoothingProblem:
         """Raise unless all variables are determined: the optimizer itself hides it if not."""
         graph = self.gtsam.NonlinearFactorGraph(self.graph)
         named: list[str] = []
-        while len(named) <= MOST_NAMED:
+        while len(named) <= MAX_NAMED:
             try:
                 graph.linearize(values).optimize()
                 break
             except RuntimeError as error:
-                kind, number = self.culprit(error)
+                kind, number = self.undetermined_variable(error)
                 named.append(self.name(kind, number))
                 self._hold(graph, values, kind, number)
         if named:
-            more = " and others" if len(named) > MOST_NAMED else ""
+            more = " and others" if len(named) > MAX_NAMED else ""
             raise LogError(
                 f"smoothing: expected measurements that determine every pose and landmark, found "
-                f"that they leave open {', '.join(named[:MOST_NAMED])}{more}; "
+                f"that they leave open {', '.join(named[:MAX_NAMED])}{more}; "
                 "are deviations in the log too large, or of very different size?"
             )
 
-    def culprit(self, error: RuntimeError) -> tuple[str, int]:
+    def undetermined_variable(self, error: RuntimeError) -> tuple[str, int]:
         """The variable that GTSAM names; raise its words in one line if it names none."""
         found = re.search(r"Symbol: ([xl])(\d+)", str(error))
         if found is None:
@@ -198,18 +198,18 @@ class SmoothingProblem:
         seen = int((self.filtered.association == number).sum())
         return f"landmark {self.filtered.map.id[number]} (seen {seen} time{'s' * (seen != 1)})"
 
-    def x(self, number: int) -> int:
+    def pose_key(self, number: int) -> int:
         """The key of a pose variable."""
         return int(self.gtsam.symbol("x", int(number)))
 
-    def l(self, number: int) -> int:  # noqa: E743
+    def landmark_key(self, number: int) -> int:
         """The key of a landmark."""
         return int(self.gtsam.symbol("l", int(number)))
 
     def _add_controls(self, steps: IntArray) -> None:
         start = self.gtsam.Pose2(*self.log.start)
         spread = np.diag(np.square(self.config.start_sigma))
-        self.graph.add(self.gtsam.PriorFactorPose2(self.x(0), start, self._noise(spread)))
+        self.graph.add(self.gtsam.PriorFactorPose2(self.pose_key(0), start, self._noise(spread)))
         for step in steps.tolist():
             moved, _, Fu = self.motion(np.zeros(3), self.log.control[step])
             A = _turned(-moved[2]) @ Fu  # GTSAM has errors in the frame of the later pose
@@ -218,14 +218,14 @@ class SmoothingProblem:
             spread += EVEN**2 * np.diag([along + left, along + left, turn])
             self.graph.add(
                 self.gtsam.BetweenFactorPose2(
-                    self.x(self.variable[step]),
-                    self.x(self.variable[step + 1]),
+                    self.pose_key(self.variable[step]),
+                    self.pose_key(self.variable[step + 1]),
                     self.gtsam.Pose2(*moved),
                     self._noise(spread * self.config.motion_noise_scale**2),
                 )
             )
 
-    def _add_sightings(self) -> None:
+    def _add_observations(self) -> None:
         huber = self.gtsam.noiseModel.mEstimator.Huber.Create(self.config.huber)
         R = self.log.observation_covariance[:, ::-1, ::-1]  # GTSAM puts the bearing first
         for k in self.used.tolist():
@@ -233,8 +233,8 @@ class SmoothingProblem:
             noise = self._noise(R[k] * self.config.sensor_noise_scale**2)
             self.graph.add(
                 self.gtsam.BearingRangeFactor2D(
-                    self.x(self.variable[self.log.observation_pose[k]]),
-                    self.l(self.filtered.association[k]),
+                    self.pose_key(self.variable[self.log.observation_pose[k]]),
+                    self.landmark_key(self.filtered.association[k]),
                     self.gtsam.Rot2(bearing),
                     distance,
                     self.gtsam.noiseModel.Robust.Create(huber, noise),
@@ -244,10 +244,10 @@ class SmoothingProblem:
     def _hold(self, graph: Any, values: Any, kind: str, number: int) -> None:
         """Fix a variable, so that the next one that is not determined shows."""
         if kind == "x":
-            key, noise = self.x(number), self._noise(np.zeros((3, 3)))
+            key, noise = self.pose_key(number), self._noise(np.zeros((3, 3)))
             graph.add(self.gtsam.PriorFactorPose2(key, values.atPose2(key), noise))
         else:
-            key, noise = self.l(number), self._noise(np.zeros((2, 2)))
+            key, noise = self.landmark_key(number), self._noise(np.zeros((2, 2)))
             graph.add(self.gtsam.PriorFactorPoint2(key, values.atPoint2(key), noise))
 
     def _noise(self, covariance: FloatArray) -> Any:
