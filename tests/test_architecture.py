@@ -1,4 +1,4 @@
-"""The walls of the house: who imports whom, and what stays unloaded."""
+"""Who imports whom, what stays unloaded, and which words are retired."""
 
 import ast
 import os
@@ -45,11 +45,11 @@ ALLOWED = {
     "settings": {"errors", "files"},
     "serving": FOUNDATION | {"settings", "image", "attention", "keypoints", "viewing"},
 }
-"""What each room may import besides itself; `cli` may import everything, nobody imports it."""
+"""What each package may import besides itself; `cli` may import everything, nobody imports it."""
 HEAVY = ("numba", "cv2", "scipy", "matplotlib")
 
 
-def rooms_imported(path):
+def packages_imported(path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         modules = []
         if isinstance(node, ast.ImportFrom):
@@ -64,22 +64,22 @@ def rooms_imported(path):
                 yield module.split(".")[1]
 
 
-def room_of(path):
+def package_of(path):
     return path.relative_to(SOURCE).parts[0].removesuffix(".py")
 
 
-@pytest.mark.parametrize("room", sorted(ALLOWED))
-def test_a_room_imports_only_what_it_may(room):
-    files = [path for path in SOURCE.rglob("*.py") if room_of(path) == room]
+@pytest.mark.parametrize("package", sorted(ALLOWED))
+def test_a_package_imports_only_what_it_may(package):
+    files = [path for path in SOURCE.rglob("*.py") if package_of(path) == package]
     assert files
     for path in files:
-        strangers = set(rooms_imported(path)) - ALLOWED[room] - {room}
+        strangers = set(packages_imported(path)) - ALLOWED[package] - {package}
         assert not strangers, f"{path.relative_to(SOURCE)} imports {strangers}"
 
 
-def test_every_room_has_its_rule():
-    rooms = {room_of(path) for path in SOURCE.rglob("*.py")}
-    assert rooms == set(ALLOWED) | {"__init__", "__main__", "cli"}
+def test_every_package_has_its_rule():
+    packages = {package_of(path) for path in SOURCE.rglob("*.py")}
+    assert packages == set(ALLOWED) | {"__init__", "__main__", "cli"}
 
 
 @pytest.mark.parametrize(("module", "owner"), [("numba", "_jit.py"), ("typer", "cli")])
@@ -119,6 +119,33 @@ def test_every_public_name_is_there():
     assert set(saccade.__all__) <= set(dir(saccade))
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         saccade.nonsense  # noqa: B018
+
+
+RETIRED = {
+    *(
+        "Album",
+        "Disturbance",
+        "Followed",
+        "Foresight",
+        "Glance",
+        "Meetings",
+        "Patience",
+        "Presence",
+    ),
+    *("Recording", "Senses", "Trials", "Waiting", "Workbench", "borne_out", "common_sigma"),
+    *("depth_share", "foresee", "foretell", "heard", "least_wanted", "lifetime", "look_alikes"),
+    *("meetings", "motion_share", "palindrome", "proof", "range_share", "rehearsed", "surprise"),
+    *("take_in", "taken_in", "tell_pose", "trusted"),
+}
+"""Private words for what docs/glossary.md has the field's terms for."""
+
+
+def test_no_retired_word_comes_back():
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = {getattr(node, key, None) for key in ("name", "arg", "attr", "id")}
+            found = {name for name in names if isinstance(name, str)} & RETIRED
+            assert not found, f"{path.relative_to(SOURCE)}: {found}; see docs/glossary.md"
 
 
 def test_no_file_outgrows_its_subject():

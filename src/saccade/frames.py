@@ -1,4 +1,4 @@
-"""The nouns of a camera drive: what a robot with a camera saw and how far it went meanwhile.
+"""The data types of a camera drive: what a robot with a camera saw and how far it went meanwhile.
 
 The robot's frame has x ahead, y to the left and z up, its origin on the ground where
 odometry is measured. The camera's has x to the right, y down and z along the optical axis.

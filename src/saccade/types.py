@@ -1,4 +1,4 @@
-"""The nouns that flow through `saccade`: values, never changed once made.
+"""The data types that flow through `saccade`: values, never changed once made.
 
 Points are (x, y) with the centre of the top-left pixel at (0, 0); arrays are
 indexed [row, column]. On the ground x and y are metres, angles radians in

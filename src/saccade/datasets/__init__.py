@@ -1,4 +1,4 @@
-"""Recorded data, each source read into the nouns of `saccade.types` and `saccade.frames`."""
+"""Recorded data, each source read into the data types of `saccade.types` and `saccade.frames`."""
 
 from saccade.datasets.drives.loading import DriveKind, load_drive
 from saccade.datasets.drives.writing import save_drive

@@ -1,4 +1,4 @@
-"""Pictures and pages, made from the nouns of `saccade.types`."""
+"""Pictures and pages, made from the data types of `saccade.types`."""
 
 from saccade.viewing.attention import attention_figure, heat_beside
 from saccade.viewing.drive_film import drive_frames
