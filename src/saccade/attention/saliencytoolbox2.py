@@ -38,7 +38,7 @@ FADED_BORDER = 1 / 20
 
 @dataclass(frozen=True)
 class SaliencyToolbox2Steps:
-    """The counterpart of `saccade.attention.contrast.MirroredSteps`, in double precision."""
+    """The counterpart of `saccade.attention.mirrored.MirroredSteps`, in double precision."""
 
     config: ContrastConfig
     dtype: ClassVar[type[np.floating[Any]]] = np.float64
