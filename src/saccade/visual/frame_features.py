@@ -31,7 +31,7 @@ class FrameFeatures:
 
 
 class FeatureExtractor:
-    """Reads the frames of a drive, and finds the points of one in `every`.
+    """Reads the frames of a drive, and finds the points of one in `detect_interval`.
 
     Args:
         drive: the frames.

@@ -158,7 +158,7 @@ def count_rematches(followed: TrackedPoints, found: TrackedPoints, ratio: float)
         ratio: as that of `descriptor_matches`.
     """
     pairs = descriptor_matches(found.keypoints, followed.descriptor, ratio)
-    min_spacing = np.hypot(*(found.xy[pairs[:, 0]] - followed.xy[pairs[:, 1]]).T)
-    proven = followed.rematches.copy()
-    proven[pairs[min_spacing < HERE, 1]] += 1
-    return replace(followed, rematch_attempts=followed.rematch_attempts + 1, rematches=proven)
+    distance = np.hypot(*(found.xy[pairs[:, 0]] - followed.xy[pairs[:, 1]]).T)
+    counts = followed.rematches.copy()
+    counts[pairs[distance < HERE, 1]] += 1
+    return replace(followed, rematch_attempts=followed.rematch_attempts + 1, rematches=counts)

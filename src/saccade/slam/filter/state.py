@@ -61,7 +61,7 @@ class FilterState(NamedTuple):
 
 
 def new_state(robot: FloatArray, covariance: FloatArray, landmarks: int) -> FilterState:
-    """A belief about a robot (r,) with its covariance (r, r), and room for `landmarks`."""
+    """The state of a robot (r,) with its covariance (r, r), and room for `landmarks`."""
     r = len(robot)
     size = r + 2 * landmarks
     b = FilterState(

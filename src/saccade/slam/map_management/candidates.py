@@ -76,7 +76,7 @@ class Candidates:
             ekf: the filter, at the pose of the scan.
             z: (m, 2) observations that are of no landmark of the map.
             R: (m, 2, 2) their covariances.
-            time: of the scan, in the unit of `lifetime`.
+            time: of the scan, in the unit of `timeout`.
 
         Returns:
             The rows of `z` that confirm a candidate: each is to become a landmark.
