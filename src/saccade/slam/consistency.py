@@ -49,7 +49,7 @@ class Consistency:
         Of a filter that is surer than it may be. The median tells of the noise, whatever wrong
         observations there are; how many are far out tells of those.
         """
-        if self._text < MIN_OBSERVATIONS:
+        if self._count < MIN_OBSERVATIONS:
             return ""
         found = []
         if self._factor > TOLERATED_FRACTION:
@@ -61,7 +61,7 @@ class Consistency:
     @property
     def remark(self) -> str:
         """What is worth knowing of the innovations though no harm is done; empty if nothing."""
-        if self._text < MIN_OBSERVATIONS:
+        if self._count < MIN_OBSERVATIONS:
             return ""
         found = []
         if self._factor < 1 / TOLERATED_FRACTION:
@@ -73,7 +73,7 @@ class Consistency:
         if 0 < wrong.mean() <= WRONG_FRACTION and self.mean > self.band[1]:
             rest = float(self._used[~wrong].mean())
             found.append(
-                f"{wrong.sum()} of {self._text} observations are impossible and count less, the "
+                f"{wrong.sum()} of {self._count} observations are impossible and count less, the "
                 f"mean NIS of the others is {rest:.2f}"
             )
         return "; ".join(found)
@@ -83,7 +83,7 @@ class Consistency:
         return self.nis[np.isfinite(self.nis)]
 
     @property
-    def _text(self) -> int:
+    def _count(self) -> int:
         return len(self._used)
 
     @property

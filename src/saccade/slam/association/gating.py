@@ -178,9 +178,9 @@ def drop_ambiguous(distance: FloatArray, found: IntArray) -> None:
         if found[i] >= 0:
             taken[found[i]] = True
     for i in range(len(distance)):
-        blocks = distance[i, found[i]] if found[i] >= 0 else inf
+        own = distance[i, found[i]] if found[i] >= 0 else inf
         for j in range(distance.shape[1]):
-            if not taken[j] and distance[i, j] <= blocks + AMBIGUOUS and found[i] >= 0:
+            if not taken[j] and distance[i, j] <= own + AMBIGUOUS and found[i] >= 0:
                 found[i] = DROPPED
 
 
