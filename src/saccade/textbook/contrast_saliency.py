@@ -29,10 +29,8 @@ ORDER: Final = 1
 """Silent: bilinear interpolation, the lowest order without steps, which N would count as maxima."""
 MAP_LEVEL = 4
 """Silent: (+) adds at the scale of the coarsest center, so that no map has to be enlarged."""
-EQUAL_DIGITS = 9
-"""Silent: values of a map in [0, 1] that agree to so many decimals are equal but for rounding."""
-FLAT = 1e-12
-"""Silent: a map that varies less than this varies by rounding, and N makes it 0."""
+FLAT, DIGITS = 1e-12, 9
+"""Silent: rounding lets no map vary (FLAT) and makes no maximum (DIGITS of a map in [0, 1])."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -179,7 +177,7 @@ def normalize(feature_map: FloatArray) -> Normalized:
     if np.ptp(feature_map) < FLAT:
         return Normalized(np.zeros(feature_map.shape), 0.0, 0.0, np.empty((0, 2), np.int64))
     scaled = (feature_map - feature_map.min()) / np.ptp(feature_map)  # N, 1
-    scaled = np.round(scaled, EQUAL_DIGITS)
+    scaled = np.round(scaled, DIGITS)
     tops = (scaled == maximum_filter(scaled, 3)) & (scaled >= 0.10)
     groups, k = label(tops, np.ones((3, 3)))  # tops that touch are equal: one maximum
     maxima = np.array(maximum_position(scaled, groups, range(1, k + 1)))
