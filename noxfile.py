@@ -31,7 +31,8 @@ def sbom(session: nox.Session) -> None:
 def fuzz(session: nox.Session) -> None:
     """Break files for ten minutes, at random and as coverage guides."""
     session.install(".", "--group", "dev")
-    tests = [f"tests/test_{name}.py" for name in ("fuzz", "odd_words", "restricted_machines")]
+    names = ("test_fuzz", "cli/test_invalid_arguments", "test_restricted_machines")
+    tests = [f"tests/{name}.py" for name in names]
     at_random = ("--hypothesis-profile", "random")
     session.run("pytest", "-q", *at_random, *tests, env={"FUZZ_EXAMPLES": "200"})
     session.run("python", "tests/fuzz/run.py", "--seconds", "600")
@@ -45,20 +46,20 @@ def mutation(session: nox.Session) -> None:
 
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
-ROOMS = (
+CORE_TESTS = (
     *("image", "pyramid", "contrast", "scanpath", "symmetry", "saliencytoolbox2", "edges"),
     *("sift", "descriptor", "must", "symroid", "matching", "exchange", "cli_points"),
     *("ekf", "run", "compressed", "association", "checkpoint", "matlab", "mrclam", "hard_logs"),
     *("drive_layouts", "drive_simulation", "egomotion", "viewing", "cli", "restricted_machines"),
 )
-"""The tests that reach most of each room; all of them with `-- tests`."""
+"""The tests that reach most of each package; all of them with `-- tests`."""
 TESTING = ("pytest>=8.2", "pytest-xdist>=3.6", "hypothesis>=6.100", "gtsam>=4.3")
 
 
 def run_tests(session: nox.Session) -> None:
-    """Run what was asked for, or the tests of `ROOMS`, and say with which libraries."""
+    """Run what was asked for, or the tests of `CORE_TESTS`, and say with which libraries."""
     session.run("uv", "pip", "list", "--quiet", external=True)
-    named = (Path("tests").rglob(f"test_{room}.py") for room in ROOMS)
+    named = (Path("tests").rglob(f"test_{name}.py") for name in CORE_TESTS)
     asked = session.posargs or [str(path) for paths in named for path in paths]
     # Old libraries warn of what is new around them.
     session.run("pytest", "-q", "-W", "ignore::DeprecationWarning", *asked)
