@@ -33,8 +33,20 @@ class PrintedSteps(MirroredSteps):
 
     @staticmethod
     def resize(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
-        """A level at the size of another."""
-        return resize(values, shape)
+        """A level at the size of another: coarser by A.4-A.5, finer by linear interpolation."""
+        while values.shape[0] > shape[0] or values.shape[1] > shape[1]:
+            values = PrintedSteps.halve(values)
+        if values.shape == shape:
+            return values
+        octaves = next(n for n in range(64) if level_shape(shape, n) == values.shape)
+        step = 0.5**octaves
+        return cv2.warpAffine(
+            values,
+            np.array([[step, 0, 0], [0, step, 0]]),
+            (shape[1], shape[0]),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=BORDER,
+        )
 
     def oriented(self, level: FloatMap) -> list[FloatMap]:
         """The signed response to one even Gabor filter for each orientation (A.6)."""
@@ -48,20 +60,3 @@ class PrintedSteps(MirroredSteps):
         return super().normalize(np.round(rescale(values), EQUAL_DIGITS))
 
     normalize_sum = normalize
-
-
-def resize(level: FloatMap, shape: tuple[int, int]) -> FloatMap:
-    """A level at the size of another: coarser by A.4-A.5, finer by linear interpolation."""
-    while level.shape[0] > shape[0] or level.shape[1] > shape[1]:
-        level = PrintedSteps.halve(level)
-    if level.shape == shape:
-        return level
-    octaves = next(n for n in range(64) if level_shape(shape, n) == level.shape)
-    step = 0.5**octaves
-    return cv2.warpAffine(
-        level,
-        np.array([[step, 0, 0], [0, step, 0]]),
-        (shape[1], shape[0]),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=BORDER,
-    )

@@ -23,7 +23,6 @@ from saccade.keypoints.gradients import (
     normalize,
     smooth_circles,
 )
-from saccade.textbook.sift import descriptor as printed_descriptor
 from saccade.types import Float32Array, IntArray
 
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
@@ -180,6 +179,8 @@ def describe_literally(
     Returns:
         (n, 128), ordered as those of `describe_frames`.
     """
+    from saccade.textbook.sift import descriptor as printed_descriptor  # with SciPy: not for all
+
     vectors = np.empty((len(angle), CELLS * CELLS * DIRECTIONS), np.float32)
     for i, (plane, (x, y), sigma) in enumerate(zip(*frames, strict=True)):
         vectors[i] = printed_descriptor(octave[plane], x, y, sigma, angle[i]).vector

@@ -148,9 +148,10 @@ def _group(kind: str, title: str) -> dict[str, Any]:
     help_of, hints = field_help(type(settings)), get_type_hints(type(settings))
     presets: dict[str, dict[str, dict[str, Any]]] = {}
     for name in preset_names(kind):
-        values = _values(kind, load_settings(kind, name))
-        on_page = load_settings(kind, name) == settings or values != presets[DEFAULT]
-        if on_page:  # another preset may differ from the default in what the page does not show
+        preset = load_settings(kind, name)
+        values = _values(kind, preset)
+        # One may differ from the default in nothing but what the page does not show.
+        if preset == settings or values != presets[DEFAULT]:
             presets[name] = values
     return {
         "kind": kind,
