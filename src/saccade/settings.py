@@ -4,7 +4,8 @@ import tomllib
 from dataclasses import asdict, fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args, get_type_hints
 
 from saccade.errors import ConfigError
 from saccade.files import read_text
@@ -25,6 +26,8 @@ KINDS = {
 """Where the configuration of each kind lives."""
 
 DEFAULT = "default"
+NONE = "none"
+"""None, in TOML, which has no null."""
 LARGEST = 1 << 1023
 """Whole number that a float can hold."""
 
@@ -61,10 +64,10 @@ def preset_names(kind: str) -> list[str]:
 
 
 def as_toml(settings: Any) -> str:
-    """A configuration as TOML; what is None is left out, since TOML has no word for it."""
+    """A configuration as TOML, with "none" for None."""
     import tomli_w
 
-    return tomli_w.dumps(asdict(settings, dict_factory=_without_none))
+    return tomli_w.dumps(asdict(settings, dict_factory=_with_none))
 
 
 def presets_as_toml(kind: str) -> str:
@@ -73,14 +76,14 @@ def presets_as_toml(kind: str) -> str:
 
     return tomli_w.dumps(
         {
-            name: asdict(_named(kind, name), dict_factory=_without_none)
+            name: asdict(_named(kind, name), dict_factory=_with_none)
             for name in preset_names(kind)
         }
     )
 
 
-def _without_none(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {name: value for name, value in items if value is not None}
+def _with_none(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {name: NONE if value is None else value for name, value in items}
 
 
 def _configuration(kind: str) -> Any:
@@ -120,14 +123,25 @@ def _changed(settings: Any, values: dict[str, Any], name: str) -> Any:
     unknown = sorted(set(values) - set(names))
     if unknown:
         raise ConfigError(f"{name}: no setting {unknown[0]!r}; expected any of {', '.join(names)}")
+    hints = get_type_hints(type(settings))
     changes = {
-        each: _like(value, getattr(settings, each), f"{name}: {each}")
+        each: _optional(value, hints[each], getattr(settings, each), f"{name}: {each}")
         for each, value in values.items()
     }
     try:
         return replace(settings, **changes)
     except ConfigError as error:
         raise ConfigError(f"{name}: {error}") from error
+
+
+def _optional(value: Any, hint: Any, current: Any, name: str) -> Any:
+    """`value` in the type of its field, which may be None where the field's type allows it."""
+    options = get_args(hint)
+    if NoneType not in options:
+        return _like(value, current, name)
+    if value is None or value == NONE:
+        return None
+    return _like(value, options[0]() if current is None else current, name)
 
 
 def _like(value: Any, model: Any, name: str) -> Any:
@@ -138,6 +152,6 @@ def _like(value: Any, model: Any, name: str) -> Any:
         return tuple(_like(each, model[0], name) if model else each for each in value)
     if type(model) is float and type(value) is int and abs(value) <= LARGEST:
         return float(value)
-    if model is not None and type(value) is not type(model):
+    if type(value) is not type(model):
         raise ConfigError(f"{name}: expected {type(model).__name__}, found {value!r}")
     return value
