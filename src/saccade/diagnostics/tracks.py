@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from saccade.frames import Camera, Frame, Tracks
 from saccade.types import FloatArray, Image
-from saccade.visual.optical_flow import gray_bytes, track_points
+from saccade.visual.optical_flow import track_points
+from saccade.visual.prepared_frame import gray_bytes
 
 Grey: TypeAlias = npt.NDArray[np.uint8]
 WIDEST = 800

@@ -1,25 +1,66 @@
-"""Which of the points of a frame become landmarks."""
+"""Landmark selection: which of the tracked points become landmarks.
+
+The default takes those with the highest re-match rate while tracked, weighted by how certain their
+range is. Saliency is computed for the selections "contrast" and "symmetry" only.
+"""
 
 import numpy as np
 
 from saccade.attention.contrast import contrast_saliency
-from saccade.attention.symmetry import SymmetryConfig, symmetry_saliency
+from saccade.attention.symmetry import symmetry_saliency
+from saccade.frames import Camera
 from saccade.pyramid import FloatMap
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.frontend import TrackedPoints
+from saccade.visual.observation import RangeBearings
+from saccade.visual.optical_flow import BoolArray
+from saccade.visual.tracked_points import TrackedPoints
 
-FARTHEST = 100.0
-"""Pixels from other landmarks beyond which a point stands as free as any."""
+MAX_DISTANCE = 100.0
+"""Pixels to the nearest landmark beyond which points count as equally free."""
 
 
 def selection_saliency(image: Image, config: VisualConfig) -> FloatMap | None:
-    """Saliency (h, w) of an image, None where the choice does not ask for it."""
+    """Saliency (h, w) of an image; None where the selection does not use it."""
     if config.selection == "contrast":
         return contrast_saliency(image).saliency
     if config.selection == "symmetry":
-        return symmetry_saliency(image, SymmetryConfig()).saliency
+        return symmetry_saliency(image).saliency
     return None
+
+
+def select_landmarks(
+    points: TrackedPoints,
+    observations: RangeBearings,
+    usable: BoolArray,
+    saliency: FloatMap | None,
+    camera: Camera,
+    config: VisualConfig,
+    frame: int,
+) -> IntArray:
+    """Choose new landmarks among tracked points, best first, apart from each other.
+
+    Args:
+        points: k tracked points.
+        observations: of the k points.
+        usable: (k,) whether each has a certain range.
+        saliency: as `selection_saliency` returned it.
+        camera: the calibration.
+        config: the selection, and how many.
+        frame: number of the frame.
+
+    Returns:
+        (m,) indices of the points.
+    """
+    free, tracked = np.flatnonzero(usable & ~points.is_landmark), points.landmarks
+    relative_sigma = np.sqrt(observations.covariance[free, 0, 0]) / observations.z[free, 0]
+    shape = camera.height, camera.width
+    order = rank_candidates(
+        points[free], relative_sigma, saliency, shape, tracked.xy, config, frame
+    )
+    capacity = max(0, config.max_tracked - len(tracked))
+    count = min(config.new_per_frame * config.detect_interval, capacity)
+    return enforce_spacing(points.xy, free[order], tracked.xy, config.min_spacing, count)
 
 
 def rank_candidates(
@@ -31,73 +72,71 @@ def rank_candidates(
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
-    """In which order points are wanted.
+    """Rank n candidates by the selection criterion.
 
     Args:
-        points: n points that are followed.
-        relative_range_sigma: (n,) deviation of the range, as a share of it.
-        saliency: what `selection_saliency` gave.
+        points: n candidates.
+        relative_range_sigma: (n,) standard deviation of the range, as a fraction of it.
+        saliency: as `selection_saliency` returned it.
         shape: (H, W) of the image.
-        occupied: (k, 2) pixels of landmarks in view.
-        config: how to choose.
-        frame: its number; what is left to chance is the same in every run.
+        occupied: (k, 2) pixels of tracked landmarks.
+        config: the selection.
+        frame: number of the frame, which seeds the random order.
 
     Returns:
-        (n,) indices, the most wanted first; equally wanted ones in random order.
+        (n,) indices, best first; equal ones in random order.
     """
-    chance = np.random.default_rng((config.seed, frame)).permutation(len(points))
-    points = points[chance]
+    shuffled = np.random.default_rng((config.seed, frame)).permutation(len(points))
+    points, relative_range_sigma = points[shuffled], relative_range_sigma[shuffled]
     if config.selection == "rematch-rate-spread":
-        return chance[farthest_first(points.xy, rematch_rate(points), occupied)]
+        return shuffled[farthest_first(points.xy, rematch_rate(points), occupied)]
     if config.selection == "strength":
-        wanted = points.response.astype(np.float64)
+        score = points.response.astype(np.float64)
     elif config.selection == "range":
-        wanted = -relative_range_sigma[chance]
+        score = -relative_range_sigma
     elif config.selection == "rematch-rate":
-        wanted = rematch_rate(points)
+        score = rematch_rate(points)
     elif config.selection == "rematch-rate-range":
-        wanted = rematch_rate(points) * (
-            1 - relative_range_sigma[chance] / (2 * config.relative_range_sigma)
-        )
+        certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
+        score = rematch_rate(points) * certainty
     elif saliency is not None:
-        wanted = saliency_at(saliency, points.xy, shape)
+        score = saliency_at(saliency, points.xy, shape)
     else:
-        wanted = np.zeros(len(points))
-    return chance[np.argsort(-wanted, kind="stable")]
+        score = np.zeros(len(points))
+    return shuffled[np.argsort(-score, kind="stable")]
 
 
 def rematch_rate(points: TrackedPoints) -> FloatArray:
-    """(n,) probability with which each point is known again by its looks.
+    """(n,) probability that each point is re-matched by its descriptor.
 
-    The mean of the belief (Beta distribution) that is left of an even one by how often it was
-    looked for while it was followed, and found.
+    The mean of the Beta posterior of a uniform prior, given attempts and re-matches while tracked.
     """
     return np.asarray((points.rematches + 1) / (points.rematch_attempts + 2))
 
 
-def farthest_first(xy: Float32Array, worth: FloatArray, occupied: Float32Array) -> IntArray:
-    """Points in such an order that each is far from those before it and from others.
+def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array) -> IntArray:
+    """Farthest-point ordering: each point is the farthest from those before it and from others.
 
     Args:
         xy: (n, 2) pixels.
-        worth: (n,) factors by which distances count.
+        weight: (n,) factors of the distances.
         occupied: (k, 2) pixels of the others.
 
     Returns:
         (n,) indices.
     """
     distances = np.hypot(*(xy[:, None] - xy).astype(np.float64).transpose(2, 0, 1))  # (n, n)
-    free = np.full(len(xy), FARTHEST)
+    nearest = np.full(len(xy), MAX_DISTANCE)
     if len(occupied):
-        others = np.hypot(*(xy[:, None] - occupied).astype(np.float64).transpose(2, 0, 1))
-        free = np.minimum(free, others.min(1))
+        to_occupied = np.hypot(*(xy[:, None] - occupied).astype(np.float64).transpose(2, 0, 1))
+        nearest = np.minimum(nearest, to_occupied.min(1))
     order: list[int] = []
-    left = np.ones(len(xy), np.bool_)
+    remaining = np.ones(len(xy), np.bool_)
     for _ in range(len(xy)):
-        i = int(np.argmax(np.where(left, free * worth, -1.0)))
+        i = int(np.argmax(np.where(remaining, nearest * weight, -1.0)))
         order.append(i)
-        left[i] = False
-        free = np.minimum(free, distances[i])
+        remaining[i] = False
+        nearest = np.minimum(nearest, distances[i])
     return np.asarray(order, np.int64)
 
 
@@ -106,5 +145,30 @@ def saliency_at(saliency: FloatMap, xy: Float32Array, shape: tuple[int, int]) ->
     rows, columns = saliency.shape
     column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
     row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
-    found: FloatArray = saliency[row, column].astype(np.float64)
-    return found
+    return np.asarray(saliency[row, column], np.float64)
+
+
+def enforce_spacing(
+    xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
+) -> IntArray:
+    """The first of an order of points that keep their distance from one another and from others.
+
+    Args:
+        xy: (n, 2) pixels.
+        order: indices, best first.
+        occupied: (k, 2) pixels of the others.
+        min_spacing: pixels.
+        count: how many at most.
+
+    Returns:
+        (m,) indices.
+    """
+    neighbors = [*occupied]
+    chosen: list[int] = []
+    for i in order.tolist():
+        if len(chosen) == count:
+            break
+        if not neighbors or np.square(np.asarray(neighbors) - xy[i]).sum(1).min() >= min_spacing**2:
+            neighbors.append(xy[i])
+            chosen.append(i)
+    return np.asarray(chosen, np.int64)
