@@ -1,50 +1,46 @@
-"""Whether two cameras are a rectified rig."""
+"""Rectification of a stereo rig."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from saccade.diagnostics.findings import Finding
 from saccade.diagnostics.survey import Survey
 
-LEAST = 200
-"""Points below which nothing is said."""
-NEGATIVE = 0.05
-"""Share of the points that may lie further right in the right image: wrong matches."""
-ROWS = 1.0
-"""Pixels by which rows may be apart."""
+MIN_POINTS = 200
+"""Points from which something is said."""
+MAX_NEGATIVE = 0.05
+"""Fraction of the points with a negative disparity: wrong matches."""
+MAX_ROW_OFFSET = 1.0
+"""Pixels between the rows of a point in both images."""
 
 
-def check_stereo(survey: Survey) -> list[Finding]:
-    """Right and left the same way round, and on the same rows."""
-    if len(survey.disparity) < LEAST:
-        return []
+def check_stereo(survey: Survey) -> Iterator[Finding]:
+    """Whether left and right are exchanged, and the rows aligned."""
+    if len(survey.disparity) < MIN_POINTS:
+        return
     negative = float(np.mean(survey.disparity < -1.0))
-    findings = []
-    if negative > NEGATIVE:
+    if negative > MAX_NEGATIVE:
         swapped = negative > 0.5
-        findings.append(
-            Finding(
-                "error" if swapped else "warning",
-                "disparity sign",
-                f"{100 * negative:.0f} % of the points lie further right in the right image, "
-                "where nothing real can be",
-                "Exchange the left and the right images"
-                if swapped
-                else "Look at the rectification, and whether both images are of the same time",
-                100 * negative,
-                "%",
-            )
+        yield Finding(
+            "error" if swapped else "warning",
+            "disparity sign",
+            f"{100 * negative:.0f} % of the points have a negative disparity: they lie further "
+            "right in the right image",
+            "Exchange the left and the right images"
+            if swapped
+            else "Check the rectification, and whether both images are of the same time",
+            100 * negative,
+            "%",
         )
-    rows = survey.rows_apart[np.isfinite(survey.rows_apart)]
-    apart = float(np.median(np.abs(rows))) if len(rows) >= LEAST else 0.0
-    if apart > ROWS:
-        findings.append(
-            Finding(
-                "warning",
-                "rows",
-                f"the same points lie {apart:.1f} px higher or lower in the right image (median)",
-                "Rectify the images, or calibrate again",
-                apart,
-                "px",
-            )
+    rows = survey.row_offset[np.isfinite(survey.row_offset)]
+    offset = float(np.median(np.abs(rows))) if len(rows) >= MIN_POINTS else 0.0
+    if offset > MAX_ROW_OFFSET:
+        yield Finding(
+            "warning",
+            "rows",
+            f"the same points lie {offset:.1f} px higher or lower in the right image (median)",
+            "Rectify the images, or calibrate again",
+            offset,
+            "px",
         )
-    return findings
