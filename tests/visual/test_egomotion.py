@@ -56,7 +56,8 @@ def test_points_come_back_through_the_camera():
 def test_the_covariance_of_an_observation_is_that_of_many_draws():
     rng = np.random.default_rng(1)
     xy, depth = np.array([[100.0, 250.0]]), np.array([12.0])
-    seen = range_bearing(CAMERA, xy, depth, 0.5, np.array([0.2]))
+    config = VisualConfig(pixel_sigma=0.5)
+    seen = range_bearing(CAMERA, xy, depth, np.array([0.2]), config, tilt=0.0)
     drawn = from_pixels(
         CAMERA,
         xy + 0.5 * rng.standard_normal((200000, 2)),

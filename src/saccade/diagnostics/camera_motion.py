@@ -60,10 +60,10 @@ def _from_depths(
     first: FloatArray, second: FloatArray, depth: FloatArray, camera: Camera
 ) -> CameraPose | None:
     points = directions(camera, first) * depth[:, None]
-    found = perspective_n_point(
+    solution = perspective_n_point(
         camera, points, second, method=cv2.SOLVEPNP_ITERATIVE, confidence=0.99
     )
-    return found[:2] if found is not None and _most_agree(found[2], len(first)) else None
+    return solution[:2] if solution is not None and _most_agree(solution[2], len(first)) else None
 
 
 def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> CameraPose | None:

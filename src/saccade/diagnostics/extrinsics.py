@@ -55,9 +55,9 @@ def check_extrinsics(series: MotionSeries, camera: Camera) -> Iterator[Finding]:
         ("camera yaw", np.stack([ahead, turn], 1), left, ("left", "right")),
         ("camera pitch", ahead[:, None], up, ("up", "down")),
     ):
-        found = fit(A, offset)
-        if found is not None and found.differs(0, 0.0, float(np.tan(MAX_ANGLE))):
-            angle = float(np.rad2deg(np.arctan(found.value[0])))
+        fitted = fit(A, offset)
+        if fitted is not None and fitted.differs(0, 0.0, float(np.tan(MAX_ANGLE))):
+            angle = float(np.rad2deg(np.arctan(fitted.value[0])))
             side = sides[1] if angle > 0 else sides[0]
             yield Finding(
                 "warning",
@@ -67,16 +67,16 @@ def check_extrinsics(series: MotionSeries, camera: Camera) -> Iterator[Finding]:
                 angle,
                 "deg",
             )
-    found, position = fit(np.stack([turn, ahead], 1), left), float(camera.position[0])
+    fitted, position = fit(np.stack([turn, ahead], 1), left), float(camera.position[0])
     tolerance = max(MAX_OFFSET, MAX_RELATIVE_OFFSET * abs(position))
-    if found is not None and found.differs(0, position, tolerance):
+    if fitted is not None and fitted.differs(0, position, tolerance):
         yield Finding(
             "warning",
             "camera position",
-            f"in turns the camera moves as if it were {found.value[0]:.2f} m ahead of the robot's "
-            f"origin (within {2 * found.error[0]:.2f}), camera.position is {position:.2f} m",
+            f"in turns the camera moves as if it were {fitted.value[0]:.2f} m ahead of the robot's "
+            f"origin (within {2 * fitted.error[0]:.2f}), camera.position is {position:.2f} m",
             "Check camera.position: it is that of the camera in the robot's frame, not of the "
             "robot in the camera's",
-            float(found.value[0]),
+            float(fitted.value[0]),
             "m",
         )

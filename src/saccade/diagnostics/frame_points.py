@@ -98,9 +98,9 @@ def points_of(prepared: PreparedFrame, camera: Camera) -> FramePoints:
         column, row = np.rint(xy).astype(np.int64).T
         depth = prepared.frame.depth[row, column]
     elif prepared.right is not None and prepared.right.shape == gray.shape:
-        right, found = track_points(gray, prepared.right, xy.astype(np.float32))
-        disparity = np.where(found, xy[:, 0] - right[:, 0], np.nan)
-        rows = np.where(found, right[:, 1] - xy[:, 1], np.nan)
+        right, tracked = track_points(gray, prepared.right, xy.astype(np.float32))
+        disparity = np.where(tracked, xy[:, 0] - right[:, 0], np.nan)
+        rows = np.where(tracked, right[:, 1] - xy[:, 1], np.nan)
         depth = _depth_of(disparity, camera)
     return FramePoints(xy, depth, disparity, rows, np.zeros(len(xy), np.int64))
 
@@ -125,8 +125,8 @@ def match_points(
     one, other = previous.left, current.left
     if one is None or other is None or one.shape != other.shape:
         return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)
-    xy, found = track_points(one, other, first.xy.astype(np.float32))
-    return first.xy[found], xy[found].astype(np.float64), first.depth[found]
+    xy, tracked = track_points(one, other, first.xy.astype(np.float32))
+    return first.xy[tracked], xy[tracked].astype(np.float64), first.depth[tracked]
 
 
 def _depth_of(disparity: FloatArray, camera: Camera) -> FloatArray:

@@ -53,24 +53,17 @@ def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
 
 
 def _turn_finding(lag: Lag) -> Finding:
-    correlation = lag.correlation
-    if correlation < -MIN_CORRELATION:
-        return Finding(
-            "error",
-            "turn sign",
-            f"odometry turns opposite to the images: the correlation is {correlation:.2f}",
-            "Turns are positive to the left; change the sign of the turn, or check whether the "
-            "images are mirrored",
-            correlation,
-            "correlation",
-        )
+    opposite = lag.correlation < -MIN_CORRELATION
     return Finding(
         "error",
-        "turn",
-        f"the turns of odometry and of the images are unrelated: the correlation is "
-        f"{correlation:.2f}",
-        "Check whether both are of the same drive, and camera.rotation",
-        correlation,
+        "turn sign" if opposite else "turn",
+        f"the turns of odometry and of the images are {'opposite' if opposite else 'unrelated'}: "
+        f"their correlation is {lag.correlation:.2f}",
+        "Turns are positive to the left; change the sign of the turn, or check whether the images "
+        "are mirrored"
+        if opposite
+        else "Check whether both are of the same drive, and camera.rotation",
+        lag.correlation,
         "correlation",
     )
 

@@ -153,10 +153,10 @@ def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None
     if known.sum() < MIN_INLIERS:
         return None
     xyz = directions(camera, points.previous[known]) / points.inverse_depth[known, None]
-    found = perspective_n_point(
+    solution = perspective_n_point(
         camera, xyz, points.current[known], method=cv2.SOLVEPNP_EPNP, confidence=0.999
     )
-    return None if found is None or found[2] < MIN_INLIERS else found[:2]
+    return None if solution is None or solution[2] < MIN_INLIERS else solution[:2]
 
 
 def perspective_n_point(
@@ -171,7 +171,7 @@ def perspective_n_point(
         method: of `cv2.SolvePnPMethod`, for the final estimate.
         confidence: probability of an outlier-free sample.
     """
-    found, rotation, translation, inliers = cv2.solvePnPRansac(
+    solved, rotation, translation, inliers = cv2.solvePnPRansac(
         points,
         xy,
         Intrinsics.of(camera).matrix,
@@ -181,7 +181,7 @@ def perspective_n_point(
         confidence=confidence,
         flags=method,
     )
-    if not found or inliers is None:
+    if not solved or inliers is None:
         return None
     R = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
     return R, np.asarray(translation, np.float64).ravel(), len(inliers)

@@ -105,9 +105,9 @@ def track(
         tracked, xy = tracked[old], tracks.xy[new].astype(np.float32)
         depth = depth_of(camera, tracks.disparity[new])
     elif current.left is not None and previous.left is not None:
-        xy, found = track_points(previous.left, current.left, tracked.xy)
-        found &= is_inside(camera, xy, BORDER)
-        tracked, xy = tracked[found], xy[found]
+        xy, ok = track_points(previous.left, current.left, tracked.xy)
+        ok &= is_inside(camera, xy, BORDER)
+        tracked, xy = tracked[ok], xy[ok]
         depth = measure_depth(camera, current, xy, config, tracked.depth)
     else:
         return TrackedPoints(), None

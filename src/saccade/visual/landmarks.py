@@ -36,11 +36,6 @@ class Landmarks(Table):
         rows = np.searchsorted(self.id, ids).clip(0, len(self) - 1)
         return np.where(self.id[rows] == ids, rows, -1)
 
-    def count_observed(self, rows: IntArray, frame: int) -> None:
-        """Count an observation of landmarks (k,)."""
-        self.observations[rows] += 1
-        self.last_observed[rows] = frame
-
     def least_useful(self, count: int, tracked: IntArray, frame: int) -> IntArray:
         """Landmarks to be removed: those with the highest miss rate, of equal ones the oldest.
 

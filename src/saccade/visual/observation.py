@@ -29,19 +29,26 @@ class RangeBearings(Table):
 
 
 def range_bearing(
-    camera: Camera, xy: FloatArray, depth: FloatArray, pixel_sigma: float, depth_sigma: FloatArray
+    camera: Camera,
+    xy: FloatArray,
+    depth: FloatArray,
+    depth_sigma: FloatArray,
+    config: VisualConfig,
+    tilt: float,
 ) -> RangeBearings:
-    """Observations of points of known depth, their covariance to first order.
+    """Observations of k points of known depth, their covariance to first order.
 
     Args:
         camera: the calibration.
         xy: (k, 2) pixels.
         depth: (k,) metres along the optical axis.
-        pixel_sigma: standard deviation of a pixel, in each axis.
         depth_sigma: (k,) metres.
+        config: standard deviation of a pixel.
+        tilt: standard deviation of roll and pitch in radians, which displace the points that are
+            not at the camera's height.
     """
     points = from_pixels(camera, xy, depth)
-    x, y = points[:, 0], points[:, 1]
+    x, y, above = points[:, 0], points[:, 1], points[:, 2] - camera.position[2]
     r = np.maximum(np.hypot(x, y), MIN_DEPTH)
     by_point = np.stack(
         [np.stack([x / r, y / r], 1), np.stack([-y, x], 1) / r[:, None] ** 2], 1
@@ -49,65 +56,41 @@ def range_bearing(
     R = camera.rotation[:2]
     by_camera = np.stack(
         [
-            depth[:, None] * (R[:, 0] / camera.fx) * pixel_sigma,
-            depth[:, None] * (R[:, 1] / camera.fy) * pixel_sigma,
+            depth[:, None] * (R[:, 0] / camera.fx) * config.pixel_sigma,
+            depth[:, None] * (R[:, 1] / camera.fy) * config.pixel_sigma,
             (directions(camera, xy) @ camera.rotation.T)[:, :2] * depth_sigma[:, None],
         ],
         2,
     )  # (k, 2, 3) on the ground, by one standard deviation of both pixel coordinates and the depth
     root = by_point @ by_camera
-    z = np.stack([r, np.arctan2(y, x)], 1)
-    return RangeBearings(z, root @ root.transpose(0, 2, 1), points[:, 2])
+    covariance = root @ root.transpose(0, 2, 1)
+    covariance[:, 0, 0] += np.square(tilt * above)
+    covariance[:, 1, 1] += np.square(tilt * above / r)
+    return RangeBearings(np.stack([r, np.arctan2(y, x)], 1), covariance, points[:, 2])
 
 
 def observe(
     camera: Camera, points: TrackedPoints, config: VisualConfig, tilt: float
 ) -> tuple[RangeBearings, BoolArray]:
-    """Observations of k points, and (k,) which have a range that is in the limits and certain.
-
-    Args:
-        camera: the calibration.
-        points: k points.
-        config: standard deviations and limits.
-        tilt: standard deviation of roll and pitch in radians, which displace the points that are
-            not at the camera's height.
-    """
-    observations = _observe(
-        camera, points, np.nan_to_num(points.depth, nan=1.0),
-        np.nan_to_num(points.depth_sigma, nan=1.0), config, tilt,
-    )  # fmt: skip
-    r, sigma = observations.z[:, 0], np.sqrt(observations.covariance[:, 0, 0])
+    """Observations of k points, and (k,) which have a range that is in the limits and certain."""
+    depth, sigma = (np.nan_to_num(each, nan=1.0) for each in (points.depth, points.depth_sigma))
+    xy = points.xy.astype(np.float64)
+    observations = range_bearing(camera, xy, depth, sigma, config, tilt)
+    r, range_sigma = observations.z[:, 0], np.sqrt(observations.covariance[:, 0, 0])
     near, far = config.range_limits
     usable = np.isfinite(points.depth) & (r > near) & (r < far)
-    return observations, usable & (sigma < config.relative_range_sigma * r)
+    return observations, usable & (range_sigma < config.relative_range_sigma * r)
 
 
 def observe_bearings(
     camera: Camera, points: TrackedPoints, ranges: FloatArray, config: VisualConfig, tilt: float
 ) -> RangeBearings:
     """Bearing-only observations of k points: their depths put them at given ranges (k,)."""
-    near, far = (
-        from_pixels(camera, points.xy.astype(np.float64), np.full(len(points), s)) for s in (0, 1)
-    )
+    xy = points.xy.astype(np.float64)
+    near, far = (from_pixels(camera, xy, np.full(len(xy), depth)) for depth in (0, 1))
     origin, direction = near[:, :2], (far - near)[:, :2]
     # |origin + depth * direction| = range
     a, b = np.square(direction).sum(1), (origin * direction).sum(1)
     discriminant = np.maximum(b**2 - a * (np.square(origin).sum(1) - ranges**2), 0.0)
     depth = np.maximum(np.sqrt(discriminant) - b, MIN_DEPTH) / np.maximum(a, 1e-12)
-    return _observe(camera, points, depth, UNKNOWN_DEPTH_SIGMA * depth, config, tilt)
-
-
-def _observe(
-    camera: Camera,
-    points: TrackedPoints,
-    depth: FloatArray,
-    depth_sigma: FloatArray,
-    config: VisualConfig,
-    tilt: float,
-) -> RangeBearings:
-    xy = points.xy.astype(np.float64)
-    observations = range_bearing(camera, xy, depth, config.pixel_sigma, depth_sigma)
-    above = observations.height - camera.position[2]
-    observations.covariance[:, 0, 0] += np.square(tilt * above)
-    observations.covariance[:, 1, 1] += np.square(tilt * above / observations.z[:, 0])
-    return observations
+    return range_bearing(camera, xy, depth, UNKNOWN_DEPTH_SIGMA * depth, config, tilt)

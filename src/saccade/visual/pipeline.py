@@ -204,14 +204,13 @@ class Pipeline:
             if config.counts_rematches and frame.left is not None:
                 self.tracked = count_rematches(self.tracked, detected, config.ratio)
             detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
-            found = reidentify(detected, self.map, self.tracked, self.drive.camera, config)
-            landmarks.missed[found.missed] += 1
-            self.log.missed += len(found.missed)
-            reidentified = replace(
-                detected[found.points],
-                landmark=landmarks.id[found.rows],
-                reidentified=np.ones(len(found.points), np.bool_),
+            index, rows, missed = reidentify(
+                detected, self.map, self.tracked, self.drive.camera, config
             )
+            landmarks.missed[missed] += 1
+            self.log.missed += len(missed)
+            flags = np.ones(len(rows), np.bool_)
+            reidentified = replace(detected[index], landmark=landmarks.id[rows], reidentified=flags)
         return detected, reidentified
 
     def _extend_tracks(self, detected: TrackedPoints, reidentified: TrackedPoints) -> None:
@@ -229,9 +228,9 @@ class Pipeline:
         with self.log.timed("attend"):
             saliency = self._analyzer.saliency(frame, number)
             observations, usable = self.map.observe(self.tracked)
+            shape = self.drive.camera.height, self.drive.camera.width
             return select_landmarks(
-                *(self.tracked, observations, usable, saliency),
-                *(self.drive.camera, self.config, number),
+                self.tracked, observations, usable, saliency, shape, self.config, number
             )
 
     def _initialize(self, number: int, chosen: IntArray) -> None:

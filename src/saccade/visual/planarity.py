@@ -50,14 +50,14 @@ class Planarity:
 
     def remarks(self) -> tuple[str, ...]:
         """What the user should know, in sentences."""
-        found = []
+        parts = []
         if self.max_tilt > MAX_TILT_RATIO * self.assumed_tilt:
-            found.append(f"pitches and rolls by {np.degrees(self.max_tilt):.1f} deg")
+            parts.append(f"pitches and rolls by {np.degrees(self.max_tilt):.1f} deg")
         if self.max_height > MAX_HEIGHT:
-            found.append(f"rises and falls by {self.max_height:.1f} m")
-        if not found:
+            parts.append(f"rises and falls by {self.max_height:.1f} m")
+        if not parts:
             return ()
         return (
-            f"the robot {' and '.join(found)} as its camera measures it, but its map is flat: the "
+            f"the robot {' and '.join(parts)} as its camera measures it, but its map is flat: the "
             "standard deviations of observations and motion are enlarged accordingly",
         )

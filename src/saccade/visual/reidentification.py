@@ -1,7 +1,6 @@
 """Re-identification of lost landmarks: by descriptor, validation gate, and mutual consistency."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,24 +29,13 @@ MIN_CONSISTENT = 4
 """Landmarks that must agree with one pose, or all where there are fewer."""
 
 
-class Reidentified(NamedTuple):
-    """Lost landmarks that were expected in a frame."""
-
-    points: IntArray
-    """(m,) indices of the points in which landmarks were re-identified."""
-    rows: IntArray
-    """(m,) rows of these landmarks."""
-    missed: IntArray
-    """(l,) rows of the other landmarks that were expected."""
-
-
 def reidentify(
     points: TrackedPoints,
     visual_map: VisualMap,
     tracked: TrackedPoints,
     camera: Camera,
     config: VisualConfig,
-) -> Reidentified:
+) -> tuple[IntArray, IntArray, IntArray]:
     """Find lost landmarks among detected points.
 
     Args:
@@ -56,14 +44,16 @@ def reidentify(
         tracked: points that are tracked, whose landmarks are not lost.
         camera: the calibration.
         config: gate and ratio test.
+
+    Returns:
+        Indices of points (m,) and the rows of their landmarks (m,); and the rows of other lost
+        landmarks that were expected in view.
     """
-    expected_rows = _expected_in_view(visual_map, tracked, camera, config)
-    if len(expected_rows) == 0 or len(points) == 0:
-        none = np.zeros(0, np.int64)
-        return Reidentified(none, none, none)
-    landmarks = visual_map.landmarks
-    pairs = descriptor_matches(points.keypoints, landmarks.descriptor[expected_rows], config.ratio)
-    index, rows = pairs[:, 0], expected_rows[pairs[:, 1]]
+    landmarks, lost = visual_map.landmarks, _expected_in_view(visual_map, tracked, camera, config)
+    if len(lost) == 0 or len(points) == 0:
+        return (np.zeros(0, np.int64),) * 3
+    pairs = descriptor_matches(points.keypoints, landmarks.descriptor[lost], config.ratio)
+    index, rows = pairs[:, 0], lost[pairs[:, 1]]
     expected = visual_map.predict_observations(rows)
     observations, usable = visual_map.observe_expected(points[index], expected)
     keep = usable & within_gate(observations, expected, landmarks.height[rows], config.gate)
@@ -73,7 +63,7 @@ def reidentify(
     index, rows, observations = index[keep], rows[keep], observations[keep]
     keep = consistent_subset(*visual_map.joint_innovation(rows, observations), config.gate)
     index, rows = index[keep], rows[keep]
-    return Reidentified(index, rows, expected_rows[~np.isin(expected_rows, rows)])
+    return index, rows, lost[~np.isin(lost, rows)]
 
 
 def _expected_in_view(
@@ -106,16 +96,9 @@ def descriptor_matches(points: Keypoints, descriptors: ByteArray, ratio: float) 
 def within_gate(
     observations: RangeBearings, expected: PredictedObservations, height: FloatArray, gate: float
 ) -> BoolArray:
-    """Mahalanobis gating over the ground, and by height.
+    """(m,) Mahalanobis gating of m observations over the ground, and by height (m,) in metres.
 
-    Args:
-        observations: m observations.
-        expected: of their landmarks.
-        height: (m,) metres, of the landmarks.
-        gate: probability with which a correct association passes.
-
-    Returns:
-        (m,).
+    A correct association passes with probability `gate`, if its height is within the tolerance.
     """
     v = observations.z - expected.z
     v[:, 1] = wrap(v[:, 1])

@@ -8,7 +8,6 @@ import numpy as np
 
 from saccade.attention.contrast import contrast_saliency
 from saccade.attention.symmetry import symmetry_saliency
-from saccade.frames import Camera
 from saccade.pyramid import FloatMap
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
@@ -34,7 +33,7 @@ def select_landmarks(
     observations: RangeBearings,
     usable: BoolArray,
     saliency: FloatMap | None,
-    camera: Camera,
+    shape: tuple[int, int],
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
@@ -45,65 +44,45 @@ def select_landmarks(
         observations: of the k points.
         usable: (k,) whether each has a certain range.
         saliency: as `selection_saliency` returned it.
-        camera: the calibration.
+        shape: (H, W) of the image.
         config: the selection, and how many.
-        frame: number of the frame.
+        frame: number of the frame, which seeds the random order of equal candidates.
 
     Returns:
         (m,) indices of the points.
     """
-    free, tracked = np.flatnonzero(usable & ~points.is_landmark), points.landmarks
-    relative_sigma = np.sqrt(observations.covariance[free, 0, 0]) / observations.z[free, 0]
-    shape = camera.height, camera.width
-    order = rank_candidates(
-        points[free], relative_sigma, saliency, shape, tracked.xy, config, frame
-    )
+    tracked, free = points.landmarks, np.flatnonzero(usable & ~points.is_landmark)
+    free = free[np.random.default_rng((config.seed, frame)).permutation(len(free))]
+    candidates = points[free]
+    if config.selection == "rematch-rate-spread":
+        order = farthest_first(candidates.xy, rematch_rate(candidates), tracked.xy)
+    else:
+        score = _score(candidates, observations[free], saliency, shape, config)
+        order = np.argsort(-score, kind="stable")
     capacity = max(0, config.max_tracked - len(tracked))
     count = min(config.new_per_frame * config.detect_interval, capacity)
     return enforce_spacing(points.xy, free[order], tracked.xy, config.min_spacing, count)
 
 
-def rank_candidates(
+def _score(
     points: TrackedPoints,
-    relative_range_sigma: FloatArray,
+    observations: RangeBearings,
     saliency: FloatMap | None,
     shape: tuple[int, int],
-    occupied: Float32Array,
     config: VisualConfig,
-    frame: int,
-) -> IntArray:
-    """Rank n candidates by the selection criterion.
-
-    Args:
-        points: n candidates.
-        relative_range_sigma: (n,) standard deviation of the range, as a fraction of it.
-        saliency: as `selection_saliency` returned it.
-        shape: (H, W) of the image.
-        occupied: (k, 2) pixels of tracked landmarks.
-        config: the selection.
-        frame: number of the frame, which seeds the random order.
-
-    Returns:
-        (n,) indices, best first; equal ones in random order.
-    """
-    shuffled = np.random.default_rng((config.seed, frame)).permutation(len(points))
-    points, relative_range_sigma = points[shuffled], relative_range_sigma[shuffled]
-    if config.selection == "rematch-rate-spread":
-        return shuffled[farthest_first(points.xy, rematch_rate(points), occupied)]
+) -> FloatArray:
+    """(n,) by the selection criterion, higher is better."""
+    relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
     if config.selection == "strength":
-        score = points.response.astype(np.float64)
-    elif config.selection == "range":
-        score = -relative_range_sigma
-    elif config.selection == "rematch-rate":
-        score = rematch_rate(points)
-    elif config.selection == "rematch-rate-range":
+        return points.response.astype(np.float64)
+    if config.selection == "range":
+        return -relative_range_sigma
+    if config.selection == "rematch-rate":
+        return rematch_rate(points)
+    if config.selection == "rematch-rate-range":
         certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
-        score = rematch_rate(points) * certainty
-    elif saliency is not None:
-        score = saliency_at(saliency, points.xy, shape)
-    else:
-        score = np.zeros(len(points))
-    return shuffled[np.argsort(-score, kind="stable")]
+        return rematch_rate(points) * certainty
+    return np.zeros(len(points)) if saliency is None else saliency_at(saliency, points.xy, shape)
 
 
 def rematch_rate(points: TrackedPoints) -> FloatArray:
@@ -141,7 +120,7 @@ def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array)
 
 
 def saliency_at(saliency: FloatMap, xy: Float32Array, shape: tuple[int, int]) -> FloatArray:
-    """(n,) saliency at pixels (n, 2) of an image of a shape (H, W)."""
+    """(n,) saliency (h, w) at pixels (n, 2) of an image of a shape (H, W)."""
     rows, columns = saliency.shape
     column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
     row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)

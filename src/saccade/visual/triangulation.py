@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.types import FloatArray, IntArray
+from saccade.types import FloatArray
 from saccade.visual.camera import directions
 from saccade.visual.tracked_points import TrackedPoints
 
@@ -29,12 +29,6 @@ class CameraTrajectory:
         self.translation.append(rotation @ self.translation[-1] + translation)
         self.rotation.append(rotation @ self.rotation[-1])
 
-    def motion_since(self, frames: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Rotations (k, 3, 3) and translations (k, 3) from earlier frames (k,) to the last one."""
-        R = self.rotation[-1] @ np.array([self.rotation[i].T for i in frames.tolist()])
-        earlier = np.array([self.translation[i] for i in frames.tolist()])
-        return R, self.translation[-1] - (R @ earlier[:, :, None])[:, :, 0]
-
     def triangulate(
         self, camera: Camera, points: TrackedPoints, pixel_sigma: float
     ) -> tuple[FloatArray, FloatArray]:
@@ -51,7 +45,10 @@ class CameraTrajectory:
         """
         if len(points) == 0:
             return np.zeros(0), np.zeros(0)
-        R, t = self.motion_since(points.first_frame)
+        frames = points.first_frame.tolist()
+        R = self.rotation[-1] @ np.array([self.rotation[i].T for i in frames])  # (k, 3, 3)
+        earlier = np.array([self.translation[i] for i in frames])
+        t = self.translation[-1] - (R @ earlier[:, :, None])[:, :, 0]
         present = directions(camera, points.xy.astype(np.float64))
         first = (R @ directions(camera, points.first_xy.astype(np.float64))[:, :, None])[:, :, 0]
         # present depth * present - first depth * first = t, by least squares

@@ -238,11 +238,11 @@ class VisualMap:
         if len(rows):
             R = self._covariance(observations, int(reidentified.sum()))
             self.ekf.update_scan(observations.z[reidentified], R[reidentified], rows[reidentified])
-            self.landmarks.count_observed(rows, number)
-            height = self.landmarks.height
-            height[rows] += (observations.height - height[rows]) / (
-                self.landmarks.observations[rows]
-            )
+            landmarks = self.landmarks
+            landmarks.observations[rows] += 1
+            landmarks.last_observed[rows] = number
+            difference = observations.height - landmarks.height[rows]
+            landmarks.height[rows] += difference / landmarks.observations[rows]
         return innovation, S
 
     def initialize(
