@@ -11,18 +11,17 @@ from saccade.evaluation.drives import score_drive
 from saccade.frames import AHEAD, Camera
 from saccade.visual.camera import from_pixels, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.correspondences import correspondences_of
 from saccade.visual.egomotion import (
     camera_motion,
+    correspondences_of,
     estimate_motion,
     robot_motion,
     robot_motion_jacobian,
 )
 from saccade.visual.ground_scale import GroundTracker
-from saccade.visual.motion_prior import MotionPrior, fuse
+from saccade.visual.motion_prior import MotionPrior, OdometryScale, TurnRateBias, fuse
 from saccade.visual.observation import observe, observe_bearings, range_bearing
-from saccade.visual.systematic_errors import OdometryScale, TurnRateBias
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import TrackedPoints
 from saccade.visual.triangulation import CameraTrajectory
 from support.winding_drive import winding
 

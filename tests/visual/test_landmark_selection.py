@@ -19,7 +19,7 @@ from saccade.visual.config import SELECTIONS
 from saccade.visual.reidentification import count_rematches
 from saccade.visual.result import ObservationKind
 from saccade.visual.selection import MAX_DISTANCE, farthest_first, rematch_rate
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import TrackedPoints
 
 FRAMES = 6
 
@@ -45,7 +45,7 @@ def test_every_selection_differs(drive):
         taken.add(seen.xy[seen.kind == ObservationKind.INITIALIZED].tobytes())
         assert (seen.frame[seen.kind == ObservationKind.INITIALIZED] == 0).sum() == 8
     assert len(taken) == len(SELECTIONS)
-    assert len(memory.features) == FRAMES
+    assert len(memory) == FRAMES
     alone, sharing = visual.run(drive, config), visual.run(drive, config, cache=memory)
     assert np.array_equal(alone.observations.xy, sharing.observations.xy)
     assert np.array_equal(alone.trajectory.covariance, sharing.trajectory.covariance)

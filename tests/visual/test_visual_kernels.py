@@ -14,11 +14,9 @@ from threadpoolctl import threadpool_info
 from saccade import visual
 from saccade.frames import Camera
 from saccade.simulation import DriveConfig, simulate_drive
-from saccade.visual._egomotion_kernels import MAX_INVERSE_DEPTH, accumulate_normal_equations
-from saccade.visual._ground_kernels import warp_ground
+from saccade.visual._kernels import MAX_INVERSE_DEPTH, accumulate_normal_equations, warp_ground
 from saccade.visual.camera import Intrinsics
-from saccade.visual.correspondences import correspondences_of
-from saccade.visual.egomotion import camera_motion
+from saccade.visual.egomotion import camera_motion, correspondences_of
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.optical_flow import ImageGradients
 from saccade.visual.prefetch import Prefetcher

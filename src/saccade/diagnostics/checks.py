@@ -6,9 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from saccade.diagnostics.extrinsics import check_extrinsics, check_rotation
+from saccade.diagnostics.calibration import (
+    check_extrinsics,
+    check_intrinsics,
+    check_rectification,
+    check_rotation,
+)
 from saccade.diagnostics.findings import CheckReport, Finding
-from saccade.diagnostics.images import check_calibration, check_egomotion, check_images
+from saccade.diagnostics.images import check_egomotion, check_images
 from saccade.diagnostics.motion_series import Lag, MotionSeries, has_odometry, lag_of, series_of
 from saccade.diagnostics.odometry import (
     check_direction,
@@ -18,7 +23,6 @@ from saccade.diagnostics.odometry import (
 )
 from saccade.diagnostics.planarity import check_planarity
 from saccade.diagnostics.robust_regression import fit
-from saccade.diagnostics.stereo import check_stereo
 from saccade.diagnostics.survey import Survey, survey_drive
 from saccade.diagnostics.timestamps import check_timestamps
 from saccade.errors import require
@@ -62,9 +66,9 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
     findings = [
         *check_images(drive, survey),
         *check_egomotion(survey),
-        *check_calibration(drive.camera),
+        *check_intrinsics(drive.camera),
         *check_timestamps(drive),
-        *check_stereo(survey),
+        *check_rectification(survey),
     ]
     odometry, extrinsics = _motion_findings(drive, series, lag)
     findings += odometry + extrinsics

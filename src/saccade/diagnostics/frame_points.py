@@ -11,7 +11,7 @@ from saccade.types import FloatArray, Image, IntArray
 from saccade.visual.depth import depth_of
 from saccade.visual.optical_flow import ByteArray, track_points
 from saccade.visual.prepared_frame import PreparedFrame, gray_bytes
-from saccade.visual.table import Table, column
+from saccade.visual.tables import Table, column
 
 MAX_WIDTH = 800
 """Pixels; wider images are shrunk first."""

@@ -7,7 +7,7 @@ import numpy as np
 from saccade.diagnostics.camera_motion import MIN_POINTS
 from saccade.diagnostics.findings import Finding, counted
 from saccade.diagnostics.survey import Survey
-from saccade.frames import Camera, Drive
+from saccade.frames import Drive
 
 MIN_BRIGHTNESS = 8.0
 """Mean gray level of 255 below which an image is black."""
@@ -96,40 +96,4 @@ def check_egomotion(survey: Survey) -> Iterator[Finding]:
             "and the focal length",
             100 * known,
             "%",
-        )
-
-
-def check_calibration(camera: Camera) -> Iterator[Finding]:
-    """Intrinsics that hardly any camera has."""
-    offset = 100 * max(
-        abs(camera.cx - (camera.width - 1) / 2) / camera.width,
-        abs(camera.cy - (camera.height - 1) / 2) / camera.height,
-    )
-    field_of_view = float(2 * np.rad2deg(np.arctan(camera.width / 2 / camera.fx)))
-    if offset > 15:
-        yield Finding(
-            "warning",
-            "principal point",
-            f"the principal point lies {offset:.0f} % of the image off its center",
-            "Check whether the calibration is of images of another size or cut",
-            offset,
-            "%",
-        )
-    if not 20 < field_of_view < 140:
-        yield Finding(
-            "warning",
-            "field of view",
-            f"the focal length makes a field of view of {field_of_view:.0f} deg",
-            "Check whether the calibration is of images of another size",
-            field_of_view,
-            "deg",
-        )
-    if abs(camera.fx / camera.fy - 1) > 0.1:
-        yield Finding(
-            "warning",
-            "focal lengths",
-            f"the focal lengths in x and y differ: {camera.fx:.0f} and {camera.fy:.0f} px",
-            "Check whether the images were resized in one direction",
-            camera.fx / camera.fy,
-            "ratio",
         )

@@ -23,12 +23,8 @@ REMATCH_SELECTIONS = frozenset({"rematch-rate", "rematch-rate-range", "rematch-r
 """Those that need the re-match rate of the tracked points."""
 
 _MIN_COUNTS = {
-    "new_per_frame": 1,
-    "max_tracked": 4,
-    "max_tracks": 4,
-    "max_landmarks": 1,
-    "detect_interval": 1,
-    "max_points": 1,
+    **dict.fromkeys(("new_per_frame", "max_landmarks", "detect_interval", "max_points"), 1),
+    **dict.fromkeys(("max_tracked", "max_tracks"), 4),
 }
 _POSITIVE = (
     *("min_spacing", "pixel_sigma", "disparity_sigma", "relative_depth_sigma"),

@@ -7,10 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.frames import Camera
-from saccade.types import FloatArray
-from saccade.visual._egomotion_kernels import accumulate_normal_equations
+from saccade.types import Float32Array, FloatArray
+from saccade.visual._kernels import accumulate_normal_equations
 from saccade.visual.camera import Intrinsics, directions
-from saccade.visual.correspondences import Correspondences
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Prior: TypeAlias = tuple[FloatArray, FloatArray]
@@ -18,6 +17,8 @@ Prior: TypeAlias = tuple[FloatArray, FloatArray]
 CameraPose: TypeAlias = tuple[FloatArray, FloatArray]
 """R (3, 3) and t (3,) in metres: points X of the first camera frame become R X + t."""
 
+DEFAULT_DEPTH = 50.0
+"""Metres at which points of unknown depth are linearized."""
 MIN_INLIERS = 6
 """Correspondences that determine a motion."""
 INLIER_SIGMAS = 4.0
@@ -37,6 +38,23 @@ MAX_ITERATIONS = 12
 CONVERGED = 1e-6
 
 
+class Correspondences(NamedTuple):
+    """k points observed in two frames; inverse depths are 1 / metres along the optical axis."""
+
+    previous: FloatArray
+    """(k, 2) pixels in the first frame."""
+    current: FloatArray
+    """(k, 2) pixels in the second frame."""
+    inverse_depth: FloatArray
+    """(k,) in the first frame."""
+    inverse_depth_sigma: FloatArray
+    """(k,) standard deviation; 1 where the depth is unknown."""
+    current_inverse_depth: FloatArray
+    """(k,) measured in the second frame, NaN where it was not."""
+    current_inverse_depth_sigma: FloatArray
+    """(k,) standard deviation."""
+
+
 class Motion(NamedTuple):
     """The motion from one frame to the next as the camera measured it."""
 
@@ -54,6 +72,31 @@ class Motion(NamedTuple):
     """(3,) metres, the previous camera center in the current camera frame."""
     includes_prior: bool
     """Whether the prior is part of the control: a single camera does not measure its length."""
+
+
+def correspondences_of(
+    previous: Float32Array,
+    current: Float32Array,
+    depth: FloatArray,
+    depth_sigma: FloatArray,
+    current_depth: FloatArray,
+    current_depth_sigma: FloatArray,
+) -> Correspondences:
+    """Correspondences of pixels (k, 2) with depths (k,) in metres and their standard deviations.
+
+    A depth is NaN where it is unknown.
+    """
+    known = np.isfinite(depth)
+    inverse = 1 / np.where(known, depth, DEFAULT_DEPTH)
+    current_inverse = 1 / current_depth
+    return Correspondences(
+        previous.astype(np.float64),
+        current.astype(np.float64),
+        inverse,
+        np.where(known, np.nan_to_num(depth_sigma) * inverse**2, 1.0),
+        current_inverse,
+        np.nan_to_num(current_depth_sigma * current_inverse**2, nan=1.0),
+    )
 
 
 def estimate_motion(

@@ -1,21 +1,14 @@
-"""Features of a frame that need no map: its points and its saliency."""
+"""Features of single frames: gray images and detected points."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
-from typing import TypeVar
 
 from saccade.errors import ImageError
 from saccade.frames import Drive, Frame
-from saccade.pyramid import FloatMap
 from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import Detector
 from saccade.visual.prepared_frame import PreparedFrame, prepare_frame
-from saccade.visual.selection import selection_saliency
-from saccade.visual.tracked_points import TrackedPoints
-
-T = TypeVar("T")
-Key = TypeVar("Key")
+from saccade.visual.tables import TrackedPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,22 +24,19 @@ class FrameFeatures:
     """Time by step."""
 
 
-@dataclass
-class FeatureCache:
-    """Features that runs over the same frames with other settings share; grows with the frames."""
+class FeatureCache(dict[tuple[str, int, int, int], FrameFeatures]):
+    """Features that runs over the same frames with other settings share; grows with the frames.
 
-    features: dict[tuple[str, int, int, int], FrameFeatures] = field(default_factory=dict)
-    """By detector, number of points, detection interval, and frame."""
-    saliency: dict[tuple[str, int], FloatMap | None] = field(default_factory=dict)
-    """By selection and frame."""
+    By detector, number of points, detection interval, and frame.
+    """
 
 
-class FrameAnalyzer:
-    """Reads the frames of a drive, detects points, and computes saliency.
+class FeatureExtractor:
+    """Reads the frames of a drive, and detects points in one of `detect_interval`.
 
     Args:
         drive: the frames.
-        config: which points and which saliency.
+        config: which points.
         cache: of earlier runs over the same frames with the same camera.
     """
 
@@ -56,29 +46,21 @@ class FrameAnalyzer:
         self._drive, self._config, self._cache = drive, config, cache
         self._detect = Detector(config, drive.camera)
 
-    def features(self, number: int) -> FrameFeatures:
+    def __call__(self, number: int) -> FrameFeatures:
         """A frame and its points; an empty frame where it cannot be read.
 
         Raises:
             DriveError: an image that is not of the size of the calibration.
         """
         if self._cache is None:
-            return self._features(number)
+            return self._extract(number)
         config = self._config
         key = config.detector, config.max_points, config.detect_interval, number
-        return _cached(self._cache.features, key, lambda: self._features(number))
+        if key not in self._cache:
+            self._cache[key] = self._extract(number)
+        return self._cache[key]
 
-    def saliency(self, prepared: PreparedFrame, number: int) -> FloatMap | None:
-        """(h, w) saliency of a frame; None where the selection does not use it."""
-        image = prepared.frame.image
-        if image is None:
-            return None
-        if self._cache is None:
-            return selection_saliency(image, self._config)
-        key = self._config.selection, number
-        return _cached(self._cache.saliency, key, lambda: selection_saliency(image, self._config))
-
-    def _features(self, number: int) -> FrameFeatures:
+    def _extract(self, number: int) -> FrameFeatures:
         start, remarks = perf_counter(), list[str]()
         try:
             frame = self._drive.load(number)
@@ -90,9 +72,3 @@ class FrameAnalyzer:
             detected = self._detect(prepared, number)
         seconds = {"read": read - start, "detect": perf_counter() - read}
         return FrameFeatures(prepared, detected, remarks, seconds)
-
-
-def _cached(stored: dict[Key, T], key: Key, compute: Callable[[], T]) -> T:
-    if key not in stored:
-        stored[key] = compute()
-    return stored[key]

@@ -14,12 +14,11 @@ from saccade.keypoints.symroid import SymRoid
 from saccade.types import IntArray, Keypoints
 from saccade.visual.camera import is_inside
 from saccade.visual.config import VisualConfig
-from saccade.visual.correspondences import correspondences_of
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
-from saccade.visual.egomotion import Motion, Prior, estimate_motion
+from saccade.visual.egomotion import Motion, Prior, correspondences_of, estimate_motion
 from saccade.visual.optical_flow import ByteArray, track_points
 from saccade.visual.prepared_frame import PreparedFrame
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import TrackedPoints
 
 BORDER = 8
 """Pixels at the edge of the image in which no point is tracked."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray
-from saccade.visual._ground_kernels import warp_ground
+from saccade.visual._kernels import warp_ground
 from saccade.visual.camera import Intrinsics, directions
 from saccade.visual.egomotion import Motion
 from saccade.visual.optical_flow import ByteArray, ImageGradients, image_gradients

@@ -1,7 +1,5 @@
 """Range-bearing observations of image points, with their covariances."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from saccade.frames import Camera
@@ -9,23 +7,10 @@ from saccade.types import FloatArray
 from saccade.visual.camera import MIN_DEPTH, directions, from_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.optical_flow import BoolArray
-from saccade.visual.table import Table, column
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import RangeBearings, TrackedPoints
 
 UNKNOWN_DEPTH_SIGMA = 30.0
 """Standard deviation of the depth of a bearing-only observation, as a fraction of it."""
-
-
-@dataclass(frozen=True, eq=False)
-class RangeBearings(Table):
-    """k observations in the robot's frame."""
-
-    z: FloatArray = column(2)
-    """(k, 2) range over the ground in metres, bearing in radians to the left of ahead."""
-    covariance: FloatArray = column(2, 2)
-    """(k, 2, 2) of `z`."""
-    height: FloatArray = column()
-    """(k,) metres above the robot's origin."""
 
 
 def range_bearing(

@@ -15,7 +15,7 @@ from saccade.types import IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import provides_depth
 from saccade.visual.egomotion import Motion, Prior, camera_motion
-from saccade.visual.frame_features import FeatureCache, FrameAnalyzer, FrameFeatures
+from saccade.visual.frame_features import FeatureCache, FeatureExtractor, FrameFeatures
 from saccade.visual.frontend import track
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.prefetch import Prefetcher
@@ -23,8 +23,8 @@ from saccade.visual.prepared_frame import PreparedFrame
 from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, VisualResult
 from saccade.visual.run_log import RunLog
-from saccade.visual.selection import select_landmarks
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.selection import select_landmarks, selection_saliency
+from saccade.visual.tables import TrackedPoints
 from saccade.visual.triangulation import CameraTrajectory
 from saccade.visual.visual_map import VisualMap
 
@@ -95,8 +95,8 @@ class Pipeline:
         self.log = RunLog(drive)
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
-        self._analyzer = FrameAnalyzer(drive, config, cache)
-        self._features = Prefetcher(self._analyzer.features, len(drive), config.detect_interval)
+        self._extract = FeatureExtractor(drive, config, cache)
+        self._features = Prefetcher(self._extract, len(drive), config.detect_interval)
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
 
     def __enter__(self) -> Self:
@@ -143,7 +143,7 @@ class Pipeline:
     def resume(self) -> None:
         """Continue after the state was restored."""
         if self.log.last_visible is not None:
-            self._previous = self._analyzer.features(self.log.last_visible).frame
+            self._previous = self._extract(self.log.last_visible).frame
 
     def _detect(self, number: int) -> FrameFeatures:
         """The frame, and in every `detect_interval`-th its points."""
@@ -189,7 +189,7 @@ class Pipeline:
         with self.log.timed("update"):
             rows = self.map.landmarks.rows(points.landmark)
             expected = self.map.predict_observations(rows)
-            observations, usable = self.map.observe_expected(points, expected)
+            observations, usable = self.map.observe(points, expected)
             points, observations = points[usable], observations[usable]
             expected = PredictedObservations(expected.z[usable], expected.covariance[usable])
             innovation = self.map.update(points, observations, expected, number)
@@ -226,7 +226,7 @@ class Pipeline:
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) which of the tracked points become landmarks."""
         with self.log.timed("attend"):
-            saliency = self._analyzer.saliency(frame, number)
+            saliency = selection_saliency(frame.frame.image, self.config)
             observations, usable = self.map.observe(self.tracked)
             shape = self.drive.camera.height, self.drive.camera.width
             return select_landmarks(

@@ -12,9 +12,8 @@ from saccade.slam.results import PredictedObservations
 from saccade.types import FloatArray, IntArray, Keypoints
 from saccade.visual.camera import is_inside, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.observation import RangeBearings
 from saccade.visual.optical_flow import BoolArray, ByteArray
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 HEIGHT_TOLERANCE = 0.15
@@ -55,7 +54,7 @@ def reidentify(
     pairs = descriptor_matches(points.keypoints, landmarks.descriptor[lost], config.ratio)
     index, rows = pairs[:, 0], lost[pairs[:, 1]]
     expected = visual_map.predict_observations(rows)
-    observations, usable = visual_map.observe_expected(points[index], expected)
+    observations, usable = visual_map.observe(points[index], expected)
     keep = usable & within_gate(observations, expected, landmarks.height[rows], config.gate)
     index, rows, observations = index[keep], rows[keep], observations[keep]
     tolerance = POSITION_TOLERANCE if visual_map.has_depth else BEARING_TOLERANCE

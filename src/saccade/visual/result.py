@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.types import FloatArray, IntArray, LandmarkMap, Trajectory
 from saccade.visual.optical_flow import ByteArray
-from saccade.visual.table import Table, column
+from saccade.visual.tables import Table, column
 
 
 class ObservationKind(IntEnum):

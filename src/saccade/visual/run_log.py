@@ -12,9 +12,8 @@ from saccade.slam.models import compose
 from saccade.types import FloatArray, LandmarkMap, Trajectory
 from saccade.visual.egomotion import Motion
 from saccade.visual.frame_features import FrameFeatures
-from saccade.visual.observation import RangeBearings
 from saccade.visual.result import LandmarkObservations, ObservationKind, VisualResult
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
 MAX_REMARKS = 5

@@ -11,19 +11,18 @@ from saccade.attention.symmetry import symmetry_saliency
 from saccade.pyramid import FloatMap
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.observation import RangeBearings
 from saccade.visual.optical_flow import BoolArray
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import RangeBearings, TrackedPoints
 
 MAX_DISTANCE = 100.0
 """Pixels to the nearest landmark beyond which points count as equally free."""
 
 
-def selection_saliency(image: Image, config: VisualConfig) -> FloatMap | None:
-    """Saliency (h, w) of an image; None where the selection does not use it."""
-    if config.selection == "contrast":
+def selection_saliency(image: Image | None, config: VisualConfig) -> FloatMap | None:
+    """Saliency (h, w) of an image; None where there is none, or the selection does not use it."""
+    if image is not None and config.selection == "contrast":
         return contrast_saliency(image).saliency
-    if config.selection == "symmetry":
+    if image is not None and config.selection == "symmetry":
         return symmetry_saliency(image).saliency
     return None
 

@@ -7,7 +7,7 @@ import numpy as np
 from saccade.frames import Camera
 from saccade.types import FloatArray
 from saccade.visual.camera import directions
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.tables import TrackedPoints
 
 STEP_SIGMA = 0.05
 """Standard deviation of the length of a step, as a fraction of it."""

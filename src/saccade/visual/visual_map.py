@@ -13,18 +13,18 @@ from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior
 from saccade.visual.ground_scale import DISTANCE_NOISE
-from saccade.visual.landmarks import Landmarks
-from saccade.visual.motion_prior import MotionPrior, fuse
-from saccade.visual.observation import RangeBearings, observe, observe_bearings
-from saccade.visual.optical_flow import BoolArray, ByteArray
-from saccade.visual.planarity import Planarity
-from saccade.visual.systematic_errors import (
+from saccade.visual.motion_prior import (
+    MotionPrior,
     OdometryScale,
     TurnRateBias,
     camera_error_covariance,
+    fuse,
     odometry_error_covariance,
 )
-from saccade.visual.tracked_points import TrackedPoints
+from saccade.visual.observation import observe, observe_bearings
+from saccade.visual.optical_flow import BoolArray, ByteArray
+from saccade.visual.planarity import Planarity
+from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
 """Relative change of scale from which the map is rescaled: a tenth of what is known of it."""
@@ -187,22 +187,19 @@ class VisualMap:
         by_scale = self.scale.sigma**2 * offset[:, :, None] * offset[:, None]
         return self.ekf.landmark_covariances + by_scale
 
-    def observe(self, points: TrackedPoints) -> tuple[RangeBearings, BoolArray]:
-        """Observations of k points, and (k,) which have a certain range."""
-        return observe(self._drive.camera, points, self._config, self.planarity.tilt)
-
-    def observe_expected(
-        self, points: TrackedPoints, expected: PredictedObservations
+    def observe(
+        self, points: TrackedPoints, expected: PredictedObservations | None = None
     ) -> tuple[RangeBearings, BoolArray]:
-        """Observations of landmarks of the map in k points, and (k,) which are usable.
+        """Observations of k points, and (k,) which are usable: they have a certain range.
 
-        Those of a single camera are bearing-only: its ranges come from the motion itself.
+        A single camera observes landmarks of the map, whose `expected` observations are given, by
+        their bearing only: its ranges come from the motion itself.
         """
-        if self.has_depth:
-            return self.observe(points)
-        camera, tilt = self._drive.camera, self.planarity.tilt
-        observed = observe_bearings(camera, points, expected.z[:, 0], self._config, tilt)
-        return observed, np.ones(len(points), np.bool_)
+        camera, config, tilt = self._drive.camera, self._config, self.planarity.tilt
+        if expected is None or self.has_depth:
+            return observe(camera, points, config, tilt)
+        bearings = observe_bearings(camera, points, expected.z[:, 0], config, tilt)
+        return bearings, np.ones(len(points), np.bool_)
 
     def predict_observations(self, rows: IntArray) -> PredictedObservations:
         """Predicted observations of landmarks (k,)."""
