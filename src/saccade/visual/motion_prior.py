@@ -143,12 +143,6 @@ def odometry_error_covariance(
 
     It is that of an error which is new in each step; over `CONSTANT_DISTANCE` and `MAX_OUTAGE` the
     steps together have that of the constant one.
-
-    Args:
-        control: (3,) of odometry.
-        seconds: duration of the step.
-        scale_sigma: standard deviation of the scale error.
-        bias: of the turn rate.
     """
     forward = control[:2]
     length = max(float(np.hypot(*forward)), 1e-9)

@@ -76,16 +76,10 @@ def track_points(
 def track_disparities(
     left: ByteArray, right: ByteArray, xy: Float32Array, initial: FloatArray
 ) -> FloatArray:
-    """Disparities of points in the left image of a rectified rig.
+    """(k,) disparities of pixels (k, 2) in the left image of a rectified rig.
 
-    Args:
-        left: (H, W) gray levels.
-        right: of the other image.
-        xy: (k, 2) pixels in the left.
-        initial: (k,) pixels; NaN where nothing is known.
-
-    Returns:
-        (k,) pixels; NaN where a point was not found, or not in its row.
+    They are tracked from initial ones (k,), which may be NaN; NaN where a point was not found in
+    its row of the right image.
     """
     guess = xy.astype(np.float32)
     guess[:, 0] -= np.nan_to_num(initial).astype(np.float32)

@@ -110,18 +110,11 @@ def within_gate(
 def consistent_layout(
     z: FloatArray, positions: FloatArray, tolerance: float = POSITION_TOLERANCE
 ) -> BoolArray:
-    """Geometric verification: which landmarks lie to each other as they are observed.
+    """(m,) geometric verification: which landmarks agree with one pose of the robot.
 
-    Every pair of them determines a pose; the one that most landmarks agree with wins (exhaustive
-    RANSAC). Fewer than three landmarks cannot be verified, and none passes.
-
-    Args:
-        z: (m, 2) range and bearing.
-        positions: (m, 2) of the landmarks in the map.
-        tolerance: as a fraction of the range plus metres.
-
-    Returns:
-        (m,).
+    Every pair of observations z (m, 2) and positions (m, 2) determines a pose; the one that most
+    landmarks agree with wins (exhaustive RANSAC). Fewer than three cannot be verified, and none
+    passes. The tolerance is a fraction of the range, plus metres.
     """
     m = len(z)
     if m < 3:
@@ -141,18 +134,10 @@ def consistent_layout(
 
 
 def consistent_subset(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
-    """Joint compatibility by elimination: drops the observation that the others contradict most.
+    """(m,) joint compatibility of innovations v (m, 2) with a covariance S (2m, 2m).
 
-    Repeated until each of the rest is inside the gate around its prediction from the others,
-    which follows from the inverse of the joint covariance.
-
-    Args:
-        v: (m, 2) innovations.
-        S: (2m, 2m) their covariance.
-        gate: probability with which a correct association passes.
-
-    Returns:
-        (m,).
+    The observation that the others contradict most is eliminated, until each is inside the gate
+    around its prediction from the others, which follows from the inverse of S.
     """
     kept = np.arange(len(v))
     while len(kept) > 1:
@@ -173,11 +158,6 @@ def count_rematches(tracked: TrackedPoints, detected: TrackedPoints, ratio: floa
     """Re-match tracked points by descriptor alone among those detected in the same frame.
 
     A point that is not re-matched while it is tracked will not be re-identified later.
-
-    Args:
-        tracked: k points.
-        detected: n points.
-        ratio: of the ratio test.
     """
     pairs = descriptor_matches(detected.keypoints, tracked.descriptor, ratio)
     distance = np.hypot(*(detected.xy[pairs[:, 0]] - tracked.xy[pairs[:, 1]]).T)

@@ -93,15 +93,9 @@ def rematch_rate(points: TrackedPoints) -> FloatArray:
 
 
 def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array) -> IntArray:
-    """Farthest-point ordering: each point is the farthest from those before it and from others.
+    """Farthest-point ordering (n,) of pixels (n, 2), with factors (n,) of their distances.
 
-    Args:
-        xy: (n, 2) pixels.
-        weight: (n,) factors of the distances.
-        occupied: (k, 2) pixels of the others.
-
-    Returns:
-        (n,) indices.
+    Each point is the farthest from those before it and from `occupied` pixels (k, 2).
     """
     distances = np.hypot(*(xy[:, None] - xy).astype(np.float64).transpose(2, 0, 1))  # (n, n)
     nearest = np.full(len(xy), MAX_DISTANCE)
@@ -129,17 +123,9 @@ def saliency_at(saliency: FloatMap, xy: Float32Array, shape: tuple[int, int]) ->
 def enforce_spacing(
     xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
 ) -> IntArray:
-    """The first of an order of points that keep their distance from one another and from others.
+    """The first of an order of pixels (n, 2) that keep their distance, `count` at most.
 
-    Args:
-        xy: (n, 2) pixels.
-        order: indices, best first.
-        occupied: (k, 2) pixels of the others.
-        min_spacing: pixels.
-        count: how many at most.
-
-    Returns:
-        (m,) indices.
+    From one another and from `occupied` pixels (k, 2).
     """
     neighbors = [*occupied]
     chosen: list[int] = []

@@ -88,12 +88,8 @@ class VisualMap:
         """Predict the pose of a frame after the first.
 
         A motion that the camera measured is fused with odometry alone: the motion prior adds
-        little to it, and lags behind an accelerating robot.
-
-        Args:
-            number: of the frame.
-            expected: as `predict_motion` returned it.
-            motion: by the camera, if it measured one.
+        little to it, and lags behind an accelerating robot. Without, `expected` is used, as
+        `predict_motion` returned it.
         """
         seconds = self._seconds(number)
         systematic = odometry_error_covariance(
@@ -111,19 +107,16 @@ class VisualMap:
             variance = self._drive.control_covariance[number - 1, 2, 2] + control[1][2, 2]
             self._turn_bias.update(difference, seconds, float(variance))
             if not motion.includes_prior:
-                self._update_scale(motion)
+                distance = float(np.hypot(*self._odometry[0][:2]))
+                if distance > MIN_STEP:
+                    self.scale.update(float(np.hypot(*motion.control[:2])) / distance)
                 control = fuse(control, (self._odometry[0], self._odometry[1] + systematic))
         self.ekf.predict(*control)
 
     def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
-        """Update the scale of odometry by the distance over the ground, and rescale the map.
+        """Update the scale of odometry by a distance over the ground in metres.
 
-        Args:
-            motion: of a single camera, its length by odometry.
-            distance: of the camera, in metres, by the ground plane.
-
-        Returns:
-            The motion with its length by both.
+        Rescales the map, and returns the motion with its length by odometry and the ground.
         """
         factor = self.scale.factor
         ratio = distance / float(np.linalg.norm(motion.translation))
@@ -146,24 +139,11 @@ class VisualMap:
             covariance=(covariance + covariance.T) / 2,
         )
 
-    def _update_scale(self, motion: Motion) -> None:
-        by_odometry, by_camera = (
-            float(np.hypot(*control[:2])) for control in (self._odometry[0], motion.control)
-        )
-        if by_odometry > MIN_STEP:
-            self.scale.update(by_camera / by_odometry)
-
     def _seconds(self, number: int) -> float:
         return float(self._drive.time[number] - self._drive.time[number - 1])
 
     def update_motion_prior(self, number: int, previous: FloatArray, observations: int) -> None:
-        """Update the motion prior by the motion to a frame, after all updates.
-
-        Args:
-            number: of the frame.
-            previous: (3,) pose of the frame before.
-            observations: from which the motion follows.
-        """
+        """Update the motion prior by the motion from the previous pose (3,), after all updates."""
         if number == 0 or not self.has_depth:
             return
         step = steps_between(np.stack([previous, self.ekf.pose]))[0]
