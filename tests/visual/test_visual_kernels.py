@@ -63,6 +63,7 @@ def normal_equations(pairs, at, R, t):
     return information, gradient, np.array(square), np.array(likely)
 
 
+@pytest.mark.kernel
 @pytest.mark.parametrize("known", [0.0, 0.5, 1.0])
 def test_normal_equations_are_those_of_the_formulas(rng, known):
     k = 12
@@ -83,6 +84,7 @@ def test_normal_equations_are_those_of_the_formulas(rng, known):
         assert_allclose(ours, theirs, rtol=1e-5, atol=1e-5 * np.abs(theirs).max())
 
 
+@pytest.mark.kernel
 def test_a_point_behind_the_camera_has_no_weight():
     unknown = np.full(1, np.nan)
     pairs = correspondences_of(
@@ -97,6 +99,7 @@ def test_a_point_behind_the_camera_has_no_weight():
     assert not sums[0].any()
 
 
+@pytest.mark.kernel
 def test_the_ground_is_sampled_where_its_plane_is(rng):
     """On a ramp neither bilinear interpolation nor slopes err."""
     R, t = camera_motion(CAMERA, np.array([4.5, 0.02, 0.03]))
