@@ -103,16 +103,14 @@ class RunLog:
         for control in self.drive.control[: len(time) - 1]:
             odometry.append(compose(odometry[-1], control)[0])
         landmarks, ekf = visual_map.landmarks, visual_map.ekf
+        covariances = visual_map.landmark_covariances
         more = len(self.remarks) - MAX_REMARKS
         others = [f"{more} more frames could not be used"] if more > 0 else []
         return VisualResult(
             trajectory=Trajectory(time, np.array(self._pose), np.array(self._covariance)),
             odometry=Trajectory(time, np.array(odometry)),
             visual_odometry=Trajectory(time, np.array(self._visual_pose)),
-            map=LandmarkMap(
-                *(landmarks.id, ekf.landmarks),
-                *(visual_map.landmark_covariances, landmarks.observations),
-            ),
+            map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
             descriptors=landmarks.descriptor,
             height=landmarks.height,
             observations=LandmarkObservations.concatenate(
