@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from saccade import visual
 from saccade.evaluation.drives import score_drive
 from saccade.frames import AHEAD, Camera
-from saccade.visual.camera import from_pixels, to_pixels
+from saccade.visual.camera import from_pixels, observe, observe_bearings, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import (
     camera_motion,
@@ -20,7 +20,6 @@ from saccade.visual.egomotion import (
 )
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.motion_prior import MotionPrior, OdometryScale, TurnRateBias, fuse
-from saccade.visual.observation import observe, observe_bearings, range_bearing
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.triangulation import CameraTrajectory
 from support.winding_drive import winding

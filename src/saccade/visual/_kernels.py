@@ -128,8 +128,8 @@ def warp_ground(
         R: (3, 3) rotation of the camera.
         direction: (3,) unit vector of its translation.
         distance: length of the translation, in camera heights.
-        plane: (3, 3) normal of the plane, 1 / height in length, and its derivatives by the two
-            tilts, times `distance`; in camera heights.
+        plane: (3, 3) normal of the plane, of length 1 where it has no tilt, and `distance` times
+            its derivatives by the two tilts.
         image: the next one (h, w) and its gradients.
         warped: (m,) becomes the sampled intensities.
         J: (m, 5) becomes their derivatives by distance and tilts; and by gain and offset, the

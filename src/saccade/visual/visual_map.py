@@ -10,6 +10,7 @@ from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.models import compose
 from saccade.slam.results import PredictedObservations
 from saccade.types import FloatArray, IntArray
+from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior
 from saccade.visual.ground_scale import DISTANCE_NOISE
@@ -21,7 +22,6 @@ from saccade.visual.motion_prior import (
     fuse,
     odometry_error_covariance,
 )
-from saccade.visual.observation import observe, observe_bearings
 from saccade.visual.optical_flow import BoolArray, ByteArray
 from saccade.visual.planarity import Planarity
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
