@@ -1,10 +1,11 @@
-"""The whole system on real drives: how far off, how sure, how fast.
+"""Visual SLAM on real drives: accuracy, consistency and speed.
 
     uv run python benchmarks/drive.py FOLDER            a folder in KITTI's layout with truth
     uv run python benchmarks/drive.py FOLDER --tracks   its stereo tracks instead of its images
-    uv run python benchmarks/drive.py FOLDER --tracks --every 1    not by the defaults
+    uv run python benchmarks/drive.py FOLDER --tracks --detect-interval 1    not by the defaults
     uv run python benchmarks/drive.py FOLDER --frames 160 --seeds 4
     uv run python benchmarks/drive.py FOLDER --max-tracked 80    a map of 500 landmarks
+    uv run python benchmarks/drive.py FOLDER --dedicated    with the settings of `saccade drive`
 
 Images are driven as a palindrome with one camera. The peer for speed is OpenCV's SIFT with
 brute-force matching from each frame to the next, on the same frames, alternating with ours.
@@ -13,6 +14,7 @@ Both read the files. What is compiled, or read from the cache of what was, is so
 
 import argparse
 from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from time import perf_counter
 
@@ -25,7 +27,7 @@ from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.drives import score_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Drive
-from saccade.visual.optical_flow import gray_bytes
+from saccade.visual.prepared_frame import gray_bytes
 
 WARM = 24
 """Frames that are driven before the first that count."""
@@ -38,10 +40,10 @@ def line(row: Iterable[float]) -> str:
 
 
 def table(result: visual.VisualResult, drive: Drive) -> tuple[float, ...]:
-    """ATE of ours, of odometry, of visual odometry; error at the end; share inside 3 sigma."""
-    ways = (result.trajectory, result.odometry, result.visual_odometry)
-    ours, odometry, seen = (score_drive(way, drive.truth) for way in ways)
-    return ours.ate_m, odometry.ate_m, seen.ate_m, ours.end_m, ours.inside_3sigma
+    """ATE of ours, of odometry, of visual odometry; final error; fraction inside 3 sigma."""
+    estimates = (result.trajectory, result.odometry, result.visual_odometry)
+    ours, odometry, visual_odometry = (score_drive(each, drive.truth) for each in estimates)
+    return ours.ate_m, odometry.ate_m, visual_odometry.ate_m, ours.end_m, ours.inside_3sigma
 
 
 def peer(drive: Drive) -> float:
@@ -65,24 +67,28 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=160)
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--max-tracked", type=int, default=visual.VisualConfig.max_tracked)
-    parser.add_argument("--every", type=int, default=visual.VisualConfig.detect_interval)
+    parser.add_argument("--detect-interval", type=int, default=visual.VisualConfig.detect_interval)
+    parser.add_argument("--dedicated", action="store_true")
     given = parser.parse_args()
     print("                 visual            inside           frames a second                 map")
     print(
         "seed   ATE  odometry  odometry  return  3 sigma  whole run  median  peer  ratio  landmarks"
     )
-    config = visual.VisualConfig(detect_interval=given.every, max_tracked=given.max_tracked)
-    whole = (read_tracks_drive if given.tracks else read_kitti_drive)(given.folder)
+    config = visual.VisualConfig(
+        detect_interval=given.detect_interval, max_tracked=given.max_tracked
+    )
+    recorded = (read_tracks_drive if given.tracks else read_kitti_drive)(given.folder)
     rows = []
     for seed in range(1 if given.tracks else given.seeds):
-        drive, reference = whole, float("nan")
+        drive, reference = recorded, float("nan")
         if not given.tracks:
-            drive = out_and_back(whole, OutAndBackConfig(frames=given.frames), seed)
+            drive = out_and_back(recorded, OutAndBackConfig(frames=given.frames), seed)
             reference = peer(drive)
         if seed == 0:
             visual.run(drive.until(min(WARM, len(drive))), config)
         begin = perf_counter()
-        result = visual.run(drive, config)
+        with visual.dedicated_process() if given.dedicated else nullcontext():
+            result = visual.run(drive, config)
         rate = len(drive) / (perf_counter() - begin)
         median = 1 / float(np.median(result.frame_seconds))
         rows.append(

@@ -1,4 +1,4 @@
-"""What `saccade check` finds, in drives with one trap each."""
+"""What `saccade check` finds, in drives with one defect each."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def drive():
 
 
 @pytest.fixture(scope="module")
-def look(drive):
+def survey(drive):
     return survey_drive(drive, 300)
 
 
@@ -34,17 +34,17 @@ def turned(camera, axis, degrees):
     return replace(camera, rotation=turn @ camera.rotation)
 
 
-def test_a_drive_without_traps_is_clean(drive, look):
-    report = report_on(drive, look)
+def test_a_drive_without_defects_is_clean(drive, survey):
+    report = report_on(drive, survey)
     assert report.clean
     assert report.figures["turn_scale"] == pytest.approx(1, abs=0.02)
-    assert report.figures["way_scale"] == pytest.approx(1, abs=0.02)
+    assert report.figures["translation_scale"] == pytest.approx(1, abs=0.02)
     assert report.figures["turn_noise_deg"] == pytest.approx(np.rad2deg(0.01), rel=0.2)
-    assert report.figures["way_noise_m"] == pytest.approx(0.01, rel=0.2)
+    assert report.figures["translation_noise_m"] == pytest.approx(0.01, rel=0.2)
     assert report.figures["clock_lag_frames"] == 0
 
 
-def drift(degrees_per_second):
+def turn_bias(degrees_per_second):
     turn = np.array([0, 0, np.deg2rad(degrees_per_second) * 0.1])
     return lambda d: replace(d, control=d.control + turn)
 
@@ -66,23 +66,23 @@ def other_turns(control):
     return np.column_stack([control[:, :2], control[order, 2]])
 
 
-TRAPS = {
+DEFECTS = {
     "turn sign": (lambda d: replace(d, control=d.control * [1, 1, -1]), -1.0, 0.1),
     "turn scale": (lambda d: replace(d, control=d.control * [1, 1, 1.4]), 1.4, 0.03),
-    "turn drift": (drift(-4.0), -4.0, 0.3),
+    "turn bias": (turn_bias(-4.0), -4.0, 0.3),
     "turn noise": (
         lambda d: replace(d, control_covariance=d.control_covariance / [[1, 1, 9]]), 0.01, 2e-3,
     ),
     "turn": (lambda d: replace(d, control=other_turns(d.control)), 0, 0.3),
     "clock lag": (lambda d: replace(d, control=np.roll(d.control, 6, 0)), 0.6, 0.11),
-    "way sign": (lambda d: replace(d, control=d.control * [-1, 1, 1]), 0.0, 0.1),
-    "way scale": (lambda d: replace(d, control=d.control * [0.7, 1, 1]), 0.7, 0.02),
-    "way ahead noise": (
+    "translation sign": (lambda d: replace(d, control=d.control * [-1, 1, 1]), 0.0, 0.1),
+    "translation scale": (lambda d: replace(d, control=d.control * [0.7, 1, 1]), 0.7, 0.02),
+    "translation noise": (
         lambda d: replace(d, control_covariance=d.control_covariance / [[16, 1, 1]]), 0.01, 2e-3,
     ),
     "odometry jump": (jump, 2, 0),
     "gaps": (gap, 3.1, 1e-6),
-    "camera place": (
+    "camera position": (
         lambda d: replace(d, camera=replace(d.camera, position=np.array([-0.5, -0.1, 1.0]))),
         0.5, 0.1,
     ),
@@ -93,19 +93,19 @@ TRAPS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("check", TRAPS)
-def test_a_trap_is_found_with_its_number(check, drive, look):
-    change, value, within = TRAPS[check]
-    report = report_on(change(drive), look)
+@pytest.mark.parametrize("check", DEFECTS)
+def test_a_defect_is_found_with_its_number(check, drive, survey):
+    change, value, within = DEFECTS[check]
+    report = report_on(change(drive), survey)
     assert not report.clean
     finding = found(report)[check]
     assert finding.value == pytest.approx(value, abs=within)
     assert set(found(report)) == {check}
 
 
-def test_where_it_is_is_said(drive, look):
-    assert found(report_on(jump(drive), look))["odometry jump"].frames == (41, 101)
-    assert found(report_on(gap(drive), look))["gaps"].frames == (50,)
+def test_where_it_is_is_said(drive, survey):
+    assert found(report_on(jump(drive), survey))["odometry jump"].frames == (41, 101)
+    assert found(report_on(gap(drive), survey))["gaps"].frames == (50,)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_where_it_is_is_said(drive, look):
         ((0, 0, 1), 8, "camera yaw", 8),
         ((0, 1, 0), -6, "camera pitch", 6),
         ((0, 0, 1), 90, "camera rotation", 90),
-        ((0, 0, 1), 180, "way sign", 0),
+        ((0, 0, 1), 180, "translation sign", 0),
     ],
 )
 def test_a_camera_that_looks_elsewhere_is_found(drive, axis, degrees, check, value):
@@ -126,13 +126,13 @@ def test_a_camera_that_looks_elsewhere_is_found(drive, axis, degrees, check, val
 
 def test_tilt_is_told_by_images_and_by_truth():
     rocking = winding(tilt=np.deg2rad(9))
-    look = survey_drive(rocking, 300)
-    assert found(report_on(rocking, look))["tilt"].value == pytest.approx(18, abs=4)
+    survey = survey_drive(rocking, 300)
+    assert found(report_on(rocking, survey))["tilt"].value == pytest.approx(18, abs=4)
     lift = np.zeros((FRAMES, 3))
     lift[:, 1] = np.deg2rad(9) * np.sin(1.5 * rocking.time)
     lift[:, 0] = 0.01 * np.arange(FRAMES)
     known = replace(rocking, truth_off_plane=lift)
-    report = report_on(known, look)
+    report = report_on(known, survey)
     assert found(report)["tilt"].value == pytest.approx(9, abs=0.7)
     part = known.until(120)  # the truth goes on
     for each, rise in ((report, 2.39), (report_on(part, survey_drive(part, 300)), 1.19)):
@@ -151,24 +151,14 @@ def test_tracks_that_stand_still_are_found(drive):
     assert found(report)["repeated frames"].frames == (30, 31, 77)
 
 
-def test_without_odometry_it_says_so(drive, look):
-    report = report_on(replace(drive, control=np.zeros_like(drive.control)), look)
+def test_without_odometry_it_says_so(drive, survey):
+    report = report_on(replace(drive, control=np.zeros_like(drive.control)), survey)
     assert report.clean
     assert [finding.check for finding in report.findings] == ["no odometry"]
 
 
-def beginning(drive, n):
-    """The first n frames of a drive."""
-    return replace(
-        drive,
-        time=drive.time[:n],
-        control=drive.control[: n - 1],
-        control_covariance=drive.control_covariance[: n - 1],
-    )
-
-
-class TestPictures:
-    def test_one_without_traps_is_clean(self, filmed):
+class TestImages:
+    def test_one_without_defects_is_clean(self, filmed):
         assert not found(check_drive(filmed))
 
     def test_what_is_wrong_with_single_frames_is_found(self, filmed):
@@ -199,7 +189,7 @@ class TestPictures:
         report = check_drive(replace(filmed, load=load))
         assert found(report)["motion"].value < 40
 
-    def test_a_camera_that_stands_is_no_trap(self, filmed):
+    def test_a_camera_that_stands_is_no_defect(self, filmed):
         def load(i):
             noise = np.random.default_rng(i).integers(0, 3, (120, 160), np.uint8)
             return Frame(i / 10, filmed.load(0).image // 2 + noise)
@@ -208,8 +198,8 @@ class TestPictures:
         assert not found(check_drive(standing))
         slipping = replace(standing, control=filmed.control + np.array([0.1, 0.0, 0.0]))
         report = check_drive(slipping)
-        assert set(found(report)) == {"standing"}
-        assert found(report)["standing"].value == pytest.approx(100)
+        assert set(found(report)) == {"standstill"}
+        assert found(report)["standstill"].value == pytest.approx(100)
 
     def test_cameras_that_are_exchanged_are_found(self, filmed):
         def load(i):
@@ -238,19 +228,19 @@ def test_a_long_drive_is_looked_at_in_stretches():
 
 
 @pytest.mark.shared
-def test_the_traps_of_kitti_are_found_and_the_mended_file_is_clean(shared):
+def test_the_defects_of_kitti_are_found_and_the_mended_file_is_clean(shared):
     folder = shared / "data" / "drives" / "kitti07"
-    clean = beginning(load_drive("tracks", folder / "stereo_tracks_clean.npz"), 300)
-    look = survey_drive(clean, 300)
-    assert len(look) == 300
-    assert not found(report_on(clean, look))
+    clean = load_drive("tracks", folder / "stereo_tracks_clean.npz").until(300)
+    survey = survey_drive(clean, 300)
+    assert len(survey) == 300
+    assert not found(report_on(clean, survey))
 
     matrix = np.load(folder / "calib.npz")["cam_T_imu"]
     as_it_reads = -matrix[:3, :3].T @ matrix[:3, 3]
     wrong = replace(clean, camera=replace(clean.camera, position=as_it_reads))
-    assert set(found(report_on(wrong, look))) == {"camera place"}
+    assert set(found(report_on(wrong, survey))) == {"camera position"}
 
-    refreshed = beginning(load_drive("tracks", folder / "stereo_tracks.npz"), 500)
+    refreshed = load_drive("tracks", folder / "stereo_tracks.npz").until(500)
     report = found(check_drive(refreshed))
     assert set(report) == {"repeated frames"}
     expected = np.load(folder / "stereo_tracks_clean.npz")["refresh"]
@@ -260,7 +250,7 @@ def test_the_traps_of_kitti_are_found_and_the_mended_file_is_clean(shared):
 @pytest.mark.shared
 def test_images_of_kitti_are_clean_and_a_wrong_turn_in_them_is_found(shared):
     drive = load_drive("kitti", shared / "data" / "drives" / "kitti07")
-    look = survey_drive(drive, 60)
-    assert not found(report_on(drive, look))
+    survey = survey_drive(drive, 60)
+    assert not found(report_on(drive, survey))
     mirrored = replace(drive, control=drive.control * [1, 1, -1])
-    assert set(found(report_on(mirrored, look))) == {"turn sign"}
+    assert set(found(report_on(mirrored, survey))) == {"turn sign"}

@@ -1,4 +1,4 @@
-"""The whole system on a simulated drive, out and back, with good days and bad ones."""
+"""Visual SLAM on a simulated drive, out and back, under good conditions and bad ones."""
 
 import json
 from dataclasses import replace
@@ -22,7 +22,7 @@ FRAMES = 48
 
 @pytest.fixture(scope="module")
 def drive():
-    """Out and back along the first meters of the ring; its pictures are made once."""
+    """Out and back along the first meters of the ring; its images are rendered once."""
     made = out_and_back(simulate_drive(DriveConfig(frames=FRAMES)), OutAndBackConfig(FRAMES))
     pictures = [made.load(number) for number in range(len(made))]
     return replace(made, load=pictures.__getitem__)
@@ -38,7 +38,7 @@ def changed(drive, change):
     return replace(drive, load=lambda number: change(number, drive.load(number)))
 
 
-def test_the_map_brings_the_robot_home(drive, mapped):
+def test_the_map_corrects_odometry(drive, mapped):
     ours, odometry = (
         score_drive(each, drive.truth) for each in (mapped.trajectory, mapped.odometry)
     )
@@ -49,23 +49,31 @@ def test_the_map_brings_the_robot_home(drive, mapped):
     assert np.isnan(odometry.inside_3sigma)
 
 
-def test_landmarks_met_again_are_the_same(drive, mapped):
-    seen = mapped.observations
-    right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, drive.truth.at(drive.time))
-    assert (seen.kind == 2).sum() > 10
-    assert right[seen.kind == 2].mean() > 0.95
-    assert right[seen.kind == 0].all()
+def test_reidentified_landmarks_are_the_same(drive, mapped):
+    observations = mapped.observations
+    right = same_places(
+        observations.frame,
+        observations.landmark,
+        observations.z,
+        observations.sigma,
+        drive.truth.at(drive.time),
+    )
+    assert (observations.kind == 2).sum() > 10
+    assert right[observations.kind == 2].mean() > 0.95
+    assert right[observations.kind == 0].all()
 
 
-def test_innovations_are_kept_of_what_was_met_again(mapped):
-    seen = mapped.observations
-    there = np.isfinite(seen.innovation).all(1)
-    assert np.isfinite(seen.innovation_covariance[there]).all()
-    assert there[seen.kind == 2].all()
-    assert not there[seen.kind == 0].any()
-    sigma = np.sqrt(np.diagonal(seen.innovation_covariance[there], axis1=1, axis2=2))
-    assert (np.abs(seen.innovation[there]) < 3 * sigma).mean() > 0.97  # of a right filter 0.997
-    assert (sigma > seen.sigma[there]).all()  # what is seen, and what is known of the place
+def test_innovations_are_logged_of_reidentified_landmarks(mapped):
+    observations = mapped.observations
+    there = np.isfinite(observations.innovation).all(1)
+    assert np.isfinite(observations.innovation_covariance[there]).all()
+    assert there[observations.kind == 2].all()
+    assert not there[observations.kind == 0].any()
+    sigma = np.sqrt(np.diagonal(observations.innovation_covariance[there], axis1=1, axis2=2))
+    assert (
+        np.abs(observations.innovation[there]) < 3 * sigma
+    ).mean() > 0.97  # of a right filter 0.997
+    assert (sigma > observations.sigma[there]).all()  # of the observation and of the map
 
 
 def test_a_run_is_repeated_to_the_bit(drive):
@@ -77,21 +85,21 @@ def test_a_run_is_repeated_to_the_bit(drive):
 
 
 @pytest.mark.parametrize("right", [True, False], ids=["stereo", "one camera"])
-def test_a_drive_that_is_interrupted_goes_on_to_the_same_bits(drive, tmp_path, right):
+def test_an_interrupted_run_resumes_to_the_same_bits(drive, tmp_path, right):
     def seen(number, frame):
         dark = replace(frame, image=np.zeros_like(frame.image), right=None)
         return dark if number in (11, 12) else frame if right else replace(frame, right=None)
 
     lens = drive.camera if right else replace(drive.camera, baseline=0.0)
     some = replace(changed(drive, seen), camera=lens).until(24)
-    films = [Recorder(8), Recorder(8)]
-    whole = visual.run(some, recorder=films[0])
+    recorders = [Recorder(8), Recorder(8)]
+    whole = visual.run(some, recorder=recorders[0])
     for frame in (1, 12, 17):
         recorder, kept = Recorder(8), Checkpoint(tmp_path / "c.npz", 0)
         with pytest.raises(KeyboardInterrupt):
             visual.run(some, None, interrupt_at(frame), recorder=recorder, checkpoint=kept)
     kept = Checkpoint(tmp_path / "c.npz", 0)
-    resumed = visual.run(some, recorder=films[1], checkpoint=kept)
+    resumed = visual.run(some, recorder=recorders[1], checkpoint=kept)
     assert kept.resumed == 17
     for one, two in (
         (whole.trajectory.pose, resumed.trajectory.pose),
@@ -102,7 +110,7 @@ def test_a_drive_that_is_interrupted_goes_on_to_the_same_bits(drive, tmp_path, r
         (whole.descriptors, resumed.descriptors),
         (whole.observations.z, resumed.observations.z),
         (whole.observations.kind, resumed.observations.kind),
-        *((a.path, b.path) for a, b in zip(*(f.snapshots for f in films), strict=True)),
+        *((a.path, b.path) for a, b in zip(*(each.snapshots for each in recorders), strict=True)),
     ):
         assert one.tobytes() == two.tobytes()
 
@@ -113,7 +121,7 @@ def test_the_map_keeps_to_its_budget(drive):
     assert (np.diff(few.map.id) > 0).all()
 
 
-def test_a_blind_robot_goes_on_and_knows_that_it_knows_less(drive, mapped):
+def test_blank_frames_are_bridged_and_enlarge_the_covariance(drive, mapped):
     def hidden(number, frame):
         if number in (9, 10, 11):
             return replace(frame, image=np.zeros_like(frame.image), right=None)
@@ -129,7 +137,7 @@ def test_a_blind_robot_goes_on_and_knows_that_it_knows_less(drive, mapped):
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.06
 
 
-def test_a_hand_over_the_lens_makes_no_map(drive, rng):
+def test_a_hand_over_the_lens_adds_no_error(drive, rng):
     noise = rng.integers(0, 256, (FRAMES, 240, 320), np.uint8)
 
     def covered(number, frame):
@@ -140,7 +148,7 @@ def test_a_hand_over_the_lens_makes_no_map(drive, rng):
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.1
 
 
-def test_odometry_that_jumps_is_outvoted(drive):
+def test_odometry_that_jumps_is_rejected(drive):
     control = drive.control.copy()
     control[15] += [2.0, 0.0, 0.5]
     result = visual.run(replace(drive, control=control))
@@ -151,7 +159,7 @@ def test_odometry_that_jumps_is_outvoted(drive):
     assert ours.ate_m < 0.2
 
 
-def test_of_many_frames_that_cannot_be_used_the_first_are_named(drive):
+def test_the_first_of_many_unusable_frames_are_named(drive):
     def lost(number, frame):
         if number in range(4, 16):
             raise ImageError(f"{number}.png: expected an image, found an empty file")
@@ -163,7 +171,7 @@ def test_of_many_frames_that_cannot_be_used_the_first_are_named(drive):
     assert remarks[-1] == "7 more frames could not be used"
 
 
-def test_a_drive_of_which_no_frame_can_be_used_stops(drive):
+def test_a_drive_without_usable_frames_is_refused(drive):
     def lost(number, frame):
         raise ImageError(f"{number}.png: expected 640 x 480 px as the calibration, found 8 x 8")
 
@@ -171,8 +179,8 @@ def test_a_drive_of_which_no_frame_can_be_used_stops(drive):
         visual.run(changed(drive, lost))
 
 
-def test_a_camera_that_drops_out_leaves_an_honest_map(drive):
-    """Odometry alone leads round 3 s; what it has wrong all the time must be in the ellipse."""
+def test_a_camera_that_drops_out_leaves_a_consistent_map(drive):
+    """Odometry alone for 3 s; its systematic errors must be in the covariance."""
     ring = simulate_drive(DriveConfig(frames=64))
     kept = np.concatenate([np.arange(30), np.arange(60, 64)])
     steps = composed(OdometryIncrements(ring.control, ring.control_covariance), kept, "odometry")
@@ -189,7 +197,7 @@ def test_a_camera_that_drops_out_leaves_an_honest_map(drive):
     assert np.linalg.det(after) > 100 * np.linalg.det(before)
 
 
-def test_a_calibration_of_other_images_is_told(drive):
+def test_a_calibration_of_other_images_is_refused(drive):
     camera = replace(drive.camera, width=640)
     with pytest.raises(DriveError, match=r"expected an image of 640 x 240 px .* found 320 x 240"):
         visual.run(replace(drive, camera=camera))
@@ -223,12 +231,13 @@ def test_scores_are_those_of_evo(drive, mapped):
     assert score.rpe_m == pytest.approx(steps.get_statistic(metrics.StatisticsType.rmse), rel=1e-6)
 
 
-def test_drive_writes_what_it_says(drive, run, tmp_path):
+def test_drive_writes_its_files(drive, run, tmp_path):
     datasets.save_drive(tmp_path / "ring", drive.until(9))
-    code, out, _ = run("drive", tmp_path / "ring", "--out", "made", "--json")
+    code, out, _ = run("drive", tmp_path / "ring", "--out", "made", "--landmarks", 25, "--json")
     assert code == 0
     row = json.loads(out)
     assert row["frames"] == 9
+    assert row["landmarks"] == 25
     assert row["ate_m"] < row["odometry"]["ate_m"]
     for path in row["files"].values():
         assert (tmp_path / path).stat().st_size > 100
@@ -239,14 +248,14 @@ def test_drive_writes_what_it_says(drive, run, tmp_path):
         assert kept["descriptors"].shape == (row["landmarks"], 128)
 
 
-def test_drive_says_what_is_no_drive(run, tmp_path):
+def test_drive_refuses_what_is_no_drive(run, tmp_path):
     code, _, err = run("drive", tmp_path / "nowhere")
     assert code == 2
     assert "nowhere: expected a camera drive, found no such file or folder" in err
 
 
 @pytest.mark.shared
-def test_places_are_known_again_on_the_second_lap(run, shared, tmp_path):
+def test_places_are_recognized_on_the_second_lap(run, shared, tmp_path):
     """A quarter of the hallway; the whole: `saccade evaluate places FOLDER --lap 40`."""
     hallway = shared / "data" / "drives" / "rtabmap_samples_loop"
     (tmp_path / "walk").mkdir()

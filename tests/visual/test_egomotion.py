@@ -1,4 +1,4 @@
-"""The way from frame to frame: geometry against finite differences and known motions."""
+"""Egomotion: geometry against finite differences and known motions."""
 
 import re
 
@@ -9,18 +9,18 @@ from numpy.testing import assert_allclose
 from saccade import visual
 from saccade.evaluation.drives import score_drive
 from saccade.frames import AHEAD, Camera
-from saccade.visual.camera import from_pixels, range_bearing, to_pixels
+from saccade.visual.camera import from_pixels, observe, observe_bearings, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import (
-    _camera_jacobian,
     camera_motion,
+    correspondences_of,
     estimate_motion,
-    make_pairs,
     robot_motion,
+    robot_motion_jacobian,
 )
-from saccade.visual.frontend import observe, observe_bearing_only
-from saccade.visual.ground_scale import WHITE_NOISE, GroundTracker, OdometryScale
-from saccade.visual.motion_prior import MotionPrior, TurnRateBias, fuse
+from saccade.visual.ground_scale import GroundTracker
+from saccade.visual.motion_prior import MotionPrior, OdometryScale, TurnRateBias, fuse
+from saccade.visual.tables import TrackedPoints
 from saccade.visual.triangulation import CameraTrajectory
 from support.winding_drive import winding
 
@@ -51,10 +51,11 @@ def test_points_come_back_through_the_camera():
     assert_allclose(deep, depth)
 
 
-def test_the_covariance_of_a_sighting_is_that_of_many_draws():
+def test_the_covariance_of_an_observation_is_that_of_many_draws():
     rng = np.random.default_rng(1)
     xy, depth = np.array([[100.0, 250.0]]), np.array([12.0])
-    seen = range_bearing(CAMERA, xy, depth, 0.5, np.array([0.2]))
+    config = VisualConfig(pixel_sigma=0.5)
+    seen = range_bearing(CAMERA, xy, depth, np.array([0.2]), config, tilt=0.0)
     drawn = from_pixels(
         CAMERA,
         xy + 0.5 * rng.standard_normal((200000, 2)),
@@ -64,10 +65,11 @@ def test_the_covariance_of_a_sighting_is_that_of_many_draws():
     assert_allclose(seen.covariance[0], np.cov(z), rtol=0.02, atol=2e-6)
 
 
-def test_a_camera_that_leans_sees_things_aside_and_nearer(rng):
+def test_tilt_displaces_points_above_the_camera(rng):
     place, tilt = np.array([12.0, -5.0, 4.0]), 0.02
     xy, depth = to_pixels(CAMERA, place[None])
-    level, _ = observe(CAMERA, xy, depth, 0 * depth, VisualConfig(pixel_sigma=1e-6), tilt)
+    point = TrackedPoints.zeros(1, xy=xy, depth=depth)
+    level, _ = observe(CAMERA, point, VisualConfig(pixel_sigma=1e-6), tilt)
     lean = tilt * rng.standard_normal((100000, 2))
     up = place[2] - CAMERA.position[2]  # about the camera; the lever of the robot's origin is small
     moved = place + np.stack([lean[:, 0] * up, lean[:, 1] * up, 0 * lean[:, 0]], 1)
@@ -86,9 +88,10 @@ def test_a_rocking_robot_knows_that_its_map_is_flat():
     assert score_drive(shaken.trajectory, rocking.truth).inside_3sigma > 0.95
 
 
-def test_a_bearing_alone_lies_on_the_line_of_sight():
+def test_a_bearing_only_observation_lies_on_the_ray():
     xy = np.array([[100.0, 250.0], [500.0, 90.0]], np.float32)
-    seen = observe_bearing_only(CAMERA, xy, np.array([8.0, 30.0]), VisualConfig(), 0.01)
+    points, ranges = TrackedPoints.zeros(2, xy=xy), np.array([8.0, 30.0])
+    seen = observe_bearings(CAMERA, points, ranges, VisualConfig(), 0.01)
     place = np.stack(
         [
             seen.z[:, 0] * np.cos(seen.z[:, 1]),
@@ -107,11 +110,11 @@ def test_robot_and_camera_move_together():
     assert_allclose(tilt, 0, atol=1e-12)
 
 
-def test_slopes_of_the_robots_motion_are_those_of_finite_differences():
+def test_the_jacobian_of_the_robots_motion_is_that_of_finite_differences():
     import cv2
 
     R, t = camera_motion(CAMERA, CONTROL)
-    slope, step = _camera_jacobian(CAMERA, R, t), 1e-6
+    slope, step = robot_motion_jacobian(CAMERA, R, t), 1e-6
     for k in range(6):
         change = np.zeros(6)
         change[k] = step
@@ -125,13 +128,15 @@ def test_slopes_of_the_robots_motion_are_those_of_finite_differences():
 
 
 @pytest.mark.parametrize("wrong", [0, 15])
-def test_a_rig_tells_the_motion(wrong):
+def test_a_stereo_rig_determines_the_motion(wrong):
     rng = np.random.default_rng(2)
     xy, depth, now, deep, R, _ = scene(rng)
     now[:wrong] += rng.uniform(15, 40, (wrong, 2))
     inside = np.isfinite(now).all(1)
-    pairs = make_pairs(*(a[inside] for a in (xy, now, depth, 0.01 * depth, deep, 0.01 * deep)))
-    motion = estimate_motion(CAMERA, pairs, 0.3, (np.zeros(3), np.eye(3)), alone=True)
+    points = correspondences_of(
+        *(a[inside] for a in (xy, now, depth, 0.01 * depth, deep, 0.01 * deep))
+    )
+    motion = estimate_motion(CAMERA, points, 0.3, prior=None)
     assert motion is not None
     assert_allclose(motion.control, CONTROL, atol=2e-4 if wrong else 1e-6)
     assert_allclose(motion.rotation @ R.T, np.eye(3), atol=1e-4)
@@ -139,13 +144,13 @@ def test_a_rig_tells_the_motion(wrong):
     assert motion.inliers[wrong:].mean() > 0.95
 
 
-def test_one_camera_tells_the_turn_and_odometry_the_way():
+def test_one_camera_determines_the_turn_and_odometry_the_distance():
     rng = np.random.default_rng(3)
     xy, _, now, _, _, _ = scene(rng)
     unknown = np.full(len(xy), np.nan)
-    pairs = make_pairs(xy, now, unknown, unknown, unknown, unknown)
+    points = correspondences_of(xy, now, unknown, unknown, unknown, unknown)
     prior = CONTROL + np.array([0.03, 0.0, 0.02]), np.diag(np.square([0.06, 0.02, 0.02]))
-    motion = estimate_motion(CAMERA, pairs, 0.3, prior, alone=False)
+    motion = estimate_motion(CAMERA, points, 0.3, prior)
     assert motion is not None
     assert abs(motion.control[2] - CONTROL[2]) < 1e-3
     sigma = np.sqrt(motion.covariance[0, 0])
@@ -158,7 +163,7 @@ def test_the_covariance_of_a_motion_is_that_of_many_draws():
     xy, depth, now, deep, _, _ = scene(rng)
     missed, sigma = [], 0.02 * depth
     for _ in range(100):
-        pairs = make_pairs(
+        points = correspondences_of(
             xy + 0.3 * rng.standard_normal(xy.shape),
             now + 0.3 * rng.standard_normal(xy.shape),
             depth + sigma * rng.standard_normal(len(depth)),
@@ -166,14 +171,14 @@ def test_the_covariance_of_a_motion_is_that_of_many_draws():
             np.full(len(deep), np.nan),
             sigma,
         )
-        motion = estimate_motion(CAMERA, pairs, 0.3, (CONTROL, np.eye(3)), alone=True)
+        motion = estimate_motion(CAMERA, points, 0.3, prior=None)
         missed.append(motion.control - CONTROL)
     ratio = np.std(missed, 0) / np.sqrt(np.diag(motion.covariance))
     assert (ratio > 0.6).all()
     assert (ratio < 1.4).all()
 
 
-def test_two_estimates_join_by_their_information():
+def test_two_estimates_are_fused_by_their_information():
     rng = np.random.default_rng(5)
     A, B = (np.diag(rng.uniform(0.1, 1, 3)) for _ in range(2))
     a, b = rng.uniform(-0.1, 0.1, (2, 3))
@@ -184,14 +189,14 @@ def test_two_estimates_join_by_their_information():
     assert_allclose(fuse((a, A), (b + 50, B))[0], a)
 
 
-def test_the_last_motion_foretells_the_next():
-    foresight = MotionPrior(np.array([0.1, 0.1, 0.1]))
-    foresight.update(np.array([1.0, 0, 0.1]), 1e-8 * np.eye(3), 0.1)
-    control, _ = foresight.predict(np.array([1.2, 0, 0.2]), 0.1 * np.eye(3), 0.1)
+def test_the_last_motion_predicts_the_next():
+    prior = MotionPrior(np.array([0.1, 0.1, 0.1]))
+    prior.update(np.array([1.0, 0, 0.1]), 1e-8 * np.eye(3), 0.1)
+    control, _ = prior.predict(np.array([1.2, 0, 0.2]), 0.1 * np.eye(3), 0.1)
     assert_allclose(control, (1.0, 0, 0.1), atol=1e-3)
 
 
-def test_a_drift_of_the_turn_is_learnt_and_a_lift_is_not():
+def test_a_turn_rate_bias_is_learned_and_a_lift_is_not():
     drift = TurnRateBias()
     for _ in range(200):
         drift.update(0.01 * 0.1, 0.1, 0.001**2)
@@ -199,37 +204,36 @@ def test_a_drift_of_the_turn_is_learnt_and_a_lift_is_not():
     assert drift.rate == pytest.approx(0.01, rel=0.02)
 
 
-def test_lines_of_sight_meet_at_the_point():
+def test_rays_intersect_at_the_point():
     rng = np.random.default_rng(6)
     xy, _, now, deep, R, t = scene(rng)
     way = CameraTrajectory()
     way.append(R, t)
-    ends = xy.astype(np.float32), now.astype(np.float32)
-    found, sigma = way.triangulate(CAMERA, np.zeros(len(xy), int), *ends, 0.3)
+    ends = {"first_xy": xy.astype(np.float32), "xy": now.astype(np.float32)}
+    found, sigma = way.triangulate(CAMERA, TrackedPoints.zeros(len(xy), **ends), 0.3)
     sure = sigma < 0.1 * deep
     assert sure.sum() > 20
     assert_allclose(found[sure], deep[sure], rtol=2e-3)
 
 
-def test_a_scale_is_shared_out_by_trust():
-    scale, true = OdometryScale(0.03, 0.02), 0.96  # the road says odometry is 4 per cent too long
+def test_a_scale_error_is_divided_by_variance():
+    scale, true = OdometryScale(0.03, 0.02), 0.96  # by the ground odometry is 4 per cent too long
     for _ in range(3000):
         scale.update(true / scale.factor)
     share = 0.03**2 / (0.03**2 + 0.02**2)
     assert scale.factor == pytest.approx(1 - 0.04 * share, abs=2e-3)
     assert scale.sigma == pytest.approx(0.02 * np.sqrt(share), rel=0.05)
     assert OdometryScale(0.03, 0.02).sigma == pytest.approx(0.03)
-    assert WHITE_NOISE > 0
 
 
-def test_a_road_tells_the_way():
+def test_the_ground_plane_determines_the_distance():
     rng = np.random.default_rng(7)
     camera = Camera(640, 360, 500, 500, 320, 120, position=np.array([0, 0, 1.5]))
     texture = rng.uniform(0, 255, (400, 400))
     R, t = camera_motion(camera, CONTROL)
 
     def seen(rotation, shift):
-        """The road of a camera that has moved: points of the first camera's frame become RX+t."""
+        """The ground of a camera that has moved: points of the first camera's frame become RX+t."""
         v, u = np.mgrid[:360, :640]
         ray = np.stack([(u - 320) / 500, (v - 120) / 500, np.ones(u.shape)], -1) @ rotation
         origin = -rotation.T @ shift
@@ -242,13 +246,10 @@ def test_a_road_tells_the_way():
         return (128 + 6 * rough).clip(0, 255).astype(np.uint8)
 
     unknown = np.full(20, np.nan)
-    pairs = make_pairs(np.zeros((20, 2)), np.zeros((20, 2)), *(unknown,) * 4)
-    motion = estimate_motion(
-        camera, pairs, 1e3, (CONTROL * (1.1, 1.1, 1), 1e-9 * np.eye(3)), alone=False
-    )
+    points = correspondences_of(np.zeros((20, 2)), np.zeros((20, 2)), *(unknown,) * 4)
+    prior = CONTROL * (1.1, 1.1, 1), 1e-9 * np.eye(3)
+    motion = estimate_motion(camera, points, 1e3, prior)
     assert motion is not None
     motion = motion._replace(rotation=R, translation=1.1 * t)
-    road = GroundTracker(camera).motion(seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
-    assert road is not None
-    assert road.distance == pytest.approx(np.linalg.norm(t), rel=0.02)
-    assert_allclose(road.tilt, 0, atol=np.radians(0.2))
+    distance = GroundTracker(camera).distance(seen(np.eye(3), np.zeros(3)), seen(R, t), motion)
+    assert distance == pytest.approx(np.linalg.norm(t), rel=0.02)

@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,10 +16,10 @@ from saccade.evaluation.selection import mean_ranks, means, ratios
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual import FeatureCache, VisualConfig
 from saccade.visual.config import SELECTIONS
-from saccade.visual.frontend import TrackedPoints
 from saccade.visual.reidentification import count_rematches
-from saccade.visual.run_log import INITIALIZED
-from saccade.visual.selection import FARTHEST, farthest_first, rematch_rate
+from saccade.visual.result import ObservationKind
+from saccade.visual.selection import MAX_DISTANCE, farthest_first, rematch_rate
+from saccade.visual.tables import TrackedPoints
 
 FRAMES = 6
 
@@ -29,25 +29,23 @@ def drive():
     return simulate_drive(DriveConfig(frames=FRAMES))
 
 
-def points(xy, looks=None):
-    """Followed points with nothing else known of them."""
+def points(xy, descriptors=None):
+    """Tracked points with nothing else known of them."""
     n = len(xy)
-    looks = np.zeros((n, 128), np.uint8) if looks is None else looks
-    columns = {each.name: each.default_factory() for each in fields(TrackedPoints)}
-    columns = {k: np.zeros((n, *each.shape[1:]), each.dtype) for k, each in columns.items()}
-    return TrackedPoints(**columns | {"xy": np.asarray(xy, np.float32), "descriptor": looks})
+    descriptors = np.zeros((n, 128), np.uint8) if descriptors is None else descriptors
+    return TrackedPoints.zeros(n, xy=np.asarray(xy, np.float32), descriptor=descriptors)
 
 
-def test_every_choice_is_another_one(drive):
+def test_every_selection_differs(drive):
     """And what runs share changes none of them."""
     memory, taken = FeatureCache(), set()
     for selection in SELECTIONS:
         config = VisualConfig(selection=selection, new_per_frame=2, max_tracked=16)
         seen = visual.run(drive, config, cache=memory).observations
-        taken.add(seen.xy[seen.kind == INITIALIZED].tobytes())
-        assert (seen.frame[seen.kind == INITIALIZED] == 0).sum() == 8
+        taken.add(seen.xy[seen.kind == ObservationKind.INITIALIZED].tobytes())
+        assert (seen.frame[seen.kind == ObservationKind.INITIALIZED] == 0).sum() == 8
     assert len(taken) == len(SELECTIONS)
-    assert len(memory.features) == FRAMES
+    assert len(memory) == FRAMES
     alone, sharing = visual.run(drive, config), visual.run(drive, config, cache=memory)
     assert np.array_equal(alone.observations.xy, sharing.observations.xy)
     assert np.array_equal(alone.trajectory.covariance, sharing.trajectory.covariance)
@@ -64,28 +62,28 @@ def test_each_point_is_the_farthest_from_those_before_it(xy, worth, taken):
     for k, i in enumerate(order):
         before = [*taken, *xy[order[:k]]]
         values = [
-            worth[j] * min(FARTHEST, *(float(np.hypot(*(xy[j] - place))) for place in before))
+            worth[j] * min(MAX_DISTANCE, *(float(np.hypot(*(xy[j] - place))) for place in before))
             for j in order[k:]
         ]
         assert values[0] == pytest.approx(max(values), rel=1e-6), i
 
 
-def test_proof_is_the_mean_of_what_is_believed():
+def test_the_rematch_rate_is_the_mean_of_the_posterior():
     tried, found = np.array([0, 1, 4, 9]), np.array([0, 1, 1, 9])
     some = replace(points(np.zeros((4, 2))), rematch_attempts=tried, rematches=found)
     assert rematch_rate(some) == pytest.approx(stats.beta(1 + found, 1 + tried - found).mean())
 
 
-def test_a_point_is_proven_where_its_looks_are_found_where_it_is():
-    looks = np.eye(4, 128, dtype=np.uint8) * 200
-    followed = points([[10, 10], [50, 10], [90, 10], [130, 10]], looks)
-    # the second has moved its looks elsewhere, the third two share, the fourth is not found
-    found = points([[11, 10], [70, 10], [90, 10], [95, 30]], looks[[0, 1, 2, 2]])
-    after = count_rematches(count_rematches(followed, found, 0.8), found, 0.8)
+def test_a_point_is_rematched_at_its_tracked_position_alone():
+    descriptors = np.eye(4, 128, dtype=np.uint8) * 200
+    tracked = points([[10, 10], [50, 10], [90, 10], [130, 10]], descriptors)
+    # the second's descriptor is elsewhere, the third's is there twice, the fourth's is not
+    found = points([[11, 10], [70, 10], [90, 10], [95, 30]], descriptors[[0, 1, 2, 2]])
+    after = count_rematches(count_rematches(tracked, found, 0.8), found, 0.8)
     assert after.rematch_attempts.tolist() == [2, 2, 2, 2]
     assert after.rematches.tolist()[:2] == [2, 0]
     assert after.rematches[3] == 0
-    assert followed.rematch_attempts.tolist() == [0, 0, 0, 0]
+    assert tracked.rematch_attempts.tolist() == [0, 0, 0, 0]
 
 
 def test_choices_are_ranked_and_compared_drive_by_drive():

@@ -1,4 +1,4 @@
-"""Which landmarks are taken for known ones: what the others say of each."""
+"""Re-identification: the consistency of associations with one another."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ def drawn(seed, count):
     return random.multivariate_normal(np.zeros(2 * count), S).reshape(-1, 2), S
 
 
-def told_by_others(v, S, i):
-    """NIS of one sighting, by what a Gaussian says of it once the others are known."""
+def nis_given_others(v, S, i):
+    """NIS of one observation, conditional on the others."""
     own = np.arange(2 * i, 2 * i + 2)
     others = np.setdiff1d(np.arange(v.size), own)
     gain = np.linalg.solve(S[np.ix_(others, others)], S[np.ix_(others, own)]).T
@@ -31,41 +31,41 @@ def told_by_others(v, S, i):
 
 
 @given(st.integers(0, 10**6), st.integers(2, 6), st.integers(0, 5), st.floats(-9, 9))
-def test_what_the_others_contradict_is_left_out(seed, count, which, by):
+def test_what_the_others_contradict_is_eliminated(seed, count, which, by):
     v, S = drawn(seed, count)
     v[which % count] += by
     kept = consistent_subset(v, S, GATE)
-    told = [told_by_others(v, S, i) for i in range(count)]
+    nis = [nis_given_others(v, S, i) for i in range(count)]
     limit = chi_square_gate(2, GATE)
-    if max(told) < limit:
+    if max(nis) < limit:
         assert kept.all()
     else:
-        assert not kept[np.argmax(told)]
+        assert not kept[np.argmax(nis)]
     left = np.flatnonzero(kept)
     rows = (2 * left[:, None] + (0, 1)).ravel()
     for i in range(len(left) if len(left) > 1 else 0):
-        assert told_by_others(v[left], S[np.ix_(rows, rows)], i) < limit
+        assert nis_given_others(v[left], S[np.ix_(rows, rows)], i) < limit
 
 
-def test_right_sightings_are_borne_out_as_often_as_the_gate_says():
+def test_correct_associations_are_kept_as_often_as_the_gate_says():
     kept = [consistent_subset(*drawn(seed, 2), GATE).all() for seed in range(2000)]
     assert 0.97 < np.mean(kept) < 0.995  # each of two is outside once in a hundred
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_nothing_speaks_against_one(count):
+def test_a_single_association_is_kept(count):
     assert consistent_subset(np.full((count, 2), 99.0), np.eye(2 * count), GATE).all()
 
 
 @given(st.integers(0, 10**6), st.integers(0, 4))
-def test_landmarks_that_lie_as_they_are_seen_agree(seed, strangers):
+def test_landmarks_that_lie_as_they_are_observed_agree(seed, outliers):
     random = np.random.default_rng(seed)
     x, y, heading = random.uniform(-5, 5, 3)
     z = np.stack([random.uniform(1, 8, 10), random.uniform(-1.5, 1.5, 10)], 1)
     beta = heading + z[:, 1]
     places = np.stack([x + z[:, 0] * np.cos(beta), y + z[:, 0] * np.sin(beta)], 1)
-    places[:strangers] += random.uniform(20, 90, (strangers, 2))
-    assert consistent_layout(z, places).tolist() == [i >= strangers for i in range(10)]
+    places[:outliers] += random.uniform(20, 90, (outliers, 2))
+    assert consistent_layout(z, places).tolist() == [i >= outliers for i in range(10)]
 
 
 @pytest.mark.parametrize(

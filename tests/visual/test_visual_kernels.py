@@ -1,18 +1,28 @@
 """The compiled passes of a camera's motion against formulas written for a person."""
 
+import sys
+import threading
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import map_coordinates
+from threadpoolctl import threadpool_info
 
+from saccade import visual
 from saccade.frames import Camera
-from saccade.visual.egomotion import CLOSEST, _accumulate, camera_motion, make_pairs
-from saccade.visual.ground_scale import GroundTracker, _warp
+from saccade.simulation import DriveConfig, simulate_drive
+from saccade.visual._kernels import MAX_INVERSE_DEPTH, accumulate_normal_equations, warp_ground
+from saccade.visual.camera import Intrinsics
+from saccade.visual.egomotion import camera_motion, correspondences_of
+from saccade.visual.ground_scale import GroundTracker
+from saccade.visual.optical_flow import ImageGradients
 from saccade.visual.prefetch import Prefetcher
 
 CAMERA = Camera(640, 360, 500, 480, 320, 120, position=np.array([0.2, 0.1, 1.5]))
-VIEW = CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy
+VIEW = Intrinsics.of(CAMERA)
 PIXEL, SOFT, STEP = 0.4, 3.0, 1e-6
 
 
@@ -29,30 +39,33 @@ def slope(of, size):
     return np.stack([(of(step) - of(-step)) / (2 * STEP) for step in steps], 1)
 
 
-def voted(pairs, at, R, t):
-    """The sums of `_vote`, one point after the other."""
+def normal_equations(pairs, at, R, t):
+    """The sums of `accumulate_normal_equations`, one point after the other."""
     information, gradient, square, likely = np.zeros((6, 6)), np.zeros(6), [], []
     for i in range(len(at)):
-        xy, h = pairs.before[i], at[i]
-        again = np.isfinite(pairs.inverse_depth_now[i])
+        xy, h = pairs.previous[i], at[i]
+        again = np.isfinite(pairs.current_inverse_depth[i])
         rows = [0, 1, 2] if again else [0, 1]
-        seen = np.append(pairs.now[i], pairs.inverse_depth_now[i])[rows]
+        seen = np.append(pairs.current[i], pairs.current_inverse_depth[i])[rows]
         J = slope(lambda e: predicted(xy, h, cv2.Rodrigues(e[:3])[0] @ R, t + e[3:]), 6)[rows]  # noqa: B023
         d = slope(lambda e: predicted(xy, h + e[0], R, t), 1)[rows, 0]  # noqa: B023
         missed = seen - predicted(xy, h, R, t)[rows] + d * (h - pairs.inverse_depth[i])
-        sigma = np.array([np.sqrt(2) * PIXEL, np.sqrt(2) * PIXEL, pairs.sigma_now[i]])[rows]
-        N = np.linalg.inv(np.diag(sigma**2) + pairs.sigma[i] ** 2 * np.outer(d, d))
+        sigma = np.array(
+            [np.sqrt(2) * PIXEL, np.sqrt(2) * PIXEL, pairs.current_inverse_depth_sigma[i]]
+        )[rows]
+        N = np.linalg.inv(np.diag(sigma**2) + pairs.inverse_depth_sigma[i] ** 2 * np.outer(d, d))
         square.append(missed @ N @ missed)
         count = 1 / (1 + square[-1] / SOFT**2) ** 2
         information += count * J.T @ N @ J
         gradient += count * J.T @ N @ missed
-        better = pairs.inverse_depth[i] + pairs.sigma[i] ** 2 * d @ N @ missed
-        likely.append(min(max(better, 0), CLOSEST))
+        better = pairs.inverse_depth[i] + pairs.inverse_depth_sigma[i] ** 2 * d @ N @ missed
+        likely.append(min(max(better, 0), MAX_INVERSE_DEPTH))
     return information, gradient, np.array(square), np.array(likely)
 
 
+@pytest.mark.kernel
 @pytest.mark.parametrize("known", [0.0, 0.5, 1.0])
-def test_points_vote_for_a_motion_as_the_formulas_say(rng, known):
+def test_normal_equations_are_those_of_the_formulas(rng, known):
     k = 12
     R, t = camera_motion(CAMERA, np.array([1.2, 0.05, 0.08]))
     before, depth = rng.uniform((20, 20), (620, 340), (k, 2)), rng.uniform(4, 60, k)
@@ -60,37 +73,41 @@ def test_points_vote_for_a_motion_as_the_formulas_say(rng, known):
     now += rng.normal(0, 3, now.shape)
     deep = np.where(rng.uniform(size=k) < known, depth - t[2], np.nan)
     was = np.where(rng.uniform(size=k) < known, depth, np.nan)
-    pairs = make_pairs(before, now, was, 0.05 * depth, deep, 0.04 * depth)
+    pairs = correspondences_of(before, now, was, 0.05 * depth, deep, 0.04 * depth)
     at = pairs.inverse_depth * rng.uniform(0.9, 1.1, k)
-    expected = voted(pairs, at, R, t)
+    expected = normal_equations(pairs, at, R, t)
     information, gradient, square, found = np.zeros((6, 6)), np.zeros(6), np.zeros(k), at.copy()
-    _accumulate(pairs, VIEW, R, t, PIXEL, SOFT, found, information, gradient, square)
+    accumulate_normal_equations(
+        pairs, VIEW, R, t, PIXEL, SOFT, found, information, gradient, square
+    )
     for ours, theirs in zip((information, gradient, square, found), expected, strict=True):
         assert_allclose(ours, theirs, rtol=1e-5, atol=1e-5 * np.abs(theirs).max())
 
 
-def test_a_point_behind_the_camera_has_no_vote():
+@pytest.mark.kernel
+def test_a_point_behind_the_camera_has_no_weight():
     unknown = np.full(1, np.nan)
-    pairs = make_pairs(
+    pairs = correspondences_of(
         np.zeros((1, 2)), np.zeros((1, 2)), np.full(1, 2.0), np.ones(1), *(unknown,) * 2
     )
     sums, square = (np.zeros((6, 6)), np.zeros(6)), np.zeros(1)
     back = np.array([0.0, 0.0, -3.0])
-    _accumulate(
+    accumulate_normal_equations(
         pairs, VIEW, np.eye(3), back, PIXEL, SOFT, pairs.inverse_depth.copy(), *sums, square
     )
     assert np.isinf(square[0])
     assert not sums[0].any()
 
 
-def test_a_road_is_looked_up_where_its_plane_says(rng):
+@pytest.mark.kernel
+def test_the_ground_is_sampled_where_its_plane_is(rng):
     """On a ramp neither bilinear interpolation nor slopes err."""
     R, t = camera_motion(CAMERA, np.array([4.5, 0.02, 0.03]))
     way = np.linalg.norm(t)
-    rays, at = GroundTracker(CAMERA)._rays[::10], rng.uniform(0, 255, 1000)
+    rays, at = GroundTracker(CAMERA).rays[::10], rng.uniform(0, 255, 1000)
     v, u = np.mgrid[:360, :640]
     ramp = (5 * u + 3 * v).astype(np.int16)
-    images = ramp, np.full_like(ramp, 8 * 5), np.full_like(ramp, 8 * 3)
+    images = ImageGradients(ramp, np.full_like(ramp, 8 * 5), np.full_like(ramp, 8 * 3))
     axes = cv2.Rodrigues(rng.normal(0, 0.05, 3))[0][[1, 2, 0]]
 
     def looked_up(found):
@@ -103,7 +120,7 @@ def test_a_road_is_looked_up_where_its_plane_says(rng):
     found = np.array([way / 1.5, 0.01, -0.02])
     light, J = np.empty(len(rays)), np.empty((len(rays), 5))
     by = np.stack([axes.T @ np.append(1, found[1:]), found[0] * axes[1], found[0] * axes[2]])
-    n = _warp(rays, at, VIEW, R, t / way, found[0], by, images, light, J)
+    n = warp_ground(rays, at, VIEW, R, t / way, found[0], by, images, light, J)
     expected = looked_up(found)
     inside = np.isfinite(expected)
     assert 10 < n == inside.sum() < len(rays)
@@ -115,7 +132,7 @@ def test_a_road_is_looked_up_where_its_plane_says(rng):
         assert_allclose(J[:n, k], change[inside], rtol=1e-5, atol=1e-3)
 
 
-def test_work_ahead_is_done_once_and_in_order_and_fails_where_it_is_asked_for():
+def test_items_are_prefetched_once_in_order_and_fail_where_they_are_used():
     begun = []
 
     def work(number):
@@ -124,13 +141,30 @@ def test_work_ahead_is_done_once_and_in_order_and_fails_where_it_is_asked_for():
             raise ValueError("3")
         return number**2
 
-    ahead = Prefetcher(work, 6, 4)
     done = []
-    for number in range(6):
-        try:
-            done.append(ahead(number))
-        except ValueError as error:
-            done.append(str(error))
-        assert len(begun) <= min(number + 5, 6)
+    with Prefetcher(work, 6, 4) as prefetched:
+        for number in range(6):
+            try:
+                done.append(prefetched(number))
+            except ValueError as error:
+                done.append(str(error))
+            assert len(begun) <= min(number + 5, 6)
     assert done == [0, 1, 4, "3", 16, 25]
     assert begun == list(range(6))
+
+
+def test_a_run_leaves_no_thread_and_no_setting_behind():
+    drive = simulate_drive(DriveConfig(frames=2))
+    before = sys.getswitchinterval(), threadpool_info()
+    seen = []
+
+    def load(number):
+        seen.append((sys.getswitchinterval(), threadpool_info()))
+        return drive.load(number)
+
+    visual.run(replace(drive, load=load))
+    assert all(each == before for each in seen)
+    assert not [each for each in threading.enumerate() if "prefetch" in each.name]
+    with visual.dedicated_process():
+        assert sys.getswitchinterval() < before[0]
+    assert (sys.getswitchinterval(), threadpool_info()) == before

@@ -71,7 +71,7 @@ def drive(
     from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)
-    given = {"detector": detector, "selection": selection, "landmarks": landmarks}
+    given = {"detector": detector, "selection": selection, "max_landmarks": landmarks}
     settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     recorded = datasets.load_drive(cast("datasets.DriveKind", kind), sequence)
     if frames is not None:
@@ -134,7 +134,7 @@ def map_drive(
     from saccade.slam import Checkpoint, Recorder
 
     recorder, kept = Recorder(pictures), Checkpoint(out / "checkpoint.npz", checkpoint)
-    with resumable(kept.path):
+    with resumable(kept.path), visual.dedicated_process():
         result = visual.run(
             recorded,
             settings,

@@ -129,14 +129,14 @@ def summary(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
     import numpy as np
 
     from saccade.evaluation.drives import same_places
-    from saccade.visual.run_log import REIDENTIFIED
+    from saccade.visual import ObservationKind
 
     n, seen = len(result.trajectory), result.observations
     precision = None
-    if drive.truth is not None and (seen.kind == REIDENTIFIED).any():
+    if drive.truth is not None and (seen.kind == ObservationKind.REIDENTIFIED).any():
         poses = drive.truth.at(drive.time)
         right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, poses)
-        precision = float(right[seen.kind == REIDENTIFIED].mean())
+        precision = float(right[seen.kind == ObservationKind.REIDENTIFIED].mean())
     return {
         "sequence": drive.name,
         "frames": n,
@@ -147,7 +147,7 @@ def summary(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
         "landmarks": len(result.map),
         "landmarks_seen": len(np.unique(seen.landmark)),
         "sightings": len(seen),
-        "recognized": int((seen.kind == REIDENTIFIED).sum()),
+        "recognized": int((seen.kind == ObservationKind.REIDENTIFIED).sum()),
         "missed": result.missed,
         "ms_per_frame": 1000 * float(result.frame_seconds.mean()),
         "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},

@@ -1,4 +1,4 @@
-"""What is wrong with a camera drive, before it is run."""
+"""Diagnostics of a camera drive: what would spoil a run, found before it."""
 
 from saccade.diagnostics.checks import CheckConfig, check_drive
 from saccade.diagnostics.findings import CheckReport, Finding

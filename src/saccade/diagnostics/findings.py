@@ -1,24 +1,27 @@
-"""What is wrong with a drive, in words and numbers."""
+"""Findings: defects of a drive, in words and numbers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
+
+import numpy as np
 
 from saccade.types import IntArray
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
-"""An "error" spoils a run; a "warning" makes it worse; a "note" is good to know, and no trap."""
-LISTED = 6
-"""Frames that are named in words; the others are counted."""
+"""An "error" spoils a run; a "warning" makes it worse; a "note" does no harm."""
+MAX_LISTED = 6
+"""Frames that are listed in words; the others are counted."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong."""
+    """A defect of a drive."""
 
     severity: Severity
     """How bad it is."""
     check: str
-    """Which check found it: a short name."""
+    """Short name of the check that found it."""
     what: str
     """One sentence with the number in it."""
     advice: str
@@ -30,44 +33,53 @@ class Finding:
     frames: tuple[int, ...] = ()
     """Where, if it is not everywhere."""
 
+    @classmethod
+    def in_frames(
+        cls,
+        severity: Severity,
+        check: str,
+        what: str,
+        advice: str,
+        frames: IntArray | Sequence[int],
+        unit: str = "frames",
+    ) -> "Finding":
+        """A defect of single frames, whose number is that of the frames."""
+        numbers = tuple(np.asarray(frames).tolist())
+        return cls(severity, check, what, advice, float(len(numbers)), unit, numbers)
+
     def __str__(self) -> str:
-        where = f" ({listed(self.frames)})" if self.frames else ""
-        return f"{self.what[:1].upper()}{self.what[1:]}{where}. {self.advice}."
+        frames = f" ({listed(self.frames)})" if self.frames else ""
+        return f"{self.what[:1].upper()}{self.what[1:]}{frames}. {self.advice}."
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What was found, and what was measured on the way."""
+    """Findings and measurements of a drive."""
 
     name: str
     """Of the drive."""
     frames: int
     """How many it has."""
     inspected: int
-    """How many of them were looked at."""
+    """How many of them were inspected."""
     findings: tuple[Finding, ...]
     """The worst first."""
     figures: dict[str, Any] = field(default_factory=dict)
-    """What was measured, by name; a unit at the end of each."""
+    """Measurements by name, with the unit at its end."""
 
     @property
     def clean(self) -> bool:
-        """Whether nothing but notes was found."""
+        """Whether there are no findings but notes."""
         return all(finding.severity == "note" for finding in self.findings)
 
     def __repr__(self) -> str:
         return f"CheckReport({self.name}: {len(self.findings)} findings)"
 
 
-def numbers_of(frames: IntArray) -> tuple[int, ...]:
-    """Frames of an array (k,) as a finding has them."""
-    return tuple(int(i) for i in frames)
-
-
 def listed(frames: tuple[int, ...]) -> str:
-    """Frames in words, the first few of them."""
-    first = ", ".join(map(str, frames[:LISTED]))
-    more = f", ... {len(frames)} in all" if len(frames) > LISTED else ""
+    """The first few frames in words, and how many there are."""
+    first = ", ".join(map(str, frames[:MAX_LISTED]))
+    more = f", ... {len(frames)} in all" if len(frames) > MAX_LISTED else ""
     return f"frame{'s' if len(frames) > 1 else ''} {first}{more}"
 
 

@@ -1,59 +1,47 @@
-"""Times of the frames."""
+"""Timestamps of the frames."""
+
+from collections.abc import Iterator
 
 import numpy as np
 
-from saccade.diagnostics.findings import Finding, counted, numbers_of
+from saccade.diagnostics.findings import Finding, counted
 from saccade.frames import Drive
 
-GAP = 2.5
-"""Times the usual time between frames, above which some are missing."""
-UNEVEN = 0.3
-"""Standard deviation of the time between frames, as a share of it, that a camera may have."""
+GAP_RATIO = 2.5
+"""Frame period over the median one from which frames are missing."""
+MAX_JITTER = 0.3
+"""Standard deviation of the frame period, as a fraction of it."""
 
 
-def check_clock(drive: Drive) -> list[Finding]:
-    """Gaps, an uneven beat, and what had to be mended when the files were read."""
-    findings = [
-        Finding(
-            "warning",
-            "files",
-            remark,
-            "It was mended on reading; look what else the recorder did",
-            1.0,
-            "remark",
-        )
-        for remark in drive.remarks
-    ]
+def check_timestamps(drive: Drive) -> Iterator[Finding]:
+    """Gaps, jitter, and what was repaired when the files were read."""
+    for remark in drive.remarks:
+        advice = "It was repaired on reading; look what else the recorder did"
+        yield Finding("warning", "files", remark, advice, 1.0, "remark")
     period = np.diff(drive.time)
     if len(period) < 5:
-        return findings
-    usual = float(np.median(period))
-    gaps = np.flatnonzero(period > GAP * usual)
+        return
+    median = float(np.median(period))
+    gaps = np.flatnonzero(period > GAP_RATIO * median)
     if len(gaps):
         longest = float(period.max())
-        findings.append(
-            Finding(
-                "warning",
-                "gaps",
-                f"frames are missing: {counted(len(gaps), 'gap', 'gaps')}, the longest of "
-                f"{longest:.2f} s where {usual:.3f} s are usual",
-                "Odometry alone bridges them; look for a camera that fell out",
-                longest,
-                "s",
-                numbers_of(gaps + 1),
-            )
+        yield Finding(
+            "warning",
+            "gaps",
+            f"frames are missing: {counted(len(gaps), 'gap', 'gaps')}, the longest of "
+            f"{longest:.2f} s where {median:.3f} s are usual",
+            "Odometry alone bridges them; look for a camera that dropped out",
+            longest,
+            "s",
+            tuple((gaps + 1).tolist()),
         )
-    even = period[period <= GAP * usual]
-    spread = float(even.std() / max(usual, 1e-9))
-    if spread > UNEVEN:
-        findings.append(
-            Finding(
-                "warning",
-                "uneven clock",
-                f"the time between frames varies by {100 * spread:.0f} % (one standard deviation)",
-                "Use the times of exposure, not those of arrival",
-                100 * spread,
-                "%",
-            )
+    jitter = 100 * float(period[period <= GAP_RATIO * median].std() / max(median, 1e-9))
+    if jitter > 100 * MAX_JITTER:
+        yield Finding(
+            "warning",
+            "uneven clock",
+            f"the time between frames varies by {jitter:.0f} % (one standard deviation)",
+            "Use the times of exposure, not those of arrival",
+            jitter,
+            "%",
         )
-    return findings

@@ -1,30 +1,48 @@
-"""Calibrated geometry: pixels and depth on one side, range and bearing on the other."""
+"""Camera geometry: projection, and range-bearing observations with their covariances."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from saccade.frames import Camera
 from saccade.types import Float32Array, FloatArray
+from saccade.visual.config import VisualConfig
+from saccade.visual.optical_flow import BoolArray
+from saccade.visual.tables import RangeBearings, TrackedPoints
 
-NEAREST = 0.05
-"""Metres along the optical axis within which nothing is looked at."""
+MIN_DEPTH = 0.05
+"""Metres along the optical axis; nearer points are not projected."""
+UNKNOWN_DEPTH_SIGMA = 30.0
+"""Standard deviation of the depth of a bearing-only observation, as a fraction of it."""
 
 
-class RangeBearings(NamedTuple):
-    """Points of one frame as the map knows them: range and bearing in the robot's frame."""
+class Intrinsics(NamedTuple):
+    """Focal lengths and principal point, in pixels."""
 
-    z: FloatArray
-    """(k, 2) metres over the ground, radians to the left of ahead."""
-    covariance: FloatArray
-    """(k, 2, 2) of `z`."""
-    height: FloatArray
-    """(k,) metres above the robot's origin."""
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @classmethod
+    def of(cls, camera: Camera) -> "Intrinsics":
+        """Those of a camera."""
+        return cls(camera.fx, camera.fy, camera.cx, camera.cy)
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3) camera matrix."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+
+def directions(camera: Camera, xy: FloatArray) -> FloatArray:
+    """(k, 3) rays of pixels (k, 2) in the camera's frame, of depth 1."""
+    x, y = (xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy
+    return np.stack([x, y, np.ones(len(xy))], 1)
 
 
 def from_pixels(camera: Camera, xy: FloatArray, depth: FloatArray) -> FloatArray:
-    """Where points are in the robot's frame.
+    """Back-projection: points in the robot's frame.
 
     Args:
         camera: the calibration.
@@ -38,28 +56,26 @@ def from_pixels(camera: Camera, xy: FloatArray, depth: FloatArray) -> FloatArray
 
 
 def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where the camera sees points of the robot's frame.
+    """Projection of points in the robot's frame.
 
     Args:
         camera: the calibration.
         points: (k, 3) metres ahead, to the left and up.
 
     Returns:
-        (k, 2) pixels, and (k,) metres along the optical axis; what is nearer than `NEAREST`,
-        or behind the camera, has NaN for pixels.
+        (k, 2) pixels, NaN for points behind the camera or nearer than `MIN_DEPTH`; and (k,)
+        metres along the optical axis.
     """
-    seen = (points - camera.position) @ camera.rotation
-    depth = seen[:, 2]
-    safe = np.where(depth > NEAREST, depth, np.nan)
-    xy = np.stack(
-        [camera.cx + camera.fx * seen[:, 0] / safe, camera.cy + camera.fy * seen[:, 1] / safe], 1
-    )
-    return xy, depth
+    in_camera = (points - camera.position) @ camera.rotation
+    depth = in_camera[:, 2]
+    safe = np.where(depth > MIN_DEPTH, depth, np.nan)
+    x, y = camera.fx * in_camera[:, 0] / safe, camera.fy * in_camera[:, 1] / safe
+    return np.stack([camera.cx + x, camera.cy + y], 1), depth
 
 
 def is_inside(
     camera: Camera, xy: FloatArray | Float32Array, border: float | FloatArray = 0.0
-) -> npt.NDArray[np.bool_]:
+) -> BoolArray:
     """(k,) whether pixels (k, 2) are in the image and not in its border; NaN are not."""
     return np.asarray(
         (xy[:, 0] >= border)
@@ -69,56 +85,69 @@ def is_inside(
     )
 
 
-def depth_of(camera: Camera, disparity: FloatArray) -> FloatArray:
-    """(k,) metres along the optical axis of disparities (k,) in pixels; NaN where not over 0."""
-    return np.asarray(camera.fx * camera.baseline / np.where(disparity > 0, disparity, np.nan))
-
-
 def range_bearing(
-    camera: Camera, xy: FloatArray, depth: FloatArray, pixel_sigma: float, depth_sigma: FloatArray
+    camera: Camera,
+    xy: FloatArray,
+    depth: FloatArray,
+    depth_sigma: FloatArray,
+    config: VisualConfig,
+    tilt: float,
 ) -> RangeBearings:
-    """What the map sees of points whose depth is known, with its covariance to first order.
+    """Observations of k points of known depth, their covariance to first order.
 
     Args:
         camera: the calibration.
         xy: (k, 2) pixels.
         depth: (k,) metres along the optical axis.
-        pixel_sigma: standard deviation of a pixel, each way.
         depth_sigma: (k,) metres.
-
-    Returns:
-        Range from the robot's origin over the ground, bearing, and height.
+        config: standard deviation of a pixel.
+        tilt: standard deviation of roll and pitch in radians, which displace the points that are
+            not at the camera's height.
     """
     points = from_pixels(camera, xy, depth)
-    x, y = points[:, 0], points[:, 1]
-    reach = np.maximum(np.hypot(x, y), NEAREST)
-    z = np.stack([reach, np.arctan2(y, x)], 1)
+    x, y, above = points[:, 0], points[:, 1], points[:, 2] - camera.position[2]
+    r = np.maximum(np.hypot(x, y), MIN_DEPTH)
     by_point = np.stack(
-        [np.stack([x / reach, y / reach], 1), np.stack([-y, x], 1) / reach[:, None] ** 2], 1
+        [np.stack([x / r, y / r], 1), np.stack([-y, x], 1) / r[:, None] ** 2], 1
     )  # (k, 2, 2)
-    across, down, along = (
-        camera.rotation[:2, 0] / camera.fx,
-        camera.rotation[:2, 1] / camera.fy,
-        (directions(camera, xy) @ camera.rotation.T)[:, :2],
-    )
-    spread = np.stack(
+    R = camera.rotation[:2]
+    by_camera = np.stack(
         [
-            depth[:, None] * across * pixel_sigma,
-            depth[:, None] * down * pixel_sigma,
-            along * depth_sigma[:, None],
+            depth[:, None] * (R[:, 0] / camera.fx) * config.pixel_sigma,
+            depth[:, None] * (R[:, 1] / camera.fy) * config.pixel_sigma,
+            (directions(camera, xy) @ camera.rotation.T)[:, :2] * depth_sigma[:, None],
         ],
         2,
-    )  # (k, 2, 3) a standard deviation of each pixel coordinate and of the depth, on the ground
-    root = by_point @ spread
-    return RangeBearings(z, root @ root.transpose(0, 2, 1), points[:, 2])
+    )  # (k, 2, 3) on the ground, by one standard deviation of both pixel coordinates and the depth
+    root = by_point @ by_camera
+    covariance = root @ root.transpose(0, 2, 1)
+    covariance[:, 0, 0] += np.square(tilt * above)
+    covariance[:, 1, 1] += np.square(tilt * above / r)
+    return RangeBearings(np.stack([r, np.arctan2(y, x)], 1), covariance, points[:, 2])
 
 
-def subset(seen: RangeBearings, index: npt.NDArray[Any]) -> RangeBearings:
-    """Those of k sightings that an index or a mask names."""
-    return RangeBearings(seen.z[index], seen.covariance[index], seen.height[index])
+def observe(
+    camera: Camera, points: TrackedPoints, config: VisualConfig, tilt: float
+) -> tuple[RangeBearings, BoolArray]:
+    """Observations of k points, and (k,) which have a range that is in the limits and certain."""
+    depth, sigma = (np.nan_to_num(each, nan=1.0) for each in (points.depth, points.depth_sigma))
+    xy = points.xy.astype(np.float64)
+    observations = range_bearing(camera, xy, depth, sigma, config, tilt)
+    r, range_sigma = observations.z[:, 0], np.sqrt(observations.covariance[:, 0, 0])
+    near, far = config.range_limits
+    usable = np.isfinite(points.depth) & (r > near) & (r < far)
+    return observations, usable & (range_sigma < config.relative_range_sigma * r)
 
 
-def directions(camera: Camera, xy: FloatArray) -> FloatArray:
-    """(k, 3) in the camera's frame, one metre along the optical axis."""
-    across, down = (xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy
-    return np.stack([across, down, np.ones(len(xy))], 1)
+def observe_bearings(
+    camera: Camera, points: TrackedPoints, ranges: FloatArray, config: VisualConfig, tilt: float
+) -> RangeBearings:
+    """Bearing-only observations of k points: their depths put them at given ranges (k,)."""
+    xy = points.xy.astype(np.float64)
+    near, far = (from_pixels(camera, xy, np.full(len(xy), depth)) for depth in (0, 1))
+    origin, direction = near[:, :2], (far - near)[:, :2]
+    # |origin + depth * direction| = range
+    a, b = np.square(direction).sum(1), (origin * direction).sum(1)
+    discriminant = np.maximum(b**2 - a * (np.square(origin).sum(1) - ranges**2), 0.0)
+    depth = np.maximum(np.sqrt(discriminant) - b, MIN_DEPTH) / np.maximum(a, 1e-12)
+    return range_bearing(camera, xy, depth, UNKNOWN_DEPTH_SIGMA * depth, config, tilt)

@@ -1,4 +1,4 @@
-"""Places that were seen before, told by what the whole frame shows."""
+"""Place recognition: places seen before, by the keypoints of a whole frame."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,25 +10,25 @@ from saccade.types import Keypoints
 
 
 class PlaceMatch(NamedTuple):
-    """A place that was seen before."""
+    """A place recognized."""
 
     place: int
-    """Its number, in the order in which places were seen."""
+    """Its number, in the order of the frames."""
     inliers: int
-    """Matches that agree on one geometry of the two views."""
+    """Matches that agree with the epipolar geometry of the two views."""
 
 
 @dataclass(frozen=True)
 class LoopDetectionConfig:
-    """When a frame shows a place that was seen before."""
+    """Thresholds of place recognition."""
 
     ratio: float = 0.8
-    """A match is made if its distance is under this share of the distance to the next."""
+    """Ratio test: distance to the nearest descriptor over that to the second."""
     min_inliers: int = 22
-    """Matches that must agree on one epipolar geometry. Pairs of different places of a hallway
-    have up to 18 by chance, of 500 points each."""
+    """Matches that must agree with one epipolar geometry. Different places of a hallway have up to
+    18 by chance, of 500 points each."""
     min_gap: int = 15
-    """Places this near in time are not looked at: of course they look alike."""
+    """Frames between two views of a place that count as a return."""
 
     def __post_init__(self) -> None:
         require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
@@ -37,33 +37,33 @@ class LoopDetectionConfig:
 
 
 class LoopDetector:
-    """A memory of places.
+    """Recognizes places.
 
     Args:
-        config: when one is recognized.
+        config: the thresholds.
     """
 
     def __init__(self, config: LoopDetectionConfig | None = None) -> None:
         self._config = config or LoopDetectionConfig()
-        self._seen: list[Keypoints] = []
-
-    def __len__(self) -> int:
-        return len(self._seen)
+        self._places: list[Keypoints] = []
 
     def detect(self, points: Keypoints) -> PlaceMatch | None:
-        """Look at a place, and remember it.
+        """Recognize the place of a frame, and add it to the places.
 
         Args:
-            points: what a frame shows, with descriptors.
+            points: of the frame, with descriptors.
 
         Returns:
-            The earlier place with the most matches that agree; None where none has enough.
+            The earlier place with the most inliers; None where none has enough.
         """
-        best = PlaceMatch(-1, 0)
-        for number in range(len(self) + 1 - self._config.min_gap):
-            pairs = match(points, self._seen[number], ratio=self._config.ratio)
-            if len(pairs) > best.inliers:
-                found = int(verify(points, self._seen[number], pairs).inliers.sum())
-                best = max(best, PlaceMatch(number, found), key=lambda each: each.inliers)
-        self._seen.append(points)
-        return best if best.inliers >= self._config.min_inliers else None
+        best: PlaceMatch | None = None
+        config, earlier = self._config, len(self._places) + 1 - self._config.min_gap
+        for number, place in enumerate(self._places[: max(earlier, 0)]):
+            pairs = match(points, place, ratio=config.ratio)
+            needed = config.min_inliers if best is None else best.inliers + 1
+            if len(pairs) >= needed:
+                inliers = int(verify(points, place, pairs).inliers.sum())
+                if inliers >= needed:
+                    best = PlaceMatch(number, inliers)
+        self._places.append(points)
+        return best

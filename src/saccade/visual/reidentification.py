@@ -1,119 +1,152 @@
-"""Landmarks met again after they were out of sight: by their looks and by where they should be."""
+"""Re-identification of lost landmarks: by descriptor, validation gate, and mutual consistency."""
 
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from saccade.frames import Camera
 from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.models import wrap
 from saccade.slam.results import PredictedObservations
-from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
-from saccade.visual.camera import RangeBearings
-from saccade.visual.frontend import TrackedPoints
+from saccade.types import FloatArray, IntArray, Keypoints
+from saccade.visual.camera import is_inside, to_pixels
+from saccade.visual.config import VisualConfig
+from saccade.visual.optical_flow import BoolArray, ByteArray
+from saccade.visual.tables import RangeBearings, TrackedPoints
+from saccade.visual.visual_map import VisualMap
 
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
-
-HEIGHT = 0.15
-"""Share of the range by which the height of a landmark may seem to change: pitch is in it."""
-TOLERANCE = 0.05
-"""Share of the range by which landmarks may lie otherwise than they are seen together."""
-ASIDE = 0.02
-"""The same where the range is what the map says, and the bearing alone is seen."""
-HERE = 4.0
-"""Pixels within which a point that is followed is found again where it is."""
-MIN_AGREEING = 4
-"""Landmarks that must agree on one pose where several are met at a time."""
+HEIGHT_TOLERANCE = 0.15
+"""Difference of heights, as a fraction of the range plus metres: pitch is in it."""
+POSITION_TOLERANCE = 0.05
+"""Distance between landmarks observed and mapped, as a fraction of the range plus metres."""
+BEARING_TOLERANCE = 0.02
+"""The same for bearing-only observations, whose range is that of the map."""
+REMATCH_RADIUS = 4.0
+"""Pixels within which a tracked point is re-matched."""
+MIN_CONSISTENT = 4
+"""Landmarks that must agree with one pose, or all where there are fewer."""
 
 
-def descriptor_matches(
-    points: Keypoints, descriptors: npt.NDArray[np.uint8], ratio: float
+def reidentify(
+    points: TrackedPoints,
+    visual_map: VisualMap,
+    tracked: TrackedPoints,
+    camera: Camera,
+    config: VisualConfig,
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Find lost landmarks among detected points.
+
+    Args:
+        points: k detected points.
+        visual_map: the map.
+        tracked: points that are tracked, whose landmarks are not lost.
+        camera: the calibration.
+        config: gate and ratio test.
+
+    Returns:
+        Indices of points (m,) and the rows of their landmarks (m,); and the rows of other lost
+        landmarks that were expected in view.
+    """
+    landmarks, lost = visual_map.landmarks, _expected_in_view(visual_map, tracked, camera, config)
+    if len(lost) == 0 or len(points) == 0:
+        return (np.zeros(0, np.int64),) * 3
+    pairs = descriptor_matches(points.keypoints, landmarks.descriptor[lost], config.ratio)
+    index, rows = pairs[:, 0], lost[pairs[:, 1]]
+    expected = visual_map.predict_observations(rows)
+    observations, usable = visual_map.observe(points[index], expected)
+    keep = usable & within_gate(observations, expected, landmarks.height[rows], config.gate)
+    index, rows, observations = index[keep], rows[keep], observations[keep]
+    tolerance = POSITION_TOLERANCE if visual_map.has_depth else BEARING_TOLERANCE
+    keep = consistent_layout(observations.z, visual_map.ekf.landmarks[rows], tolerance)
+    index, rows, observations = index[keep], rows[keep], observations[keep]
+    keep = consistent_subset(*visual_map.joint_innovation(rows, observations), config.gate)
+    index, rows = index[keep], rows[keep]
+    return index, rows, lost[~np.isin(lost, rows)]
+
+
+def _expected_in_view(
+    visual_map: VisualMap, tracked: TrackedPoints, camera: Camera, config: VisualConfig
 ) -> IntArray:
-    """(m, 2) points and landmarks whose descriptors are each other's nearest by far."""
+    """(m,) rows of landmarks that are not tracked and within 3 sigma of the field of view."""
+    landmarks = visual_map.landmarks
+    if len(landmarks) == 0:
+        return np.zeros(0, np.int64)
+    z, S = visual_map.ekf.predict_observations()
+    r, bearing = z[:, 0], z[:, 1]
+    xyz = np.stack([r * np.cos(bearing), r * np.sin(bearing), landmarks.height], 1)
+    xy, _ = to_pixels(camera, xyz)
+    slack = 3 * np.sqrt(S[:, 1, 1])
+    border = -camera.fx * np.tan(slack.clip(0, 1.5))
+    inside = is_inside(camera, xy, np.maximum(border, -camera.width))
+    inside &= r < config.range_limits[1] + 3 * np.sqrt(S[:, 0, 0])
+    inside[landmarks.rows(tracked.landmark)] = False
+    return np.flatnonzero(inside)
+
+
+def descriptor_matches(points: Keypoints, descriptors: ByteArray, ratio: float) -> IntArray:
+    """(m, 2) points and landmarks whose descriptors pass ratio test and mutual check."""
     if len(points) == 0 or len(descriptors) == 0:
         return np.zeros((0, 2), np.int64)
-    known = Keypoints.at(np.zeros((len(descriptors), 2)), 1.0)
-    return match(points, replace(known, descriptors=descriptors), ratio=ratio, mutual=True)
+    landmarks = Keypoints.at(np.zeros((len(descriptors), 2)), 1.0)
+    return match(points, replace(landmarks, descriptors=descriptors), ratio=ratio, mutual=True)
 
 
 def within_gate(
-    seen: RangeBearings, expected: PredictedObservations, height: FloatArray, gate: float
+    observations: RangeBearings, expected: PredictedObservations, height: FloatArray, gate: float
 ) -> BoolArray:
-    """Which sightings may be of the landmarks they look like.
+    """(m,) Mahalanobis gating of m observations over the ground, and by height (m,) in metres.
 
-    Args:
-        seen: m sightings.
-        expected: where the filter expects their landmarks, m of each.
-        height: (m,) of the landmarks.
-        gate: probability with which a right one passes.
-
-    Returns:
-        (m,): the Mahalanobis distance over the ground is inside the gate, and the height fits.
+    A correct association passes with probability `gate`, if its height is within the tolerance.
     """
-    v = seen.z - expected.z
+    v = observations.z - expected.z
     v[:, 1] = wrap(v[:, 1])
-    near = normalized_squared(v, expected.covariance + seen.covariance) < chi_square_gate(2, gate)
-    return np.asarray(near & (np.abs(seen.height - height) < HEIGHT * seen.z[:, 0] + HEIGHT))
+    d = normalized_squared(v, expected.covariance + observations.covariance)
+    tolerance = HEIGHT_TOLERANCE * observations.z[:, 0] + HEIGHT_TOLERANCE
+    same_height = np.abs(observations.height - height) < tolerance
+    return np.asarray((d < chi_square_gate(2, gate)) & same_height)
 
 
 def consistent_layout(
-    z: FloatArray, positions: FloatArray, tolerance: float = TOLERANCE
+    z: FloatArray, positions: FloatArray, tolerance: float = POSITION_TOLERANCE
 ) -> BoolArray:
-    """Which of several landmarks lie to each other as they are seen.
+    """(m,) geometric verification: which landmarks agree with one pose of the robot.
 
-    Each two of them tell a pose; that with which most of all agree wins. Of up to two landmarks
-    none is taken: there is nothing to compare them with.
-
-    Args:
-        z: (m, 2) range and bearing.
-        positions: (m, 2) of the landmarks in the map.
-        tolerance: share of the range, and metres, by which one may miss.
-
-    Returns:
-        (m,).
+    Every pair of observations z (m, 2) and positions (m, 2) determines a pose; the one that most
+    landmarks agree with wins (exhaustive RANSAC). Fewer than three cannot be verified, and none
+    passes. The tolerance is a fraction of the range, plus metres.
     """
     m = len(z)
     if m < 3:
         return np.zeros(m, np.bool_)
-    seen = z[:, 0] * np.exp(1j * z[:, 1])  # in the robot's frame
-    there = positions[:, 0] + 1j * positions[:, 1]
+    observed = z[:, 0] * np.exp(1j * z[:, 1])  # in the robot's frame
+    mapped = positions[:, 0] + 1j * positions[:, 1]
     i, j = np.triu_indices(m, 1)
-    turn = (there[j] - there[i]) * np.conj(seen[j] - seen[i])
-    turn /= np.maximum(np.abs(turn), 1e-12)
-    middle_seen, middle_there = (seen[i] + seen[j]) / 2, (there[i] + there[j]) / 2
-    missed = np.abs(
-        middle_there[:, None] + turn[:, None] * (seen - middle_seen[:, None]) - there
+    rotation = (mapped[j] - mapped[i]) * np.conj(observed[j] - observed[i])
+    rotation /= np.maximum(np.abs(rotation), 1e-12)
+    center, mapped_center = (observed[i] + observed[j]) / 2, (mapped[i] + mapped[j]) / 2
+    error = np.abs(
+        mapped_center[:, None] + rotation[:, None] * (observed - center[:, None]) - mapped
     )  # (pairs, m)
-    fits = missed < tolerance * z[:, 0] + tolerance
-    best = fits[np.argmax(fits.sum(1))]
-    return best if best.sum() >= min(MIN_AGREEING, m) else np.zeros(m, np.bool_)
+    inliers = error < tolerance * z[:, 0] + tolerance
+    best = inliers[np.argmax(inliers.sum(1))]
+    return best if best.sum() >= min(MIN_CONSISTENT, m) else np.zeros(m, np.bool_)
 
 
 def consistent_subset(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
-    """Which of some sightings the others bear out.
+    """(m,) joint compatibility of innovations v (m, 2) with a covariance S (2m, 2m).
 
-    Those that fit together best are left after the one that the others contradict most has been
-    taken away, again and again. What one sighting should be by all others follows from the
-    inverse of the covariance of all.
-
-    Args:
-        v: (m, 2) innovations.
-        S: (2m, 2m) their covariance.
-        gate: probability with which a right one is borne out.
-
-    Returns:
-        (m,).
+    The observation that the others contradict most is eliminated, until each is inside the gate
+    around its prediction from the others, which follows from the inverse of S.
     """
     kept = np.arange(len(v))
     while len(kept) > 1:
-        rows = (2 * kept[:, None] + (0, 1)).ravel()
-        Q = np.linalg.inv(S[np.ix_(rows, rows)])
+        columns = (2 * kept[:, None] + (0, 1)).ravel()
+        Q = np.linalg.inv(S[np.ix_(columns, columns)])
         i = np.arange(len(kept))
-        own = Q.reshape(len(kept), 2, -1, 2)[i, :, i]  # of each, given the others: inverted
-        missed = (Q @ v[kept].ravel()).reshape(-1, 2)
-        distance = normalized_squared(missed, own)
+        diagonal_blocks = Q.reshape(len(kept), 2, -1, 2)[i, :, i]  # of each, given the others
+        weighted = (Q @ v[kept].ravel()).reshape(-1, 2)
+        distance = normalized_squared(weighted, diagonal_blocks)
         worst = int(distance.argmax())
         if distance[worst] < chi_square_gate(2, gate):
             break
@@ -121,44 +154,14 @@ def consistent_subset(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
     return np.isin(np.arange(len(v)), kept)
 
 
-def enforce_spacing(
-    xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
-) -> IntArray:
-    """The first of some points that are not near one another, nor near others.
+def count_rematches(tracked: TrackedPoints, detected: TrackedPoints, ratio: float) -> TrackedPoints:
+    """Re-match tracked points by descriptor alone among those detected in the same frame.
 
-    Args:
-        xy: (n, 2) pixels.
-        order: (n,) indices, the most wanted first.
-        occupied: (k, 2) pixels that are occupied.
-        min_spacing: pixels.
-        count: how many are wanted.
-
-    Returns:
-        (up to count,) indices.
+    A point that is not re-matched while it is tracked will not be re-identified later.
     """
-    near = [*occupied]
-    chosen: list[int] = []
-    for i in order.tolist():
-        if len(chosen) == count:
-            break
-        if not near or np.square(np.asarray(near) - xy[i]).sum(1).min() >= min_spacing**2:
-            near.append(xy[i])
-            chosen.append(i)
-    return np.asarray(chosen, np.int64)
-
-
-def count_rematches(followed: TrackedPoints, found: TrackedPoints, ratio: float) -> TrackedPoints:
-    """Followed points, looked for by their looks alone among what is found in the same frame.
-
-    Whoever is not known again while it is in plain sight will not be after it was lost.
-
-    Args:
-        followed: k points.
-        found: n points.
-        ratio: as that of `descriptor_matches`.
-    """
-    pairs = descriptor_matches(found.keypoints, followed.descriptor, ratio)
-    distance = np.hypot(*(found.xy[pairs[:, 0]] - followed.xy[pairs[:, 1]]).T)
-    counts = followed.rematches.copy()
-    counts[pairs[distance < HERE, 1]] += 1
-    return replace(followed, rematch_attempts=followed.rematch_attempts + 1, rematches=counts)
+    pairs = descriptor_matches(detected.keypoints, tracked.descriptor, ratio)
+    distance = np.hypot(*(detected.xy[pairs[:, 0]] - tracked.xy[pairs[:, 1]]).T)
+    rematches = tracked.rematches.copy()
+    rematches[pairs[distance < REMATCH_RADIUS, 1]] += 1
+    attempts = tracked.rematch_attempts + 1
+    return replace(tracked, rematch_attempts=attempts, rematches=rematches)

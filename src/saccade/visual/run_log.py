@@ -1,47 +1,45 @@
-"""Notes of a drive while it is mapped."""
+"""Log of a run, from which its result is made."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from saccade.frames import Drive
 from saccade.slam.models import compose
-from saccade.types import Float32Array, FloatArray, IntArray, LandmarkMap, Trajectory
-from saccade.visual.camera import RangeBearings
+from saccade.types import FloatArray, LandmarkMap, Trajectory
 from saccade.visual.egomotion import Motion
 from saccade.visual.frame_features import FrameFeatures
-from saccade.visual.result import LandmarkObservations, VisualResult
+from saccade.visual.result import LandmarkObservations, ObservationKind, VisualResult
+from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
-INITIALIZED, TRACKED, REIDENTIFIED = 0, 1, 2
-"""Kinds of meetings with landmarks."""
-MAX_NAMED = 5
-"""Frames that cannot be used are named, at most."""
-MAX_CHUNKS = 512
-"""Meetings are kept in so many pieces at most: a checkpoint writes each by itself."""
+MAX_REMARKS = 5
+"""Remarks on frames that are given in full; the others are counted."""
+MAX_TABLES = 512
+"""Tables of observations, at most: a checkpoint writes each by itself."""
 
 
 @dataclass(eq=False)
 class RunLog:
-    """What was believed and seen in each frame so far."""
+    """Poses, motions and observations of each frame so far."""
 
     drive: Drive
     remarks: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     missed: int = 0
-    last_visible: int = -1
-    """Number of the last frame in which there was something to be seen."""
+    last_visible: int | None = None
+    """Number of the last frame that was not blank."""
     _frame_seconds: list[float] = field(default_factory=list)
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
-    _visual: list[FloatArray] = field(default_factory=list)
-    _tilt: list[FloatArray] = field(default_factory=list)
-    _observations: list[tuple[npt.NDArray[Any], ...]] = field(default_factory=list)
+    _observations: list[LandmarkObservations] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._visual_pose = [compose(self.drive.start, np.zeros(3))[0]]
+        self._off_plane = [np.full(3, np.nan)]
 
     @contextmanager
     def timed(self, step: str) -> Iterator[None]:
@@ -50,80 +48,77 @@ class RunLog:
         try:
             yield
         finally:
-            self.seconds[step] = self.seconds.get(step, 0.0) + perf_counter() - start
+            self._add_seconds(step, perf_counter() - start)
 
-    def add_features(self, features: FrameFeatures) -> FrameFeatures:
-        """Note how long a frame took that was looked at ahead, and what was wrong with it."""
+    def _add_seconds(self, step: str, seconds: float) -> None:
+        self.seconds[step] = self.seconds.get(step, 0.0) + seconds
+
+    def add_features(self, features: FrameFeatures) -> None:
+        """Log times and remarks of a frame's features."""
         for step, seconds in features.seconds.items():
-            self.seconds[step] = self.seconds.get(step, 0.0) + seconds
+            self._add_seconds(step, seconds)
         self.remarks.extend(features.remarks)
-        return features
-
-    def _remarks(self) -> tuple[str, ...]:
-        """What was wrong with frames: the first of many by name, how many others there are."""
-        more = len(self.remarks) - MAX_NAMED
-        if more <= 0:
-            return tuple(self.remarks)
-        return (*self.remarks[:MAX_NAMED], f"{more} more frames could not be used")
 
     def add_observations(
         self,
         number: int,
-        kind: int,
-        landmark: IntArray,
-        xy: Float32Array,
-        seen: RangeBearings,
+        kind: ObservationKind,
+        points: TrackedPoints,
+        observations: RangeBearings,
         innovation: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
-        """Note k sightings of one frame, and their innovations with covariances if any."""
-        k = len(landmark)
-        sigma = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
-        named = np.full(k, number), landmark, np.full(k, kind)
-        innovation = innovation or (np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan))
-        self._observations.append((*named, xy.astype(np.float64), seen.z, sigma, *innovation))
-        if len(self._observations) == MAX_CHUNKS:
-            self._observations = [tuple(self._columns())]
+        """Log k observations in a frame, with innovations and their covariances if there are."""
+        k = len(points)
+        values, covariances = innovation or (np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan))
+        table = LandmarkObservations(
+            frame=np.full(k, number),
+            landmark=points.landmark,
+            kind=np.full(k, kind),
+            xy=points.xy.astype(np.float64),
+            z=observations.z,
+            sigma=np.sqrt(np.diagonal(observations.covariance, axis1=1, axis2=2)),
+            innovation=values,
+            innovation_covariance=covariances,
+        )
+        self._observations.append(table)
+        if len(self._observations) == MAX_TABLES:
+            self._observations = [LandmarkObservations.concatenate(self._observations)]
 
     def add_motion(self, expected: FloatArray, motion: Motion | None) -> None:
-        """Note what the camera says of the way to this frame, or else what was expected (3,)."""
+        """Log the motion to the next frame by the camera, or else the expected control (3,)."""
         control = expected if motion is None else motion.control
-        before = self._visual[-1] if self._visual else self.drive.start
-        self._visual.append(compose(before, control)[0])
-        self._tilt.append(np.full(3, np.nan) if motion is None else motion.tilt)
+        self._visual_pose.append(compose(self._visual_pose[-1], control)[0])
+        self._off_plane.append(np.full(3, np.nan) if motion is None else motion.off_plane)
 
     def add_pose(self, pose: FloatArray, covariance: FloatArray, seconds: float) -> None:
-        """Note where the robot is, after all that the frame showed, and how long that took."""
+        """Log the pose at a frame, after all updates, and how long the frame took."""
         self._frame_seconds.append(seconds)
         self._pose.append(pose)
         self._covariance.append(covariance)
 
-    def result(self, world: VisualMap) -> VisualResult:
-        """All of it."""
+    def result(self, visual_map: VisualMap) -> VisualResult:
+        """The result of the frames so far."""
         time = self.drive.time[: len(self._pose)]
-        reckoned = [self.drive.start]
+        odometry = [self.drive.start]
         for control in self.drive.control[: len(time) - 1]:
-            reckoned.append(compose(reckoned[-1], control)[0])
-        known = world.landmarks
+            odometry.append(compose(odometry[-1], control)[0])
+        landmarks, ekf = visual_map.landmarks, visual_map.ekf
+        covariances = visual_map.landmark_covariances
+        more = len(self.remarks) - MAX_REMARKS
+        others = [f"{more} more frames could not be used"] if more > 0 else []
         return VisualResult(
             trajectory=Trajectory(time, np.array(self._pose), np.array(self._covariance)),
-            odometry=Trajectory(time, np.array(reckoned)),
-            visual_odometry=Trajectory(time, np.array(self._visual)),
-            map=LandmarkMap(
-                known.id, world.ekf.landmarks, world.landmark_covariances, known.observations
+            odometry=Trajectory(time, np.array(odometry)),
+            visual_odometry=Trajectory(time, np.array(self._visual_pose)),
+            map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
+            descriptors=landmarks.descriptor,
+            height=landmarks.height,
+            observations=LandmarkObservations.concatenate(
+                [LandmarkObservations(), *self._observations]
             ),
-            descriptors=known.descriptor,
-            height=known.height,
-            observations=LandmarkObservations(*self._columns()),
-            tilt=np.array(self._tilt),
+            off_plane=np.array(self._off_plane),
             missed=self.missed,
             seconds=dict(self.seconds),
             frame_seconds=np.array(self._frame_seconds),
-            remarks=(*self._remarks(), *world.planarity.remarks()),
+            remarks=(*self.remarks[:MAX_REMARKS], *others, *visual_map.planarity.remarks()),
         )
-
-    def _columns(self) -> list[npt.NDArray[Any]]:
-        if not self._observations:
-            none = np.zeros(0, np.int64)
-            pairs = [np.zeros((0, 2))] * 4
-            return [none, none, none, *pairs, np.zeros((0, 2, 2))]
-        return [np.concatenate(column) for column in zip(*self._observations, strict=True)]

@@ -1,110 +1,138 @@
-"""Which of the points of a frame become landmarks."""
+"""Landmark selection: which of the tracked points become landmarks.
+
+The default takes those with the highest re-match rate while tracked, weighted by how certain their
+range is. Saliency is computed for the selections "contrast" and "symmetry" only.
+"""
 
 import numpy as np
 
 from saccade.attention.contrast import contrast_saliency
-from saccade.attention.symmetry import SymmetryConfig, symmetry_saliency
+from saccade.attention.symmetry import symmetry_saliency
 from saccade.pyramid import FloatMap
 from saccade.types import Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.frontend import TrackedPoints
+from saccade.visual.optical_flow import BoolArray
+from saccade.visual.tables import RangeBearings, TrackedPoints
 
-FARTHEST = 100.0
-"""Pixels from other landmarks beyond which a point stands as free as any."""
+MAX_DISTANCE = 100.0
+"""Pixels to the nearest landmark beyond which points count as equally free."""
 
 
-def selection_saliency(image: Image, config: VisualConfig) -> FloatMap | None:
-    """Saliency (h, w) of an image, None where the choice does not ask for it."""
-    if config.selection == "contrast":
+def selection_saliency(image: Image | None, config: VisualConfig) -> FloatMap | None:
+    """Saliency (h, w) of an image; None where there is none, or the selection does not use it."""
+    if image is not None and config.selection == "contrast":
         return contrast_saliency(image).saliency
-    if config.selection == "symmetry":
-        return symmetry_saliency(image, SymmetryConfig()).saliency
+    if image is not None and config.selection == "symmetry":
+        return symmetry_saliency(image).saliency
     return None
 
 
-def rank_candidates(
+def select_landmarks(
     points: TrackedPoints,
-    relative_range_sigma: FloatArray,
+    observations: RangeBearings,
+    usable: BoolArray,
     saliency: FloatMap | None,
     shape: tuple[int, int],
-    occupied: Float32Array,
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
-    """In which order points are wanted.
+    """Choose new landmarks among tracked points, best first, apart from each other.
 
     Args:
-        points: n points that are followed.
-        relative_range_sigma: (n,) deviation of the range, as a share of it.
-        saliency: what `selection_saliency` gave.
+        points: k tracked points.
+        observations: of the k points.
+        usable: (k,) whether each has a certain range.
+        saliency: as `selection_saliency` returned it.
         shape: (H, W) of the image.
-        occupied: (k, 2) pixels of landmarks in view.
-        config: how to choose.
-        frame: its number; what is left to chance is the same in every run.
+        config: the selection, and how many.
+        frame: number of the frame, which seeds the random order of equal candidates.
 
     Returns:
-        (n,) indices, the most wanted first; equally wanted ones in random order.
+        (m,) indices of the points.
     """
-    chance = np.random.default_rng((config.seed, frame)).permutation(len(points))
-    points = points[chance]
+    tracked, free = points.landmarks, np.flatnonzero(usable & ~points.is_landmark)
+    free = free[np.random.default_rng((config.seed, frame)).permutation(len(free))]
+    candidates = points[free]
     if config.selection == "rematch-rate-spread":
-        return chance[farthest_first(points.xy, rematch_rate(points), occupied)]
-    if config.selection == "strength":
-        wanted = points.response.astype(np.float64)
-    elif config.selection == "range":
-        wanted = -relative_range_sigma[chance]
-    elif config.selection == "rematch-rate":
-        wanted = rematch_rate(points)
-    elif config.selection == "rematch-rate-range":
-        wanted = rematch_rate(points) * (
-            1 - relative_range_sigma[chance] / (2 * config.relative_range_sigma)
-        )
-    elif saliency is not None:
-        wanted = saliency_at(saliency, points.xy, shape)
+        order = farthest_first(candidates.xy, rematch_rate(candidates), tracked.xy)
     else:
-        wanted = np.zeros(len(points))
-    return chance[np.argsort(-wanted, kind="stable")]
+        score = _score(candidates, observations[free], saliency, shape, config)
+        order = np.argsort(-score, kind="stable")
+    capacity = max(0, config.max_tracked - len(tracked))
+    count = min(config.new_per_frame * config.detect_interval, capacity)
+    return enforce_spacing(points.xy, free[order], tracked.xy, config.min_spacing, count)
+
+
+def _score(
+    points: TrackedPoints,
+    observations: RangeBearings,
+    saliency: FloatMap | None,
+    shape: tuple[int, int],
+    config: VisualConfig,
+) -> FloatArray:
+    """(n,) by the selection criterion, higher is better."""
+    relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
+    if config.selection == "strength":
+        return points.response.astype(np.float64)
+    if config.selection == "range":
+        return -relative_range_sigma
+    if config.selection == "rematch-rate":
+        return rematch_rate(points)
+    if config.selection == "rematch-rate-range":
+        certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
+        return rematch_rate(points) * certainty
+    return np.zeros(len(points)) if saliency is None else saliency_at(saliency, points.xy, shape)
 
 
 def rematch_rate(points: TrackedPoints) -> FloatArray:
-    """(n,) probability with which each point is known again by its looks.
+    """(n,) probability that each point is re-matched by its descriptor.
 
-    The mean of the belief (Beta distribution) that is left of an even one by how often it was
-    looked for while it was followed, and found.
+    The mean of the Beta posterior of a uniform prior, given attempts and re-matches while tracked.
     """
     return np.asarray((points.rematches + 1) / (points.rematch_attempts + 2))
 
 
-def farthest_first(xy: Float32Array, worth: FloatArray, occupied: Float32Array) -> IntArray:
-    """Points in such an order that each is far from those before it and from others.
+def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array) -> IntArray:
+    """Farthest-point ordering (n,) of pixels (n, 2), with factors (n,) of their distances.
 
-    Args:
-        xy: (n, 2) pixels.
-        worth: (n,) factors by which distances count.
-        occupied: (k, 2) pixels of the others.
-
-    Returns:
-        (n,) indices.
+    Each point is the farthest from those before it and from `occupied` pixels (k, 2).
     """
     distances = np.hypot(*(xy[:, None] - xy).astype(np.float64).transpose(2, 0, 1))  # (n, n)
-    free = np.full(len(xy), FARTHEST)
+    nearest = np.full(len(xy), MAX_DISTANCE)
     if len(occupied):
-        others = np.hypot(*(xy[:, None] - occupied).astype(np.float64).transpose(2, 0, 1))
-        free = np.minimum(free, others.min(1))
+        to_occupied = np.hypot(*(xy[:, None] - occupied).astype(np.float64).transpose(2, 0, 1))
+        nearest = np.minimum(nearest, to_occupied.min(1))
     order: list[int] = []
-    left = np.ones(len(xy), np.bool_)
+    remaining = np.ones(len(xy), np.bool_)
     for _ in range(len(xy)):
-        i = int(np.argmax(np.where(left, free * worth, -1.0)))
+        i = int(np.argmax(np.where(remaining, nearest * weight, -1.0)))
         order.append(i)
-        left[i] = False
-        free = np.minimum(free, distances[i])
+        remaining[i] = False
+        nearest = np.minimum(nearest, distances[i])
     return np.asarray(order, np.int64)
 
 
 def saliency_at(saliency: FloatMap, xy: Float32Array, shape: tuple[int, int]) -> FloatArray:
-    """(n,) saliency at pixels (n, 2) of an image of a shape (H, W)."""
+    """(n,) saliency (h, w) at pixels (n, 2) of an image of a shape (H, W)."""
     rows, columns = saliency.shape
     column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
     row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
-    found: FloatArray = saliency[row, column].astype(np.float64)
-    return found
+    return np.asarray(saliency[row, column], np.float64)
+
+
+def enforce_spacing(
+    xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
+) -> IntArray:
+    """The first of an order of pixels (n, 2) that keep their distance, `count` at most.
+
+    From one another and from `occupied` pixels (k, 2).
+    """
+    neighbors = [*occupied]
+    chosen: list[int] = []
+    for i in order.tolist():
+        if len(chosen) == count:
+            break
+        if not neighbors or np.square(np.asarray(neighbors) - xy[i]).sum(1).min() >= min_spacing**2:
+            neighbors.append(xy[i])
+            chosen.append(i)
+    return np.asarray(chosen, np.int64)

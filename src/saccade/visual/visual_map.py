@@ -1,7 +1,6 @@
-"""The map of a drive: the filter, and what is known of its landmarks."""
+"""The map of a drive: the filter, its landmarks, and the errors learned of odometry."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from saccade.frames import Drive, steps_between
@@ -11,45 +10,49 @@ from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.models import compose
 from saccade.slam.results import PredictedObservations
 from saccade.types import FloatArray, IntArray
-from saccade.visual.camera import RangeBearings
+from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior
-from saccade.visual.ground_scale import WHITE_NOISE, GroundMotion, OdometryScale
-from saccade.visual.landmarks import Landmarks
+from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import (
     MotionPrior,
+    OdometryScale,
     TurnRateBias,
-    correlated_covariance,
+    camera_error_covariance,
     fuse,
-    systematic_covariance,
+    odometry_error_covariance,
 )
+from saccade.visual.optical_flow import BoolArray, ByteArray
 from saccade.visual.planarity import Planarity
+from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
-STRETCH = 1e-3
-"""Share by which the map may be too large or too small; its scale is known ten times less well."""
-STILL = 0.02
-"""Standard deviation of the turn rate, in rad/s, that odometry may always be off by."""
-SHORTEST = 0.05
-"""Metres of a step by which odometry and camera are compared."""
+MIN_RESCALE = 1e-3
+"""Relative change of scale from which the map is rescaled: a tenth of what is known of it."""
+MIN_TURN_BIAS_SIGMA = 0.02
+"""Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
+MIN_STEP = 0.05
+"""Metres of a step from which it tells the scale of odometry."""
 
 
 class VisualMap:
-    """A pose, landmarks around it, and how they look.
+    """EKF-SLAM over the landmarks of a drive.
 
     Args:
-        drive: where it begins, and its odometry.
-        config: how to map.
-        ranged: whether frames tell by themselves how far points are.
+        drive: start, camera and odometry.
+        config: standard deviations and budget.
+        has_depth: whether the frames measure depth.
     """
 
     def __init__(self, drive: Drive, config: VisualConfig, has_depth: bool) -> None:
-        scale_bias, *others = drive.odometry_bias
-        self.scale = OdometryScale(
-            scale_bias, config.relative_motion_sigma[0] if has_depth else config.height_sigma
+        self._drive, self._config, self.has_depth = drive, config, has_depth
+        scale_sigma, turn_per_metre, metres_per_radian = drive.odometry_bias
+        camera_sigma = (
+            config.relative_motion_sigma[0] if has_depth else config.relative_height_sigma
         )
+        self.scale = OdometryScale(scale_sigma, camera_sigma)
         self._map_scale = self.scale.factor
-        self._has_depth = has_depth
-        bias = (0.0, *others) if any(others) and not has_depth else ()
+        estimated = not has_depth and (turn_per_metre or metres_per_radian)
+        bias = (0.0, turn_per_metre, metres_per_radian) if estimated else ()
         self.ekf = EkfSlam(
             np.concatenate([drive.start, np.zeros(len(bias))]),
             np.diag(np.square([0.0, 0.0, 0.0, *bias])),
@@ -58,238 +61,219 @@ class VisualMap:
             huber=config.huber,
         )
         self.landmarks = Landmarks()
-        self._drive, self._config = drive, config
-        ahead, turn = config.acceleration
+        self._next_id = 0
         self.planarity = Planarity(float(np.radians(config.tilt_sigma)))
         self._turn_bias = TurnRateBias(
-            variance=STILL**2 + (drive.odometry_bias[1] * _speed(drive)) ** 2
+            variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * _mean_speed(drive)) ** 2
         )
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
-        self._motion_prior = MotionPrior(np.array([ahead, ahead / 4, turn]))
+        speed_sigma, turn_rate_change = config.acceleration_sigma
+        self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_change]))
 
     def predict_motion(self, number: int) -> Prior:
         """The control that is expected to lead to a frame after the first.
 
-        A single camera takes the length of a step from it. With the last steps in it their errors
-        would count anew in each, and where the robot speeds up for seconds it would lag behind.
+        A single camera takes the length of its steps from it, so the last steps are not fused in:
+        their errors would be counted again with every step, and lag behind an accelerating robot.
         """
-        drive, factor = self._drive, self.scale.factor
-        seconds = self._seconds(number)
-        control = drive.control[number - 1] * (factor, factor, 1.0)
+        drive, seconds = self._drive, self._seconds(number)
+        control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
         control = self._turn_bias.corrected(control, seconds)
         self._odometry = control, drive.control_covariance[number - 1]
-        if not self._has_depth:
+        if not self.has_depth:
             return self._odometry
         return self._motion_prior.predict(*self._odometry, seconds)
 
     def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
-        """Go to a frame after the first.
+        """Predict the pose of a frame after the first.
 
-        A motion that the camera has measured is joined with odometry alone: how the robot moved
-        before says little beside it, and lags behind where it speeds up for seconds.
-
-        Args:
-            number: of the frame.
-            expected: what `foretell` says.
-            motion: what the camera says of the way, if anything.
+        A motion that the camera measured is fused with odometry alone: the motion prior adds
+        little to it, and lags behind an accelerating robot. Without, `expected` is used, as
+        `predict_motion` returned it.
         """
         seconds = self._seconds(number)
-        systematic = systematic_covariance(
-            expected[0], seconds, self.scale.sigma if self._has_depth else 0.0, self._turn_bias
+        systematic = odometry_error_covariance(
+            expected[0], seconds, self.scale.sigma if self.has_depth else 0.0, self._turn_bias
         )
-        taken = expected[0], expected[1] + systematic
+        control = expected[0], expected[1] + systematic
         if motion is not None:
-            self.planarity.update(motion.tilt, seconds)
-            taken = (
+            self.planarity.update(motion.off_plane, seconds)
+            tilt = self.planarity.tilt
+            control = (
                 motion.control,
-                correlated_covariance(motion, seconds, self._config, self.planarity.tilt),
+                camera_error_covariance(motion, seconds, self._config, tilt),
             )
-            turned = float(self._drive.control[number - 1, 2] - motion.control[2])
-            noise = self._drive.control_covariance[number - 1, 2, 2] + taken[1][2, 2]
-            self._turn_bias.update(turned, seconds, float(noise))
-            if not motion.with_prior:
-                self._update_scale(self._odometry[0], motion)
-                taken = fuse(taken, (self._odometry[0], self._odometry[1] + systematic))
-        self.ekf.predict(*taken)
+            difference = float(self._drive.control[number - 1, 2] - motion.control[2])
+            variance = self._drive.control_covariance[number - 1, 2, 2] + control[1][2, 2]
+            self._turn_bias.update(difference, seconds, float(variance))
+            if not motion.includes_prior:
+                distance = float(np.hypot(*self._odometry[0][:2]))
+                if distance > MIN_STEP:
+                    self.scale.update(float(np.hypot(*motion.control[:2])) / distance)
+                control = fuse(control, (self._odometry[0], self._odometry[1] + systematic))
+        self.ekf.predict(*control)
 
-    def apply_ground_motion(self, motion: Motion, ground: GroundMotion) -> Motion:
-        """Learn from the road how long odometry's metre is, and this step.
+    def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
+        """Update the scale of odometry by a distance over the ground in metres.
 
-        What was mapped with another metre is made larger or smaller as a whole.
-
-        Args:
-            motion: the step by odometry and by what one camera saw.
-            ground: the same by the road.
-
-        Returns:
-            The step by both.
+        Rescales the map, and returns the motion with its length by odometry and the ground.
         """
-        before = self.scale.factor
-        ratio = ground.distance / float(np.linalg.norm(motion.translation))
+        factor = self.scale.factor
+        ratio = distance / float(np.linalg.norm(motion.translation))
         self.scale.update(ratio)
-        grown = self.scale.factor / before
-        self._apply_scale()
+        change = self.scale.factor / factor
+        rescaling = self.scale.factor / self._map_scale
+        if abs(rescaling - 1) > MIN_RESCALE:
+            self.ekf.rescale(rescaling, self._drive.start[:2])
+            self._map_scale = self.scale.factor
         length = float(np.hypot(*motion.control[:2]))
-        along = np.append(motion.control[:2] / length, 0.0)
-        spread = motion.covariance @ along
-        total = float(along @ spread) + (WHITE_NOISE * length) ** 2
-        missed = (ratio / self.scale.ground_factor - grown) * length
-        control = motion.control + spread * missed / total
-        covariance = motion.covariance - np.outer(spread, spread) / total
-        longer = float(np.hypot(*control[:2])) / length
+        direction = np.append(motion.control[:2] / length, 0.0)
+        cross_covariance = motion.covariance @ direction
+        variance = float(direction @ cross_covariance) + (DISTANCE_NOISE * length) ** 2
+        innovation = (ratio / self.scale.camera_factor - change) * length
+        control = motion.control + cross_covariance * innovation / variance
+        covariance = motion.covariance - np.outer(cross_covariance, cross_covariance) / variance
         return motion._replace(
             control=control,
-            translation=motion.translation * longer,
+            translation=motion.translation * (float(np.hypot(*control[:2])) / length),
             covariance=(covariance + covariance.T) / 2,
         )
-
-    def _apply_scale(self) -> None:
-        """Redraw the map once its metre is off by `STRETCH`: that takes as long as a frame."""
-        stretch = self.scale.factor / self._map_scale
-        if abs(stretch - 1) > STRETCH:
-            self.ekf.rescale(stretch, self._drive.start[:2])
-            self._map_scale = self.scale.factor
-
-    def _update_scale(self, expected: FloatArray, motion: Motion) -> None:
-        """Learn how long odometry's metre is from a camera that measures depth."""
-        way, seen = (float(np.hypot(*each[:2])) for each in (expected, motion.control))
-        if way > SHORTEST:
-            self.scale.update(seen / way)
 
     def _seconds(self, number: int) -> float:
         return float(self._drive.time[number] - self._drive.time[number - 1])
 
+    def update_motion_prior(self, number: int, previous: FloatArray, observations: int) -> None:
+        """Update the motion prior by the motion from the previous pose (3,), after all updates."""
+        if number == 0 or not self.has_depth:
+            return
+        step = steps_between(np.stack([previous, self.ekf.pose]))[0]
+        covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
+        self._motion_prior.update(step, covariance, self._seconds(number))
+
     @property
     def pose_covariance(self) -> FloatArray:
-        """(3, 3), with what is not known of the scale: all that was driven may be longer."""
-        if self._has_depth:
+        """(3, 3), with the uncertainty of the scale of a single camera."""
+        if self.has_depth:
             return self.ekf.pose_covariance
-        way = np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
-        return self.ekf.pose_covariance + self.scale.sigma**2 * np.outer(way, way)
+        offset = np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
+        return self.ekf.pose_covariance + self.scale.sigma**2 * np.outer(offset, offset)
 
     @property
     def landmark_covariances(self) -> FloatArray:
-        """(n, 2, 2), with what is not known of the scale."""
-        if self._has_depth:
+        """(n, 2, 2), with the uncertainty of the scale of a single camera."""
+        if self.has_depth:
             return self.ekf.landmark_covariances
-        way = self.ekf.landmarks - self._drive.start[:2]
-        scale = self.scale.sigma**2 * way[:, :, None] * way[:, None]
-        return self.ekf.landmark_covariances + scale
-
-    def update_motion_prior(self, number: int, before: FloatArray, observations: int) -> None:
-        """Remember how the robot moved, for `foretell`, once all that the frame showed is in.
-
-        Args:
-            number: of the frame.
-            before: (3,) pose of the last one.
-            observations: sightings that said so.
-        """
-        if number == 0 or not self._has_depth:
-            return
-        step = steps_between(np.stack([before, self.ekf.pose]))[0]
-        blind = self._drive.control_covariance[number - 1]
-        self._motion_prior.update(step, blind / (1 + observations) ** 2, self._seconds(number))
+        offset = self.ekf.landmarks - self._drive.start[:2]
+        by_scale = self.scale.sigma**2 * offset[:, :, None] * offset[:, None]
+        return self.ekf.landmark_covariances + by_scale
 
     def observe(
-        self,
-        landmark: IntArray,
-        seen: RangeBearings,
-        again: npt.NDArray[np.bool_],
-        number: int,
-    ) -> None:
-        """Take in sightings of landmarks of the map.
+        self, points: TrackedPoints, expected: PredictedObservations | None = None
+    ) -> tuple[RangeBearings, BoolArray]:
+        """Observations of k points, and (k,) which are usable: they have a certain range.
 
-        A landmark that has been followed since it was taken in tells how the robot moved since,
-        which its motion from frame to frame has told already, by the same pixels. Only one that
-        had been out of sight tells something new.
-
-        What sightings get wrong together would be taken for knowledge if each counted as
-        another one: each of k has k times the variance of the common error, so that together
-        they say of it what one does.
-
-        Args:
-            landmark: (k,) numbers.
-            seen: k sightings.
-            again: (k,) whether the landmark had been out of sight.
-            number: of the frame.
+        A single camera observes landmarks of the map, whose `expected` observations are given, by
+        their bearing only: its ranges come from the motion itself.
         """
-        rows = self.landmarks.rows(landmark)
-        if len(rows) == 0:
-            return
-        R = self._covariance(seen, int(again.sum()))
-        self.ekf.update_scan(seen.z[again], R[again], rows[again])
-        self.landmarks.count_observed(rows, number)
-        self.landmarks.height[rows] += (seen.height - self.landmarks.height[rows]) / (
-            self.landmarks.observations[rows]
-        )
-
-    def initialize(
-        self, seen: RangeBearings, descriptors: npt.NDArray[np.uint8], number: int
-    ) -> IntArray:
-        """Make landmarks of k sightings; returns their numbers (k,)."""
-        first = len(self.ekf)
-        R = self._covariance(seen, 1)
-        self.ekf.update_scan(seen.z, R, np.arange(first, first + len(R)))
-        return self.landmarks.add(seen.height, descriptors, number)
+        camera, config, tilt = self._drive.camera, self._config, self.planarity.tilt
+        if expected is None or self.has_depth:
+            return observe(camera, points, config, tilt)
+        bearings = observe_bearings(camera, points, expected.z[:, 0], config, tilt)
+        return bearings, np.ones(len(points), np.bool_)
 
     def predict_observations(self, rows: IntArray) -> PredictedObservations:
-        """What should be seen of landmarks (k,)."""
-        every = self.ekf.predict_observations()
-        return PredictedObservations(every.z[rows], every.covariance[rows])
+        """Predicted observations of landmarks (k,)."""
+        z, covariance = self.ekf.predict_observations()
+        return PredictedObservations(z[rows], covariance[rows])
 
-    def innovation(
-        self, seen: RangeBearings, expected: PredictedObservations, again: npt.NDArray[np.bool_]
+    def update(
+        self,
+        points: TrackedPoints,
+        observations: RangeBearings,
+        expected: PredictedObservations,
+        number: int,
     ) -> tuple[FloatArray, FloatArray]:
-        """What each of k sightings says beyond what is expected of its landmark.
+        """Update the filter by k observations of landmarks.
+
+        Only re-identified landmarks correct the filter: from those tracked ever since their
+        initialization the egomotion follows, by the same pixels.
+
+        Args:
+            points: k landmarks.
+            observations: k of them.
+            expected: k predicted observations.
+            number: of the frame.
 
         Returns:
-            (k, 2), and its covariance (k, 2, 2); NaN for those not seen again, which correct
-            nothing.
+            Innovations (k, 2) and their covariances (k, 2, 2), NaN where nothing was corrected.
         """
-        innovation = self.ekf.sensor.difference(seen.z, expected.z)
-        S = expected.covariance + self._covariance(seen, 1)
-        innovation[~again], S[~again] = np.nan, np.nan
+        reidentified = points.reidentified
+        innovation = self.ekf.sensor.difference(observations.z, expected.z)
+        S = expected.covariance + self._covariance(observations, 1)
+        innovation[~reidentified], S[~reidentified] = np.nan, np.nan
+        rows = self.landmarks.rows(points.landmark)
+        if len(rows):
+            R = self._covariance(observations, int(reidentified.sum()))
+            self.ekf.update_scan(observations.z[reidentified], R[reidentified], rows[reidentified])
+            landmarks = self.landmarks
+            landmarks.observations[rows] += 1
+            landmarks.last_observed[rows] = number
+            difference = observations.height - landmarks.height[rows]
+            landmarks.height[rows] += difference / landmarks.observations[rows]
         return innovation, S
 
-    def joint_innovation(
-        self, rows: IntArray, seen: RangeBearings
-    ) -> tuple[FloatArray, FloatArray]:
-        """What k sightings say of landmarks (k,) beyond what is expected.
+    def initialize(
+        self, observations: RangeBearings, descriptors: ByteArray, number: int
+    ) -> IntArray:
+        """Augment the map by the landmarks of k observations; returns their ids (k,)."""
+        k, first_row = len(observations), len(self.ekf)
+        R = self._covariance(observations, 1)
+        self.ekf.update_scan(observations.z, R, np.arange(first_row, first_row + k))
+        new = Landmarks.zeros(
+            k,
+            id=np.arange(self._next_id, self._next_id + k),
+            height=observations.height,
+            descriptor=descriptors,
+            observations=np.ones(k, np.int64),
+            last_observed=np.full(k, number),
+        )
+        self._next_id += k
+        self.landmarks = Landmarks.concatenate([self.landmarks, new])
+        return new.id
 
-        Returns:
-            (k, 2), and their covariance (2k, 2k) with what they get wrong together.
-        """
+    def joint_innovation(
+        self, rows: IntArray, observations: RangeBearings
+    ) -> tuple[FloatArray, FloatArray]:
+        """Innovations (k, 2) of landmarks (k,), and their joint covariance (2k, 2k)."""
         z, S = predict_jointly(self.ekf, rows)
         fraction, degrees = self._config.shared_error_sigma
-        common = np.zeros((2, 2 * len(rows)))
-        common[0, ::2], common[1, 1::2] = fraction * seen.z[:, 0], np.radians(degrees)
-        return self.ekf.sensor.difference(seen.z, z), (
-            S + common.T @ common + block_diag(*seen.covariance)
+        shared = np.zeros((2, 2 * len(rows)))
+        shared[0, ::2], shared[1, 1::2] = fraction * observations.z[:, 0], np.radians(degrees)
+        return self.ekf.sensor.difference(observations.z, z), (
+            S + shared.T @ shared + block_diag(*observations.covariance)
         )
 
-    def enforce_budget(self, followed: IntArray, number: int) -> None:
-        """Give up what is too much for the budget."""
+    def enforce_budget(self, tracked: IntArray, number: int) -> None:
+        """Remove the least useful landmarks where there are too many, but none of those tracked."""
         surplus = len(self.landmarks) - self._config.max_landmarks
         if surplus > 0:
-            gone = self.landmarks.least_useful(surplus, followed, number)
-            self.remove(gone)
+            rows = self.landmarks.least_useful(surplus, tracked, number)
+            self.ekf.remove(rows)
+            self.landmarks = self.landmarks[np.delete(np.arange(len(self.landmarks)), rows)]
 
-    def remove(self, rows: IntArray) -> None:
-        """Take landmarks out of the map."""
-        kept = np.ones(len(self.landmarks), np.bool_)
-        kept[rows] = False
-        self.ekf.remove(rows)
-        self.landmarks.keep(kept)
+    def _covariance(self, observations: RangeBearings, count: int) -> FloatArray:
+        """(k, 2, 2) with the error that `count` observations of a frame share.
 
-    def _covariance(self, seen: RangeBearings, together: int) -> FloatArray:
+        Each has `count` times its variance, so that the update by all of them is worth one.
+        """
         fraction, degrees = self._config.shared_error_sigma
-        common = np.zeros_like(seen.covariance)
-        common[:, 0, 0] = together * np.square(fraction * seen.z[:, 0])
-        common[:, 1, 1] = together * np.radians(degrees) ** 2
-        return seen.covariance + common
+        shared = np.zeros_like(observations.covariance)
+        shared[:, 0, 0] = count * np.square(fraction * observations.z[:, 0])
+        shared[:, 1, 1] = count * np.radians(degrees) ** 2
+        return observations.covariance + shared
 
 
-def _speed(drive: Drive) -> float:
-    """Metres per second of the whole drive by its odometry."""
+def _mean_speed(drive: Drive) -> float:
+    """Metres per second over the whole drive, by odometry."""
     seconds = float(drive.time[-1] - drive.time[0])
     return float(np.hypot(*drive.control[:, :2].T).sum()) / seconds if seconds > 0 else 0.0

@@ -1,0 +1,172 @@
+"""Compiled loops over points: egomotion's normal equations, and warping of the ground plane."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from saccade._jit import kernel
+
+if TYPE_CHECKING:
+    from saccade.types import FloatArray
+    from saccade.visual.camera import Intrinsics
+    from saccade.visual.egomotion import Correspondences
+    from saccade.visual.optical_flow import ByteArray, ImageGradients, ShortArray
+
+MIN_DEPTH_RATIO = 0.05
+"""Depth after the motion as a fraction of that before; points under it are behind the camera."""
+MAX_INVERSE_DEPTH = 1.0
+"""1 / metres; upper bound of the estimated inverse depths."""
+
+
+@kernel()
+def accumulate_normal_equations(
+    points: "Correspondences",
+    intrinsics: "Intrinsics",
+    R: "FloatArray",
+    t: "FloatArray",
+    pixel_sigma: float,
+    kernel_width: float,
+    inverse_depth: "FloatArray",
+    information: "FloatArray",
+    gradient: "FloatArray",
+    squared_residual: "FloatArray",
+) -> None:
+    """One Gauss-Newton iteration over k points, the inverse depths marginalized.
+
+    The residual of a point has the covariance N = A + s^2 d d^T, of pixels and depth in the
+    second frame (A) and of the inverse depth in the first (s): N^-1 = A^-1 - q g g^T with
+    g = A^-1 d, q = s^2 / (1 + s^2 d^T g) (Sherman & Morrison, 1950).
+
+    Args:
+        points: k correspondences.
+        intrinsics: of the camera.
+        R: (3, 3) rotation of the camera.
+        t: (3,) its translation.
+        pixel_sigma: standard deviation of a pixel, in each axis.
+        kernel_width: width of the robust kernel, in standard deviations.
+        inverse_depth: (k,) linearization points; becomes the estimates given this motion.
+        information: (6, 6) by rotation and translation, added to.
+        gradient: (6,), added to.
+        squared_residual: (k,) becomes the normalized squares; infinite behind the camera.
+    """
+    fx, fy, cx, cy = intrinsics
+    P, J, d = np.zeros((3, 3)), np.empty((3, 6)), np.empty(3)
+    residual, weight, g, Jg = np.empty(3), np.ones(3), np.empty(3), np.empty(6)
+    for i in range(len(inverse_depth)):
+        h = inverse_depth[i]
+        u, v = (points.previous[i, 0] - cx) / fx, (points.previous[i, 1] - cy) / fy
+        a = R[0, 0] * u + R[0, 1] * v + R[0, 2]
+        b = R[1, 0] * u + R[1, 1] * v + R[1, 2]
+        c = R[2, 0] * u + R[2, 1] * v + R[2, 2]
+        z = c + h * t[2]
+        if z <= MIN_DEPTH_RATIO:
+            squared_residual[i] = np.inf
+            continue
+        x, y = (a + h * t[0]) / z, (b + h * t[1]) / z
+        measured = np.isfinite(points.current_inverse_depth[i])
+        predicted = h / z if measured else 0.0
+        residual[0] = points.current[i, 0] - (fx * x + cx)
+        residual[1] = points.current[i, 1] - (fy * y + cy)
+        residual[2] = points.current_inverse_depth[i] - predicted if measured else 0.0
+        weight[0] = weight[1] = 1 / (2 * pixel_sigma**2)  # A^-1; the pixels of both frames err
+        weight[2] = 1 / points.current_inverse_depth_sigma[i] ** 2 if measured else 1.0
+        P[0, 0], P[0, 2], P[1, 1], P[1, 2] = fx / z, -fx * x / z, fy / z, -fy * y / z
+        P[2, 2] = -predicted / z  # P: Jacobian by the point, divided by its previous depth
+        for j in range(3):
+            J[j, 0] = P[j, 2] * b - P[j, 1] * c
+            J[j, 1] = P[j, 0] * c - P[j, 2] * a
+            J[j, 2] = P[j, 1] * a - P[j, 0] * b
+            d[j] = 0.0
+            for m in range(3):
+                J[j, 3 + m] = h * P[j, m]
+                d[j] += P[j, m] * t[m]
+        d[2] += 1 / z if measured else 0.0
+        dg, residual_g, square = 0.0, 0.0, 0.0
+        for j in range(3):
+            residual[j] += d[j] * (h - points.inverse_depth[i])
+            g[j] = weight[j] * d[j]
+            dg += d[j] * g[j]
+            residual_g += residual[j] * g[j]
+            square += residual[j] ** 2 * weight[j]
+        variance = points.inverse_depth_sigma[i] ** 2
+        q = variance / (1 + variance * dg)
+        estimate = points.inverse_depth[i] + q * residual_g
+        inverse_depth[i] = min(max(estimate, 0.0), MAX_INVERSE_DEPTH)
+        squared_residual[i] = square - q * residual_g**2
+        robust = 1 / (1 + squared_residual[i] / kernel_width**2) ** 2  # Geman & McClure (1987)
+        for m in range(6):
+            Jg[m] = J[0, m] * g[0] + J[1, m] * g[1] + J[2, m] * g[2]
+        for m in range(6):
+            gradient[m] -= robust * q * Jg[m] * residual_g
+            for j in range(3):
+                gradient[m] += robust * J[j, m] * weight[j] * residual[j]
+            for k in range(6):
+                information[m, k] -= robust * q * Jg[m] * Jg[k]
+                for j in range(3):
+                    information[m, k] += robust * J[j, m] * weight[j] * J[j, k]
+
+
+@kernel()
+def warp_ground(
+    rays: "FloatArray",
+    intensity: "FloatArray",
+    intrinsics: "Intrinsics",
+    R: "FloatArray",
+    direction: "FloatArray",
+    distance: float,
+    plane: "FloatArray",
+    image: "ImageGradients",
+    warped: "FloatArray",
+    J: "FloatArray",
+) -> int:
+    """Sample the next image at m points of the ground plane.
+
+    Args:
+        rays: (m, 3) of the points in the previous camera frame.
+        intensity: (m,) of the points in the previous image.
+        intrinsics: of the next image.
+        R: (3, 3) rotation of the camera.
+        direction: (3,) unit vector of its translation.
+        distance: length of the translation, in camera heights.
+        plane: (3, 3) normal of the plane, of length 1 where it has no tilt, and `distance` times
+            its derivatives by the two tilts.
+        image: the next one (h, w) and its gradients.
+        warped: (m,) becomes the sampled intensities.
+        J: (m, 5) becomes their derivatives by distance and tilts; and by gain and offset, the
+            negated previous intensity and -1.
+
+    Returns:
+        The number of points inside the image, whose rows of `warped` and `J` are filled.
+    """
+    fx, fy, cx, cy = intrinsics
+    height, width = image.intensity.shape
+    n = 0
+    for i in range(len(rays)):
+        a, b, c = rays[i, 0], rays[i, 1], rays[i, 2]
+        shift = distance * (a * plane[0, 0] + b * plane[0, 1] + c * plane[0, 2])
+        z = a * R[2, 0] + b * R[2, 1] + c * R[2, 2] + shift * direction[2]
+        if z <= 0.0:
+            continue
+        u = (a * R[0, 0] + b * R[0, 1] + c * R[0, 2] + shift * direction[0]) / z
+        v = (a * R[1, 0] + b * R[1, 1] + c * R[1, 2] + shift * direction[1]) / z
+        x, y = u * fx + cx, v * fy + cy
+        if not (1 < x < width - 2 and 1 < y < height - 2):
+            continue
+        slope = bilinear(image.dx, x, y) / 8 * (direction[0] - u * direction[2]) / z * fx
+        slope += bilinear(image.dy, x, y) / 8 * (direction[1] - v * direction[2]) / z * fy
+        for j in range(3):
+            J[n, j] = slope * (a * plane[j, 0] + b * plane[j, 1] + c * plane[j, 2])
+        J[n, 3], J[n, 4] = -intensity[i], -1.0
+        warped[n] = bilinear(image.intensity, x, y)
+        n += 1
+    return n
+
+
+@kernel()
+def bilinear(image: "ByteArray | ShortArray", x: float, y: float) -> float:
+    """Bilinear interpolation of an image at a sub-pixel position."""
+    i, j = int(y), int(x)
+    p, q = y - i, x - j
+    upper: float = (1 - q) * image[i, j] + q * image[i, j + 1]
+    lower: float = (1 - q) * image[i + 1, j] + q * image[i + 1, j + 1]
+    return (1 - p) * upper + p * lower

@@ -1,0 +1,153 @@
+"""Tables of tracked points, observations and landmarks: arrays with a row for each item."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
+from saccade.visual.optical_flow import BoolArray, ByteArray
+
+AGE_WEIGHT = 1e-3
+"""Of a landmark's relative age beside its miss rate: it decides between equal ones."""
+
+
+class Table:
+    """Base of dataclasses whose fields are arrays (n, ...); every field has a `column` default."""
+
+    def __len__(self) -> int:
+        return len(self._columns()[0])
+
+    def __getitem__(self, index: npt.NDArray[Any]) -> Self:
+        """The rows of an index or a mask."""
+        return type(self)(*(column[index] for column in self._columns()))
+
+    @classmethod
+    def concatenate(cls, tables: Sequence[Self]) -> Self:
+        """The rows of all of one or more tables."""
+        columns = zip(*(table._columns() for table in tables), strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
+
+    @classmethod
+    def zeros(cls, n: int, **columns: npt.NDArray[Any]) -> Self:
+        """A table of n rows, zero in the columns that are not given."""
+        empty = {each.name: getattr(cls(), each.name) for each in fields(cast("Any", cls))}
+        blank = {k: np.zeros((n, *each.shape[1:]), each.dtype) for k, each in empty.items()}
+        return cls(**blank | columns)
+
+    def _columns(self) -> list[npt.NDArray[Any]]:
+        return [getattr(self, each.name) for each in fields(cast("Any", self))]
+
+
+def column(*shape: int, dtype: npt.DTypeLike = np.float64) -> Any:
+    """A field of a `Table` with rows of a shape and type; empty unless given."""
+    return field(default_factory=lambda: np.zeros((0, *shape), dtype))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPoints(Table):
+    """k points tracked in the present frame."""
+
+    xy: Float32Array = column(2, dtype=np.float32)
+    """(k, 2) pixels."""
+    depth: FloatArray = column()
+    """(k,) metres along the optical axis, NaN where unknown."""
+    depth_sigma: FloatArray = column()
+    """(k,) metres."""
+    landmark: IntArray = column(dtype=np.int64)
+    """(k,) landmark ids, -1 where the point is no landmark."""
+    track: IntArray = column(dtype=np.int64)
+    """(k,) track ids of the sequence; -1 where it gives none."""
+    first_frame: IntArray = column(dtype=np.int64)
+    """(k,) number of the frame in which the point was detected."""
+    first_xy: Float32Array = column(2, dtype=np.float32)
+    """(k, 2) pixels in that frame."""
+    response: Float32Array = column(dtype=np.float32)
+    """(k,) detector response in that frame."""
+    descriptor: ByteArray = column(128, dtype=np.uint8)
+    """(k, 128) in that frame."""
+    reidentified: BoolArray = column(dtype=np.bool_)
+    """(k,) whether it was re-identified there, as a landmark that had been lost."""
+    rematch_attempts: IntArray = column(dtype=np.int64)
+    """(k,) detections since, in which it could be re-matched by its descriptor."""
+    rematches: IntArray = column(dtype=np.int64)
+    """(k,) those in which it was re-matched at its tracked position."""
+
+    @property
+    def is_landmark(self) -> BoolArray:
+        """(k,) which are landmarks."""
+        return self.landmark >= 0
+
+    @property
+    def landmarks(self) -> "TrackedPoints":
+        """Those that are landmarks."""
+        return self[self.is_landmark]
+
+    @property
+    def keypoints(self) -> Keypoints:
+        """Present positions with the responses and descriptors of the first frame."""
+        points = Keypoints.at(self.xy, 1.0)
+        return replace(points, response=self.response, descriptors=self.descriptor)
+
+    def near(self, others: "TrackedPoints", radius: float) -> BoolArray:
+        """(k,) which are less than `radius` pixels from any of other points."""
+        if len(self) == 0 or len(others) == 0:
+            return np.zeros(len(self), np.bool_)
+        squared = np.square(self.xy[:, None] - others.xy).sum(2)
+        return np.asarray((squared < radius**2).any(1))
+
+
+@dataclass(frozen=True, eq=False)
+class RangeBearings(Table):
+    """k observations in the robot's frame."""
+
+    z: FloatArray = column(2)
+    """(k, 2) range over the ground in metres, bearing in radians to the left of ahead."""
+    covariance: FloatArray = column(2, 2)
+    """(k, 2, 2) of `z`."""
+    height: FloatArray = column()
+    """(k,) metres above the robot's origin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks(Table):
+    """n landmarks in the order of their rows in the filter."""
+
+    id: IntArray = column(dtype=np.int64)
+    """(n,) ascending; an id is never given twice."""
+    height: FloatArray = column()
+    """(n,) metres above the robot's origin."""
+    descriptor: ByteArray = column(128, dtype=np.uint8)
+    """(n, 128) at the first observation."""
+    observations: IntArray = column(dtype=np.int64)
+    """(n,) frames in which it was observed."""
+    missed: IntArray = column(dtype=np.int64)
+    """(n,) frames in which it was expected and not re-identified."""
+    last_observed: IntArray = column(dtype=np.int64)
+    """(n,) number of the frame."""
+
+    def rows(self, ids: IntArray) -> IntArray:
+        """(k,) rows of landmarks, -1 for those that were removed."""
+        if len(self) == 0:
+            return np.full(len(ids), -1)
+        rows = np.searchsorted(self.id, ids).clip(0, len(self) - 1)
+        return np.where(self.id[rows] == ids, rows, -1)
+
+    def least_useful(self, count: int, tracked: IntArray, frame: int) -> IntArray:
+        """Landmarks to be removed: those with the highest miss rate, of equal ones the oldest.
+
+        Args:
+            count: how many.
+            tracked: ids of landmarks that are tracked, and stay.
+            frame: number of the present one.
+
+        Returns:
+            (count,) rows, ascending.
+        """
+        miss_rate = (self.missed + 1) / (self.observations + self.missed + 2)
+        score = miss_rate + AGE_WEIGHT * ((frame - self.last_observed) / (frame + 1))
+        rows = self.rows(tracked)
+        score[rows[rows >= 0]] = -1.0
+        return np.sort(np.argsort(-score, kind="stable")[:count])
