@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 import pytest
 
-from fuzz.limits import PATIENCE, limited
 from fuzz.targets import TARGETS, points
 from saccade import exchange, read_image
 from saccade.batch import open_source
@@ -25,6 +24,7 @@ from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError, OutputError
 from saccade.video import video_writer
 from support.error_checks import refuses
+from support.limits import TIMEOUT, limited
 from support.privileges import without_privileges
 
 NAMES = ("with space", "no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
@@ -106,7 +106,7 @@ def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     assert done.returncode == 2
     assert "bomb.png: expected at most 268,435,456 pixels" in done.stderr
@@ -300,7 +300,7 @@ def in_child(words, folder, prepare):
         stderr=subprocess.PIPE,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     return done.returncode, done.stderr
 

@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 import zarr
 
-from fuzz.limits import PATIENCE
 from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
@@ -28,6 +27,7 @@ from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 from support import extraction
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
 from support.killed_process import deadly
+from support.limits import TIMEOUT
 
 IMAGES = 15
 KILLS = 20
@@ -149,7 +149,7 @@ def killed(folder, tmp_path_factory):
         paths[number].write_bytes(paths[(number + 5) % IMAGES].read_bytes())
     paths[GONE].rename(root / "photos" / "new.png")
     words = [folder, root / "out", str(KILLS), root / "photos", root / "changed", root / "before"]
-    subprocess.run([sys.executable, extraction.__file__, *words], check=True, timeout=PATIENCE)
+    subprocess.run([sys.executable, extraction.__file__, *words], check=True, timeout=TIMEOUT)
     return root
 
 
