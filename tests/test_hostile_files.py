@@ -19,7 +19,7 @@ import pytest
 from fuzz.targets import TARGETS, points
 from saccade import exchange, read_image
 from saccade.batch import open_source
-from saccade.batch.machine import workers_for
+from saccade.batch.workers import count_workers
 from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError, OutputError
 from saccade.video import video_writer
@@ -92,7 +92,7 @@ def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
     for name in ("a.png", "b.png"):
         (tmp_path / name).write_bytes(png(HUGE, 3))
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    assert workers_for(open_source(str(tmp_path))) in (1, 2)
+    assert count_workers(open_source(str(tmp_path))) in (1, 2)
 
 
 def test_an_image_that_is_huge_is_not_unpacked(tmp_path):

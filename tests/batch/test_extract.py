@@ -18,9 +18,9 @@ from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import InProcess, Processes
+from saccade.batch.items import Item
 from saccade.batch.shards import Shard, ShardReport
-from saccade.batch.sources import Item
-from saccade.batch.store import LEFTOVERS
+from saccade.batch.store import PARTIAL
 from saccade.cli.extract import Pace
 from saccade.errors import ConfigError, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
 
 def test_what_comes_out_is_what_the_detector_finds(folder, tmp_path):
     result = extract_here(folder, tmp_path)
-    assert (result.done, result.same, result.totals.images) == (IMAGES, 0, IMAGES)
+    assert (result.done, result.unchanged, result.totals.images) == (IMAGES, 0, IMAGES)
     assert result.totals.shards == IMAGES / 3
     assert result.totals.rows > 5 * IMAGES
     check_complete(folder, tmp_path)
@@ -52,7 +52,7 @@ def test_what_comes_out_is_what_the_detector_finds(folder, tmp_path):
     assert manifest["complete"]
     assert manifest["configuration"]["settings"]["contrast_threshold"] == 0.016
     assert (manifest["images"], manifest["rows"]) == (IMAGES, result.totals.rows)
-    assert not (tmp_path / LEFTOVERS).exists()
+    assert not (tmp_path / PARTIAL).exists()
 
 
 def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
@@ -66,7 +66,7 @@ def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
     photographs(source, 12)[4].write_bytes(paths[0].read_bytes())
     paths[4].touch()
     result = extract_here(source, out)
-    assert (result.done, result.same) == (3, 9)
+    assert (result.done, result.unchanged) == (3, 9)
     check_complete(source, out)
 
 
@@ -123,7 +123,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
     paths[5].write_bytes(paths[5].read_bytes()[:200])
     images = open_source(str(source))
     paths[7].unlink()  # it was seen, and is gone when its turn comes
-    result = extract(images, SIFT, str(out), InProcess(), size=3)
+    result = extract(images, SIFT, str(out), InProcess(), shard_size=3)
     errors = pq.read_table(out / "errors.parquet").to_pandas().set_index("image").error
     assert list(errors.index) == ["003.png", "005.png", "007.png"]
     assert "expected an image" in errors["003.png"]
@@ -161,7 +161,7 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, killed):
         done = len(check_whole(out))
         unfinished += 0 < done < IMAGES
         result = extract_here(folder, out)
-        assert (result.same, result.done) == (done, IMAGES - done)
+        assert (result.unchanged, result.done) == (done, IMAGES - done)
         assert len(check_whole(out)) == IMAGES
     assert unfinished > KILLS / 4
     check_complete(folder, out)
@@ -228,7 +228,7 @@ def test_only_one_run_at_a_time(folder, tmp_path):
 
 def test_processes_find_the_same_as_one(folder, tmp_path):
     extract_here(folder, tmp_path / "1")
-    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), size=3)
+    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), shard_size=3)
     two = check_whole(tmp_path / "2")
     assert all(two[name].equals(rows) for name, rows in check_whole(tmp_path / "1").items())
 

@@ -1,13 +1,15 @@
-"""The door to Dask: a scheduler that is there, or one that a batch system is asked for."""
+"""Dask clusters: a running scheduler, or jobs of a batch system."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from typing import Any
 
-from saccade.batch.engines import Cluster
+from saccade.batch.engines import Work, lost_shard, run_on
+from saccade.batch.shards import Shard, ShardReport
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
 
-SYSTEMS = {
+BATCH_SYSTEMS = {
     "slurm": "SLURMCluster",
     "pbs": "PBSCluster",
     "sge": "SGECluster",
@@ -15,19 +17,45 @@ SYSTEMS = {
     "htcondor": "HTCondorCluster",
     "oar": "OARCluster",
 }
-"""Batch systems, and what dask-jobqueue calls them."""
-A_JOB = {"cores": 1, "memory": "2GB"}
-"""What a job asks for where dask-jobqueue's file of settings does not say."""
+"""Names of batch systems, and their classes in dask-jobqueue."""
+JOB_DEFAULTS = {"cores": 1, "memory": "2GB"}
+"""Resources of a job, unless the configuration of dask-jobqueue sets them."""
 TIMEOUT = 20.0
 """Seconds in which a scheduler must answer."""
 
 
+class DaskEngine:
+    """Runs shards on the workers of a Dask cluster, which must see the same files.
+
+    Args:
+        client: a `distributed.Client`.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    @property
+    def workers(self) -> int:
+        """Threads of all workers at the moment; workers may come and go."""
+        return sum(self._client.nthreads().values())
+
+    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
+        """See `Engine`. Dask reruns the shards of a worker that died on another."""
+        executor = self._client.get_executor(pure=False)
+        for shard, future in run_on(executor, work, shards, lambda: self.workers):
+            failure = future.exception()
+            yield future.result() if failure is None else lost_shard(shard, str(failure))
+
+
 @contextmanager
-def scheduler_at(address: str) -> Iterator[Cluster]:
-    """The workers of a scheduler that is running, such as tcp://host:8786.
+def connect(address: str) -> Iterator[DaskEngine]:
+    """The workers of a running scheduler.
+
+    Args:
+        address: such as tcp://host:8786.
 
     Raises:
-        ConfigError: Dask is not installed, or nothing answers there.
+        ConfigError: Dask is not installed, or no scheduler answers.
     """
     distributed = import_optional("distributed", "cluster")
     try:
@@ -35,34 +63,34 @@ def scheduler_at(address: str) -> Iterator[Cluster]:
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(f"scheduler: expected one at {address}, found none: {error}") from error
     with client:
-        yield Cluster(client)
+        yield DaskEngine(client)
 
 
 @contextmanager
-def batch_system(name: str, jobs: int) -> Iterator[Cluster]:
-    """Workers in jobs of a batch system, set up as dask-jobqueue's own file of settings says.
+def submit_jobs(system: str, jobs: int) -> Iterator[DaskEngine]:
+    """Workers in jobs of a batch system, configured by the file of dask-jobqueue.
 
     Args:
-        name: one of `SYSTEMS`.
-        jobs: how many to submit; they begin to work as they start.
+        system: one of `BATCH_SYSTEMS`.
+        jobs: how many to submit; work starts with the first.
 
     Raises:
-        ConfigError: there is no such system, dask-jobqueue is not installed, or what it needs
-            is not set.
+        ConfigError: the system is unknown, dask-jobqueue is not installed, or its configuration
+            is incomplete.
     """
-    if name not in SYSTEMS:
-        raise ConfigError(f"cluster: expected one of {', '.join(SYSTEMS)}, found {name!r}")
+    if system not in BATCH_SYSTEMS:
+        raise ConfigError(f"cluster: expected one of {', '.join(BATCH_SYSTEMS)}, found {system!r}")
     jobqueue = import_optional("dask_jobqueue", "cluster")
     dask = import_optional("dask", "cluster")
     distributed = import_optional("distributed", "cluster")
     with ExitStack() as stack:
-        set_there = dask.config.get(f"jobqueue.{name}", {})
-        asked = {each: value for each, value in A_JOB.items() if set_there.get(each) is None}
+        configured = dask.config.get(f"jobqueue.{system}", {})
+        resources = {k: value for k, value in JOB_DEFAULTS.items() if configured.get(k) is None}
         try:
-            cluster = stack.enter_context(getattr(jobqueue, SYSTEMS[name])(**asked))
+            cluster = stack.enter_context(getattr(jobqueue, BATCH_SYSTEMS[system])(**resources))
             cluster.scale(jobs=jobs)
         except (OSError, RuntimeError, ValueError) as error:
-            raise ConfigError(f"cluster: {name} cannot be used: {error}") from error
+            raise ConfigError(f"cluster: {system} cannot be used: {error}") from error
         client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
         client.wait_for_workers(1)
-        yield Cluster(client)
+        yield DaskEngine(client)

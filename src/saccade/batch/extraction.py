@@ -1,4 +1,4 @@
-"""Many images in, one table out: what `saccade extract` does."""
+"""Extracts features from all images of a source into a data set."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from saccade.batch.manifest import (
     write_errors,
     write_manifest,
 )
-from saccade.batch.planning import Plan, remove_orphans
+from saccade.batch.planning import plan_shards, remove_orphans
 from saccade.batch.shards import Shard, ShardReport, extract_shard
 from saccade.batch.sources import Source
 from saccade.batch.store import open_store
@@ -22,18 +22,18 @@ from saccade.errors import OutputError
 
 @dataclass(frozen=True)
 class Extraction:
-    """What a run did."""
+    """Results of a run."""
 
     done: int
-    """Images that were worked on."""
-    same: int
-    """Images that had been done before."""
+    """Images processed."""
+    unchanged: int
+    """Images done before."""
     totals: Totals
-    """Of all runs."""
+    """Of the data set."""
     complete: bool
-    """Whether every image of the source was looked at; not if it was stopped."""
-    problem: str | None = None
-    """What could not even be recorded."""
+    """Whether all images of the source were processed; false if the run was stopped."""
+    error: str | None = None
+    """Why the manifest could not be written; None if it was."""
 
 
 def extract(
@@ -42,59 +42,60 @@ def extract(
     out: str,
     engine: Engine,
     *,
-    name: str = "",
-    size: int | None = None,
+    source_name: str | None = None,
+    shard_size: int | None = None,
     redo: bool = False,
-    stopped: Callable[[], bool] = lambda: False,
-    watch: Callable[[ShardReport], None] = lambda report: None,
+    should_stop: Callable[[], bool] = lambda: False,
+    on_report: Callable[[ShardReport], None] = lambda report: None,
 ) -> Extraction:
-    """Do a job on all images of a source that are not yet done.
+    """Run a job on all images of a source that are not done.
 
     Args:
         source: the images.
-        job: what to do with each.
-        out: folder or URL of the results; of one job only.
-        engine: what does the work.
-        name: of the source, for the manifest.
-        size: images to a shard; None for as many as give every worker enough of them.
-        redo: whether what another version or configuration made is made anew.
-        stopped: asked before every shard; true ends the run after those that have begun.
-        watch: told what came of every shard.
+        job: what to extract from each.
+        out: folder or URL of the data set; of one job only.
+        engine: runs the shards.
+        source_name: for the manifest.
+        shard_size: images in a shard; None to choose it so that every worker has work.
+        redo: whether to redo what another version or configuration made.
+        should_stop: called before every shard; true ends the run after the shards that have begun.
+        on_report: called with the report of every shard.
 
     Returns:
-        What was done; the manifest says the same of all runs.
+        Counts of this run, and totals of the data set as in its manifest.
 
     Raises:
-        ConfigError: the folder holds what another configuration made.
-        OutputError: it cannot be written to, or another run writes to it.
+        ConfigError: the data set was made with another configuration.
+        OutputError: it cannot be written, or another run writes to it.
     """
     store = open_store(out)
-    done = same = 0
+    done = unchanged = 0
     lost: list[tuple[str, str]] = []
-    problem = None
+    error = None
     with store.locked():
-        check_manifest(store, job, redo=redo)
+        if not redo:
+            check_manifest(store, job)
         remove_orphans(store, job)
-        plan = Plan.of(source, store, size)
-        write_manifest(store, job, name, last_totals(store), complete=False)
+        shards = plan_shards(source, store, shard_size)
+        write_manifest(store, job, source_name, last_totals(store), complete=False)
         work = partial(extract_shard, job, out, redo=redo)
-        for report in engine.run(work, _until(stopped, plan.shards(store))):
+        for report in engine.run(work, _until(should_stop, shards)):
             done += report.done
-            same += report.unchanged
+            unchanged += report.unchanged
             lost.extend(report.lost)
-            watch(report)
-        complete = not stopped()
+            on_report(report)
+        complete = not should_stop()
         try:
             remove_orphans(store, job)
             totals = write_errors(store, job, lost)
-            write_manifest(store, job, name, totals, complete=complete)
-        except OutputError as error:
-            totals, problem = Totals(errors=len(lost)), str(error)
-    return Extraction(done, same, totals, complete, problem)
+            write_manifest(store, job, source_name, totals, complete=complete)
+        except OutputError as failure:
+            totals, error = Totals(errors=len(lost)), str(failure)
+    return Extraction(done, unchanged, totals, complete, error)
 
 
-def _until(stopped: Callable[[], bool], shards: Iterator[Shard]) -> Iterator[Shard]:
+def _until(should_stop: Callable[[], bool], shards: Iterator[Shard]) -> Iterator[Shard]:
     for shard in shards:
-        if stopped():
+        if should_stop():
             return
         yield shard
