@@ -13,6 +13,7 @@ from saccade.batch.job import POINTS
 from saccade.batch.store import Store, open_store
 from saccade.batch.tables import DESCRIPTOR_SIZE, RECORD_SCHEMA, check_columns, point_schema
 from saccade.errors import ConfigError, KeypointsError
+from saccade.exchange.fields import COLUMNS, keypoints_from_columns
 from saccade.files import LARGEST_TEXT, one_line, reason_of
 from saccade.formats import check_format
 from saccade.npz import check_unpacked
@@ -61,7 +62,11 @@ def point_shards(store: Store, what: str) -> Iterator[list[ImageKeypoints]]:
             raise KeypointsError(
                 f"{what}/{file}: expected the rows of its record, found {len(table)}"
             )
-        points, start, images = _keypoints(table), 0, []
+        columns = {name: table[name].to_numpy() for name in COLUMNS}
+        packed = table["descriptor"].combine_chunks().buffers()[1] or b""
+        descriptors = np.frombuffer(packed, np.uint8).reshape(-1, DESCRIPTOR_SIZE)[: len(table)]
+        points = keypoints_from_columns(f"{store.location}/{what}/{file}", columns, descriptors)
+        images, start = [], 0
         for row in record:
             rows = slice(start, start + row["rows"])
             start = rows.stop
@@ -172,21 +177,6 @@ def split_generation(file: str) -> tuple[str, int]:
     """The shard and the generation of a file."""
     first, *others = file.removeprefix(PREFIX).removesuffix(SUFFIX).split("-")
     return "-".join([first, *others[:1]]), int(others[1]) if others[1:] else 0
-
-
-def _keypoints(table: pa.Table) -> Keypoints:
-    """The keypoints of a table of points."""
-    n = len(table)
-    packed = table["descriptor"].combine_chunks()
-    descriptors = np.frombuffer(packed.buffers()[1] or b"", np.uint8).reshape(-1, DESCRIPTOR_SIZE)
-    return Keypoints(
-        np.stack([table["x"].to_numpy(), table["y"].to_numpy()], axis=1),
-        table["size"].to_numpy(),
-        table["angle"].to_numpy(),
-        table["response"].to_numpy(),
-        table["octave"].to_numpy().astype(np.int32),
-        descriptors[:n],
-    )
 
 
 def _row_size(schema: pa.Schema) -> int:
