@@ -34,17 +34,16 @@ class DaskEngine:
     def __init__(self, client: Any) -> None:
         self._client = client
 
-    @property
-    def workers(self) -> int:
-        """Threads of all workers at the moment; workers may come and go."""
-        return sum(self._client.nthreads().values())
-
     def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. Dask reruns the shards of a worker that died on another."""
         executor = self._client.get_executor(pure=False)
-        for shard, future in run_on(executor, work, shards, lambda: self.workers):
+        for shard, future in run_on(executor, work, shards, self._count_threads):
             failure = future.exception()
             yield future.result() if failure is None else lost_shard(shard, str(failure))
+
+    def _count_threads(self) -> int:
+        """Of all workers; they may come and go."""
+        return sum(self._client.nthreads().values())
 
 
 @contextmanager

@@ -25,10 +25,6 @@ DIED = "the process that worked on it died; was there enough memory?"
 class Engine(Protocol):
     """Runs shards in any order, several at a time."""
 
-    @property
-    def workers(self) -> int:
-        """Number of workers."""
-
     def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """The report of every shard; takes the next shard only when a worker is free for it."""
 
@@ -38,8 +34,6 @@ class InProcess:
 
     While a shard is processed OpenCV uses one thread; its setting is restored after each.
     """
-
-    workers = 1
 
     def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`."""
@@ -57,16 +51,16 @@ class Processes:
     """
 
     def __init__(self, workers: int) -> None:
-        self.workers = workers
+        self._workers = workers
 
     def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. A shard that kills its process is retried once, alone."""
         finished = False
         while not finished:
             suspects = []
-            pool = _start_pool(self.workers)
+            pool = _start_pool(self._workers)
             try:
-                for shard, future in run_on(pool, work, shards, lambda: self.workers):
+                for shard, future in run_on(pool, work, shards, lambda: self._workers):
                     try:
                         yield future.result()
                     except BrokenProcessPool:
