@@ -138,7 +138,7 @@ def test_an_array_that_says_it_is_huge(tmp_path, shape):
 
 
 def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
-    monkeypatch.setattr("saccade.npz.LARGEST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("saccade.npz.MAX_UNPACKED", 1 << 20)
     npz(tmp_path / "a.npz", (1 << 22, 2), size=1 << 25)
     with limited(memory=100 << 20), refuses(KeypointsError, "a.npz", "bytes that unpack to"):
         exchange.read_npz(tmp_path / "a.npz")
