@@ -116,6 +116,11 @@ def test_other_settings_do_not_mix(folder, tmp_path):
     assert all(len(rows) <= 6 for rows in check_whole(tmp_path).values())
 
 
+def test_descriptors_that_are_no_bytes_are_refused():
+    with pytest.raises(ConfigError, match="descriptor_dtype: expected uint8"):
+        Job("sift", SiftConfig(descriptor_dtype="float32"))
+
+
 def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
     source, out = tmp_path / "photos", tmp_path / "out"
     paths = photographs(source, 10)

@@ -48,6 +48,9 @@ class Job:
         require(self.what in kinds, "what", f"one of {', '.join(kinds)}", self.what)
         require(self.maps in get_args(MapFormat), "maps", "zarr or png", self.maps)
         require(self.fixations >= 1, "fixations", "1 or more", self.fixations)
+        for settings in (self.settings, getattr(self.settings, "descriptor", None)):
+            dtype = getattr(settings, "descriptor_dtype", "uint8")
+            require(dtype == "uint8", "descriptor_dtype", "uint8, as the table has it", dtype)
 
     def describe(self) -> dict[str, Any]:
         """All that the result depends on but the version, for JSON."""

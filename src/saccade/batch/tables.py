@@ -69,18 +69,8 @@ def point_table(name: str, detected: Keypoints | Regions, *, exact: bool) -> pa.
         angle = _round_to_fraction(angle, STEPS_PER_RADIAN)
         size, response, *boxes = (_round_mantissa(values) for values in (size, response, *boxes))
         descriptors = quantize_descriptors(cast("npt.NDArray[np.uint8]", descriptors))
-    packed = np.ascontiguousarray(descriptors).reshape(-1, DESCRIPTOR_SIZE)
-    return pa.RecordBatch.from_arrays(
-        [
-            _repeat_text(name, len(points)),
-            *(_numbers(values, np.float32) for values in (x, y, size, angle, response, *boxes)),
-            _numbers(points.octave, np.int8),
-            pa.FixedSizeBinaryArray.from_buffers(
-                pa.binary(DESCRIPTOR_SIZE), len(points), [None, pa.py_buffer(packed)]
-            ),
-        ],
-        schema=point_schema(boxes=bool(boxes)),
-    )
+    columns = (x, y, size, angle, response, *boxes, points.octave, descriptors)
+    return _rows_of_image(name, columns, point_schema(boxes=bool(boxes)))
 
 
 FIXATION_SCHEMA = pa.schema(
@@ -95,16 +85,8 @@ FIXATION_SCHEMA = pa.schema(
 
 def fixation_table(name: str, path: Scanpath) -> pa.RecordBatch:
     """A row for every fixation of a scanpath."""
-    n = len(path)
-    columns = (*path.xy.T, path.time, path.saliency)
-    return pa.RecordBatch.from_arrays(
-        [
-            _repeat_text(name, n),
-            _numbers(np.arange(1, n + 1), np.int16),
-            *(_numbers(values, np.float32) for values in columns),
-        ],
-        schema=FIXATION_SCHEMA,
-    )
+    columns = (np.arange(1, len(path) + 1), *path.xy.T, path.time, path.saliency)
+    return _rows_of_image(name, columns, FIXATION_SCHEMA)
 
 
 MAP_SCHEMA = pa.schema(
@@ -210,7 +192,7 @@ def record_batch(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Rec
             arrays.append(text_array(cells))
         else:
             filled = [0 if cell is None else cell for cell in cells]
-            arrays.append(_numbers(filled, field.type.to_pandas_dtype(), _validity(cells)))
+            arrays.append(_numbers(filled, field.type, _validity(cells)))
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
@@ -227,21 +209,26 @@ _MULTIPLES = np.minimum(
 """The nearest multiple of `DESCRIPTOR_STEP` to each byte."""
 
 
-def _numbers(
-    values: npt.ArrayLike, dtype: npt.DTypeLike, validity: pa.Buffer | None = None
-) -> pa.Array:
-    """A column of numbers, without a copy where they are contiguous."""
-    packed = np.ascontiguousarray(values, dtype)
-    kind = pa.from_numpy_dtype(packed.dtype)
-    return pa.Array.from_buffers(kind, len(packed), [validity, pa.py_buffer(packed)])
-
-
-def _repeat_text(value: str, n: int) -> pa.Array:
-    packed = value.encode()
+def _rows_of_image(
+    name: str, columns: Sequence[npt.NDArray[Any]], schema: pa.Schema
+) -> pa.RecordBatch:
+    """Rows of numbers, each with the name of the image in the first column."""
+    n, packed = len(columns[0]), name.encode()
     offsets = np.arange(n + 1, dtype=np.int32) * len(packed)
-    return pa.Array.from_buffers(
-        pa.string(), n, [None, pa.py_buffer(offsets), pa.py_buffer(packed * n)]
-    )
+    buffers = [None, pa.py_buffer(offsets), pa.py_buffer(packed * n)]
+    names = pa.Array.from_buffers(pa.string(), n, buffers)
+    fields = [schema.field(number) for number in range(1, len(schema))]
+    arrays = [_numbers(values, f.type) for values, f in zip(columns, fields, strict=True)]
+    return pa.RecordBatch.from_arrays([names, *arrays], schema=schema)
+
+
+def _numbers(
+    values: npt.ArrayLike, kind: pa.DataType, validity: pa.Buffer | None = None
+) -> pa.Array:
+    """A column of numbers, or of descriptors, without a copy where they are contiguous."""
+    dtype = np.uint8 if pa.types.is_fixed_size_binary(kind) else kind.to_pandas_dtype()
+    packed = np.ascontiguousarray(values, dtype)
+    return pa.Array.from_buffers(kind, len(packed), [validity, pa.py_buffer(packed)])
 
 
 def _validity(cells: Sequence[Any]) -> pa.Buffer:
