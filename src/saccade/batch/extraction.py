@@ -1,23 +1,42 @@
-"""Extracts features from all images of a source into a data set."""
+"""Extracts features from all images of a source into a data set, and writes its manifest."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
 from functools import partial
+from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from saccade.batch.dataset import MANIFEST, read_manifest, read_records
 from saccade.batch.engines import Engine
 from saccade.batch.job import Job
-from saccade.batch.manifest import (
-    Totals,
-    check_manifest,
-    last_totals,
-    write_errors,
-    write_manifest,
-)
 from saccade.batch.planning import plan_shards, remove_orphans
 from saccade.batch.shards import Shard, ShardReport, extract_shard
 from saccade.batch.sources import Source
-from saccade.batch.store import open_store
-from saccade.errors import OutputError
+from saccade.batch.store import Store, open_store
+from saccade.batch.tables import ERROR_SCHEMA, parquet_options, record_batch
+from saccade.errors import ConfigError, OutputError
+from saccade.formats import FORMATS
+
+ERROR_FILE = "errors.parquet"
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What a data set holds."""
+
+    images: int = 0
+    """Images in the table, including those without a row."""
+    rows: int = 0
+    """Rows of the table."""
+    errors: int = 0
+    """Images that failed."""
+    shards: int = 0
+    """Files of the table."""
+    by_other_versions: int = 0
+    """Images that another version of this package did."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +93,10 @@ def extract(
     error = None
     with store.locked():
         if not redo:
-            check_manifest(store, job)
+            _check_manifest(store, job)
         remove_orphans(store, job)
         shards = plan_shards(source, store, shard_size)
-        write_manifest(store, job, source_name, last_totals(store), complete=False)
+        _write_manifest(store, job, source_name, _last_totals(store), complete=False)
         work = partial(extract_shard, job, out, redo=redo)
         for report in engine.run(work, _until(should_stop, shards)):
             done += report.done
@@ -87,8 +106,8 @@ def extract(
         complete = not should_stop()
         try:
             remove_orphans(store, job)
-            totals = write_errors(store, job, lost)
-            write_manifest(store, job, source_name, totals, complete=complete)
+            totals = _write_errors(store, job, lost)
+            _write_manifest(store, job, source_name, totals, complete=complete)
         except OutputError as failure:
             totals, error = Totals(errors=len(lost)), str(failure)
     return Extraction(done, unchanged, totals, complete, error)
@@ -99,3 +118,86 @@ def _until(should_stop: Callable[[], bool], shards: Iterator[Shard]) -> Iterator
         if should_stop():
             return
         yield shard
+
+
+def _check_manifest(store: Store, job: Job) -> None:
+    """Check that a data set was made with the configuration of a job.
+
+    Raises:
+        ConfigError: it was not; says what differs.
+    """
+    manifest = read_manifest(store)
+    if manifest is None:
+        return
+    requested = _flatten(json.loads(json.dumps(job.describe())))
+    recorded = _flatten(manifest["configuration"])
+    for name in dict.fromkeys([*recorded, *requested]):
+        if requested.get(name) != recorded.get(name):
+            raise ConfigError(
+                f"{store.location}: made with {name} {recorded.get(name)!r}, found "
+                f"{requested.get(name)!r} asked for; take another --out, or --redo to do all anew"
+            )
+
+
+def _last_totals(store: Store) -> Totals:
+    """Totals of the last run that was completed."""
+    manifest = read_manifest(store) or {}
+    return Totals(*(manifest.get(field.name, 0) for field in fields(Totals)))
+
+
+def _write_manifest(
+    store: Store, job: Job, source: str | None, totals: Totals, *, complete: bool
+) -> None:
+    """Write the manifest, which describes the job, its source and its progress."""
+    manifest = {
+        "format": FORMATS["extraction"],
+        "saccade": job.version,
+        "what": job.what,
+        "configuration": job.describe(),
+        "fingerprint": job.fingerprint,
+        "source": source,
+        "complete": complete,
+        **asdict(totals),
+    }
+    with store.writing(MANIFEST) as path:
+        path.write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_errors(store: Store, job: Job, lost: Sequence[tuple[str, str]]) -> Totals:
+    """Collect the failed images in one file, if there are any, and count all images.
+
+    Args:
+        store: with the records of every shard.
+        job: whose version is this one.
+        lost: images whose results could not be written, and why.
+    """
+    images = rows = errors = shards = others = 0
+    unrecorded = [{"image": name, "error": reason} for name, reason in lost]
+    batches = [pa.Table.from_batches([record_batch(unrecorded, ERROR_SCHEMA)])]
+    for record in read_records(store):
+        failed = record.filter(record["error"].is_valid()).select(ERROR_SCHEMA.names)
+        if len(failed):
+            batches.append(failed)
+        shards += 1
+        errors += len(failed)
+        images += len(record) - len(failed)
+        rows += sum(record["rows"].to_pylist())
+        others += sum(version != job.version for version in record["version"].to_pylist())
+    table = pa.concat_tables(batches)
+    if len(table):
+        with store.writing(ERROR_FILE) as path, path.open("wb") as file:
+            pq.write_table(table, file, **parquet_options(ERROR_SCHEMA))
+    else:
+        store.remove(ERROR_FILE)
+    return Totals(images, rows, errors + len(lost), shards, others)
+
+
+def _flatten(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested settings by their dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            flat |= _flatten(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat

@@ -198,13 +198,12 @@ def _begin_loading(source: str, workers: int | None) -> None:
 def _engine(
     images: "Source", workers: int | None, scheduler: str | None, cluster: str | None, jobs: int
 ) -> Iterator["Engine"]:
-    from saccade.batch.engines import InProcess, Processes
+    from saccade.batch.engines import InProcess, Processes, connect, submit_jobs
     from saccade.errors import ConfigError
 
     if scheduler is not None and cluster is not None:
         raise ConfigError("cluster: expected --scheduler or --cluster, found both")
     if scheduler is not None or cluster is not None:
-        from saccade.batch.cluster import connect, submit_jobs
         from saccade.cli.output import print_message
 
         if cluster is not None:
