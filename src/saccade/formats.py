@@ -17,22 +17,22 @@ FORMATS = {
 """Current versions by name; older ones are read too."""
 
 
-def check_format(name: str, found: object, place: object, error: type[Exception]) -> None:
+def check_format(name: str, version: object, path: object, error: type[Exception]) -> None:
     """Refuse files of a later version of this package.
 
     Args:
         name: one of `FORMATS`.
-        found: version in the file; None if it has none, as files of other programs.
-        place: the file.
+        version: in the file; None if it has none, as files of other programs.
+        path: of the file.
         error: exception to raise.
     """
     known = FORMATS[name]
-    if found is None:
+    if version is None:
         return
-    if not isinstance(found, int) or found < 1:
-        raise error(f"{place}: expected a format from 1 to {known}, found {found!r}")
-    if found > known:
+    if not isinstance(version, int) or version < 1:
+        raise error(f"{path}: expected a format from 1 to {known}, found {version!r}")
+    if version > known:
         raise error(
-            f"{place}: expected a format up to {known}, found {found}: a later version of saccade "
+            f"{path}: expected a format up to {known}, found {version}: a later version of saccade "
             "has written it; upgrade this one"
         )

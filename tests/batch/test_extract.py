@@ -1,6 +1,7 @@
 """Many images into one table, whatever happens meanwhile."""
 
 import json
+import os
 import resource
 import shutil
 import signal
@@ -229,6 +230,13 @@ def test_only_one_run_at_a_time(folder, tmp_path):
 
     with open_store(str(tmp_path)).locked(), pytest.raises(OutputError, match="another run"):
         extract_here(folder, tmp_path)
+
+
+def test_no_setting_of_this_process_is_changed(folder, tmp_path):
+    before = dict(os.environ), cv2.getNumThreads()
+    extract_here(folder, tmp_path / "1")
+    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2))
+    assert (dict(os.environ), cv2.getNumThreads()) == before
 
 
 def test_processes_find_the_same_as_one(folder, tmp_path):

@@ -1,4 +1,4 @@
-"""What is extracted, in the formats of others, and looked up again."""
+"""Export of extracted points, and image retrieval."""
 
 import json
 from pathlib import Path
@@ -98,18 +98,18 @@ def test_neighbors_are_those_of_a_search_through_all(rng, tmp_path, monkeypatch,
     }
     write_data_set(tmp_path, images)
     assert build_index(tmp_path) == {"images": 30, "points": 3000}
-    held = Index(tmp_path)
-    assert held.images == list(images)
+    retrieval = Index(tmp_path)
+    assert retrieval.images == list(images)
     for number, points in enumerate(images.values()):
-        np.testing.assert_array_equal(held.points_of(number).descriptors, points.descriptors)
-        np.testing.assert_array_equal(held.points_of(number).xy, points.xy)
+        np.testing.assert_array_equal(retrieval.points_of(number).descriptors, points.descriptors)
+        np.testing.assert_array_equal(retrieval.points_of(number).xy, points.xy)
     changed = rng.integers(-4, 5, (100, 128)) + images["17.png"].descriptors
     query = images["17.png"][:]
     query = Keypoints(*list(vars(query).values())[:5], np.clip(changed, 0, 255).astype(np.uint8))
-    best = held.find(query, candidates=3)[0]
+    best = retrieval.find(query, candidates=3)[0]
     assert best.image == "17.png"
     assert best.inliers > 90
-    assert held.find(query, candidates=3, exclude="17.png")[0].inliers is None
+    assert retrieval.find(query, candidates=3, exclude="17.png")[0].inliers is None
 
 
 def write_data_set(folder, images):
@@ -163,9 +163,9 @@ def test_the_hallway_is_recognized_on_the_second_lap(shared, tmp_path):
         cv2.imwrite(str(photos / f"{path.stem}.png"), half)
     extract_here(photos, tmp_path / "set")
     build_index(tmp_path / "set")
-    held = Index(tmp_path / "set")
+    retrieval = Index(tmp_path / "set")
     asked = list(read_points(str(tmp_path / "set")))[::2]
-    right = sum(is_again(each.image, held.find(each.points, candidates=8)) for each in asked)
+    right = sum(is_again(each.image, retrieval.find(each.points, candidates=8)) for each in asked)
     print(f"\n{right} of {len(asked)} photographs of the hallway")
     assert right >= 0.95 * len(asked)
 
