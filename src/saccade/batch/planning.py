@@ -38,8 +38,8 @@ def plan_shards(source: Source, store: Store, shard_size: int | None = None) -> 
     """First the recorded shards, whose images may have changed, then the new ones.
 
     A new shard is a block of the source without the images that are done, so that after any
-    interruption the same images make the same shard. Of the images only hashes and numbers are kept
-    in memory, 8 bytes each.
+    interruption the same images make the same shard. Planning takes up to 32 bytes of memory an
+    image, for hashes of the names and their order.
 
     Args:
         source: the images.
