@@ -40,7 +40,7 @@ def fuzz(session: nox.Session) -> None:
 
 @nox.session
 def mutation(session: nox.Session) -> None:
-    """What share of small changes the tests notice: `-- slam --count 150 --seed 1`."""
+    """Which fraction of small changes the tests notice: `-- slam --count 150 --seed 1`."""
     session.install(".", "--group", "dev", "cosmic-ray", "coverage")
     session.run("python", "tests/mutation/run.py", *session.posargs)
 

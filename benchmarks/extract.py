@@ -25,9 +25,9 @@ import numpy as np
 
 from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source, shards, tables
+from saccade.batch.dataset import read_points
 from saccade.batch.engines import InProcess, Processes
-from saccade.batch.export import read_points
-from saccade.batch.forkserver import begin_loading
+from saccade.batch.forkserver import worker_context
 from saccade.batch.index import Found, Index, build_index
 from saccade.keypoints.sift_config import SiftConfig
 
@@ -39,11 +39,9 @@ PEAK = """
 import resource, sys
 from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source
-from saccade.batch.export import read_points
-from saccade.batch.index import Found, Index, build_index
-from saccade.batch.engines import Here
+from saccade.batch.engines import InProcess
 from saccade.keypoints.sift_config import SiftConfig
-extract(open_source(sys.argv[1]), Job("sift", SiftConfig()), sys.argv[2], Here())
+extract(open_source(sys.argv[1]), Job("sift", SiftConfig()), sys.argv[2], InProcess())
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
@@ -86,15 +84,15 @@ def overhead(folder: Path, runs: int) -> None:
     """
     source, count = open_source(str(folder)), len(list(folder.iterdir()))
     spent, besides = [0.0], [0.0]
-    timed(shards, "_one", spent)
-    for owner, name in ((shards, "digest_of"), (tables, "point_table")):
+    timed(shards, "_extract_image", spent)
+    for owner, name in ((shards, "content_hash"), (tables, "point_table")):
         timed(owner, name, besides)
     shares = []
     for run in range(runs + 1):
         with tempfile.TemporaryDirectory() as out:
             spent[0] = besides[0] = 0.0
             start = time.process_time()
-            totals = extract(source, JOB, out, InProcess(), size=256).totals
+            totals = extract(source, JOB, out, InProcess(), shard_size=256).totals
             whole, bare = time.process_time() - start, spent[0] - besides[0]
             size = sum(path.stat().st_size for path in Path(out, "sift").iterdir())
         if run > 0:  # in the first the libraries are loaded
@@ -115,7 +113,7 @@ def workers(folder: Path, runs: int) -> None:
     source = open_source(str(folder))
     paths = sorted(str(path) for path in folder.glob("*.jpg"))
     rows = []
-    with ProcessPoolExecutor(2, begin_loading()) as pool:
+    with ProcessPoolExecutor(2, worker_context()) as pool:
         list(pool.map(loop, [paths[:8]] * 4))  # all is loaded
         for _ in range(runs):
             times = []
@@ -217,7 +215,7 @@ def lookup(pairs: Path, hallway: Path) -> None:
             held = Index(out)
             asked = [each.image for each in read_points(out)]
             points = {each.image: each.points for each in read_points(out)}
-            count = sum(right(image, held.find(points[image], without=image)) for image in asked)
+            count = sum(right(image, held.find(points[image], exclude=image)) for image in asked)
             empty = sum(not len(points[image]) for image in asked)
         print(f"lookup: {name} {count} of {len(asked)}, {empty} without points", flush=True)
 
@@ -236,8 +234,8 @@ def constants(folder: Path) -> None:
     """Bytes of a record and of a name, the time of a second run and of a task of Dask's."""
     source, count = open_source(str(folder)), len(list(folder.iterdir()))
     with tempfile.TemporaryDirectory() as out:
-        made = extract(source, JOB, out, InProcess(), size=256).totals
-        again = seconds(lambda: extract(source, JOB, out, InProcess(), size=256))
+        made = extract(source, JOB, out, InProcess(), shard_size=256).totals
+        again = seconds(lambda: extract(source, JOB, out, InProcess(), shard_size=256))
         record = sum(path.stat().st_size for path in Path(out, "images").iterdir())
         most = build_index(out, 500)["points"]
         index = sum(path.stat().st_size for path in Path(out, "index").iterdir())

@@ -24,7 +24,12 @@ import pyarrow.parquet as pq
 
 from saccade import Keypoints, Sift, match, read_image
 from saccade.batch import index
-from saccade.batch.tables import ENTRIES, in_threes, parquet_options, point_table
+from saccade.batch.tables import (
+    DESCRIPTOR_SIZE,
+    parquet_options,
+    point_table,
+    quantize_descriptors,
+)
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.evaluation.homography import project
 
@@ -60,7 +65,7 @@ def packing(points: dict[str, Keypoints], runs: int) -> None:
 
 def as_lists(table: pa.Table) -> pa.Table:
     """Descriptors as lists of 128 numbers."""
-    kind = pa.list_(pa.field("element", pa.uint8(), nullable=False), ENTRIES)
+    kind = pa.list_(pa.field("element", pa.uint8(), nullable=False), DESCRIPTOR_SIZE)
     flat = np.concatenate(
         [np.frombuffer(each.buffers()[1], np.uint8) for each in table["descriptor"].chunks]
     )
@@ -94,7 +99,7 @@ def rounding(folder: Path) -> None:
 def in_steps(points: Keypoints) -> Keypoints:
     """With descriptors as a data set holds them."""
     assert points.descriptors is not None
-    return replace(points, descriptors=in_threes(points.descriptors))
+    return replace(points, descriptors=quantize_descriptors(points.descriptors))
 
 
 def neighbors(points: dict[str, Keypoints], count: int, queries: int) -> None:
@@ -102,7 +107,7 @@ def neighbors(points: dict[str, Keypoints], count: int, queries: int) -> None:
     asking = {name: each for name, each in points.items() if name.endswith("6.png")}
     held = descriptors_of({name: points[name] for name in points.keys() - asking.keys()}, count)
     asked = descriptors_of(asking, queries)
-    nearest = faiss.IndexFlatL2(ENTRIES)
+    nearest = faiss.IndexFlatL2(DESCRIPTOR_SIZE)
     nearest.add(held)
     distance = nearest.search(asked, 1)[0][:, 0]
     print(f"neighbors: {len(held)} descriptors held, {len(asked)} asked for, one thread")
@@ -139,7 +144,7 @@ def descriptors_of(points: dict[str, Keypoints], count: int) -> Any:
     """Some of the descriptors, the same whenever asked."""
     every = np.concatenate([points[name].descriptors for name in sorted(points)])
     some = np.random.default_rng(0).permutation(len(every))[:count]
-    return in_threes(every[some]).astype(np.float32)
+    return quantize_descriptors(every[some]).astype(np.float32)
 
 
 def size_of(vectors: Any) -> float:
@@ -147,9 +152,9 @@ def size_of(vectors: Any) -> float:
 
 
 def cells(held: Any) -> Searches:
-    number = index.cells_for(len(held))
-    some = held[: index.LEARNT_FROM * number]
-    vectors = index.empty_cells(faiss, number, some)
+    number = index.count_cells(len(held))
+    some = held[: index.TRAINING_PER_CELL * number]
+    vectors = index.train_cells(faiss, number, some)
     vectors.add(held)
     return size_of(vectors), [
         (f"{index.PROBES} cells", lambda asked: vectors.search(asked, 1)[1][:, 0])
@@ -157,7 +162,7 @@ def cells(held: Any) -> Searches:
 
 
 def faiss_graph(held: Any) -> Searches:
-    vectors = faiss.IndexHNSWSQ(ENTRIES, faiss.ScalarQuantizer.QT_8bit_direct, 16)
+    vectors = faiss.IndexHNSWSQ(DESCRIPTOR_SIZE, faiss.ScalarQuantizer.QT_8bit_direct, 16)
     vectors.train(held)
     vectors.add(held)
 
@@ -173,7 +178,7 @@ def faiss_graph(held: Any) -> Searches:
 def hnsw(held: Any) -> Searches:
     import hnswlib
 
-    vectors = hnswlib.Index("l2", ENTRIES)
+    vectors = hnswlib.Index("l2", DESCRIPTOR_SIZE)
     vectors.init_index(len(held), M=16, ef_construction=100)
     vectors.add_items(held, num_threads=1)
 
@@ -189,7 +194,9 @@ def hnsw(held: Any) -> Searches:
 def usearch_graph(held: Any) -> Searches:
     from usearch.index import Index
 
-    vectors = Index(ndim=ENTRIES, metric="l2sq", dtype="f16", connectivity=16, expansion_add=100)
+    vectors = Index(
+        ndim=DESCRIPTOR_SIZE, metric="l2sq", dtype="f16", connectivity=16, expansion_add=100
+    )
     vectors.add(np.arange(len(held)), held, threads=1)
 
     def search(asked: Any, effort: int) -> Any:

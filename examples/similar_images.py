@@ -24,8 +24,8 @@ build_index("features")
 query = saccade.read_image(data / "hallway_2.jpg")
 points = saccade.Sift(config)(query)
 found = Index("features").find(points)
-for image, agreeing, similarity in found[:3]:
-    print(f"{image:16} {agreeing:3} matches agree on one geometry, similarity {similarity:.1f}")
+for image, inliers, similarity in found[:3]:
+    print(f"{image:16} {inliers or 0:3} matches agree on one geometry, similarity {similarity:.1f}")
 
 best = saccade.read_image(photos / found[0].image)
 there = saccade.Sift(config)(best)

@@ -8,11 +8,11 @@ import hypothesis
 import numpy as np
 import pytest
 
-from encodable_reports import pytest_report_to_serializable  # noqa: F401
-from fuzz.limits import PATIENCE
 from saccade.cli import TRACEBACK, main
+from support.encodable_reports import pytest_report_to_serializable  # noqa: F401
 from support.filmed_wall import filmed
-from support.places import SHARED
+from support.limits import TIMEOUT
+from support.paths import SHARED
 
 os.environ[TRACEBACK] = "1"  # or an error that nobody foresaw would look like one that is told
 __all__ = ["filmed"]
@@ -64,9 +64,9 @@ def browser():
     flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
     with api.sync_playwright() as playwright:
         chromium = playwright.chromium.launch(
-            executable_path=str(CHROMIUM), args=flags, timeout=1000 * PATIENCE
+            executable_path=str(CHROMIUM), args=flags, timeout=1000 * TIMEOUT
         )
-        api.expect.set_options(timeout=1000 * PATIENCE)
+        api.expect.set_options(timeout=1000 * TIMEOUT)
         yield chromium
         chromium.close()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import saccade
-from fuzz.limits import PATIENCE
+from support.limits import TIMEOUT
 
 SOURCE = Path(saccade.__file__).parent
 FOUNDATION = {"types", "frames", "errors", "files", "extras", "npz", "formats"}
@@ -108,7 +108,7 @@ atexit.register(lambda: print([m for m in {HEAVY!r} if m in sys.modules], file=s
 {statement}
 """
     done = subprocess.run(
-        [sys.executable, "-c", report], capture_output=True, text=True, check=True, timeout=PATIENCE
+        [sys.executable, "-c", report], capture_output=True, text=True, check=True, timeout=TIMEOUT
     )
     assert done.stderr.strip() == "[]"
 
@@ -180,7 +180,7 @@ print(saccade.__file__, len(saccade.Sift()(image)) > 0)
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -195,7 +195,7 @@ def test_kernels_mean_the_same_without_the_compiler():
         env=environment,
         capture_output=True,
         text=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
         check=False,
     )
     assert done.returncode == 0, done.stdout[-3000:]
@@ -205,10 +205,27 @@ def test_kernels_mean_the_same_without_the_compiler():
 def test_files_are_opened_in_one_place():
     """By `saccade.files`, which refuses what has no end; our own data needs no such care."""
     opening = ("read_text(", "read_bytes(", '.open("rb")', ".open(newline", ".open(encoding")
-    ours = {"_jit.py", "cli/serve.py", "batch/machine.py", "viewing/page.py", "viewing/report.py"}
+    ours = {"_jit.py", "cli/serve.py", "batch/workers.py", "viewing/page.py", "viewing/report.py"}
     ours.add("extras.py")  # the record of our own installation
     for path in SOURCE.rglob("*.py"):
         if path.name != "files.py" and path.relative_to(SOURCE).as_posix() not in ours:
             for line in path.read_text(encoding="utf-8").splitlines():
                 found = [word for word in opening if f".{word.lstrip('.')}" in line]
                 assert not found, f"{path}: {line.strip()}"
+
+
+def test_tests_share_code_through_support_only():
+    """No test file imports another, nor a `conftest`."""
+    for path in Path(__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            modules += [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            for module in modules:
+                last = module.rpartition(".")[2]
+                assert not last.startswith(("test_", "conftest")), f"{path}: {module}"
+
+
+def test_every_package_is_tested_in_a_folder_of_its_name():
+    packages = {path.parent.name for path in SOURCE.glob("*/__init__.py")}
+    for package in packages:
+        assert list((Path(__file__).parent / package).glob("test_*.py")), package

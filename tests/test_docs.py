@@ -13,7 +13,7 @@ from saccade.datasets import save_drive
 from saccade.datasets.drives.camera_file import read_calibration
 from support.documentation import PAGES, code_of, prose_of
 from support.extraction import check_whole, extract_here, photographs
-from support.places import ROOT
+from support.paths import ROOT
 from support.small_drive import small_drive
 
 DOCS = ROOT / "docs"

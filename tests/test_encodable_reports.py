@@ -1,11 +1,11 @@
-"""A failure that cannot be encoded is told, and the others with it."""
+"""A failure whose text cannot be encoded is reported, and so are all others."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
 
-from fuzz.limits import PATIENCE
+from support.limits import TIMEOUT
 
 TESTS = r"""
 import sys
@@ -35,7 +35,7 @@ SETTINGS = {
 def test_a_lone_surrogate_ends_no_run(tmp_path):
     (tmp_path / "test_surrogates.py").write_text(TESTS)
     (tmp_path / "test_broken.py").write_text(r'raise RuntimeError("collected \ud800")')
-    words = ["-q", "-n", "1", "-p", "encodable_reports", "-p", "xdist", "-rs"]
+    words = ["-q", "-n", "1", "-p", "support.encodable_reports", "-p", "xdist", "-rs"]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "--continue-on-collection-errors", *words],
         cwd=tmp_path,
@@ -43,7 +43,7 @@ def test_a_lone_surrogate_ends_no_run(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     assert done.stdout.splitlines()[-1].startswith("3 failed, 1 skipped, 1 error in"), done.stdout
     for told in (

@@ -6,7 +6,7 @@ import runpy
 import cv2
 import pytest
 
-from support.places import ROOT
+from support.paths import ROOT
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 

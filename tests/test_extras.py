@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
-from support.places import ROOT
+from support.paths import ROOT
 
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
     "optional-dependencies"

@@ -5,10 +5,10 @@ import socket
 
 import pytest
 
-from fuzz.limits import limited
 from saccade.errors import OutputError
 from saccade.files import LARGEST_FILE, atomic_write, check_file, read_bytes, read_text
 from support.error_checks import refuses
+from support.limits import limited
 
 
 @pytest.mark.parametrize("kind", ["device", "pipe", "socket"])

@@ -14,11 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fuzz.limits import PATIENCE, limited
 from fuzz.mutations import broken
 from fuzz.targets import TARGETS
 from support.error_checks import result_or_refusal
 from support.fuzz_examples import EXAMPLES
+from support.limits import TIMEOUT, limited
 
 RUN = Path(__file__).parent / "fuzz" / "run.py"
 COMMANDS = {
@@ -94,13 +94,13 @@ def test_a_command_ends_well_or_in_one_line(run, seeds, name, chance):
 
 def test_files_broken_as_coverage_guides():
     pytest.importorskip("atheris")
-    words = ["--seconds", PATIENCE, "--runs", 20 * EXAMPLES, "--seed", 1]
+    words = ["--seconds", TIMEOUT, "--runs", 20 * EXAMPLES, "--seed", 1]
     done = subprocess.run(
         [sys.executable, RUN, "npz", "camera-toml", *map(str, words)],
         capture_output=True,
         text=True,
         check=False,
-        timeout=2 * PATIENCE,
+        timeout=2 * TIMEOUT,
     )
     assert done.returncode == 0, done.stdout
     assert done.stdout.count(": Done ") == 2

@@ -16,15 +16,15 @@ import h5py
 import numpy as np
 import pytest
 
-from fuzz.limits import PATIENCE, limited
 from fuzz.targets import TARGETS, points
 from saccade import exchange, read_image
 from saccade.batch import open_source
-from saccade.batch.machine import workers_for
+from saccade.batch.workers import count_workers
 from saccade.datasets import load
 from saccade.errors import ImageError, KeypointsError, LogError, OutputError
 from saccade.video import video_writer
 from support.error_checks import refuses
+from support.limits import TIMEOUT, limited
 from support.privileges import without_privileges
 
 NAMES = ("with space", "no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
@@ -92,7 +92,7 @@ def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
     for name in ("a.png", "b.png"):
         (tmp_path / name).write_bytes(png(HUGE, 3))
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    assert workers_for(open_source(str(tmp_path))) in (1, 2)
+    assert count_workers(open_source(str(tmp_path))) in (1, 2)
 
 
 def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
@@ -106,7 +106,7 @@ def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     assert done.returncode == 2
     assert "bomb.png: expected at most 268,435,456 pixels" in done.stderr
@@ -138,7 +138,7 @@ def test_an_array_that_says_it_is_huge(tmp_path, shape):
 
 
 def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
-    monkeypatch.setattr("saccade.npz.LARGEST_UNPACKED", 1 << 20)
+    monkeypatch.setattr("saccade.npz.MAX_UNPACKED", 1 << 20)
     npz(tmp_path / "a.npz", (1 << 22, 2), size=1 << 25)
     with limited(memory=100 << 20), refuses(KeypointsError, "a.npz", "bytes that unpack to"):
         exchange.read_npz(tmp_path / "a.npz")
@@ -300,7 +300,7 @@ def in_child(words, folder, prepare):
         stderr=subprocess.PIPE,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     return done.returncode, done.stderr
 

@@ -19,8 +19,8 @@ import pytest
 from packaging.requirements import Requirement
 
 import saccade
-from fuzz.limits import PATIENCE
-from support.places import ROOT
+from support.limits import TIMEOUT
+from support.paths import ROOT
 
 SOURCE = ROOT / "src" / "saccade"
 PERMISSIVE = {
@@ -57,7 +57,7 @@ def built(tmp_path_factory):
         capture_output=True,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     assert done.returncode == 0, done.stderr
     (wheel,), (sdist,) = out.glob("*.whl"), out.glob("*.tar.gz")
@@ -149,7 +149,7 @@ main()
         capture_output=True,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     assert done.returncode == 0, done.stderr
     assert str(tmp_path / "site") in done.stderr

@@ -4,7 +4,7 @@ import re
 from importlib.resources import files
 
 from support.documentation import anchors_of
-from support.places import ROOT
+from support.paths import ROOT
 
 NUMBER = r"(?<![\w.])\d*\.?\d+(?![\w.]\d)"
 README = (ROOT / "README.md").read_text(encoding="utf-8")

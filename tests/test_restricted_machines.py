@@ -10,16 +10,17 @@ import re
 import subprocess
 import sys
 from itertools import cycle, islice, product
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-import hostile_runs
-from fuzz.limits import PATIENCE
-from hostile_runs import COMMANDS, ENVIRONMENTS, all_commands
 from saccade.cli import TRACEBACK
+from support import hostile_environments
 from support.fuzz_examples import EXAMPLES
+from support.hostile_environments import COMMANDS, ENVIRONMENTS, EXITS, all_commands
+from support.limits import TIMEOUT
 from support.privileges import without_privileges
 
 OFFLINE = """
@@ -31,6 +32,7 @@ def refuse(event, arguments):
 
 sys.addaudithook(refuse)
 """
+TESTS = Path(__file__).parent
 MAIN = "from saccade.cli import main; main()"
 
 
@@ -53,7 +55,7 @@ def look(run, tmp_path):
             capture_output=True,
             text=True,
             check=False,
-            timeout=PATIENCE,
+            timeout=TIMEOUT,
         )
         assert done.returncode == 0, done.stderr
         assert not [line for line in done.stderr.splitlines() if "compiling" not in line]
@@ -111,13 +113,17 @@ def hostile(tmp_path_factory):
     """A folder with inputs, and by environment and command: exit code, stdout and stderr."""
     folder = tmp_path_factory.mktemp("hostile")
     done = subprocess.run(
-        [sys.executable, hostile_runs.__file__, folder],
+        [sys.executable, "-m", hostile_environments.__name__, folder],
         input=json.dumps(cases()),
-        env={**os.environ, "OMP_NUM_THREADS": "1"},  # forks have no other threads
+        env={
+            **os.environ,
+            "PYTHONPATH": str(TESTS),
+            "OMP_NUM_THREADS": "1",
+        },  # forks have one thread
         capture_output=True,
         text=True,
         check=False,
-        timeout=PATIENCE * max(1, EXAMPLES // 20),
+        timeout=TIMEOUT * max(1, EXAMPLES // 20),
     )
     assert done.returncode == 0, done.stderr
     results = json.loads((folder / "results.json").read_text())
@@ -155,7 +161,7 @@ def test_a_library_that_is_missing_is_named_with_the_extra_that_brings_it(hostil
 def test_what_cannot_be_printed_is_told(hostile):
     full = {command: each for (where, command), each in hostile[1].items() if where == "full"}
     for command, (code, _, err) in full.items():
-        if command not in hostile_runs.EXITS:
+        if command not in EXITS:
             assert code == 1, command
             assert err.endswith("saccade: standard output: No space left on device\n")
 
@@ -182,7 +188,7 @@ def test_no_variable_ends_in_a_traceback(hostile, tmp_path, words, variables, ex
         capture_output=True,
         text=True,
         check=False,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     assert done.returncode == expected, done.stderr
     assert told in done.stderr

@@ -1,4 +1,4 @@
-"""Optional dependencies: imports them, or says how to install them."""
+"""Optional dependencies: imports them, or tells how to install them."""
 
 import json
 import shlex
@@ -10,14 +10,14 @@ from saccade.errors import ConfigError
 
 
 def import_optional(library: str, extra: str) -> Any:
-    """A library that an extra of this package brings.
+    """Import a library of an extra of this package.
 
     Args:
-        library: what to import.
-        extra: what brings it.
+        library: name of the module.
+        extra: that installs it.
 
     Raises:
-        ConfigError: it is not installed; says how to install it.
+        ConfigError: it is not installed; tells how to install it.
     """
     try:
         return import_module(library)
@@ -28,7 +28,7 @@ def import_optional(library: str, extra: str) -> Any:
 
 
 def install_command(extra: str) -> str:
-    """The shell command that installs what an extra requires.
+    """The shell command that installs an extra.
 
     In a clone, where the install is editable or there is none, uv installs the extra. Elsewhere
     pip installs its requirements by their own names: `saccade` on PyPI is another project.

@@ -1,4 +1,4 @@
-"""What files are called, how they are opened, and output that appears whole or not at all."""
+"""Safe opening of files, atomic writes, and limits on sizes."""
 
 import os
 import stat
@@ -11,46 +11,46 @@ from typing import BinaryIO
 from saccade.errors import OutputError
 
 LARGEST_IMAGE = 1 << 28
-"""Pixels; as float32 RGB they take 3 GB, and what is made of them several times that."""
+"""Pixels. As float32 RGB they take 3 GB, and what is computed from them several times that."""
 LARGEST_FILE = 1 << 31
-"""Bytes of a file that is read as one piece."""
+"""Bytes of a file that is read into memory."""
 LARGEST_TEXT = 1 << 28
-"""Bytes of one that is text: lines and numbers take twenty times as much."""
+"""Bytes of a text file; parsed into lines and numbers it takes twenty times as much."""
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 
-def check_file(path: Path, most: int | None = None) -> None:
-    """Refuse what may have no end, or never begin: devices, pipes and sockets.
+def check_file(path: Path, max_bytes: int | None = None) -> None:
+    """Refuse devices, pipes and sockets, reading of which may block or never end.
 
-    Folders pass: the operating system has a better word for whoever opens one.
+    Folders pass: opening one raises an error of the operating system.
 
     Args:
-        path: what a library of others is about to open.
-        most: bytes that it may have; any number unless told otherwise.
+        path: that a library is about to open.
+        max_bytes: size limit; None for no limit.
 
     Raises:
-        OSError: it is no file, has too many bytes, or is not there.
+        OSError: it does not exist, is no file, or is too large.
     """
-    found = path.stat()
-    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
-        raise OSError(None, f"expected a file, found {_kind(found.st_mode)}", str(path))
-    if most is not None and found.st_size > most:
-        expected = f"expected at most {most:,} bytes, found {found.st_size:,}"
+    status = path.stat()
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+        raise OSError(None, f"expected a file, found {_kind(status.st_mode)}", str(path))
+    if max_bytes is not None and status.st_size > max_bytes:
+        expected = f"expected at most {max_bytes:,} bytes, found {status.st_size:,}"
         raise OSError(None, expected, str(path))
 
 
 def as_text(name: str) -> str:
-    """A name of a file, with a backslash, x and two digits for a byte that is not UTF-8."""
+    """A file name as text; a byte that is not UTF-8 is escaped, as in a Python literal."""
     return os.fsencode(name).decode("utf-8", "backslashreplace")
 
 
 @contextmanager
 def text_path(path: Path) -> Iterator[str]:
-    """A path for a library that takes no other than text: a link, where a name is none.
+    """A path for a library that accepts only UTF-8: a symbolic link, where the name is not.
 
     Args:
-        path: a file that is there.
+        path: an existing file.
     """
     if as_text(str(path)) == str(path):
         yield str(path)
@@ -62,7 +62,7 @@ def text_path(path: Path) -> Iterator[str]:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """A file, open for reading: every reader of ours comes by here.
+    """Open a file for reading; all readers of this package use it.
 
     Raises:
         OSError: see `check_file`.
@@ -71,45 +71,45 @@ def open_file(path: Path) -> BinaryIO:
     return path.open("rb")
 
 
-def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
-    """All that is in a file of at most so many bytes.
+def read_bytes(path: Path, max_bytes: int = LARGEST_FILE) -> bytes:
+    """The content of a file.
 
     Raises:
         OSError: see `check_file`.
     """
-    check_file(path, most)
+    check_file(path, max_bytes)
     return path.read_bytes()
 
 
 def read_text(path: Path) -> str:
-    """The text in a file, with the ends of its lines as they are, without a mark of UTF-8.
+    """The text of a file, with its own line ends, without a byte order mark.
 
     Raises:
         OSError: see `check_file`.
-        UnicodeDecodeError: it is no UTF-8.
+        UnicodeDecodeError: it is not UTF-8.
     """
     return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder for what is about to be made, if there is none.
+    """Create a folder and its parents, unless it exists.
 
     Raises:
-        OutputError: it cannot be made.
+        OutputError: it cannot be created.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:  # no name can hold a null or a lone surrogate
+    except (OSError, ValueError) as error:  # ValueError: a null or a lone surrogate in the name
         raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
 
 
 @contextmanager
 def atomic_write(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
-    """A temporary path that takes the name of `path` when the block ends well.
+    """A temporary path that is renamed to `path` when the block ends without an error.
 
     Args:
-        path: the file to write; missing folders are made, an old file is replaced.
-        folder: where the temporary path is, on the same disk; beside `path` unless told otherwise.
+        path: the file to write; missing folders are created, an old file is replaced.
+        folder: of the temporary path, on the same disk; None for that of `path`.
 
     Yields:
         The path to write to; it has the same suffix as `path`.
@@ -120,9 +120,9 @@ def atomic_write(path: str | Path, folder: Path | None = None) -> Iterator[Path]
     path = Path(path)
     try:
         if path.exists():
-            check_file(path)  # or the device itself would be replaced
-        for each in (folder or path.parent, path.parent):
-            each.mkdir(parents=True, exist_ok=True)
+            check_file(path)  # a device would be replaced
+        for parent in (folder or path.parent, path.parent):
+            parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(
             prefix=".saccade-", suffix=path.suffix, dir=folder or path.parent
         )
@@ -143,7 +143,7 @@ def atomic_write(path: str | Path, folder: Path | None = None) -> Iterator[Path]
 
 
 def reason_of(error: Exception) -> str:
-    """What is wrong, in the words of the operating system where it is its business."""
+    """Message of an error: that of the operating system, if it comes from there."""
     number = getattr(error, "errno", None)
     if number:
         return os.strerror(number)
@@ -151,7 +151,7 @@ def reason_of(error: Exception) -> str:
 
 
 def one_line(error: Exception) -> str:
-    """`reason_of`, where a library said it in several lines."""
+    """`reason_of` in one line."""
     return " ".join(reason_of(error).split())
 
 

@@ -1,38 +1,38 @@
-"""The versions of the files that are read again: one place to look at before one is changed.
+"""Format versions of the files that this package writes and reads.
 
-Whoever changes what such a file means adds 1 here and goes on reading what was written before:
-`tests/data/release-0.1` has a file of each. Text whose columns or settings have names (CSV, TOML,
-g2o) says what it holds and has no version.
+A change to a format adds 1 here, and files of the older versions must stay readable:
+`tests/data/release-0.1` has one of each. Text files with named columns or settings (CSV, TOML, g2o)
+have no version.
 """
 
 FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
     "map": 1,  # map.npz of `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
-    "checkpoint": 3,  # of an interrupted run; another version begins anew
+    "checkpoint": 3,  # of an interrupted run; other versions are ignored
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
-    "extraction": 1,  # the folder of `saccade extract`: manifest.json speaks for all of it
-    "index": 1,  # the index of `saccade index`: images.json speaks for all of it
+    "extraction": 1,  # the folder of `saccade extract`: in manifest.json, for all files
+    "index": 1,  # the index of `saccade index`: in images.json, for all files
 }
-"""By name, the version that is written; older ones are read too."""
+"""Current versions by name; older ones are read too."""
 
 
-def check_format(name: str, found: object, place: object, error: type[Exception]) -> None:
-    """Refuse what a later version of this package has written.
+def check_format(name: str, version: object, path: object, error: type[Exception]) -> None:
+    """Refuse files of a later version of this package.
 
     Args:
         name: one of `FORMATS`.
-        found: what the file says; None where it says nothing, as other programs' files.
-        place: the file.
-        error: what to raise.
+        version: in the file; None if it has none, as files of other programs.
+        path: of the file.
+        error: exception to raise.
     """
     known = FORMATS[name]
-    if found is None:
+    if version is None:
         return
-    if not isinstance(found, int) or found < 1:
-        raise error(f"{place}: expected a format from 1 to {known}, found {found!r}")
-    if found > known:
+    if not isinstance(version, int) or version < 1:
+        raise error(f"{path}: expected a format from 1 to {known}, found {version!r}")
+    if version > known:
         raise error(
-            f"{place}: expected a format up to {known}, found {found}: a later version of saccade "
+            f"{path}: expected a format up to {known}, found {version}: a later version of saccade "
             "has written it; upgrade this one"
         )

@@ -1,4 +1,4 @@
-"""Arrays out of .npz files: numbers and text, never pickled, and no more than was promised."""
+"""Reads .npz and .npy files safely: no pickles, no decompression bombs."""
 
 import os
 import zipfile
@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from saccade.files import check_file, one_line, open_file
 
-LARGEST_UNPACKED = 1 << 30
+MAX_UNPACKED = 1 << 30
 """Bytes that any file may unpack to."""
-MOST_UNPACKED = 100
-"""How many times its own size a larger one may: what holds measurements is packed less."""
+MAX_RATIO = 100
+"""Compression ratio above which a larger file is refused; measurements compress less."""
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -26,29 +26,29 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is something else, is broken, has objects in it, or unpacks to too much.
+        ValueError: it is something else, broken, holds objects, or unpacks to too much.
     """
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         try:
             with zipfile.ZipFile(file) as archive:
-                check_unpacked(size, sum(each.file_size for each in archive.infolist()))
+                check_unpacked(size, sum(member.file_size for member in archive.infolist()))
                 return {
-                    each.filename.removesuffix(".npy"): _array(archive, each)
-                    for each in archive.infolist()
+                    member.filename.removesuffix(".npy"): _array(archive, member)
+                    for member in archive.infolist()
                 }
         except MemoryError:
             raise
-        except Exception as error:  # the libraries raise what the broken bytes happen to provoke
-            raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+        except Exception as error:  # the libraries raise anything for broken bytes
+            raise ValueError(one_line(error)) from error
 
 
 def map_array(path: Path) -> npt.NDArray[Any]:
-    """The array in an .npy, read only, as it lies on the disk.
+    """The array of an .npy, memory-mapped and read-only.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is something else, is broken, or has objects in it.
+        ValueError: it is something else, broken, or holds objects.
     """
     check_file(path)
     try:
@@ -61,12 +61,12 @@ def map_array(path: Path) -> npt.NDArray[Any]:
 
 
 def check_unpacked(packed: int, unpacked: int) -> None:
-    """Refuse what is small on disk only.
+    """Refuse decompression bombs.
 
     Raises:
-        ValueError: there is more in it than `LARGEST_UNPACKED`, and than `MOST_UNPACKED` allows.
+        ValueError: the size exceeds `MAX_UNPACKED`, and the ratio `MAX_RATIO`.
     """
-    if unpacked > max(LARGEST_UNPACKED, MOST_UNPACKED * packed):
+    if unpacked > max(MAX_UNPACKED, MAX_RATIO * packed):
         raise ValueError(f"{packed:,} bytes that unpack to {unpacked:,}")
 
 

@@ -1,4 +1,4 @@
-"""Frames out of videos and into them."""
+"""Reads and writes videos."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
 
     Args:
         path: any video that OpenCV reads.
-        every: take one frame of so many.
+        every: take one frame of this many.
 
     Yields:
         Seconds since the start, and the (H, W, 3) RGB frame.
@@ -33,12 +33,12 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
         ImageError: the file is missing, or is no video.
     """
     rate, number = video_rate(path), 0
-    capture = _opened(path)
+    capture = _open(path)
     try:
         while capture.grab():
             if number % every == 0:
-                whole, frame = capture.retrieve()
-                if not whole:
+                decoded, frame = capture.retrieve()
+                if not decoded:
                     break
                 yield number / rate, np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
             number += 1
@@ -49,12 +49,12 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
 
 
 def video_rate(path: str | Path) -> float:
-    """Frames per second of a video; 25 where it does not say.
+    """Frames per second of a video; 25 where unknown.
 
     Raises:
         ImageError: there is no such file.
     """
-    capture = _opened(path)
+    capture = _open(path)
     try:
         return capture.get(cv2.CAP_PROP_FPS) or 25.0
     finally:
@@ -65,7 +65,7 @@ def video_rate(path: str | Path) -> float:
 def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], None]]:
     """A function that adds an (H, W, 3) uint8 RGB frame to an MP4 file.
 
-    The file appears when the block ends well. All frames have the shape of the first.
+    The file appears when the block ends without an error. All frames have the shape of the first.
 
     Args:
         path: the file to write.
@@ -95,7 +95,7 @@ def video_writer(path: str | Path, rate: float) -> Iterator[Callable[[Image], No
 
 
 class VideoFrames:
-    """The frames of a video by their numbers; quick where they are asked for in their order.
+    """Random access to the frames of a video; fast in ascending order.
 
     Raises:
         ImageError: the file is missing, or is no video.
@@ -105,14 +105,13 @@ class VideoFrames:
         self.path = Path(path)
         self.rate = video_rate(path)
         """Frames per second."""
-        self.announced = 0
-        """How many frames the file says it has; more than there are where it is cut."""
-        self._capture, self._next = _opened(path), 0
-        self.announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        self._capture, self._next = _open(path), 0
+        self.declared = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        """Number of frames in the header; too large in a truncated file."""
         while self._capture.grab():
             self._next += 1
         self._count = self._next
-        self._next += 1  # the end has been passed
+        self._next += 1  # past the end
         if self._count == 0:
             raise ImageError(f"{path}: expected a video, found no frame that can be decoded")
 
@@ -127,27 +126,27 @@ class VideoFrames:
         """
         if not 0 <= number < self._count:
             raise ImageError(f"{self.path}: expected a frame below {self._count}, found {number}")
-        if number < self._next - 1:  # the only way back that is exact in every format
+        if number < self._next - 1:  # seeking backwards is not exact in every format
             self._capture.release()
-            self._capture, self._next = _opened(self.path), 0
+            self._capture, self._next = _open(self.path), 0
         while self._next <= number and self._capture.grab():
             self._next += 1
-        whole, frame = self._capture.retrieve()
-        if not whole or self._next != number + 1:
+        decoded, frame = self._capture.retrieve()
+        if not decoded or self._next != number + 1:
             raise ImageError(f"{self.path}, frame {number}: cannot be decoded")
         return np.ascontiguousarray(frame[:, :, ::-1], np.uint8)
 
 
 def _check_written(path: Path) -> None:
-    """OpenCV says nothing of a disk that is full: what it could not end it cannot open."""
-    capture = _opened(path)
+    """Detect a full disk, which OpenCV does not report: it cannot open an unfinished video."""
+    capture = _open(path)
     if not capture.isOpened():
         raise OSError(None, "the video is cut short; is the disk full?", str(path))
     capture.release()
 
 
-def _opened(path: str | Path) -> cv2.VideoCapture:
-    """OpenCV's reader of a video: it would open anything, and take a pattern for a name."""
+def _open(path: str | Path) -> cv2.VideoCapture:
+    """Open a video; OpenCV alone would open devices, and take a name for a pattern."""
     try:
         check_file(Path(path))
     except (OSError, ValueError) as error:

@@ -1,6 +1,7 @@
 """Many images into one table, whatever happens meanwhile."""
 
 import json
+import os
 import resource
 import shutil
 import signal
@@ -14,20 +15,20 @@ import pyarrow.parquet as pq
 import pytest
 import zarr
 
-from fuzz.limits import PATIENCE
 from saccade import __version__, attention_saliency, read_image, scanpath
 from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import InProcess, Processes
+from saccade.batch.items import Item
 from saccade.batch.shards import Shard, ShardReport
-from saccade.batch.sources import Item
-from saccade.batch.store import LEFTOVERS
+from saccade.batch.store import PARTIAL
 from saccade.cli.extract import Pace
 from saccade.errors import ConfigError, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 from support import extraction
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
 from support.killed_process import deadly
+from support.limits import TIMEOUT
 
 IMAGES = 15
 KILLS = 20
@@ -44,7 +45,7 @@ def folder(tmp_path_factory):
 
 def test_what_comes_out_is_what_the_detector_finds(folder, tmp_path):
     result = extract_here(folder, tmp_path)
-    assert (result.done, result.same, result.totals.images) == (IMAGES, 0, IMAGES)
+    assert (result.done, result.unchanged, result.totals.images) == (IMAGES, 0, IMAGES)
     assert result.totals.shards == IMAGES / 3
     assert result.totals.rows > 5 * IMAGES
     check_complete(folder, tmp_path)
@@ -52,7 +53,7 @@ def test_what_comes_out_is_what_the_detector_finds(folder, tmp_path):
     assert manifest["complete"]
     assert manifest["configuration"]["settings"]["contrast_threshold"] == 0.016
     assert (manifest["images"], manifest["rows"]) == (IMAGES, result.totals.rows)
-    assert not (tmp_path / LEFTOVERS).exists()
+    assert not (tmp_path / PARTIAL).exists()
 
 
 def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
@@ -66,7 +67,7 @@ def test_a_second_run_does_what_is_new_and_what_has_changed(tmp_path):
     photographs(source, 12)[4].write_bytes(paths[0].read_bytes())
     paths[4].touch()
     result = extract_here(source, out)
-    assert (result.done, result.same) == (3, 9)
+    assert (result.done, result.unchanged) == (3, 9)
     check_complete(source, out)
 
 
@@ -116,6 +117,11 @@ def test_other_settings_do_not_mix(folder, tmp_path):
     assert all(len(rows) <= 6 for rows in check_whole(tmp_path).values())
 
 
+def test_descriptors_that_are_no_bytes_are_refused():
+    with pytest.raises(ConfigError, match="descriptor_dtype: expected uint8"):
+        Job("sift", SiftConfig(descriptor_dtype="float32"))
+
+
 def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
     source, out = tmp_path / "photos", tmp_path / "out"
     paths = photographs(source, 10)
@@ -123,7 +129,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
     paths[5].write_bytes(paths[5].read_bytes()[:200])
     images = open_source(str(source))
     paths[7].unlink()  # it was seen, and is gone when its turn comes
-    result = extract(images, SIFT, str(out), InProcess(), size=3)
+    result = extract(images, SIFT, str(out), InProcess(), shard_size=3)
     errors = pq.read_table(out / "errors.parquet").to_pandas().set_index("image").error
     assert list(errors.index) == ["003.png", "005.png", "007.png"]
     assert "expected an image" in errors["003.png"]
@@ -149,7 +155,7 @@ def killed(folder, tmp_path_factory):
         paths[number].write_bytes(paths[(number + 5) % IMAGES].read_bytes())
     paths[GONE].rename(root / "photos" / "new.png")
     words = [folder, root / "out", str(KILLS), root / "photos", root / "changed", root / "before"]
-    subprocess.run([sys.executable, extraction.__file__, *words], check=True, timeout=PATIENCE)
+    subprocess.run([sys.executable, extraction.__file__, *words], check=True, timeout=TIMEOUT)
     return root
 
 
@@ -161,7 +167,7 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_twice(folder, killed):
         done = len(check_whole(out))
         unfinished += 0 < done < IMAGES
         result = extract_here(folder, out)
-        assert (result.same, result.done) == (done, IMAGES - done)
+        assert (result.unchanged, result.done) == (done, IMAGES - done)
         assert len(check_whole(out)) == IMAGES
     assert unfinished > KILLS / 4
     check_complete(folder, out)
@@ -226,9 +232,16 @@ def test_only_one_run_at_a_time(folder, tmp_path):
         extract_here(folder, tmp_path)
 
 
+def test_no_setting_of_this_process_is_changed(folder, tmp_path):
+    before = dict(os.environ), cv2.getNumThreads()
+    extract_here(folder, tmp_path / "1")
+    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2))
+    assert (dict(os.environ), cv2.getNumThreads()) == before
+
+
 def test_processes_find_the_same_as_one(folder, tmp_path):
     extract_here(folder, tmp_path / "1")
-    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), size=3)
+    extract(open_source(str(folder)), SIFT, str(tmp_path / "2"), Processes(2), shard_size=3)
     two = check_whole(tmp_path / "2")
     assert all(two[name].equals(rows) for name, rows in check_whole(tmp_path / "1").items())
 

@@ -9,9 +9,9 @@ import time
 
 import pytest
 
-from fuzz.limits import PATIENCE
 from support.extraction import check_complete, photographs
-from support.places import ROOT
+from support.limits import TIMEOUT
+from support.paths import ROOT
 
 distributed = pytest.importorskip("distributed")
 
@@ -21,12 +21,12 @@ IMAGES = 30
 @pytest.fixture
 def cluster(tmp_path, monkeypatch):
     """Address of a scheduler, and the number of the process of one of its two workers."""
-    monkeypatch.setattr("saccade.batch.cluster.TIMEOUT", PATIENCE)
+    monkeypatch.setattr("saccade.batch.engines.TIMEOUT", TIMEOUT)
     command = [sys.executable, "-m", "support.dask_cluster", tmp_path]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
     with subprocess.Popen(command, text=True, cwd=ROOT / "tests", **pipes) as process:
         address, first, _ = process.stdout.readline().split()
-        with distributed.Client(address, timeout=PATIENCE, set_as_default=False) as client:
+        with distributed.Client(address, timeout=TIMEOUT, set_as_default=False) as client:
             client.wait_for_workers(2)
         yield address, int(first)
         process.stdin.close()
@@ -51,13 +51,13 @@ def test_a_worker_that_is_killed_loses_nothing(cluster, run, tmp_path):
     )
     assert code == 0, err
     assert f'"images": {IMAGES}' in printed
-    assert killed.wait(PATIENCE)
+    assert killed.wait(TIMEOUT)
     check_complete(source, out)
 
 
 def test_a_scheduler_that_is_not_there_is_named(run, tmp_path, monkeypatch):
     photographs(tmp_path / "photos", 1)
-    monkeypatch.setattr("saccade.batch.cluster.TIMEOUT", 0.3)
+    monkeypatch.setattr("saccade.batch.engines.TIMEOUT", 0.3)
     code, _, err = run("extract", tmp_path / "photos", "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "scheduler: expected one at tcp://127.0.0.1:9, found none" in err

@@ -16,7 +16,6 @@ import pytest
 from evo.tools import file_interface
 
 import saccade
-from fuzz.limits import PATIENCE
 from saccade import slam
 from saccade.cli.slam_files import summary
 from saccade.cli.slam_report import WORDS, facts
@@ -26,6 +25,7 @@ from saccade.types import Trajectory
 from saccade.video import read_video
 from support import interrupted_run
 from support.circular_log import simulate
+from support.limits import TIMEOUT
 
 PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
 
@@ -47,7 +47,7 @@ def made(short, tmp_path_factory):
         capture_output=True,
         text=True,
         check=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     return json.loads(done.stdout), folder
 
@@ -188,7 +188,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
         cwd=tmp_path,
         stderr=subprocess.PIPE,
         text=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
         check=False,
     )
     assert running.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)

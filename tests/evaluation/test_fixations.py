@@ -13,10 +13,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.io import savemat
 from scipy.stats import mannwhitneyu, pearsonr
 
-from fuzz.limits import PATIENCE
 from saccade.datasets.fixations import read_fixations
 from saccade.errors import ImageError, LogError
 from saccade.evaluation import fixations as metrics
+from support.limits import TIMEOUT
 
 MAPS = arrays(np.float64, (12, 16), elements=st.floats(0, 1, width=16))
 PLACES = arrays(np.float64, (7, 2), elements=st.floats(0, 11))
@@ -233,7 +233,7 @@ for metric in (auc, nss):
         pytest.skip("pysaliency, the peer, is not installed")
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", script],
-        capture_output=True, text=True, check=False, timeout=PATIENCE,
+        capture_output=True, text=True, check=False, timeout=TIMEOUT,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     theirs, ours = (np.array(line.split(), float) for line in done.stdout.splitlines())

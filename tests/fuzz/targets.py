@@ -311,7 +311,7 @@ def _look_up(folder: Path) -> object:
 
 
 def _table(folder: Path) -> object:
-    from saccade.batch.export import read_points
+    from saccade.batch.dataset import read_points
 
     return list(read_points(str(folder / "out")))
 
@@ -338,13 +338,13 @@ def _mapped(folder: Path, maps: str) -> None:
 
 
 def _read_map(folder: Path) -> object:
+    from saccade.batch.dataset import read_table
     from saccade.batch.maps import read_map
-    from saccade.batch.shards import read_rows
-    from saccade.batch.store import Folder
-    from saccade.batch.tables import MAP_ROWS
+    from saccade.batch.store import LocalStore
+    from saccade.batch.tables import MAP_SCHEMA
 
-    store = Folder(str(folder / "out"))
-    rows = read_rows(store, "contrast/part-0.parquet", MAP_ROWS)
+    store = LocalStore(str(folder / "out"))
+    rows = read_table(store, "contrast/part-0.parquet", MAP_SCHEMA)
     return read_map(store, rows) if len(rows) else None
 
 
@@ -355,7 +355,7 @@ def _list(folder: Path) -> None:
 
 def _listed(folder: Path) -> object:
     from saccade.batch import open_source
-    from saccade.batch.reading import read_content
+    from saccade.batch.items import read_content
 
     source = open_source(str(folder / "photos.txt"))
     return [read_content(source[i]) for i in range(len(source))]
@@ -438,11 +438,11 @@ def _written(name: str, text: str, kind: str) -> Target:
 
 
 def _again(folder: Path) -> object:
-    from saccade.batch.manifest import read_manifest, records
-    from saccade.batch.store import Folder
+    from saccade.batch.dataset import read_manifest, read_records
+    from saccade.batch.store import LocalStore
 
-    store = Folder(str(folder / "out"))
-    return read_manifest(store), list(records(store))
+    store = LocalStore(str(folder / "out"))
+    return read_manifest(store), list(read_records(store))
 
 
 def _tar(folder: Path) -> None:
@@ -455,10 +455,10 @@ def _tar(folder: Path) -> None:
 
 def _untar(folder: Path) -> object:
     from saccade.batch import open_source
-    from saccade.batch.reading import decoded, read_content
+    from saccade.batch.items import decode, read_content
 
     source = open_source(str(folder / "photos.tar"))
-    return [decoded(read_content(source[i]), "a.png") for i in range(len(source))]
+    return [decode(read_content(source[i]), "a.png") for i in range(len(source))]
 
 
 def _exchanged(name: str, write, read) -> Target:

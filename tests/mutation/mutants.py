@@ -1,4 +1,4 @@
-"""Small changes to the code of a room, and what of its tests each can be seen by."""
+"""Mutants: small changes to the code of a package."""
 
 import random
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ from cosmic_ray.ast import ast_nodes, get_ast_from_path
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 
-LEFT_OUT = ("BitOr", "ExceptionReplacer", "RemoveDecorator", "Variable")
-"""Operators whose changes say little: most of them break what is said of types, or an import."""
+EXCLUDED = ("BitOr", "ExceptionReplacer", "RemoveDecorator", "Variable")
+"""Operators whose changes say little: most of them break type annotations or an import."""
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the so-many-th place of a file where an operator of cosmic-ray can act."""
+    """One change: an occurrence in a file where an operator of cosmic-ray can act."""
 
     path: Path
     operator: str
@@ -40,12 +40,12 @@ class Mutant:
 
 
 def sample(folder: Path, count: int, chance: random.Random) -> tuple[int, list[Mutant]]:
-    """How many mutants the files of a folder have, and some, the same share of every file."""
+    """How many mutants the files of a folder have, and some, the same fraction of every file."""
     every = []
     for path in sorted(folder.rglob("*.py")):
         nodes = list(ast_nodes(get_ast_from_path(path)))
         for name in operator_names():
-            if not any(word in name for word in LEFT_OUT):
+            if not any(word in name for word in EXCLUDED):
                 operator = get_operator(name)()
                 places = sum(len(list(operator.mutation_positions(node))) for node in nodes)
                 every += [Mutant(path, name, place) for place in range(places)]

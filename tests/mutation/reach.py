@@ -1,4 +1,4 @@
-"""A plugin of pytest: which lines every quick test runs; the slow ones are stopped."""
+"""A pytest plugin that records which lines every quick test runs; slow tests are stopped."""
 
 import os
 import signal
@@ -14,21 +14,21 @@ class Reach:
     """Collects while pytest runs.
 
     Args:
-        room: the folder of the code.
-        limit: seconds of the processor that a test may take, fixtures and tracing too.
+        package: the folder of the code.
+        limit: CPU seconds that a test may take, fixtures and tracing included.
     """
 
-    def __init__(self, room: Path, limit: float) -> None:
+    def __init__(self, package: Path, limit: float) -> None:
         self.limit = limit
         self.took: dict[str, float] = {}
         self.slow: Counter[str] = Counter()
-        include = [f"{room}{os.sep}*"]
+        include = [f"{package}{os.sep}*"]
         self.tracer = coverage.Coverage(data_file=None, include=include, config_file=False)
         self.tracer.start()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
-        """Know whose lines are whose."""
+        """Attribute lines to the test."""
         self.tracer.switch_context(item.nodeid)
         result = yield
         self.tracer.switch_context("")
@@ -72,7 +72,7 @@ class Reach:
         elif not report.passed:
             self.took.pop(report.nodeid, None)
 
-    def seen(self) -> dict[str, dict[str, dict[str, float]]]:
+    def lines(self) -> dict[str, dict[str, dict[str, float]]]:
         """By file and line, the tests that run it and their seconds, the quickest first."""
         self.tracer.stop()
         data = self.tracer.get_data()

@@ -1,9 +1,10 @@
-"""What share of small changes to a room its tests notice: `uvx nox -s mutation -- slam`.
+"""Mutation testing: which fraction of small changes to a package its tests notice.
 
-A sample of the mutants that cosmic-ray knows, the same share of every file. A mutant is met by
-the quick tests that run its line, in a process forked from one that has the libraries loaded. A
-changed kernel and those that call it are interpreted: to compile them would take a minute, and
-what a kernel means is what its Python says. The slow tests may yet notice what survives.
+`uvx nox -s mutation -- slam` draws a sample of cosmic-ray's mutants, the same fraction of every
+file. A mutant is given to the quick tests that run its line, in a process forked from one that has
+the libraries loaded. A changed kernel and those that call it are interpreted: to compile them would
+take a minute, and what a kernel means is what its Python says. The slow tests may still notice what
+survives.
 """
 
 import argparse
@@ -21,21 +22,9 @@ from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-TESTS = {
-    "attention": (
-        *("contrast", "contrast_settings", "channels", "normalize", "scanpath", "symmetry"),
-        *("symmetric_pairs", "proto_object", "combined", "saliencytoolbox2", "edges", "limits"),
-    ),
-    "keypoints": (
-        *("descriptor", "extrema", "matching", "must", "selection", "sift", "sift_settings"),
-        *("symroid", "verification", "describe", "edges", "limits"),
-    ),
-    "slam": (
-        *("models", "ekf", "association", "run", "compressed", "consistency", "exploring"),
-        *("tuning", "odometry_bias", "checkpoint", "hard_logs", "smoothing", "limits"),
-    ),
-}
-"""Of each room."""
+PACKAGES = ("attention", "keypoints", "slam")
+SHARED_TESTS = ("tests/test_limits.py", "tests/keypoints/test_edges.py")
+"""Tests of every package, beside those in its own folder."""
 LIBRARIES = (
     *("numba", "cv2", "scipy.linalg", "scipy.ndimage", "scipy.optimize", "scipy.spatial"),
     *("scipy.stats", "scipy.sparse.linalg", "scipy.signal", "scipy.io", "matplotlib.pyplot"),
@@ -43,33 +32,35 @@ LIBRARIES = (
 )
 """Loaded once; the project itself is loaded by every mutant."""
 LIMIT = 2.0
-"""Seconds of the processor that a test may take to be asked, with its lines traced."""
-START, SLOWER = 20.0, 4.0
-"""Seconds of the processor, and times what its tests need, after which a mutant counts as
-noticed: it goes round in circles."""
+"""CPU seconds that a quick test may take, with its lines traced."""
+STARTUP, SLOWDOWN = 20.0, 4.0
+"""CPU seconds, and multiple of what its tests need, after which a mutant counts as noticed: it
+loops."""
 Lines = dict[str, dict[str, float]]
-"""By line the tests that run it, and their seconds."""
+"""By line, the tests that run it and their seconds."""
 MEMORY = 8 << 30
 
 
 def main() -> None:
-    """Print how many of a sample were noticed, and list those that were not."""
+    """Print how many mutants of a sample were noticed, and list the survivors."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("room", choices=TESTS)
-    parser.add_argument("--count", type=int, default=150, help="how many mutants are tried")
-    parser.add_argument("--seed", type=int, default=1, help="which ones")
-    parser.add_argument("--only", default="", help="of these, whose description has this")
-    parser.add_argument("--warm", action="store_true", help="all kernels are compiled already")
+    parser.add_argument("package", choices=PACKAGES)
+    parser.add_argument("--count", type=int, default=150, help="number of mutants")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the sample")
+    parser.add_argument("--only", default="", help="only mutants whose description contains this")
+    parser.add_argument("--warm", action="store_true", help="kernels are compiled already")
     asked = parser.parse_args()
     prepare()
-    if not asked.warm and forked(partial(meet, ROOT, "", dict.fromkeys(files(asked.room), 1000.0))):
-        sys.exit(f"{asked.room}: its tests fail without a change")
+    if not asked.warm and forked(
+        partial(run_tests, ROOT, "", dict.fromkeys(test_files(asked.package), 1000.0))
+    ):
+        sys.exit(f"{asked.package}: its tests fail without a change")
     from mutation.mutants import sample
 
-    room = ROOT / "src" / "saccade" / asked.room
-    number, chosen = sample(room, asked.count, random.Random(asked.seed))
+    package = ROOT / "src" / "saccade" / asked.package
+    number, chosen = sample(package, asked.count, random.Random(asked.seed))
     chosen = [each for each in chosen if asked.only in each.describe()]
-    print(f"{number} mutants in {asked.room}, of which {len(chosen)} are tried", flush=True)
+    print(f"{number} mutants in {asked.package}, of which {len(chosen)} are tried", flush=True)
     reached: dict[str, Lines] = {}
     killed = 0
     for count, mutant in enumerate(sorted(chosen, key=lambda each: each.path), 1):
@@ -77,14 +68,14 @@ def main() -> None:
         if path not in reached:
             reached |= reach(mutant.path)
         ours = tests_of(reached[path], mutant.lines()[0])
-        noticed = bool(ours) and forked(partial(meet, mutant.path, mutant.source(), ours))
+        noticed = bool(ours) and forked(partial(run_tests, mutant.path, mutant.source(), ours))
         killed += noticed
         if not noticed:
             print(f"survived {len(ours)} tests: {mutant.describe()}", flush=True)
         print(f"{killed} of {count} killed", end="\r", file=sys.stderr, flush=True)
     low, high = wilson(killed, len(chosen))
-    share = f"{killed / len(chosen):.0%} ({low:.0%} to {high:.0%} with 95 % certainty)"
-    print(f"{asked.room}: {killed} of {len(chosen)} mutants killed: {share}")
+    rate = f"{killed / len(chosen):.0%} ({low:.0%} to {high:.0%} with 95 % confidence)"
+    print(f"{asked.package}: {killed} of {len(chosen)} mutants killed: {rate}")
 
 
 def prepare() -> None:
@@ -98,37 +89,40 @@ def prepare() -> None:
         importlib.import_module(name)
 
 
-def files(room: str) -> list[str]:
-    """The tests of a room."""
-    named = (Path("tests").rglob(f"test_{name}.py") for name in TESTS[room])
-    return [str(path) for paths in named for path in paths]
+def test_files(package: str) -> list[str]:
+    """The tests of a package."""
+    own = sorted(map(str, Path("tests", package).glob("test_*.py")))
+    return [*own, *(path for path in SHARED_TESTS if path not in own)]
 
 
 def reach(path: Path) -> dict[str, Lines]:
-    """By file and line the quick tests that run it: of all files of a room that have kernels,
-    with these interpreted, or of all that have none, as this one does."""
-    room = next(each for each in path.parents if each.parent.name == "saccade")
-    has_kernels = {each: "@kernel" in each.read_text() for each in room.rglob("*.py")}
+    """By file and line, the quick tests that run it.
+
+    Of all files of a package that have kernels, with these interpreted, if this one has; of all
+    that have none otherwise.
+    """
+    package = next(each for each in path.parents if each.parent.name == "saccade")
+    has_kernels = {each: "@kernel" in each.read_text() for each in package.rglob("*.py")}
     alike = [each for each in has_kernels if has_kernels[each] == has_kernels[path]]
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "reach.json"
-        if forked(partial(look, room, alike if has_kernels[path] else [], report)):
+        if forked(partial(trace_tests, package, alike if has_kernels[path] else [], report)):
             sys.exit(f"{path}: its tests do not run")
-        seen: dict[str, Lines] = json.loads(report.read_text())
-    return {str(each): seen.get(str(each), {}) for each in alike}
+        traced: dict[str, Lines] = json.loads(report.read_text())
+    return {str(each): traced.get(str(each), {}) for each in alike}
 
 
-def look(room: Path, interpreted: Collection[Path], report: Path) -> int:
-    """Run tests to see which lines they reach; 0 if they ran."""
+def trace_tests(package: Path, interpreted: Collection[Path], report: Path) -> int:
+    """Trace the lines that every quick test runs; gives 0 if the tests ran."""
     import pytest
 
     from mutation.changed import QUIETLY, interpret
     from mutation.reach import Reach
 
-    seen = Reach(room, LIMIT)
+    traced = Reach(package, LIMIT)
     interpret(interpreted)
-    ended = pytest.main([*QUIETLY, *files(room.name)], plugins=[seen])
-    report.write_text(json.dumps(seen.seen()))
+    ended = pytest.main([*QUIETLY, *test_files(package.name)], plugins=[traced])
+    report.write_text(json.dumps(traced.lines()))
     return int(ended > 1)
 
 
@@ -138,14 +132,14 @@ def tests_of(reached: Lines, line: int) -> dict[str, float]:
     return reached.get(str(line)) or dict(sorted(every.items(), key=lambda each: each[1]))
 
 
-def meet(path: Path, source: str, tests: dict[str, float]) -> int:
-    """Run tests with a file that says something else; the exit code of pytest."""
+def run_tests(path: Path, source: str, tests: dict[str, float]) -> int:
+    """Run tests with another source in place of a file; gives the exit code of pytest."""
     import pytest
 
     from mutation.changed import QUIETLY, replace
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    signal.setitimer(signal.ITIMER_PROF, START + SLOWER * sum(tests.values()))
+    signal.setitimer(signal.ITIMER_PROF, STARTUP + SLOWDOWN * sum(tests.values()))
     replace(path, source)
     return int(pytest.main([*QUIETLY, "-x", *tests]))
 
@@ -170,11 +164,11 @@ def forked(work: Callable[[], int]) -> bool:
 
 
 def wilson(killed: int, count: int) -> tuple[float, float]:
-    """The interval of Wilson for a share."""
-    z, share = 1.96, killed / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
+    """The Wilson score interval of a proportion."""
+    z, rate = 1.96, killed / count
+    middle = (rate + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count)
-    half *= (share * (1 - share) / count + z * z / (4 * count * count)) ** 0.5
+    half *= (rate * (1 - rate) / count + z * z / (4 * count * count)) ** 0.5
     return middle - half, middle + half
 
 

@@ -21,7 +21,6 @@ import pytest
 from PIL import Image as Pillow
 
 import saccade
-from fuzz.limits import PATIENCE
 from saccade.cli.attention_models import Model
 from saccade.errors import ConfigError, ImageError
 from saccade.extras import install_command
@@ -29,6 +28,7 @@ from saccade.serving import snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
 from saccade.serving.controls import RANGES, TITLES, controls, field_help
 from saccade.settings import load_settings, preset_names, settings_from
+from support.limits import TIMEOUT
 
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 from starlette.testclient import TestClient
@@ -339,7 +339,7 @@ def test_the_copied_command_says_what_was_set(tmp_path):
     stub.chmod(0o755)
     environment = {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
     subprocess.run(
-        ["bash", "-ec", command], cwd=tmp_path, env=environment, timeout=PATIENCE, check=True
+        ["bash", "-ec", command], cwd=tmp_path, env=environment, timeout=TIMEOUT, check=True
     )
     words = (tmp_path / "said").read_text().splitlines()
     assert words == ["look", f"./{name}", "--fixations", "3", "--config", "attention.toml"]
@@ -462,7 +462,7 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
         port = int(
             re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C ends it", line)[1]
         )
-        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as raw:
+        with socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT) as raw:
             head = f"POST /photo?name=a.png HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
             head += "Transfer-Encoding: chunked\r\n\r\n"
             body = _upright()
@@ -478,7 +478,7 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
             with pytest.raises(OSError), socket.create_connection((address, port), timeout=1):
                 pass
         process.send_signal(signal.SIGINT)
-        out, rest = process.communicate(timeout=PATIENCE)
+        out, rest = process.communicate(timeout=TIMEOUT)
     finally:
         process.kill()
         process.wait()

@@ -10,9 +10,9 @@ from urllib.request import urlopen
 
 import pytest
 
-from fuzz.limits import PATIENCE
 from saccade.serving.analysis import PhotoAnalyzer
 from saccade.serving.controls import controls
+from support.limits import TIMEOUT
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 uvicorn = pytest.importorskip("uvicorn", reason="the extra serve is not installed")
@@ -43,7 +43,7 @@ class _Counting(PhotoAnalyzer):
 
     def analyze(self, wishes):
         self.looks += 1
-        self._may_look.wait(PATIENCE)
+        self._may_look.wait(TIMEOUT)
         return super().analyze(wishes)
 
     @contextmanager
@@ -54,7 +54,7 @@ class _Counting(PhotoAnalyzer):
         try:
             yield
             for _ in range(3):  # all that is there, what of it was closed, and once more
-                urlopen(f"{address}state", timeout=PATIENCE).close()
+                urlopen(f"{address}state", timeout=TIMEOUT).close()
         finally:
             self._may_look.set()
 
@@ -75,7 +75,7 @@ def served():
         thread.start()
         yield bench, f"http://127.0.0.1:{port}/"
         server.should_exit = True
-        thread.join(PATIENCE)
+        thread.join(TIMEOUT)
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def opened(browser, served):
     def open_page(**how):
         page = browser.new_page(**how)
         pages.append(page)
-        page.set_default_timeout(1000 * PATIENCE)
+        page.set_default_timeout(1000 * TIMEOUT)
         expected = "status of 4"  # what the server refuses is told on the page
         page.on("console", lambda said: expected in said.text or troubles.append(said.text))
         page.on("pageerror", lambda error: troubles.append(str(error)))

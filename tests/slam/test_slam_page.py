@@ -11,7 +11,7 @@ from saccade import slam
 from saccade.errors import LogError
 from support.circular_log import simulate
 from support.oracles_slam import numerical_jacobian
-from support.places import ROOT
+from support.paths import ROOT
 
 SCALE, WHEEL_BASE = 60.0, 2.8
 

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from support.places import ROOT
+from support.paths import ROOT
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from saccade import Sift, SiftConfig
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import InProcess
-from saccade.batch.reading import digest_of
+from saccade.batch.items import content_hash
 from saccade.image import decode_image
 
 SIFT = Job("sift", SiftConfig())
@@ -38,7 +38,7 @@ def photographs(folder, count):
 
 def extract_here(source, out, job=SIFT, size=3, **options):
     """`extract` in this process."""
-    return extract(open_source(str(source)), job, str(out), InProcess(), size=size, **options)
+    return extract(open_source(str(source)), job, str(out), InProcess(), shard_size=size, **options)
 
 
 def check_whole(out, table="sift"):
@@ -81,7 +81,7 @@ def check_complete(source, out, gone=()):
         np.testing.assert_allclose(rows[name][["x", "y"]], points.xy, atol=0.5 / 256)
         described = np.frombuffer(b"".join(rows[name].descriptor), np.uint8).reshape(-1, 128)
         assert np.abs(described.astype(int) - points.descriptors).max(initial=0) <= 1
-        assert recorded.content[name] == digest_of(content)
+        assert recorded.content[name] == content_hash(content)
 
 
 @cache

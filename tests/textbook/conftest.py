@@ -3,7 +3,7 @@
 import pytest
 
 from saccade.textbook import sift
-from textbook.pictures import scene
+from support.gray_scenes import scene
 
 
 @pytest.fixture(scope="session")

@@ -31,7 +31,7 @@ from saccade.textbook.sift import (
     smooth,
     value_at,
 )
-from textbook.pictures import TURN, angle_between, blob, lines, scene
+from support.gray_scenes import TURN, angle_between, blob, lines, scene
 
 ALWAYS_THE_SAME = settings(derandomize=True, max_examples=50)
 FATES = {"kept", "low contrast", "edge", "unstable"}

@@ -15,7 +15,7 @@ from saccade.textbook.sift import (
     orientation_histogram,
     sample_grid,
 )
-from textbook.pictures import TURN, angle_between, ramp, scene
+from support.gray_scenes import TURN, angle_between, ramp, scene
 
 ALWAYS_THE_SAME = settings(derandomize=True, max_examples=50)
 

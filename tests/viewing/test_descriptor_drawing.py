@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saccade import Keypoints, Sift, SiftConfig
-from support.places import ROOT
+from support.paths import ROOT
 
 RAMPS = [(0, 0), (30, 0), (90, 0), (-120, 0), (70, 25), (-50, -160)]
 """Degrees from x towards y: the gradient of the image, and the angle of the point."""

@@ -6,7 +6,6 @@ from html import escape
 import numpy as np
 import pytest
 
-from fuzz.limits import PATIENCE
 from saccade.cli.report_builder import ReportBuilder
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
@@ -21,6 +20,7 @@ from saccade.viewing.report_map import (
     uncertainty_charts,
 )
 from saccade.viewing.report_table import table_part
+from support.limits import TIMEOUT
 
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 LANDMARKS = np.array([[0.0, 0.0], [8.0, 4.0], [4.0, 4.0]])
@@ -40,7 +40,7 @@ def opened(browser, tmp_path):
         file.write_text(text, encoding="utf-8")
         page = browser.new_page(**how)
         pages.append(page)
-        page.set_default_timeout(1000 * PATIENCE)
+        page.set_default_timeout(1000 * TIMEOUT)
         page.on("console", lambda message: troubles.append(message.text))
         page.on("pageerror", lambda error: troubles.append(str(error)))
         page.on("dialog", lambda dialog: troubles.append(dialog.message))

@@ -20,7 +20,7 @@ from saccade.cli import main
 from saccade.cli.textbook_source import Chapter, code_of
 from saccade.cli.textbook_steps import filter_trace, small_world
 from saccade.viewing.steps import mathml, step_table
-from support.places import ROOT
+from support.paths import ROOT
 
 DATA = files("saccade") / "data"
 PRINTED = (("A", 14), ("B", 12), ("C", 18))

@@ -12,7 +12,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from fuzz.limits import PATIENCE
 from saccade.errors import ConfigError, OutputError
 from saccade.extras import install_command
 from saccade.types import (
@@ -41,6 +40,7 @@ from saccade.viewing import (
 from saccade.viewing.attention import lit_by
 from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.style import BLUE, ORANGE, RED
+from support.limits import TIMEOUT
 
 IMAGE = np.random.default_rng(1).random((60, 90, 3), np.float32)
 SCANPATH = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.1, 0.2]), np.ones(2))
@@ -245,7 +245,7 @@ def _entities(path):
         capture_output=True,
         text=True,
         check=True,
-        timeout=PATIENCE,
+        timeout=TIMEOUT,
     )
     return done.stdout
 

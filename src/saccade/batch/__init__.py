@@ -1,13 +1,13 @@
-"""Many images: from a folder to a cluster.
+"""Feature extraction from many images, on one machine or a cluster.
 
-`extract` cuts a source into shards, and an engine that others wrote runs `extract_shard` on each.
-What comes out is a folder of Parquet files:
+`extract` cuts a source into shards, and an engine (processes, or Dask) runs `extract_shard` on
+each. The result is a data set, a folder of Parquet files:
 
-    manifest.json        what made it, and how much there is
-    images/part-*        a row for every image: hash of its content, size, how many rows, error
-    sift/part-*          the table itself, in a folder of the name of what was extracted
-    maps/part-*          maps, where they were asked for
-    errors.parquet       the images that could not be done, and why; only if there are any
+    manifest.json        configuration and totals
+    images/part-*        a row for every image: hash of its content, size, number of rows, error
+    sift/part-*          the table itself, in a folder with the name of what was extracted
+    maps/part-*          saliency maps, if they were extracted
+    errors.parquet       images that failed, and why; only if there are any
 """
 
 from importlib import import_module
@@ -29,7 +29,7 @@ __all__ = ["Extraction", "Job", "extract", "open_source"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name when it is first used: workers load beside the one that hands out the work."""
+    """Load a name when it is first used: workers load beside the process that starts them."""
     if name not in _HOME_OF:
         raise AttributeError(f"module 'saccade.batch' has no attribute {name!r}")
     value = getattr(import_module(f"saccade.batch.{_HOME_OF[name]}"), name)

@@ -1,4 +1,4 @@
-"""What is computed of one image."""
+"""Runs the algorithm of a job on one image."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -7,76 +7,73 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from saccade import keypoints
 from saccade.batch import tables
 from saccade.batch.job import MAPS, POINTS, Job
-from saccade.types import Float32Array, Image
+from saccade.types import Float32Array, Image, Keypoints, Regions
 
 
-class Product(NamedTuple):
-    """What was made of an image."""
+class ImageResult(NamedTuple):
+    """What was extracted from an image."""
 
     rows: pa.RecordBatch
     """Of the table."""
     map: Float32Array | None = None
-    """(h, w) in [0, 1], where a map was asked for; its row is made when its place is known."""
+    """(h, w) in [0, 1], if the job is for maps."""
 
 
 @lru_cache(maxsize=1)
-def analysis(job: Job) -> Callable[[str, Image], Product]:
-    """From the name of an image and its pixels to its `Product`; it keeps its memory."""
+def analyzer(job: Job) -> Callable[[str, Image], ImageResult]:
+    """A function from the name and pixels of an image to the result; detectors keep their memory.
+
+    Args:
+        job: what to extract.
+    """
     if job.what in POINTS:
-        find = _detector(job)
-
-        def points(name: str, image: Image) -> Product:
-            return Product(tables.point_table(name, find(image), exact=job.exact))
-
-        return points
+        detect = _detector(job)
+        return lambda name, image: ImageResult(
+            tables.point_table(name, detect(image), exact=job.exact)
+        )
     if job.what in MAPS:
-        saliency = _saliency(job)
+        model = _saliency_model(job)
 
-        def maps(name: str, image: Image) -> Product:
-            found = saliency(image).astype(np.float16).astype(np.float32)
-            return Product(tables.map_row(name, "", "", found, image.shape), found)
+        def extract_map(name: str, image: Image) -> ImageResult:
+            saliency = model(image, job.settings).saliency
+            values = saliency.astype(np.float16).astype(np.float32)  # as it is stored
+            return ImageResult(tables.map_row(name, values, image.shape), values)
 
-        return maps
+        return extract_map
 
-    def fixations(name: str, image: Image) -> Product:
-        from saccade.attention import attention_saliency, scanpath
+    def extract_scanpath(name: str, image: Image) -> ImageResult:
+        from saccade import attention
 
-        found = attention_saliency(image, job.settings).saliency
-        path = scanpath(found, image.shape, job.fixations, job.network)
-        return Product(tables.fixation_table(name, path))
+        saliency = attention.attention_saliency(image, job.settings).saliency
+        path = attention.scanpath(saliency, image.shape, job.fixations, job.network)
+        return ImageResult(tables.fixation_table(name, path))
 
-    return fixations
+    return extract_scanpath
 
 
 def schema_of(job: Job) -> pa.Schema:
     """The columns of the table of a job."""
     if job.what in POINTS:
         return tables.point_schema(boxes=job.what == "symroid")
-    return tables.MAP_ROWS if job.what in MAPS else tables.FIXATIONS
+    return tables.MAP_SCHEMA if job.what in MAPS else tables.FIXATION_SCHEMA
 
 
-def _detector(job: Job) -> Callable[[Image], Any]:
+def _detector(job: Job) -> Callable[[Image], Keypoints | Regions]:
     if job.what == "sift":
-        from saccade.keypoints.sift import Sift
-
-        return Sift(job.settings, threads=1)
+        return keypoints.Sift(job.settings, threads=1)
     if job.what == "must":
-        from saccade.keypoints.must import Must
-
-        return Must(job.settings, threads=1)
-    from saccade.keypoints.symroid import SymRoid
-
-    return SymRoid(job.settings)
+        return keypoints.Must(job.settings, threads=1)
+    return keypoints.SymRoid(job.settings)
 
 
-def _saliency(job: Job) -> Callable[[Image], Float32Array]:
+def _saliency_model(job: Job) -> Callable[[Image, Any], Any]:
     from saccade import attention
 
-    models: dict[str, Callable[[Image, Any], Any]] = {
-        "saliency": attention.attention_saliency,
-        "contrast": attention.contrast_saliency,
-        "symmetry": attention.symmetry_saliency,
-    }
-    return lambda image: np.asarray(models[job.what](image, job.settings).saliency, np.float32)
+    if job.what == "saliency":
+        return attention.attention_saliency
+    if job.what == "contrast":
+        return attention.contrast_saliency
+    return attention.symmetry_saliency

@@ -1,39 +1,58 @@
-"""Many images in, one table out: what `saccade extract` does."""
+"""Extracts features from all images of a source into a data set, and writes its manifest."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
 from functools import partial
+from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from saccade.batch.dataset import MANIFEST, read_manifest, read_records
 from saccade.batch.engines import Engine
 from saccade.batch.job import Job
-from saccade.batch.manifest import (
-    Totals,
-    check_manifest,
-    last_totals,
-    write_errors,
-    write_manifest,
-)
-from saccade.batch.planning import Plan, remove_orphans
+from saccade.batch.planning import plan_shards, remove_orphans
 from saccade.batch.shards import Shard, ShardReport, extract_shard
 from saccade.batch.sources import Source
-from saccade.batch.store import open_store
-from saccade.errors import OutputError
+from saccade.batch.store import Store, open_store
+from saccade.batch.tables import ERROR_SCHEMA, parquet_options, record_batch
+from saccade.errors import ConfigError, OutputError
+from saccade.formats import FORMATS
+
+ERROR_FILE = "errors.parquet"
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What a data set holds."""
+
+    images: int = 0
+    """Images in the table, including those without a row."""
+    rows: int = 0
+    """Rows of the table."""
+    errors: int = 0
+    """Images that failed."""
+    shards: int = 0
+    """Files of the table."""
+    by_other_versions: int = 0
+    """Images that another version of this package did."""
 
 
 @dataclass(frozen=True)
 class Extraction:
-    """What a run did."""
+    """Results of a run."""
 
     done: int
-    """Images that were worked on."""
-    same: int
-    """Images that had been done before."""
+    """Images processed."""
+    unchanged: int
+    """Images done before."""
     totals: Totals
-    """Of all runs."""
+    """Of the data set."""
     complete: bool
-    """Whether every image of the source was looked at; not if it was stopped."""
-    problem: str | None = None
-    """What could not even be recorded."""
+    """Whether all images of the source were processed; false if the run was stopped."""
+    error: str | None = None
+    """Why the manifest could not be written; None if it was."""
 
 
 def extract(
@@ -42,59 +61,143 @@ def extract(
     out: str,
     engine: Engine,
     *,
-    name: str = "",
-    size: int | None = None,
+    source_name: str | None = None,
+    shard_size: int | None = None,
     redo: bool = False,
-    stopped: Callable[[], bool] = lambda: False,
-    watch: Callable[[ShardReport], None] = lambda report: None,
+    should_stop: Callable[[], bool] = lambda: False,
+    on_report: Callable[[ShardReport], None] = lambda report: None,
 ) -> Extraction:
-    """Do a job on all images of a source that are not yet done.
+    """Run a job on all images of a source that are not done.
 
     Args:
         source: the images.
-        job: what to do with each.
-        out: folder or URL of the results; of one job only.
-        engine: what does the work.
-        name: of the source, for the manifest.
-        size: images to a shard; None for as many as give every worker enough of them.
-        redo: whether what another version or configuration made is made anew.
-        stopped: asked before every shard; true ends the run after those that have begun.
-        watch: told what came of every shard.
+        job: what to extract from each.
+        out: folder or URL of the data set; of one job only.
+        engine: runs the shards.
+        source_name: for the manifest.
+        shard_size: images in a shard; None to choose it so that every worker has work.
+        redo: whether to redo what another version or configuration made.
+        should_stop: called before every shard; true ends the run after the shards that have begun.
+        on_report: called with the report of every shard.
 
     Returns:
-        What was done; the manifest says the same of all runs.
+        Counts of this run, and totals of the data set as in its manifest.
 
     Raises:
-        ConfigError: the folder holds what another configuration made.
-        OutputError: it cannot be written to, or another run writes to it.
+        ConfigError: the data set was made with another configuration.
+        OutputError: it cannot be written, or another run writes to it.
     """
     store = open_store(out)
-    done = same = 0
+    done = unchanged = 0
     lost: list[tuple[str, str]] = []
-    problem = None
+    error = None
     with store.locked():
-        check_manifest(store, job, redo=redo)
+        if not redo:
+            _check_manifest(store, job)
         remove_orphans(store, job)
-        plan = Plan.of(source, store, size)
-        write_manifest(store, job, name, last_totals(store), complete=False)
+        shards = plan_shards(source, store, shard_size)
+        _write_manifest(store, job, source_name, _last_totals(store), complete=False)
         work = partial(extract_shard, job, out, redo=redo)
-        for report in engine.run(work, _until(stopped, plan.shards(store))):
+        for report in engine.run(work, _until(should_stop, shards)):
             done += report.done
-            same += report.unchanged
+            unchanged += report.unchanged
             lost.extend(report.lost)
-            watch(report)
-        complete = not stopped()
+            on_report(report)
+        complete = not should_stop()
         try:
             remove_orphans(store, job)
-            totals = write_errors(store, job, lost)
-            write_manifest(store, job, name, totals, complete=complete)
-        except OutputError as error:
-            totals, problem = Totals(errors=len(lost)), str(error)
-    return Extraction(done, same, totals, complete, problem)
+            totals = _write_errors(store, job, lost)
+            _write_manifest(store, job, source_name, totals, complete=complete)
+        except OutputError as failure:
+            totals, error = Totals(errors=len(lost)), str(failure)
+    return Extraction(done, unchanged, totals, complete, error)
 
 
-def _until(stopped: Callable[[], bool], shards: Iterator[Shard]) -> Iterator[Shard]:
+def _until(should_stop: Callable[[], bool], shards: Iterator[Shard]) -> Iterator[Shard]:
     for shard in shards:
-        if stopped():
+        if should_stop():
             return
         yield shard
+
+
+def _check_manifest(store: Store, job: Job) -> None:
+    """Check that a data set was made with the configuration of a job.
+
+    Raises:
+        ConfigError: it was not; says what differs.
+    """
+    manifest = read_manifest(store)
+    if manifest is None:
+        return
+    requested = _flatten(json.loads(json.dumps(job.describe())))
+    recorded = _flatten(manifest["configuration"])
+    for name in dict.fromkeys([*recorded, *requested]):
+        if requested.get(name) != recorded.get(name):
+            raise ConfigError(
+                f"{store.location}: made with {name} {recorded.get(name)!r}, found "
+                f"{requested.get(name)!r} asked for; take another --out, or --redo to do all anew"
+            )
+
+
+def _last_totals(store: Store) -> Totals:
+    """Totals of the last run that was completed."""
+    manifest = read_manifest(store) or {}
+    return Totals(*(manifest.get(field.name, 0) for field in fields(Totals)))
+
+
+def _write_manifest(
+    store: Store, job: Job, source: str | None, totals: Totals, *, complete: bool
+) -> None:
+    """Write the manifest, which describes the job, its source and its progress."""
+    manifest = {
+        "format": FORMATS["extraction"],
+        "saccade": job.version,
+        "what": job.what,
+        "configuration": job.describe(),
+        "fingerprint": job.fingerprint,
+        "source": source,
+        "complete": complete,
+        **asdict(totals),
+    }
+    with store.writing(MANIFEST) as path:
+        path.write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_errors(store: Store, job: Job, lost: Sequence[tuple[str, str]]) -> Totals:
+    """Collect the failed images in one file, if there are any, and count all images.
+
+    Args:
+        store: with the records of every shard.
+        job: whose version is this one.
+        lost: images whose results could not be written, and why.
+    """
+    images = rows = errors = shards = others = 0
+    unrecorded = [{"image": name, "error": reason} for name, reason in lost]
+    batches = [pa.Table.from_batches([record_batch(unrecorded, ERROR_SCHEMA)])]
+    for record in read_records(store):
+        failed = record.filter(record["error"].is_valid()).select(ERROR_SCHEMA.names)
+        if len(failed):
+            batches.append(failed)
+        shards += 1
+        errors += len(failed)
+        images += len(record) - len(failed)
+        rows += sum(record["rows"].to_pylist())
+        others += sum(version != job.version for version in record["version"].to_pylist())
+    table = pa.concat_tables(batches)
+    if len(table):
+        with store.writing(ERROR_FILE) as path, path.open("wb") as file:
+            pq.write_table(table, file, **parquet_options(ERROR_SCHEMA))
+    else:
+        store.remove(ERROR_FILE)
+    return Totals(images, rows, errors + len(lost), shards, others)
+
+
+def _flatten(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested settings by their dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            flat |= _flatten(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat

@@ -1,4 +1,4 @@
-"""What is to be done with every image."""
+"""A job: what is extracted from every image, and with which configuration."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ import saccade
 from saccade.errors import require
 
 What: TypeAlias = Literal["saliency", "contrast", "symmetry", "scanpath", "sift", "must", "symroid"]
-Maps: TypeAlias = Literal["zarr", "png"]
+MapFormat: TypeAlias = Literal["zarr", "png"]
 
 POINTS = ("sift", "must", "symroid")
 MAPS = ("saliency", "contrast", "symmetry")
@@ -19,54 +19,57 @@ ADDED_SETTINGS = {
     "MustConfig": ("descriptor",),
     "SymRoidConfig": ("descriptor",),
 }
-"""Settings that the first release did not have. At their defaults they are left out of what
-describes a job, so that what it extracted is known to be the same."""
+"""Settings that release 0.1 did not have. At their defaults they are left out of the description
+of a job, so that data sets of that release keep their fingerprint."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to extract, and how."""
+    """What is extracted from every image."""
 
     what: What
-    """Also the folder of its table."""
+    """Detector or model; also the folder of its table."""
     settings: Any
     """The configuration of the algorithm: AttentionConfig for saliency and scanpath,
     ContrastConfig, SymmetryConfig, SiftConfig, MustConfig or SymRoidConfig."""
     network: Any = None
     """ScanpathConfig of a scanpath; None for the default."""
     fixations: int = 10
-    """Of a scanpath."""
+    """Length of a scanpath."""
     exact: bool = False
     """Keep all bits of points; see `saccade.batch.tables.point_table`."""
-    maps: Maps = "zarr"
-    """Files that maps are written to."""
+    maps: MapFormat = "zarr"
+    """File format of maps."""
     version: str = saccade.__version__
     """Of this package."""
 
     def __post_init__(self) -> None:
-        whats = get_args(What)
-        require(self.what in whats, "what", f"one of {', '.join(whats)}", self.what)
-        require(self.maps in get_args(Maps), "maps", "zarr or png", self.maps)
+        kinds = get_args(What)
+        require(self.what in kinds, "what", f"one of {', '.join(kinds)}", self.what)
+        require(self.maps in get_args(MapFormat), "maps", "zarr or png", self.maps)
         require(self.fixations >= 1, "fixations", "1 or more", self.fixations)
+        for settings in (self.settings, getattr(self.settings, "descriptor", None)):
+            dtype = getattr(settings, "descriptor_dtype", "uint8")
+            require(dtype == "uint8", "descriptor_dtype", "uint8, as the table has it", dtype)
 
-    def described(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """All that the result depends on but the version, for JSON."""
         settings, default = asdict(self.settings), type(self.settings)()
         for name in ADDED_SETTINGS.get(type(self.settings).__name__, ()):
             if getattr(self.settings, name) == getattr(default, name):
                 del settings[name]
-        told: dict[str, Any] = {"what": self.what, "settings": settings}
+        description: dict[str, Any] = {"what": self.what, "settings": settings}
         if self.what == "scanpath":
             network = None if self.network is None else asdict(self.network)
-            told |= {"network": network, "fixations": self.fixations}
+            description |= {"network": network, "fixations": self.fixations}
         if self.what in POINTS:
-            told["exact"] = self.exact
+            description["exact"] = self.exact
         if self.what in MAPS:
-            told["maps"] = self.maps
-        return told
+            description["maps"] = self.maps
+        return description
 
     @cached_property
     def fingerprint(self) -> str:
-        """16 hexadecimal digits of what is `described`."""
-        text = json.dumps(self.described(), sort_keys=True, default=str)
+        """Hash of the description, as 16 hexadecimal digits."""
+        text = json.dumps(self.describe(), sort_keys=True, default=str)
         return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()

@@ -1,4 +1,4 @@
-"""Maps of images: float16 in a Zarr archive to a shard, or a 16-bit PNG to an image."""
+"""Saliency maps: float16 in one Zarr archive per shard, or one 16-bit PNG per image."""
 
 import shutil
 import tempfile
@@ -22,16 +22,16 @@ from saccade.image import decode_stored, size_in_header
 from saccade.types import Float32Array
 
 FOLDER = "maps"
-WHITE = 65535
-"""What a PNG has for 1."""
+PNG_MAXIMUM = 65535
+"""Pixel of a PNG that stands for 1."""
 
 AddMap: TypeAlias = Callable[[str, Float32Array], tuple[str, str]]
-"""Takes the name of an image and its map; gives the file, and the name of the array in it."""
+"""Writes the map of an image, by its name; gives the file and the array in it, "" for a PNG."""
 
 
 @contextmanager
-def writing_maps(job: Job, store: Store, shard: str) -> Iterator[AddMap]:
-    """What writes the maps of a shard; nothing where none are made.
+def map_writer(job: Job, store: Store, shard: str) -> Iterator[AddMap]:
+    """A function that writes the maps of a shard; it must not be called where a job has none.
 
     Raises:
         OutputError: they cannot be written.
@@ -55,50 +55,50 @@ def writing_maps(job: Job, store: Store, shard: str) -> Iterator[AddMap]:
 
 
 def read_map(store: Store, row: pa.Table) -> Float32Array:
-    """The map that a row of the table names, (h, w) in [0, 1].
+    """The map of a row of the table, (h, w) in [0, 1].
 
     Raises:
-        KeypointsError: it is missing, broken, or of another shape than the row says.
+        KeypointsError: it is missing, broken, or of another shape than in the row.
         ConfigError: zarr is needed and not installed.
     """
     names = ("file", "array", "rows", "columns")
     file, array, *shape = (row[name][0].as_py() for name in names)
     try:
-        values = _map_in(store, file, array, tuple(shape))
+        return _read_array(store, file, array, tuple(shape))
     except (SaccadeError, MemoryError):
         raise
-    except Exception as error:  # zarr raises what the broken bytes happen to provoke
-        raise KeypointsError(f"{store.place}/{file}: expected a map: {one_line(error)}") from error
-    return values
+    except Exception as error:  # zarr raises anything for a broken file
+        message = f"{store.location}/{file}: expected a map: {one_line(error)}"
+        raise KeypointsError(message) from error
 
 
-def _map_in(store: Store, file: str, array: str, shape: tuple[int, ...]) -> Float32Array:
+def _read_array(store: Store, file: str, array: str, shape: tuple[int, ...]) -> Float32Array:
     with store.open(file) as opened:
         if not array:
             data = opened.read()
             _check_shape(size_in_header(data, file)[::-1], shape)
-            pixels = decode_stored(data, f"{store.place}/{file}")
+            pixels = decode_stored(data, f"{store.location}/{file}")
             _check_shape(pixels.shape, shape)
-            return (np.asarray(pixels) / np.float32(WHITE)).astype(np.float32)
+            return (np.asarray(pixels) / np.float32(PNG_MAXIMUM)).astype(np.float32)
         zarr = import_optional("zarr", "zarr")
         with tempfile.NamedTemporaryFile(suffix=".zip") as copy:
             shutil.copyfileobj(opened, copy)
             copy.flush()
             with _archive(zarr, Path(copy.name), "r") as archive:
-                held = zarr.open_group(archive, mode="r")[array]
-                _check_shape(held.shape, shape)
-                return np.asarray(held[...], np.float32)
+                values = zarr.open_group(archive, mode="r")[array]
+                _check_shape(values.shape, shape)
+                return np.asarray(values[...], np.float32)
 
 
 def _check_shape(found: tuple[int, ...], expected: tuple[int, ...]) -> None:
-    """Before an array is unpacked: a small file may hold a large one."""
+    """Check a shape before the array is unpacked: a small file may hold a large one."""
     if found != expected or prod(expected) > LARGEST_IMAGE:
         raise ValueError(f"expected {expected} values, found {found}")
 
 
 @contextmanager
 def _archive(zarr: Any, path: Path, mode: str) -> Iterator[Any]:
-    """A Zarr store in one file: a folder of many small ones would be slow everywhere."""
+    """A Zarr store in one file; a folder of many small files would be slow."""
     archive = zarr.storage.ZipStore(path, mode=mode)
     try:
         yield archive
@@ -108,9 +108,9 @@ def _archive(zarr: Any, path: Path, mode: str) -> Iterator[Any]:
 
 def _write_png(store: Store, shard: str, name: str, values: Float32Array) -> tuple[str, str]:
     file = f"{FOLDER}/part-{shard}/{name}.png"
-    whole, packed = cv2.imencode(".png", np.rint(values * WHITE).astype(np.uint16))
-    if not whole:
-        raise OutputError(f"{store.place}/{file}: cannot be written as PNG")
+    encoded, packed = cv2.imencode(".png", np.rint(values * PNG_MAXIMUM).astype(np.uint16))
+    if not encoded:
+        raise OutputError(f"{store.location}/{file}: cannot be written as PNG")
     with store.writing(file) as path:
         path.write_bytes(packed.tobytes())
     return file, ""

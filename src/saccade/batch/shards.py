@@ -1,234 +1,181 @@
-"""One shard of the work: some images in, a Parquet file and its record out.
+"""Extracts one shard: some images in, a Parquet table and its record out.
 
-A shard counts as done when its record is there, which is written last. One that was
-interrupted before leaves at most a table without a record: the next run takes it away.
-What is done anew of a shard makes another one beside it, a generation younger, so that at no
-moment a record tells of a table that it was not written for.
+A shard is done when its record exists, which is written last. An interrupted shard leaves at most a
+table without a record, which the next run removes. Images that are done again make a new generation
+of the shard beside the old one, so that a record never describes a table that it was not written
+for.
 """
 
-import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from saccade.batch.analysis import Product, analysis, schema_of
+from saccade.batch.analysis import ImageResult, analyzer, schema_of
+from saccade.batch.dataset import RECORDS, read_record, read_table, shard_file
+from saccade.batch.items import Item, content_hash, decode, read_content
 from saccade.batch.job import MAPS, Job
-from saccade.batch.maps import read_map, writing_maps
-from saccade.batch.reading import decoded, digest_of, read_content
-from saccade.batch.sources import Item
+from saccade.batch.maps import map_writer, read_map
 from saccade.batch.store import Store, open_store
-from saccade.batch.tables import RECORD, batch_of, check_columns, parquet_options, texts
-from saccade.errors import KeypointsError, OutputError, SaccadeError
-from saccade.files import one_line
-from saccade.npz import check_unpacked
+from saccade.batch.tables import RECORD_SCHEMA, parquet_options, record_batch, text_array
+from saccade.errors import OutputError, SaccadeError
+from saccade.types import Float32Array
 
-PREFIX, SUFFIX = "part-", ".parquet"
-RECORDS = "images"
-"""Folder of the records, a row for every image."""
-ROWS_AT_ONCE = 1 << 16
-"""That are packed together: of points they take 10 MB."""
+ROW_GROUP = 1 << 16
+"""Rows that are written together; as points they take 10 MB."""
+
+Row: TypeAlias = dict[str, Any]
+"""A row of a record."""
+AddImage: TypeAlias = Callable[[str, pa.Table, Float32Array | None], None]
+"""Adds the rows of an image, by its name, and its map to the files of a shard."""
 
 
 class Shard(NamedTuple):
     """Images that share a file."""
 
     name: str
-    """It follows from the names of its images, and from the generation."""
+    """Made of the names of its images, and of the generation."""
     items: Sequence[Item]
-    before: str | None = None
-    """The record of the generation before, if there is one."""
-
-    @property
-    def file(self) -> str:
-        """What it is called in every folder."""
-        return f"{PREFIX}{self.name}{SUFFIX}"
+    previous: str | None = None
+    """Record of the previous generation, if there is one."""
 
 
 class ShardReport(NamedTuple):
-    """What came of a shard."""
+    """Counts of a shard that was processed."""
 
     done: int = 0
-    """Images that were worked on."""
+    """Images processed."""
     unchanged: int = 0
-    """Images that had been done before."""
+    """Images done before."""
     rows: int = 0
-    """Of the table that were made."""
+    """Rows added to the table."""
     failed: int = 0
     """Images with an error in the record."""
     lost: Sequence[tuple[str, str]] = ()
     """Images whose results could not be written, and why."""
 
 
-def extract_shard(job: Job, place: str, shard: Shard, redo: bool = False) -> ShardReport:
-    """Do what is not yet done of a shard; in any process on any machine.
+def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> ShardReport:
+    """Process the images of a shard that are not done; runs in any process on any machine.
 
     Args:
-        job: what to do.
-        place: of the store.
+        job: what to extract.
+        location: of the store.
         shard: the images.
-        redo: whether what another version or configuration made is made anew.
+        redo: whether to redo what another version or configuration made.
     """
-    store = open_store(place)
-    before = read_record(store, shard.before).to_pylist() if shard.before else []
-    kept = kept_records(job, before, shard, redo)
+    store = open_store(location)
+    previous = read_record(store, shard.previous).to_pylist() if shard.previous else []
+    kept = kept_rows(job, previous, shard, redo)
     todo = [item for item in shard.items if item.name not in kept]
     failed = sum(row["error"] is not None for row in kept.values())
-    if not todo and len(kept) == len(before):
+    if not todo and len(kept) == len(previous):
         return ShardReport(unchanged=len(kept), failed=failed)
     try:
-        made = _write(job, store, shard, kept, todo)
+        added = _write_shard(job, store, shard, kept, todo)
     except OutputError as error:
         return ShardReport(unchanged=len(kept), lost=[(item.name, str(error)) for item in todo])
-    failed += sum(row["error"] is not None for row in made)
-    return ShardReport(len(todo), len(kept), sum(row["rows"] for row in made), failed)
+    failed += sum(row["error"] is not None for row in added)
+    return ShardReport(len(todo), len(kept), sum(row["rows"] for row in added), failed)
 
 
-def read_rows(
-    store: Store, name: str, schema: pa.Schema, columns: Sequence[str] | None = None
-) -> pa.Table:
-    """What is in a Parquet file; Arrow's own `read_table` would load pandas.
+def kept_rows(job: Job, record: Sequence[Row], shard: Shard, redo: bool) -> dict[str, Row]:
+    """The rows of the previous record that are still valid, by image.
 
-    Args:
-        store: where it is.
-        name: of the file.
-        schema: what it was written with.
-        columns: those that are wanted; all unless told otherwise.
-
-    Raises:
-        KeypointsError: it is missing, broken, or something else.
-    """
-    names = columns or schema.names
-    wanted = pa.schema([schema.field(each) for each in names])
-    try:
-        with store.open(name) as opened, pq.ParquetFile(opened) as file:
-            size = opened.seek(0, os.SEEK_END)
-            check_unpacked(size, file.metadata.num_rows * _bytes_of(wanted))
-            table = file.read(names)
-            check_columns(table, wanted)
-            return table
-    except (pa.ArrowException, OSError, ValueError) as error:
-        message = f"{store.place}/{name}: expected a table of `saccade extract`: {one_line(error)}"
-        raise KeypointsError(message) from error
-
-
-def read_record(store: Store, file: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """The record of a shard."""
-    return read_rows(store, f"{RECORDS}/{file}", RECORD, columns)
-
-
-def _bytes_of(schema: pa.Schema) -> int:
-    """Of a row, at least."""
-    wide = [each.type for each in schema if not pa.types.is_string(each.type)]
-    return sum(each.bit_width // 8 for each in wide)
-
-
-def kept_records(
-    job: Job, before: Sequence[dict[str, Any]], shard: Shard, redo: bool
-) -> dict[str, dict[str, Any]]:
-    """The rows of a record that still hold, by image, each with the `first` of its rows.
-
-    Those are of images that have not changed, and of images that can no longer be seen: unless
-    all that is known of them is an error.
+    Each gets a `first`, the index of its first row in the table. Kept are images that have not
+    changed, and images that are no longer in the source unless they had failed.
     """
     items = {item.name: item for item in shard.items}
-    first, kept, configuration = 0, {}, job.fingerprint
-    for row in before:
-        name, valid = row["image"], row["configuration"] == configuration
+    first, kept = 0, {}
+    for row in record:
+        valid = row["configuration"] == job.fingerprint
         if valid and not (redo and row["version"] != job.version):
-            item = items.get(name)
-            if row["error"] is None if item is None else _unchanged(item, row["content"]):
-                kept[name] = {**row, "first": first}
+            item = items.get(row["image"])
+            if row["error"] is None if item is None else _is_unchanged(item, row["content"]):
+                kept[row["image"]] = {**row, "first": first}
         first += row["rows"]
     return kept
 
 
-def _unchanged(item: Item, content: str | None) -> bool:
-    if content is None:
+def _is_unchanged(item: Item, recorded_hash: str | None) -> bool:
+    if recorded_hash is None:
         return False
     try:
-        return digest_of(read_content(item)) == content
+        return content_hash(read_content(item)) == recorded_hash
     except SaccadeError:
         return True
 
 
-def _write(
-    job: Job,
-    store: Store,
-    shard: Shard,
-    kept: Mapping[str, dict[str, Any]],
-    todo: Sequence[Item],
-) -> list[dict[str, Any]]:
-    """Write the table and the record of a shard; gives the rows of what was done now."""
-    with _writing(job, store, shard) as write:
+def _write_shard(
+    job: Job, store: Store, shard: Shard, kept: Mapping[str, Row], todo: Sequence[Item]
+) -> list[Row]:
+    """Write the table and the record of a shard; gives the new rows of the record."""
+    added = []
+    with _table_writer(job, store, shard) as add:
         if kept:
-            table = read_rows(store, f"{job.what}/{shard.before}", schema_of(job))
-            maps = store if job.what in MAPS else None
+            table = read_table(store, f"{job.what}/{shard.previous}", schema_of(job))
             for name, row in kept.items():
                 rows = table.slice(row["first"], row["rows"])
-                write(name, rows, read_map(maps, rows) if maps and row["rows"] else None)
-        made = []
+                has_map = job.what in MAPS and len(rows)
+                add(name, rows, read_map(store, rows) if has_map else None)
         for item in todo:
-            row, product = _one(job, item)
-            if product is not None:
-                write(item.name, pa.Table.from_batches([product.rows]), product.map)
-            made.append(row)
-    records = [{name: row[name] for name in RECORD.names} for row in [*kept.values(), *made]]
-    rows = pa.Table.from_batches([batch_of(records, RECORD)])
-    with store.writing(f"{RECORDS}/{shard.file}") as path, path.open("wb") as file:
-        pq.write_table(rows, file, **parquet_options(RECORD))
-    return made
+            row, result = _extract_image(job, item)
+            if result is not None:
+                add(item.name, pa.Table.from_batches([result.rows]), result.map)
+            added.append(row)
+    record = pa.Table.from_batches([record_batch([*kept.values(), *added], RECORD_SCHEMA)])
+    with store.writing(f"{RECORDS}/{shard_file(shard.name)}") as path, path.open("wb") as file:
+        pq.write_table(record, file, **parquet_options(RECORD_SCHEMA))
+    return added
 
 
-def _one(job: Job, item: Item) -> tuple[dict[str, Any], Product | None]:
-    """The row of the record of one image, and what was made of it."""
-    row: dict[str, Any] = dict.fromkeys(RECORD.names)
-    row |= {"image": item.name, "rows": 0}
+def _extract_image(job: Job, item: Item) -> tuple[Row, ImageResult | None]:
+    """The row of the record of an image, and its result unless it failed."""
+    row: Row = {"image": item.name, "rows": 0, "error": None}
     row |= {"configuration": job.fingerprint, "version": job.version}
-    analyze = analysis(job)  # what the machine lacks is no error of an image
+    analyze = analyzer(job)  # outside of `try`: a missing library is no error of the image
     try:
         content = read_content(item)
-        row["content"] = digest_of(content)
+        row["content"] = content_hash(content)
         start = time.perf_counter()
-        image = decoded(content, item.name)
-        product = analyze(item.name, image)
+        image = decode(content, item.name)
+        result = analyze(item.name, image)
     except (SaccadeError, MemoryError) as error:
         return {**row, "error": str(error) or "not enough memory"}, None
     except Exception as error:  # one image must not end the work on a million
         return {**row, "error": f"{type(error).__name__}: {error}"}, None
     row["seconds"] = time.perf_counter() - start
     row["height"], row["width"] = image.shape[:2]
-    return {**row, "rows": product.rows.num_rows}, product
+    return {**row, "rows": result.rows.num_rows}, result
 
 
 @contextmanager
-def _writing(job: Job, store: Store, shard: Shard) -> Iterator[Any]:
+def _table_writer(job: Job, store: Store, shard: Shard) -> Iterator[AddImage]:
     """A function that adds the rows of an image, and its map, to the files of a shard."""
     schema = schema_of(job)
-    waiting: list[pa.Table] = []
+    buffered: list[pa.Table] = []
     with (
-        writing_maps(job, store, shard.name) as add_map,
-        store.writing(f"{job.what}/{shard.file}") as path,
-        path.open("wb") as file,  # Arrow takes no path that is not text
+        map_writer(job, store, shard.name) as add_map,
+        store.writing(f"{job.what}/{shard_file(shard.name)}") as path,
+        path.open("wb") as file,  # Arrow accepts only paths that are text
         pq.ParquetWriter(file, schema, **parquet_options(schema)) as writer,
     ):
 
         def flush() -> None:
-            if waiting:
-                writer.write_table(pa.concat_tables(waiting))
-                waiting.clear()
+            if buffered:
+                writer.write_table(pa.concat_tables(buffered))
+                buffered.clear()
 
-        def write(name: str, rows: pa.Table, values: Any) -> None:
+        def add(name: str, rows: pa.Table, values: Float32Array | None) -> None:
             if values is not None:
-                file, array = add_map(name, values)
-                rows = rows.set_column(1, "file", texts([file]))
-                rows = rows.set_column(2, "array", texts([array]))
-            waiting.append(rows)
-            if sum(map(len, waiting)) >= ROWS_AT_ONCE:
+                for field, text in zip(("file", "array"), add_map(name, values), strict=True):
+                    rows = rows.set_column(schema.get_field_index(field), field, text_array([text]))
+            buffered.append(rows)
+            if sum(map(len, buffered)) >= ROW_GROUP:
                 flush()
 
-        yield write
+        yield add
         flush()

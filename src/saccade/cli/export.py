@@ -42,7 +42,7 @@ def export(
     import_optional("pyarrow", "parquet")
     from saccade.batch.export import EXPORTS, export_points
 
-    target = out or Path(EXPORTS[to.value].name)
+    target = out or Path(EXPORTS[to.value].default_name)
     images = export_points(folder, to.value, target)
     row: dict[str, Any] = {"images": images, "format": to.value, "out": str(target)}
     if as_json:

@@ -155,24 +155,24 @@ def extract(
             job,
             out,
             engine,
-            name=source,
-            size=size,
+            source_name=source,
+            shard_size=size,
             redo=redo,
-            stopped=lambda: bool(stopped),
-            watch=watch,
+            should_stop=lambda: bool(stopped),
+            on_report=watch,
         )
     row = _row(result, out)
     if as_json:
         print_json(row)
     else:
         _print(result, what.value, out)
-    if result.problem is not None:
-        print_message(result.problem)
+    if result.error is not None:
+        print_message(result.error)
     others = result.totals.by_other_versions
     if others:
         print_message(f"{others} images were done by another version; --redo does them anew")
     if not result.complete:
-        seen = result.done + result.same
+        seen = result.done + result.unchanged
         print_message(
             f"stopped after {seen} of {len(images)} images; give the same command to go on"
         )
@@ -186,39 +186,38 @@ def extract(
 
 def _begin_loading(source: str, workers: int | None) -> None:
     """Let workers load what they need while this process does: both take a second."""
-    from saccade.batch.forkserver import begin_loading
+    from saccade.batch.forkserver import worker_context
     from saccade.files import IMAGE_SUFFIXES
 
     one_image = source.lower().endswith(IMAGE_SUFFIXES) and Path(source).is_file()
     if workers != 1 and os.cpu_count() != 1 and not one_image:
-        begin_loading("saccade.cli")
+        worker_context("saccade.cli")
 
 
 @contextmanager
 def _engine(
     images: "Source", workers: int | None, scheduler: str | None, cluster: str | None, jobs: int
 ) -> Iterator["Engine"]:
-    from saccade.batch.engines import InProcess, Processes
+    from saccade.batch.engines import InProcess, Processes, connect, submit_jobs
     from saccade.errors import ConfigError
 
     if scheduler is not None and cluster is not None:
         raise ConfigError("cluster: expected --scheduler or --cluster, found both")
     if scheduler is not None or cluster is not None:
-        from saccade.batch.cluster import batch_system, scheduler_at
         from saccade.cli.output import print_message
 
         if cluster is not None:
             print_message(
                 f"{jobs} {'job' if jobs == 1 else 'jobs'} of {cluster}: waiting for the first"
             )
-        where = scheduler_at(scheduler) if scheduler else batch_system(str(cluster), jobs)
+        where = connect(scheduler) if scheduler else submit_jobs(str(cluster), jobs)
         with where as engine:
             yield engine
         return
     if workers is None:
-        from saccade.batch.machine import workers_for
+        from saccade.batch.workers import count_workers
 
-        workers = workers_for(images)
+        workers = count_workers(images)
     yield Processes(workers) if workers > 1 else InProcess()
 
 
@@ -301,7 +300,7 @@ def _row(result: "Extraction", out: str) -> dict[str, Any]:
     return {
         "out": out,
         "done": result.done,
-        "already_done": result.same,
+        "already_done": result.unchanged,
         **asdict(result.totals),
         "complete": result.complete,
     }
@@ -316,7 +315,7 @@ def _print(result: "Extraction", what: str, out: str) -> None:
         ["", ""],
         [
             ("images done now", f"{result.done:,}"),
-            ("done before", f"{result.same:,}"),
+            ("done before", f"{result.unchanged:,}"),
             ("images in all", f"{totals.images:,}"),
             ("rows in all", f"{totals.rows:,}"),
             ("errors", f"{totals.errors:,}"),

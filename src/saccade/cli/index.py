@@ -43,8 +43,8 @@ def find(
     candidates: Annotated[
         int, typer.Option(min=1, metavar="N", help="Images whose geometry is checked.")
     ] = 30,
-    agreeing: Annotated[
-        int, typer.Option(min=8, metavar="N", help="Matches that must agree on one geometry.")
+    min_inliers: Annotated[
+        int, typer.Option(min=8, metavar="N", help="Inliers of one geometry that confirm an image.")
     ] = 15,
     as_json: Json = False,
 ) -> None:
@@ -55,39 +55,39 @@ def find(
     one geometry of the two views. The exit code is 1 where no image has enough.
     """
     _require()
-    from saccade.batch.index import FindConfig, Index
+    from saccade.batch.index import Index
     from saccade.cli.output import print_json, print_message, print_table
 
-    held = Index(folder)
-    found = held.find(
-        _points(held, image), FindConfig(candidates=max(candidates, top), agreeing=agreeing)
+    retrieval = Index(folder)
+    found = retrieval.find(
+        _points(retrieval, image), candidates=max(candidates, top), min_inliers=min_inliers
     )
-    sure = [each for each in found if each.agreeing][:top]
+    confirmed = [each for each in found if each.inliers is not None][:top]
     rows: list[dict[str, Any]] = [
-        {"image": each.image, "agreeing": each.agreeing, "similarity": float(each.similarity)}
-        for each in sure
+        {"image": each.image, "inliers": each.inliers, "similarity": float(each.similarity)}
+        for each in confirmed
     ]
     if as_json:
         print_json({"image": str(image), "found": rows})
     elif rows:
         print_table(
             f"{image} in {folder}",
-            ["image", "matches that agree", "similarity"],
-            [[row["image"], str(row["agreeing"]), f"{row['similarity']:.1f}"] for row in rows],
+            ["image", "inliers", "similarity"],
+            [[row["image"], str(row["inliers"]), f"{row['similarity']:.1f}"] for row in rows],
         )
     if not rows:
-        print_message(f"{image}: none of {len(held)} images shows the same thing")
+        print_message(f"{image}: none of {len(retrieval)} images shows the same thing")
         raise typer.Exit(1)
 
 
-def _points(held: Any, image: Path) -> Any:
+def _points(retrieval: Any, image: Path) -> Any:
     """The points of an image, found with the settings of the data set."""
     from saccade.image import read_image
     from saccade.keypoints import Must, Sift, SymRoid
     from saccade.settings import settings_from
 
-    detector = {"sift": Sift, "must": Must, "symroid": SymRoid}[held.what]
-    points = detector(settings_from(held.what, held.settings, "index"))(read_image(image))
+    detector = {"sift": Sift, "must": Must, "symroid": SymRoid}[retrieval.what]
+    points = detector(settings_from(retrieval.what, retrieval.settings, "index"))(read_image(image))
     return getattr(points, "keypoints", points)
 
 

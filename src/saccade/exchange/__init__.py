@@ -1,4 +1,4 @@
-"""Interest points in the formats of others, both ways; one file per format."""
+"""Reads and writes keypoints in the formats of other programs; one file per format."""
 
 from saccade.exchange.colmap import ColmapFeatures, read_colmap, write_colmap
 from saccade.exchange.csv import read_csv, write_csv

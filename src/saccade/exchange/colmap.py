@@ -1,7 +1,7 @@
 """COLMAP's database: keypoints, descriptors and matches of many images.
 
-COLMAP puts the centre of the first pixel at (0.5, 0.5), half a pixel from where we have it;
-its scale is half of our size, its angle and the order of its descriptors are ours.
+COLMAP's center of the first pixel is (0.5, 0.5), that of `Keypoints` is (0, 0); its scale is half
+of their size; angle and order of descriptors are the same.
 """
 
 import sqlite3
@@ -21,21 +21,21 @@ from saccade.extras import import_optional
 from saccade.files import atomic_write
 from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
 
-CENTER = np.float32(0.5)
+PIXEL_CENTER = np.float32(0.5)
 """Of the first pixel."""
 TABLES = ("images", "cameras", "keypoints", "descriptors", "matches")
-MOST_IMAGES = 2147483647
-"""By which COLMAP makes one number of the numbers of two images."""
+MAX_IMAGES = 2147483647
+"""With which COLMAP combines the ids of two images into the id of a pair."""
 FOCAL_LENGTH = 1.2
-"""In longer sides of the image: what COLMAP takes where it knows nothing."""
+"""COLMAP's default, in longer sides of the image."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ColmapFeatures:
-    """What a database holds of interest points."""
+    """Interest points and matches of a COLMAP database."""
 
     keypoints: Mapping[str, Keypoints]
-    """By the name of their image. COLMAP knows no response and no octave: both are 0."""
+    """By the name of their image. COLMAP has no response and no octave: both are 0."""
     matches: Mapping[tuple[str, str], IntArray]
     """By the names of two images: (m, 2) indices into their points, as `saccade.match` gives."""
     shapes: Mapping[str, tuple[int, int]]
@@ -51,15 +51,14 @@ def write_colmap(
     shapes: Mapping[str, tuple[int, ...]],
     matches: Mapping[tuple[str, str], IntArray] | None = None,
 ) -> None:
-    """Write a new database, of the version of the pycolmap that is installed.
+    """Write a new database, in the version of the installed pycolmap.
 
-    Every image gets a camera of its own, SIMPLE_RADIAL with a focal length that is but a
-    guess; COLMAP's mapper refines it. Verify the matches (`pycolmap.geometric_verification`)
-    before mapping.
+    Every image gets its own SIMPLE_RADIAL camera with a guessed focal length, which COLMAP's mapper
+    refines. Verify the matches (`pycolmap.geometric_verification`) before mapping.
 
     Args:
-        path: whole or not at all; an old file is replaced.
-        keypoints: by the name of their image: its path from COLMAP's folder of images.
+        path: written whole or not at all; an old file is replaced.
+        keypoints: by the name of their image, a path from COLMAP's folder of images.
         shapes: (H, W, ...) of each image.
         matches: (m, 2) indices into the points of two images, by their names.
 
@@ -79,58 +78,59 @@ def write_colmap(
         if pair[::-1] in matches:
             raise KeypointsError(f"matches of {' and '.join(pair)}: expected one order, found both")
     with atomic_write(path) as temporary, _open_new(pycolmap, temporary, path) as database:
-        numbers = {}
+        ids = {}
         for name, points in keypoints.items():
-            numbers[name] = _add_image(pycolmap, database, check_name(name), shapes[name])
-            _add_points(pycolmap, database, numbers[name], checked(name, points))
+            ids[name] = _add_image(pycolmap, database, check_name(name), shapes[name])
+            _add_points(pycolmap, database, ids[name], checked(name, points))
         for (first, second), indices in matches.items():
-            database.write_matches(numbers[first], numbers[second], indices.astype(np.uint32))
+            database.write_matches(ids[first], ids[second], indices.astype(np.uint32))
 
 
 def read_colmap(path: str | Path) -> ColmapFeatures:
-    """Read a database of any version; it is not changed, and pycolmap is not needed.
+    """Read a database of any version, without pycolmap; it is opened read-only.
 
     Raises:
         KeypointsError: the file is missing or something else, or its descriptors are not
-            bytes, as SIFT's are.
+            bytes.
     """
     path = Path(path)
-    place = f"{path.resolve().as_uri()}?mode=ro"
+    uri = f"{path.resolve().as_uri()}?mode=ro"
     with (
         reading(path, "a COLMAP database", sqlite3.Error),
-        closing(sqlite3.connect(place, uri=True)) as database,
+        closing(sqlite3.connect(uri, uri=True)) as database,
     ):
         _check_tables(database)
         images = {
-            number: (name, (height, width))
-            for number, name, height, width in database.execute(
+            image_id: (name, (height, width))
+            for image_id, name, height, width in database.execute(
                 "SELECT image_id, name, height, width FROM images JOIN cameras USING (camera_id) "
                 "ORDER BY image_id"
             )
         }
-        places = _blobs(database, "keypoints", "image_id", np.float32)
+        rows = _blobs(database, "keypoints", "image_id", np.float32)
         descriptors = _blobs(database, "descriptors", "image_id", np.uint8)
         pairs = _blobs(database, "matches", "pair_id", np.uint32)
-    found = {
-        name: _points(f"{path}: {name}", places[number], descriptors.get(number))
-        for number, (name, _) in images.items()
-        if number in places
+    keypoints = {
+        name: _points(f"{path}: {name}", rows[image_id], descriptors.get(image_id))
+        for image_id, (name, _) in images.items()
+        if image_id in rows
     }
     matches = {}
-    for number, indices in pairs.items():
-        first, second = (images.get(each, ("", ()))[0] for each in divmod(number, MOST_IMAGES))
-        if first in found and second in found:
+    for pair_id, indices in pairs.items():
+        ids = divmod(pair_id, MAX_IMAGES)
+        if all(image_id in images and image_id in rows for image_id in ids):
+            first, second = (images[image_id][0] for image_id in ids)
             matches[first, second] = indices.astype(np.int64)
-    return ColmapFeatures(found, matches, dict(images.values()))
+    return ColmapFeatures(keypoints, matches, dict(images.values()))
 
 
 def import_pycolmap() -> Any:
-    """The library, quieter than it is by itself.
+    """Import pycolmap, with its log limited to warnings.
 
     Raises:
         ConfigError: it is not installed.
     """
-    import_module("zlib")  # Python's first: where that of pycolmap's wheel is, Python crashes
+    import_module("zlib")  # Python's own before that of pycolmap's wheel, which crashes Python
     pycolmap = import_optional("pycolmap", "colmap")
     pycolmap.logging.minloglevel = pycolmap.logging.WARNING.value
     return pycolmap
@@ -138,7 +138,7 @@ def import_pycolmap() -> Any:
 
 @contextmanager
 def _open_new(pycolmap: Any, temporary: Path, path: str | Path) -> Iterator[Any]:
-    """A database to write to; what goes wrong in it names the `path` it is made for."""
+    """A new database; errors name the `path` that it is for."""
     database = None
     try:
         database = pycolmap.Database.open(temporary)
@@ -154,16 +154,16 @@ def _check_pair(
     pair: tuple[str, str], indices: IntArray, keypoints: Mapping[str, Keypoints]
 ) -> None:
     name = " and ".join(pair)
-    for each in pair:
-        if each not in keypoints:
-            raise KeypointsError(f"matches of {name}: expected keypoints of {each}, found none")
+    for image in pair:
+        if image not in keypoints:
+            raise KeypointsError(f"matches of {name}: expected keypoints of {image}, found none")
     if pair[0] == pair[1]:
         raise KeypointsError(f"matches of {name}: expected two images, found one")
     check_pairs(indices, (len(keypoints[pair[0]]), len(keypoints[pair[1]])), f"matches of {name}")
 
 
 def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, ...]) -> int:
-    """Its number; with a camera, and since COLMAP 3.12 a rig and a frame."""
+    """Add an image with its camera, rig and frame; gives its id."""
     height, width = (int(side) for side in shape[:2])
     focal_length = FOCAL_LENGTH * max(height, width)
     camera = pycolmap.Camera.create_from_model_id(
@@ -181,16 +181,17 @@ def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, ...]) 
     return int(image.image_id)
 
 
-def _add_points(pycolmap: Any, database: Any, number: int, points: Keypoints) -> None:
-    rows = np.c_[points.xy + CENTER, points.size / 2, points.angle]
-    database.write_keypoints(number, rows.astype(np.float32))
+def _add_points(pycolmap: Any, database: Any, image_id: int, points: Keypoints) -> None:
+    rows = np.c_[points.xy + PIXEL_CENTER, points.size / 2, points.angle]
+    database.write_keypoints(image_id, rows.astype(np.float32))
     if points.descriptors is not None:
-        kind = pycolmap.FeatureExtractorType.SIFT
-        database.write_descriptors(number, pycolmap.FeatureDescriptors(kind, points.descriptors))
+        sift = pycolmap.FeatureExtractorType.SIFT
+        descriptors = pycolmap.FeatureDescriptors(sift, points.descriptors)
+        database.write_descriptors(image_id, descriptors)
 
 
 def _check_tables(database: sqlite3.Connection) -> None:
-    """A view in the place of one could go on for ever."""
+    """Refuse views of these names: a query of one may never end."""
     for name, kind in database.execute("SELECT name, type FROM sqlite_master"):
         if str(name).lower() in TABLES and kind != "table":
             raise sqlite3.DataError(f"expected the table {name}, found a {kind}")
@@ -199,23 +200,23 @@ def _check_tables(database: sqlite3.Connection) -> None:
 def _blobs(
     database: sqlite3.Connection, table: str, key: str, dtype: type[np.generic]
 ) -> dict[int, npt.NDArray[Any]]:
-    """The (rows, cols) arrays of a table by number."""
-    found = database.execute(f"SELECT {key}, rows, cols, data FROM {table} ORDER BY {key}")
+    """The (rows, cols) arrays of a table by their key."""
+    cursor = database.execute(f"SELECT {key}, rows, cols, data FROM {table} ORDER BY {key}")
     little = np.dtype(dtype).newbyteorder("<")
     arrays = {}
-    for number, rows, columns, data in found:
-        if not all(isinstance(each, int) for each in (number, rows, columns)) or rows < 0:
-            raise sqlite3.DataError(f"{table} of {number}: {rows} x {columns}")
+    for identity, rows, columns, data in cursor:
+        if not all(isinstance(each, int) for each in (identity, rows, columns)) or rows < 0:
+            raise sqlite3.DataError(f"{table} of {identity}: {rows} x {columns}")
         if len(data or b"") != rows * columns * little.itemsize:
             raise sqlite3.DataError(
-                f"{table} of {number}: {rows} x {columns} {np.dtype(dtype)} in {len(data)} bytes"
+                f"{table} of {identity}: {rows} x {columns} {np.dtype(dtype)} in {len(data)} bytes"
             )
-        arrays[number] = np.frombuffer(data or b"", little).reshape(rows, columns)
+        arrays[identity] = np.frombuffer(data or b"", little).reshape(rows, columns)
     return arrays
 
 
 def _points(source: str, rows: npt.NDArray[Any], descriptors: npt.NDArray[Any] | None) -> Keypoints:
-    """Points from x and y alone, with scale and angle, or with an affine shape."""
+    """Points from rows of x and y; of x, y, scale and angle; or of x, y and an affine shape."""
     size, angle = None, None
     if rows.shape[1] == 4:
         size, angle = 2 * rows[:, 2], rows[:, 3]
@@ -223,10 +224,6 @@ def _points(source: str, rows: npt.NDArray[Any], descriptors: npt.NDArray[Any] |
         shape: FloatArray = rows[:, 2:].reshape(-1, 2, 2).astype(np.float64)
         size = np.hypot(shape[:, 0], shape[:, 1]).sum(axis=1)  # twice the mean of the axes
         angle = np.arctan2(shape[:, 1, 0], shape[:, 0, 0])
-    return keypoints_from(
-        source, rows[:, :2] - CENTER, size, angle, None, None, _if_any(descriptors)
-    )
-
-
-def _if_any(descriptors: npt.NDArray[Any] | None) -> npt.NDArray[Any] | None:
-    return None if descriptors is None or not descriptors.shape[1] else descriptors
+    if descriptors is not None and not descriptors.shape[1]:
+        descriptors = None
+    return keypoints_from(source, rows[:, :2] - PIXEL_CENTER, descriptors, size=size, angle=angle)

@@ -1,10 +1,10 @@
-"""The fields of interest points, checked wherever they come in or go out."""
+"""The fields of keypoints, checked wherever they come in or go out."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,44 +13,69 @@ from saccade.errors import KeypointsError
 from saccade.files import one_line, open_file
 from saccade.types import Keypoints
 
-UNKNOWN_SIZE = 2.0
-"""Pixels, of points that come without a size: a scale of 1, as COLMAP has it."""
+
+class Field(NamedTuple):
+    """A field with a number for every point."""
+
+    dtype: type[np.float32] | type[np.int32]
+    default: float
+    """Of points that come without it."""
+
+
+FIELDS = {
+    "size": Field(np.float32, 2.0),  # a scale of 1, as COLMAP has it
+    "angle": Field(np.float32, 0),
+    "response": Field(np.float32, 0),
+    "octave": Field(np.int32, 0),
+}
+"""The fields of `Keypoints` beside `xy` and `descriptors`."""
+COLUMNS = ("x", "y", *FIELDS)
+"""Names of the columns of tables of points."""
 
 
 def keypoints_from(
     source: str,
     xy: npt.ArrayLike,
-    size: npt.ArrayLike | None = None,
-    angle: npt.ArrayLike | None = None,
-    response: npt.ArrayLike | None = None,
-    octave: npt.ArrayLike | None = None,
     descriptors: npt.ArrayLike | None = None,
+    **fields: npt.ArrayLike | None,
 ) -> Keypoints:
-    """Points from their fields; what is not known is None.
+    """Keypoints from arrays, checked and converted.
 
     Args:
-        source: what an error message names: a file, and an image in it.
+        source: for error messages: a file, and an image in it.
         xy: (n, 2) image pixels.
-        size: (n,) diameter in pixels; `UNKNOWN_SIZE` where it is not known.
-        angle: (n,) radians; 0 where it is not known.
-        response: (n,); 0 where it is not known.
-        octave: (n,) whole numbers; 0 where it is not known.
-        descriptors: (n, d), whole numbers from 0 to 255.
+        descriptors: (n, d) whole numbers from 0 to 255, or None.
+        fields: (n,) each; size, angle, response and octave as in `Keypoints`. A field that is
+            missing or None has the default of `FIELDS`.
 
     Raises:
         KeypointsError: shapes that do not fit together, NaN, or numbers out of range.
     """
-    places = np.asarray(xy)
-    if places.ndim != 2 or places.shape[1] != 2:
-        raise KeypointsError(f"{source}: xy: expected shape (n, 2), found {places.shape}")
-    n = len(places)
+    positions = np.asarray(xy)
+    if positions.ndim != 2 or positions.shape[1] != 2:
+        raise KeypointsError(f"{source}: xy: expected shape (n, 2), found {positions.shape}")
+    n = len(positions)
+    columns = {}
+    for name, (dtype, default) in FIELDS.items():
+        values = fields.get(name)
+        filled = np.full(n, default) if values is None else np.asarray(values)
+        columns[name] = _convert(source, name, filled, (n,), dtype)
     return Keypoints(
-        xy=_checked(source, "xy", places, (n, 2), np.float32),
-        size=_column(source, "size", size, n, np.float32, UNKNOWN_SIZE),
-        angle=_column(source, "angle", angle, n, np.float32, 0),
-        response=_column(source, "response", response, n, np.float32, 0),
-        octave=_column(source, "octave", octave, n, np.int32, 0),
-        descriptors=None if descriptors is None else _bytes(source, np.asarray(descriptors), n),
+        xy=_convert(source, "xy", positions, (n, 2), np.float32),
+        descriptors=None if descriptors is None else _to_bytes(source, np.asarray(descriptors), n),
+        **columns,
+    )
+
+
+def keypoints_from_columns(
+    source: str,
+    columns: Mapping[str, npt.NDArray[Any]],
+    descriptors: npt.NDArray[Any] | None = None,
+) -> Keypoints:
+    """Keypoints from the columns of a table, of which others than `COLUMNS` are left alone."""
+    fields = {name: columns[name] for name in FIELDS}
+    return keypoints_from(
+        source, np.stack([columns["x"], columns["y"]], axis=1), descriptors, **fields
     )
 
 
@@ -59,8 +84,14 @@ def checked(source: str, points: Keypoints) -> Keypoints:
     return keypoints_from(source, **vars(points))
 
 
+def columns_of(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
+    """The columns of a table of points, by `COLUMNS`."""
+    x, y = points.xy.T
+    return {"x": x, "y": y, **{name: getattr(points, name) for name in FIELDS}}
+
+
 def check_name(name: str) -> str:
-    """The name of an image, if it is one that every format can hold.
+    """The name of an image, checked to be one that every format can hold.
 
     Raises:
         KeypointsError: it is empty, no text, or a path that starts or ends with a slash.
@@ -72,73 +103,59 @@ def check_name(name: str) -> str:
 
 @contextmanager
 def reading(path: Path, expected: str, *errors: type[Exception]) -> Iterator[None]:
-    """Turn what a library raises about a file into one line that names it.
+    """Turn the exceptions of a library into one line that names the file.
 
     Args:
         path: the file.
-        expected: what it should have been.
-        errors: what the library raises besides OSError where the file is something else.
+        expected: its format.
+        errors: what the library raises, besides OSError, for another format.
 
     Raises:
-        KeypointsError: the file cannot be read, or is not what was expected.
+        KeypointsError: the file cannot be read, or is of another format.
     """
     try:
         with open_file(path):
-            pass  # the libraries say the same in many words
+            pass  # the libraries' own messages are long
     except IsADirectoryError:
         pass
     except OSError as error:
         raise KeypointsError(f"{path}: cannot be read: {error.strerror}") from error
-    kinds: tuple[type[Exception], ...] = (OSError, *errors)
+    foreign: tuple[type[Exception], ...] = (OSError, *errors)
     try:
         yield
     except (KeypointsError, MemoryError):
         raise
-    except kinds as error:
+    except foreign as error:
         raise KeypointsError(f"{path}: expected {expected}: {one_line(error)}") from error
 
 
-def _column(
-    source: str,
-    name: str,
-    values: npt.ArrayLike | None,
-    count: int,
-    dtype: npt.DTypeLike,
-    default: float,
+def _convert(
+    source: str, name: str, values: npt.NDArray[Any], shape: tuple[int, ...], dtype: type[Any]
 ) -> npt.NDArray[Any]:
-    if values is None:
-        return np.full(count, default, dtype)
-    return _checked(source, name, np.asarray(values), (count,), dtype)
-
-
-def _checked(
-    source: str, name: str, values: npt.NDArray[Any], shape: tuple[int, ...], dtype: npt.DTypeLike
-) -> npt.NDArray[Any]:
+    """The values in a dtype that must hold them."""
     if values.shape != shape:
         raise KeypointsError(f"{source}: {name}: expected shape {shape}, found {values.shape}")
     if values.dtype.kind not in "fiu":
         raise KeypointsError(f"{source}: {name}: expected numbers, found {values.dtype}")
     with np.errstate(over="ignore", invalid="ignore"):
         converted = np.array(values, dtype)
-    # Of real numbers what float32 cannot hold is infinite; of whole ones it is another number.
-    lost = ~np.isfinite(converted) if np.dtype(dtype).kind == "f" else converted != values
+    # A real number that overflows float32 becomes infinite, a whole one another number.
+    lost = ~np.isfinite(converted) if dtype is np.float32 else converted != values
     if lost.any():
         worst = values[lost].flat[0]
         raise KeypointsError(f"{source}: {name}: expected {np.dtype(dtype)}, found {worst}")
     return converted
 
 
-def _bytes(source: str, values: npt.NDArray[Any], count: int) -> npt.NDArray[np.uint8]:
+def _to_bytes(source: str, values: npt.NDArray[Any], count: int) -> npt.NDArray[np.uint8]:
     if values.ndim != 2 or len(values) != count:
         raise KeypointsError(
             f"{source}: descriptors: expected shape ({count}, d), found {values.shape}"
         )
-    if values.dtype == np.uint8:
-        return np.array(values)
     if values.dtype.kind not in "fiu":
         raise KeypointsError(f"{source}: descriptors: expected numbers, found {values.dtype}")
     with np.errstate(invalid="ignore"):
-        converted = values.astype(np.uint8)
+        converted = np.array(values, np.uint8)
     if (converted != values).any():
         worst = values[converted != values].flat[0]
         raise KeypointsError(

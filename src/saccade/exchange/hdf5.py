@@ -1,9 +1,9 @@
-"""HDF5 as hloc, the toolbox for visual localization, keeps it: a group for every image.
+"""HDF5 in the layout of hloc, the toolbox for visual localization: a group for every image.
 
 A group holds `keypoints` (n, 2), `scores` (n,), `scales` (n,) and `oris` (n,) in degrees,
 `descriptors` (d, n) of unit length, and `image_size` (width, height), which matchers ask for.
-As here, the centre of the first pixel is (0, 0): hloc adds the half pixel of COLMAP's when it
-imports. `octaves` and `norms`, which it does not know, bring back what we wrote.
+The center of the first pixel is (0, 0), as in `Keypoints`; hloc adds COLMAP's half pixel when it
+imports. `octaves` and `norms`, which hloc ignores, are for `read_hdf5`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,12 +21,11 @@ from saccade.extras import import_optional
 from saccade.files import atomic_write
 from saccade.formats import FORMATS, check_format
 from saccade.npz import check_unpacked
-from saccade.types import Float32Array, Keypoints
+from saccade.types import Keypoints
 
-NOTE = "saccade_format"
-"""Attribute with the version of files that are ours."""
-QUANTUM = 512
-"""Of a unit descriptor in 8 bits, in files that do not say."""
+VERSION_ATTRIBUTE = "saccade_format"
+UNIT = 512
+"""Norm of a descriptor in 8 bits, in files without `norms`."""
 
 
 def write_hdf5(
@@ -37,9 +36,9 @@ def write_hdf5(
     """Write the features of many images to one file.
 
     Args:
-        path: whole or not at all; an old file is replaced.
-        keypoints: by the name of their image, as hloc lists it: a path from its folder.
-        shapes: (H, W, ...) of each image; hloc's learned matchers need them, others do not.
+        path: written whole or not at all; an old file is replaced.
+        keypoints: by the name of their image, a path from the folder of images as in hloc's lists.
+        shapes: (H, W, ...) of each image; only hloc's learned matchers need them.
 
     Raises:
         KeypointsError: shapes that do not fit together, or NaN.
@@ -47,8 +46,8 @@ def write_hdf5(
         OutputError: the file cannot be written.
     """
     h5py = import_optional("h5py", "hdf5")
-    with atomic_write(path) as temporary, _created(h5py, temporary) as file:
-        file.attrs[NOTE] = FORMATS["points"]
+    with atomic_write(path) as temporary, _create(h5py, temporary) as file:
+        file.attrs[VERSION_ATTRIBUTE] = FORMATS["points"]
         for name, points in keypoints.items():
             group = file.create_group(check_name(name))
             for field, values in _datasets(checked(name, points)).items():
@@ -59,42 +58,43 @@ def write_hdf5(
 
 
 @contextmanager
-def _created(h5py: Any, path: Path) -> Iterator[Any]:
+def _create(h5py: Any, path: Path) -> Iterator[Any]:
     """A new HDF5 file.
 
     Raises:
         OSError: it cannot be written.
     """
-    with _Patient(path, "w+b") as raw:
+    with _DeferringFile(path, "w+b") as raw:
         try:
             with h5py.File(raw, "w") as file:
                 yield file
         finally:
-            if raw.failure is not None:
-                raise raw.failure
+            if raw.error is not None:
+                raise raw.error
 
 
-class _Patient(FileIO):
-    """A file that tells at the end what could not be written: h5py kills the process meanwhile."""
+class _DeferringFile(FileIO):
+    """A file that keeps its first error: raised inside h5py, it would kill the process."""
 
-    failure: OSError | None = None
+    error: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Write all of it, or nothing that counts."""
-        left = memoryview(data).cast("B")
+        """Write all of the data; reports success in any case."""
+        rest = memoryview(data).cast("B")
+        size = len(rest)
         try:
-            while left:
-                left = left[super().write(left) :]
+            while rest:
+                rest = rest[super().write(rest) :]
         except OSError as error:
-            self.failure = self.failure or error
-        return len(memoryview(data).cast("B"))
+            self.error = self.error or error
+        return size
 
     def truncate(self, size: int | None = None) -> int:
-        """Give the file a size."""
+        """Resize the file; reports success in any case."""
         try:
             return super().truncate(size)
         except OSError as error:
-            self.failure = self.failure or error
+            self.error = self.error or error
             return size or 0
 
 
@@ -106,31 +106,27 @@ def read_hdf5(path: str | Path) -> dict[str, Keypoints]:
 
     Raises:
         KeypointsError: the file is missing or something else, an image lacks keypoints, or its
-            descriptors are not of SIFT's kind, which has no entry below 0.
+            descriptors have negative entries, which SIFT's have not.
         ConfigError: h5py is not installed.
     """
     h5py = import_optional("h5py", "hdf5")
     path = Path(path)
-    groups: list[str] = []
-
-    unpacked = 0
+    sizes: dict[str, int] = {}
 
     def visit(name: str, item: Any) -> None:
-        nonlocal unpacked
         if isinstance(item, h5py.Dataset):
-            unpacked += item.nbytes
-            if name.endswith("/keypoints"):
-                groups.append(name.removesuffix("/keypoints"))
+            sizes[name] = item.nbytes
 
-    # The library raises what the broken bytes happen to provoke.
+    # h5py raises anything for a broken file.
     with reading(path, "an HDF5 file of features", Exception), h5py.File(path, "r") as file:
-        if NOTE in file.attrs:
-            check_format("points", file.attrs[NOTE].tolist(), path, KeypointsError)
+        if VERSION_ATTRIBUTE in file.attrs:
+            check_format("points", file.attrs[VERSION_ATTRIBUTE].tolist(), path, KeypointsError)
         file.visititems(visit)
-        check_unpacked(path.stat().st_size, unpacked)
+        check_unpacked(path.stat().st_size, sum(sizes.values()))
+        groups = [name.rpartition("/")[0] for name in sizes if name.endswith("/keypoints")]
         if len(file) and not groups:
             raise KeypointsError(f"{path}: expected groups with keypoints, found none")
-        return {name: _points(f"{path}: {name}", file[name]) for name in groups}
+        return {name: _read_group(f"{path}: {name}", file[name]) for name in groups}
 
 
 def _datasets(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
@@ -149,29 +145,27 @@ def _datasets(points: Keypoints) -> dict[str, npt.NDArray[Any]]:
     return fields
 
 
-def _points(source: str, group: Any) -> Keypoints:
-    def field(name: str) -> npt.NDArray[Any] | None:
-        return np.asarray(group[name][()]) if name in group else None
-
-    scales, oris, rows = (field(each) for each in ("scales", "oris", "descriptors"))
+def _read_group(source: str, group: Any) -> Keypoints:
+    fields = {
+        name: np.asarray(group[name][()])
+        for name in ("keypoints", "scores", "scales", "oris", "octaves", "descriptors", "norms")
+        if name in group
+    }
+    descriptors = None
+    if "descriptors" in fields:
+        units = fields["descriptors"].T.astype(np.float32)
+        if units.size and not units.min() >= 0:
+            raise KeypointsError(
+                f"{source}: descriptors: expected SIFT's, at least 0, found {units.min()}"
+            )
+        norms = fields["norms"][:, None] if "norms" in fields else UNIT
+        descriptors = np.minimum(np.rint(units * norms), 255)
     return keypoints_from(
         source,
-        np.asarray(group["keypoints"][()]),
-        None if scales is None else 2 * scales,
-        None if oris is None else np.radians(oris.astype(np.float64)),
-        field("scores"),
-        field("octaves"),
-        None if rows is None else _bytes(source, rows.T.astype(np.float32), field("norms")),
+        fields["keypoints"],
+        descriptors,
+        size=2 * fields["scales"] if "scales" in fields else None,
+        angle=np.radians(fields["oris"].astype(np.float64)) if "oris" in fields else None,
+        response=fields.get("scores"),
+        octave=fields.get("octaves"),
     )
-
-
-def _bytes(
-    source: str, units: Float32Array, norms: npt.NDArray[Any] | None
-) -> npt.NDArray[np.float32]:
-    """(n, d) whole numbers up to 255, of descriptors of about unit length."""
-    if units.size and not units.min() >= 0:
-        raise KeypointsError(
-            f"{source}: descriptors: expected SIFT's, at least 0, found {units.min()}"
-        )
-    scale = QUANTUM if norms is None else norms[:, None]
-    return np.minimum(np.rint(units * scale), 255)

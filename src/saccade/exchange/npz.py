@@ -5,20 +5,18 @@ from pathlib import Path
 import numpy as np
 
 from saccade.errors import KeypointsError
-from saccade.exchange.fields import checked, keypoints_from, reading
+from saccade.exchange.fields import FIELDS, checked, keypoints_from, reading
 from saccade.files import atomic_write
 from saccade.formats import FORMATS, check_format
 from saccade.npz import read_arrays
 from saccade.types import Keypoints
-
-FIELDS = ("xy", "size", "angle", "response", "octave", "descriptors")
 
 
 def write_npz(path: str | Path, keypoints: Keypoints) -> None:
     """Write the points of an image, compressed and without pickle.
 
     Args:
-        path: whole or not at all; an old file is replaced.
+        path: written whole or not at all; an old file is replaced.
         keypoints: without descriptors there is no array of that name.
 
     Raises:
@@ -46,4 +44,5 @@ def read_npz(path: str | Path) -> Keypoints:
     if "xy" not in arrays:
         found = ", ".join(arrays) or "nothing"
         raise KeypointsError(f"{path}: expected an array xy, found {found}")
-    return keypoints_from(str(path), **{name: arrays[name] for name in FIELDS if name in arrays})
+    fields = {name: arrays.get(name) for name in FIELDS}
+    return keypoints_from(str(path), arrays["xy"], arrays.get("descriptors"), **fields)

@@ -1,4 +1,4 @@
-"""OpenCV's `cv2.KeyPoint`, in memory."""
+"""OpenCV's `cv2.KeyPoint`."""
 
 from collections.abc import Sequence
 
@@ -10,13 +10,13 @@ from saccade.exchange.fields import checked, keypoints_from
 from saccade.types import Float32Array, Keypoints
 
 INTERVALS, BASE_SIGMA = 3, 1.6
-"""Of `cv2.SIFT_create()`: they say which plane of an octave a size belongs to."""
+"""Of `cv2.SIFT_create()`; they relate the size of a point to the layer of its octave."""
 
 
 def to_opencv(keypoints: Keypoints) -> tuple[list[cv2.KeyPoint], Float32Array | None]:
-    """Points as OpenCV's own detectors give them.
+    """Convert to OpenCV's keypoints.
 
-    The octave is packed with its plane as `cv2.SIFT` does, which can describe the points.
+    The octave is packed with its layer as `cv2.SIFT` does, which can describe the points.
     OpenCV keeps an angle as float32 degrees: it comes back within 1e-6 rad.
 
     Args:
@@ -31,30 +31,24 @@ def to_opencv(keypoints: Keypoints) -> tuple[list[cv2.KeyPoint], Float32Array | 
     """
     points = checked("keypoints", keypoints)
     degrees = np.degrees(points.angle.astype(np.float64)) % 360
-    rows = zip(
-        *points.xy.T.tolist(),
-        points.size.tolist(),
-        degrees.tolist(),
-        points.response.tolist(),
-        _packed_octave(points).tolist(),
-        strict=True,
-    )
-    found = [cv2.KeyPoint(*row) for row in rows]
-    described = points.descriptors
-    return found, None if described is None else described.astype(np.float32)
+    columns = (*points.xy.T, points.size, degrees, points.response, _pack_octaves(points))
+    rows = zip(*(values.tolist() for values in columns), strict=True)
+    converted = [cv2.KeyPoint(*row) for row in rows]
+    descriptors = points.descriptors
+    return converted, None if descriptors is None else descriptors.astype(np.float32)
 
 
 def from_opencv(
     points: Sequence[cv2.KeyPoint], descriptors: npt.ArrayLike | None = None
 ) -> Keypoints:
-    """Points of any OpenCV detector, in their order.
+    """Convert the keypoints of any OpenCV detector; their order stays.
 
-    An angle of -1, OpenCV's word for none, becomes 0.
+    An angle of -1, which is OpenCV's for none, becomes 0.
 
     Args:
         points: n `cv2.KeyPoint`s.
-        descriptors: (n, d) whole numbers from 0 to 255 in any dtype, as `cv2.SIFT` gives
-            them; None for none, which is also what OpenCV gives for no points.
+        descriptors: (n, d) whole numbers from 0 to 255 in any dtype, as `cv2.SIFT` gives them;
+            None for none, which OpenCV also gives for no points.
 
     Raises:
         KeypointsError: the numbers do not fit, or are NaN.
@@ -65,24 +59,24 @@ def from_opencv(
     return keypoints_from(
         "points",
         np.array([point.pt for point in points], np.float32).reshape(n, 2),
-        np.array([point.size for point in points], np.float32),
-        _half_turns(np.where(degrees == -1, 0, degrees)),
-        np.array([point.response for point in points], np.float32),
-        np.where(octave < 128, octave, octave - 256),
         descriptors,
+        size=np.array([point.size for point in points], np.float32),
+        angle=_wrap_to_radians(np.where(degrees == -1, 0, degrees)),
+        response=np.array([point.response for point in points], np.float32),
+        octave=np.where(octave < 128, octave, octave - 256),
     )
 
 
-def _packed_octave(points: Keypoints) -> npt.NDArray[np.int64]:
-    """Octave in the lowest byte, plane in the second, as `cv2.SIFT` packs them."""
+def _pack_octaves(points: Keypoints) -> npt.NDArray[np.int64]:
+    """Octave in the lowest byte, layer in the second, as `cv2.SIFT` packs them."""
     octave = points.octave.astype(np.int64)
     sigma = np.maximum(points.size, 1e-6) / 2.0 ** (octave + 1)
-    plane = np.rint(INTERVALS * np.log2(sigma / BASE_SIGMA)).clip(0, INTERVALS + 1)
-    packed: npt.NDArray[np.int64] = (octave & 255) | (plane.astype(np.int64) << 8)
+    layer = np.rint(INTERVALS * np.log2(sigma / BASE_SIGMA)).clip(0, INTERVALS + 1)
+    packed: npt.NDArray[np.int64] = (octave & 255) | (layer.astype(np.int64) << 8)
     return packed
 
 
-def _half_turns(degrees: npt.NDArray[np.float64]) -> Float32Array:
+def _wrap_to_radians(degrees: npt.NDArray[np.float64]) -> Float32Array:
     """Angles in radians in (-pi, pi]."""
-    turned = np.radians(180 - (180 - degrees) % 360).astype(np.float32)
-    return np.where(turned <= np.float32(-np.pi), np.float32(np.pi), turned)
+    wrapped = np.radians(180 - (180 - degrees) % 360).astype(np.float32)
+    return np.where(wrapped <= np.float32(-np.pi), np.float32(np.pi), wrapped)

@@ -85,9 +85,9 @@ def read_video_drive(path: Path) -> Drive:
     frames = VideoFrames(path)
     clock = _clock(path.parent, len(frames), frames.rate)
     number, remarks = in_time(clock, str(path.parent / "times.txt"))
-    if frames.announced > len(frames):
+    if frames.declared > len(frames):
         remarks += (
-            f"{path}: {frames.announced} frames are announced, {len(frames)} can be decoded: "
+            f"{path}: {frames.declared} frames are announced, {len(frames)} can be decoded: "
             "the video is cut",
         )
     lens = Lens.of(calibration.camera, calibration.distortion)

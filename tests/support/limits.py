@@ -7,7 +7,7 @@ from pathlib import Path
 
 SECONDS = 60
 """Of a processor: the first file of a kind compiles what goes on with it."""
-PATIENCE = 600
+TIMEOUT = 600
 """Of the clock, in all tests: what takes longer hangs, however busy the machine is."""
 MEMORY = 1 << 30
 """Bytes that reading a small file may take at most."""
@@ -22,11 +22,11 @@ def limited(seconds: int = SECONDS, memory: int = MEMORY) -> Iterator[None]:
     """Fail where the block takes longer or more; memory is looked at on Linux alone."""
 
     def stop(number, frame):
-        raise OverrunError(f"took over {seconds} s, or waited {PATIENCE} s")
+        raise OverrunError(f"took over {seconds} s, or waited {TIMEOUT} s")
 
     before = [signal.signal(each, stop) for each in (signal.SIGPROF, signal.SIGALRM)]
     signal.setitimer(signal.ITIMER_PROF, seconds)
-    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+    signal.setitimer(signal.ITIMER_REAL, TIMEOUT)
     begin = resident()
     try:
         yield

@@ -1,4 +1,4 @@
-"""Pictures of which much is known, for the tests of appendix B."""
+"""Synthetic gray-level images with known structure, for the tests of appendix B."""
 
 import math
 

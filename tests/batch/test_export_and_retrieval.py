@@ -1,4 +1,4 @@
-"""What is extracted, in the formats of others, and looked up again."""
+"""Export of extracted points, and image retrieval."""
 
 import json
 from pathlib import Path
@@ -10,8 +10,8 @@ import pytest
 
 from saccade import Sift, SiftConfig, exchange, read_image
 from saccade.batch import Job, index
-from saccade.batch.export import read_points
-from saccade.batch.index import FindConfig, Index, build_index
+from saccade.batch.dataset import read_points
+from saccade.batch.index import Index, build_index
 from saccade.types import Keypoints
 from support.extraction import extract_here, photographs
 from support.keypoint_files import assert_same
@@ -86,7 +86,7 @@ def test_what_holds_no_points_is_named(run, tmp_path):
 def test_neighbors_are_those_of_a_search_through_all(rng, tmp_path, monkeypatch, small):
     """With cells, nearly always."""
     if not small:
-        monkeypatch.setattr(index, "SMALL", 0)
+        monkeypatch.setattr(index, "EXHAUSTIVE_BELOW", 0)
     images = {
         f"{number}.png": Keypoints(
             *rng.random((1, 100, 2), np.float32),
@@ -98,18 +98,18 @@ def test_neighbors_are_those_of_a_search_through_all(rng, tmp_path, monkeypatch,
     }
     write_data_set(tmp_path, images)
     assert build_index(tmp_path) == {"images": 30, "points": 3000}
-    held = Index(tmp_path)
-    assert held.images == list(images)
+    retrieval = Index(tmp_path)
+    assert retrieval.images == list(images)
     for number, points in enumerate(images.values()):
-        np.testing.assert_array_equal(held.points_of(number).descriptors, points.descriptors)
-        np.testing.assert_array_equal(held.points_of(number).xy, points.xy)
+        np.testing.assert_array_equal(retrieval.points_of(number).descriptors, points.descriptors)
+        np.testing.assert_array_equal(retrieval.points_of(number).xy, points.xy)
     changed = rng.integers(-4, 5, (100, 128)) + images["17.png"].descriptors
     query = images["17.png"][:]
     query = Keypoints(*list(vars(query).values())[:5], np.clip(changed, 0, 255).astype(np.uint8))
-    best = held.find(query, FindConfig(candidates=3))[0]
+    best = retrieval.find(query, candidates=3)[0]
     assert best.image == "17.png"
-    assert best.agreeing > 90
-    assert held.find(query, FindConfig(candidates=3), without="17.png")[0].agreeing == 0
+    assert best.inliers > 90
+    assert retrieval.find(query, candidates=3, exclude="17.png")[0].inliers is None
 
 
 def write_data_set(folder, images):
@@ -117,16 +117,19 @@ def write_data_set(folder, images):
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from saccade.batch.tables import RECORD, point_table
+    from saccade.batch.tables import RECORD_SCHEMA, point_table
 
     job = Job("sift", SiftConfig())
     for name in ("sift", "images"):
         (folder / name).mkdir()
     batches = [point_table(name, points, exact=True) for name, points in images.items()]
     pq.write_table(pa.Table.from_batches(batches), folder / "sift" / "part-0.parquet")
-    rows = [{"image": name, "rows": len(points)} for name, points in images.items()]
-    pq.write_table(pa.Table.from_pylist(rows, RECORD), folder / "images" / "part-0.parquet")
-    told = {"what": "sift", "configuration": job.described()}
+    rows = [
+        {"image": name, "rows": len(points), "width": 1, "height": 1}
+        for name, points in images.items()
+    ]
+    pq.write_table(pa.Table.from_pylist(rows, RECORD_SCHEMA), folder / "images" / "part-0.parquet")
+    told = {"what": "sift", "configuration": job.describe()}
     (folder / "manifest.json").write_text(json.dumps(told))
 
 
@@ -144,7 +147,7 @@ def test_find_as_a_person_runs_it(run, tmp_path):
     assert code == 0
     (found,) = json.loads(printed)["found"]
     assert found["image"] == "hallway_2.jpg"
-    assert found["agreeing"] > 30
+    assert found["inliers"] > 30
     code, _, err = run("find", data / "camera.jpg", "--in", "set")
     assert code == 1
     assert "none of 4 images shows the same thing" in err
@@ -160,9 +163,9 @@ def test_the_hallway_is_recognized_on_the_second_lap(shared, tmp_path):
         cv2.imwrite(str(photos / f"{path.stem}.png"), half)
     extract_here(photos, tmp_path / "set")
     build_index(tmp_path / "set")
-    held, few = Index(tmp_path / "set"), FindConfig(candidates=8)
+    retrieval = Index(tmp_path / "set")
     asked = list(read_points(str(tmp_path / "set")))[::2]
-    right = sum(is_again(each.image, held.find(each.points, few)) for each in asked)
+    right = sum(is_again(each.image, retrieval.find(each.points, candidates=8)) for each in asked)
     print(f"\n{right} of {len(asked)} photographs of the hallway")
     assert right >= 0.95 * len(asked)
 
@@ -170,6 +173,6 @@ def test_the_hallway_is_recognized_on_the_second_lap(shared, tmp_path):
 def is_again(name, found):
     """Whether the first image of another lap shows the same place."""
     number = int(Path(name).stem)
-    apart = [abs(int(Path(each.image).stem) - number) for each in found if each.agreeing]
+    apart = [abs(int(Path(each.image).stem) - number) for each in found if each.inliers]
     others = [each for each in apart if each > LAP / 2]
     return bool(others) and min(others[0] % LAP, -others[0] % LAP) <= NEAR

@@ -1,4 +1,4 @@
-"""What a test run tells of failures can always be encoded, whatever text a test was given.
+"""A pytest plugin that escapes lone surrogates in test reports.
 
 pytest-xdist sends reports as UTF-8: one lone surrogate in a failure ended the whole run.
 """

@@ -1,6 +1,7 @@
-"""Every command of `saccade` in environments that nobody wishes for; as a program it runs them.
+"""Every command of `saccade` in hostile environments: full disks, closed streams, no libraries.
 
-The program loads all that commands need once, by running each of them, and forks for every run.
+As a program it runs them: it imports all that commands need once, by running each, and forks for
+every run.
 """
 
 import io
@@ -49,7 +50,7 @@ COMMANDS = {
 """Every command with words that have it do some of its work soon; {port} is taken."""
 EXITS = {"find": 1, "check": 1, "demo": 1, "serve": 2}
 """Exit codes that are not 0 where nothing is amiss with the environment."""
-TRACED = 99
+TRACEBACK_EXIT = 99
 """Exit code that stands for a traceback."""
 
 
@@ -225,7 +226,7 @@ def ended(words):
         return error.code or 0
     except BaseException:
         traceback.print_exc()
-        return TRACED
+        return TRACEBACK_EXIT
 
 
 def forked(folder, held, environment, words):
@@ -235,7 +236,7 @@ def forked(folder, held, environment, words):
     place.mkdir()
     child = os.fork()
     if child == 0:
-        code = TRACED
+        code = TRACEBACK_EXIT
         try:
             for number, path in enumerate(streams, 1):
                 os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
@@ -254,7 +255,7 @@ def forked(folder, held, environment, words):
             with suppress(OSError):  # as the interpreter does
                 sys.stderr.flush()
         except BaseException:
-            code = TRACED
+            code = TRACEBACK_EXIT
             os.write(2, traceback.format_exc().encode())
         finally:
             os._exit(code)

@@ -1,0 +1,184 @@
+"""Reads data sets of `extract`: the manifest, the records of the images and the tables."""
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from saccade.batch.job import POINTS
+from saccade.batch.store import Store, open_store
+from saccade.batch.tables import DESCRIPTOR_SIZE, RECORD_SCHEMA, check_columns, point_schema
+from saccade.errors import ConfigError, KeypointsError
+from saccade.exchange.fields import COLUMNS, keypoints_from_columns
+from saccade.files import LARGEST_TEXT, one_line, reason_of
+from saccade.formats import check_format
+from saccade.npz import check_unpacked
+from saccade.types import Keypoints
+
+MANIFEST = "manifest.json"
+RECORDS = "images"
+"""Folder of the records, a row for every image."""
+IMAGE_COLUMNS = ("image", "rows", "width", "height", "error")
+"""Of a record, what readers of points need."""
+PREFIX, SUFFIX = "part-", ".parquet"
+
+
+class ImageKeypoints(NamedTuple):
+    """The keypoints of an image."""
+
+    image: str
+    shape: tuple[int, int]
+    """(H, W)."""
+    points: Keypoints
+
+
+def read_points(location: str) -> Iterator[ImageKeypoints]:
+    """The keypoints of every image of a data set; one shard at a time is in memory.
+
+    Args:
+        location: folder or URL of the data set.
+
+    Raises:
+        ConfigError: there is no data set, or it holds no points.
+        KeypointsError: one of its files is broken.
+    """
+    store = open_store(location)
+    what = read_point_manifest(store)["what"]
+    for shard in point_shards(store, what):
+        yield from shard
+
+
+def point_shards(store: Store, what: str) -> Iterator[list[ImageKeypoints]]:
+    """The keypoints of all images of a shard, shard by shard."""
+    schema = point_schema(boxes=False)
+    for file in record_files(store):
+        table = read_table(store, f"{what}/{file}", schema)
+        record = read_record(store, file, IMAGE_COLUMNS).to_pylist()
+        if sum(row["rows"] for row in record) != len(table):
+            raise KeypointsError(
+                f"{what}/{file}: expected the rows of its record, found {len(table)}"
+            )
+        columns = {name: table[name].to_numpy() for name in COLUMNS}
+        packed = table["descriptor"].combine_chunks().buffers()[1] or b""
+        descriptors = np.frombuffer(packed, np.uint8).reshape(-1, DESCRIPTOR_SIZE)[: len(table)]
+        points = keypoints_from_columns(f"{store.location}/{what}/{file}", columns, descriptors)
+        images, start = [], 0
+        for row in record:
+            rows = slice(start, start + row["rows"])
+            start = rows.stop
+            if row["error"] is None:
+                shape = (row["height"] or 0, row["width"] or 0)
+                if min(shape) < 1:
+                    raise KeypointsError(
+                        f"{row['image']}: expected an image of a size, found {shape}"
+                    )
+                images.append(ImageKeypoints(row["image"], shape, points[rows]))
+        yield images
+
+
+def read_point_manifest(store: Store) -> dict[str, Any]:
+    """The manifest of a data set of points.
+
+    Raises:
+        ConfigError: there is none, or it is of something else.
+    """
+    manifest = read_manifest(store)
+    if manifest is None or manifest["what"] not in POINTS:
+        found = "no manifest.json" if manifest is None else manifest["what"]
+        raise ConfigError(f"{store.location}: expected extracted points, found {found}")
+    return manifest
+
+
+def read_manifest(store: Store) -> dict[str, Any] | None:
+    """The manifest; None where there is none.
+
+    Raises:
+        ConfigError: it is broken, or of a later version of saccade.
+    """
+    path = f"{store.location}/{MANIFEST}"
+    try:
+        with store.open(MANIFEST) as file:
+            manifest = dict(json.loads(file.read(LARGEST_TEXT)))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}") from error
+    check_format("extraction", manifest.get("format"), path, ConfigError)
+    if not isinstance(manifest.get("configuration"), dict) or "what" not in manifest:
+        raise ConfigError(f"{path}: expected what `saccade extract` writes, found other names")
+    return manifest
+
+
+def read_records(store: Store) -> Iterator[pa.Table]:
+    """The records of all shards."""
+    for file in record_files(store):
+        yield read_record(store, file)
+
+
+def read_record(store: Store, file: str, columns: Sequence[str] | None = None) -> pa.Table:
+    """The record of a shard."""
+    return read_table(store, f"{RECORDS}/{file}", RECORD_SCHEMA, columns)
+
+
+def read_table(
+    store: Store, name: str, schema: pa.Schema, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """A Parquet file of a data set, checked. Arrow's own `read_table` would import pandas.
+
+    Args:
+        store: the data set.
+        name: of the file.
+        schema: with which it was written.
+        columns: to read; None for all.
+
+    Raises:
+        KeypointsError: it is missing, broken, or something else.
+    """
+    names = columns or schema.names
+    expected = pa.schema([schema.field(name) for name in names])
+    try:
+        with store.open(name) as opened, pq.ParquetFile(opened) as file:
+            size = opened.seek(0, os.SEEK_END)
+            check_unpacked(size, file.metadata.num_rows * _row_size(expected))
+            table = file.read(names)
+            check_columns(table, expected)
+            return table
+    except (pa.ArrowException, OSError, ValueError) as error:
+        expectation = "expected a table of `saccade extract`"
+        message = f"{store.location}/{name}: {expectation}: {one_line(error)}"
+        raise KeypointsError(message) from error
+
+
+def record_files(store: Store) -> list[str]:
+    """File names of the records, of every shard that of its latest generation."""
+    latest: dict[str, int] = {}
+    for file in store.list_files(RECORDS):
+        if file.endswith(SUFFIX):
+            shard, generation = split_generation(file)
+            latest[shard] = max(generation, latest.get(shard, 0))
+    return sorted(shard_file(name_generation(*item)) for item in latest.items())
+
+
+def shard_file(name: str) -> str:
+    """The file name of a shard, the same in every folder."""
+    return f"{PREFIX}{name}{SUFFIX}"
+
+
+def name_generation(shard: str, generation: int) -> str:
+    """The name of a generation of a shard."""
+    return f"{shard}-{generation}" if generation else shard
+
+
+def split_generation(file: str) -> tuple[str, int]:
+    """The shard and the generation of a file."""
+    first, *others = file.removeprefix(PREFIX).removesuffix(SUFFIX).split("-")
+    return "-".join([first, *others[:1]]), int(others[1]) if others[1:] else 0
+
+
+def _row_size(schema: pa.Schema) -> int:
+    """Bytes of a row, without texts."""
+    return sum(f.type.bit_width // 8 for f in schema if not pa.types.is_string(f.type))
