@@ -88,7 +88,7 @@ NUMBERS = {
         "map_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
         "winner_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
         "inhibition_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
-        "peak": NOT_NEGATIVE,
+        "peak": ((None, *POSITIVE[0]), POSITIVE[1]),
         "reset": ((0.0, -1.0), (ABOVE_0, nan)),
         "inhibition_surround": ((0.0, under(1)), (BELOW_0, 1.0, nan)),
     },

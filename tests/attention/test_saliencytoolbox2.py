@@ -76,7 +76,7 @@ def test_every_map_and_fixation_is_the_toolboxs(shared, name):
     h, w = maps.saliency.shape
     foa = int(max(maps.image_shape) / 6 + 0.5)
     assert foa == published["foaSize"].item()
-    disc = ScanpathConfig(peak=0, inhibition_sigma=0.3 * foa / 32 / max(h, w))
+    disc = ScanpathConfig(peak=None, inhibition_sigma=0.3 * foa / 32 / max(h, w))
     path = scanpath(maps.saliency, (h, w), 10, disc)
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_disk_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_disk_time_s"].ravel()) / STEP
@@ -109,7 +109,7 @@ def test_inhibition_of_proto_objects_is_the_toolboxs(shared, name):
     maps, published = computed_and_published(shared, name, "iterative")
     h, w = maps.saliency.shape
     sigma = 0.3 * published["foaSize"].item() / 32 / max(h, w)
-    config = ScanpathConfig(peak=0, inhibition_sigma=sigma, time_limit=60)
+    config = ScanpathConfig(peak=None, inhibition_sigma=sigma, time_limit=60)
     path = scanpath(maps.saliency, (h, w), 10, config, region=partial(proto_object, maps))
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_shape_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_shape_time_s"].ravel()) / STEP

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from saccade._pair_sums_kernels import MARGIN
 from saccade.attention.symmetry import existing_levels, steps_of, symmetry_at
 from saccade.attention.symmetry_config import SymmetryConfig
 from saccade.errors import ImageError, require
 from saccade.image import check_image
-from saccade.pair_sums import MARGIN, Gradients, PairKernel, gradients_of, pair_kernel
+from saccade.pair_sums import Gradients, PairKernel, gradients_of, pair_kernel
 from saccade.pyramid import FloatMap, cell_centers
 from saccade.types import FloatArray, Image, IntArray, SymmetricPairs
 

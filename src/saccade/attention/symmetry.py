@@ -22,13 +22,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from saccade._pair_sums_kernels import MARGIN
 from saccade.attention.normalize import rescale, sharpen, smooth
 from saccade.attention.symmetry_2010 import Kootstra2010Steps
 from saccade.attention.symmetry_config import SymmetryConfig
 from saccade.errors import ImageError
 from saccade.image import check_image, in_unit_range
 from saccade.pair_sums import (
-    MARGIN,
     PairKernel,
     color_sums,
     fraction_inside,

@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from saccade._pair_sums_kernels import MARGIN, update_strongest_pairs
 from saccade.image import as_gray
 from saccade.keypoints.scale_space_points import Points, descriptors_of, directions
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.pair_sums import (
-    MARGIN,
     Gradients,
     PairKernel,
-    follow_strongest,
     gradients_of,
     isotropic_sums,
     pair_kernel,
@@ -252,7 +251,7 @@ def radius_of_strongest(levels: list[Level], pairs: PairKernel, xy: FloatArray) 
     weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
     for level in levels:
         cells = np.floor((xy + 0.5) / level.spacing).astype(np.int64)
-        follow_strongest(
+        update_strongest_pairs(
             *level.gradients, pairs.offsets, weighted, level.spacing, cells, strongest, radius
         )
     return radius

@@ -60,7 +60,7 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
         "inhibition_sigma": (0.01, 0.3, 0.005),
         "inhibition_time_constant": (0.05, 5, 0.05),
         "time_limit": (0.5, 20, 0.5),
-        "peak": (0, 5, 0.1),
+        "peak": (0.1, 5, 0.1),
         "time_step": (1e-5, 1e-3, 0),
         "drive": (1e-3, 1, 0),
         "background": (1e-7, 1e-2, 0),
