@@ -1,12 +1,14 @@
-"""What can go wrong, in words a user can act on.
+"""Exceptions, and checks of settings that raise them.
 
-Every message names the culprit (a file, a line or an argument), what was
-expected and what was found.
+Every message names the file, line or argument, what was expected and what was found.
 """
+
+from dataclasses import fields
+from typing import Any, Literal, get_args, get_origin
 
 
 class SaccadeError(Exception):
-    """Input that `saccade` cannot work with; the message is one line."""
+    """Invalid input or failed output; the message is one line."""
 
 
 class ImageError(SaccadeError, ValueError):
@@ -18,15 +20,15 @@ class KeypointsError(SaccadeError, ValueError):
 
 
 class LogError(SaccadeError, ValueError):
-    """A landmark log that is broken, or is not of the format it was said to be."""
+    """A landmark log that is invalid or of another format."""
 
 
 class DriveError(SaccadeError, ValueError):
-    """A camera drive that is broken, or is not of the layout it was said to be."""
+    """A camera drive that is invalid or of another layout."""
 
 
 class ConfigError(SaccadeError, ValueError):
-    """A setting outside its range, or one that does not exist."""
+    """A setting outside its range, or an unknown one."""
 
 
 class OutputError(SaccadeError, OSError):
@@ -37,3 +39,11 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
     """Raise `ConfigError` unless `holds`; `name` is the setting, `expected` its range."""
     if not holds:
         raise ConfigError(f"{name}: expected {expected}, found {found!r}")
+
+
+def require_choices(settings: Any) -> None:
+    """Raise `ConfigError` unless each `Literal` field of a dataclass has one of its values."""
+    for field in fields(settings):
+        if get_origin(field.type) is Literal:
+            value, choices = getattr(settings, field.name), get_args(field.type)
+            require(value in choices, field.name, f"one of {', '.join(choices)}", value)

@@ -194,7 +194,12 @@ def as_rgb(
     pixels = in_unit_range(check_image(image, name), dtype)
     if pixels.ndim == 2:
         return np.repeat(pixels[:, :, None], 3, axis=2)
-    return np.ascontiguousarray(pixels[:, :, :3])
+    return without_alpha(pixels)
+
+
+def without_alpha(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W), or (H, W, 3) of RGB or RGBA, in C order."""
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
 
 
 def as_gray(image: Image, name: str = "image") -> Float32Array:

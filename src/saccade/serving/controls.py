@@ -25,7 +25,7 @@ MODELS = {
 }
 """Which configurations a model of attention has, the one that holds the others first."""
 
-_WEIGHT, _LEVEL, _CELLS, _SIDE = (0, 2, 0.05), (1, 7, 1), (0, 5, 0.25), (0, 3200, 100)
+_WEIGHT, _LEVEL, _CELLS, _SIDE = (0, 2, 0.05), (1, 7, 1), (0, 5, 0.25), (100, 3200, 100)
 _COUNT = (0, 10_000, 50)
 RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
     "attention": {"contrast_weight": (0.05, 2, 0.05), "symmetry_weight": (0.05, 2, 0.05)},
@@ -36,13 +36,13 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
         "sharpening": (0.25, 4, 0.25),
         "smoothing": _CELLS,
         "map_level": _LEVEL,
-        "center_prior": (0, 1, 0.05),
+        "center_prior": (0.05, 1, 0.05),
         "dark": (0, 0.5, 0.01),
         "gabor_period": (2, 20, 0.5),
         "gabor_sigma": (0.5, 8, 0.1),
         "gabor_size": (3, 31, 2),
         "maxima_threshold": (0, 1, 0.05),
-        "maxima_radius": (0, 0.5, 0.01),
+        "maxima_radius": (0.01, 0.5, 0.01),
         "iterations": (1, 10, 1),
         "viewing_size": _SIDE,
     },
