@@ -4,11 +4,8 @@ An image goes in, attention says where to look, interest points say what to
 keep, landmarks say where things are, and a map comes out.
 """
 
-import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from saccade.files import LARGEST_IMAGE
 
 if TYPE_CHECKING:
     from saccade import datasets, exchange, slam, textbook, viewing, visual
@@ -46,8 +43,6 @@ if TYPE_CHECKING:
     )
 
 __version__ = "0.1.0"
-
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_IMAGE))  # read as OpenCV loads
 
 _HOMES = {
     "saccade.attention.combined": ("AttentionConfig", "AttentionMaps", "attention_saliency"),

@@ -4,6 +4,8 @@ Every message names the file, line or argument, what was expected and what was f
 """
 
 from dataclasses import fields
+from numbers import Integral, Real
+from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
 
@@ -41,9 +43,18 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
         raise ConfigError(f"{name}: expected {expected}, found {found!r}")
 
 
-def require_choices(settings: Any) -> None:
-    """Raise `ConfigError` unless each `Literal` field of a dataclass has one of its values."""
-    for field in fields(settings):
-        if get_origin(field.type) is Literal:
-            value, choices = getattr(settings, field.name), get_args(field.type)
-            require(value in choices, field.name, f"one of {', '.join(choices)}", value)
+def require_types(config: Any) -> None:
+    """Raise `ConfigError` unless numbers and choices of a dataclass are of their declared types."""
+    for field in fields(config):
+        value, options = getattr(config, field.name), get_args(field.type)
+        optional = NoneType in options
+        kind = options[0] if optional else field.type
+        if optional and value is None:
+            continue
+        if kind is int:
+            require(isinstance(value, Integral), field.name, "a whole number", value)
+        elif kind is float:
+            require(isinstance(value, Real), field.name, "a number", value)
+        elif get_origin(kind) is Literal:
+            choices = get_args(kind)
+            require(value in choices, field.name, " or ".join(map(repr, choices)), value)

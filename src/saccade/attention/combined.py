@@ -14,7 +14,7 @@ from saccade.attention.contrast_config import MAX_WEIGHT
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import Normalization, normalize, rescale
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
-from saccade.errors import require, require_choices
+from saccade.errors import require, require_types
 from saccade.pyramid import FloatMap, resize
 from saccade.types import Image
 
@@ -41,7 +41,7 @@ class AttentionConfig:
         for name in ("contrast_weight", "symmetry_weight"):
             weight = getattr(self, name)
             require(0 < weight <= MAX_WEIGHT, name, f"above 0, at most {MAX_WEIGHT:g}", weight)
-        require_choices(self)
+        require_types(self)
 
     @classmethod
     def kootstra2010(cls) -> Self:

@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.attention.channels import Color
 from saccade.attention.normalize import Normalization
-from saccade.errors import require, require_choices
+from saccade.errors import require, require_types
 from saccade.pyramid import MAX_LEVEL, coarser_levels
 
 Scales = tuple[tuple[int, int], ...]
@@ -97,7 +97,7 @@ class ContrastConfig:
             weight = getattr(self, name)
             require(0 <= weight <= MAX_WEIGHT, name, f"a weight from 0 to {MAX_WEIGHT:g}", weight)
         require(sum(self.weights) > 0, "weights", "at least one above 0", self.weights)
-        require_choices(self)
+        require_types(self)
         require(0 <= self.dark <= 1, "dark", "a value in [0, 1]", self.dark)
         for name in ("scales", "orientation_scales"):
             pairs = getattr(self, name)

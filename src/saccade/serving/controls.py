@@ -5,6 +5,7 @@ import inspect
 import textwrap
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 TITLES = {
@@ -25,7 +26,7 @@ MODELS = {
 }
 """Which configurations a model of attention has, the one that holds the others first."""
 
-_WEIGHT, _LEVEL, _CELLS, _SIDE = (0, 2, 0.05), (1, 7, 1), (0, 5, 0.25), (100, 3200, 100)
+_WEIGHT, _LEVEL, _CELLS, _SIDE = (0, 2, 0.05), (1, 7, 1), (0, 5, 0.25), (0, 3200, 100)
 _COUNT = (0, 10_000, 50)
 RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
     "attention": {"contrast_weight": (0.05, 2, 0.05), "symmetry_weight": (0.05, 2, 0.05)},
@@ -36,13 +37,13 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
         "sharpening": (0.25, 4, 0.25),
         "smoothing": _CELLS,
         "map_level": _LEVEL,
-        "center_prior": (0.05, 1, 0.05),
+        "center_prior": (0, 1, 0.05),
         "dark": (0, 0.5, 0.01),
         "gabor_period": (2, 20, 0.5),
         "gabor_sigma": (0.5, 8, 0.1),
         "gabor_size": (3, 31, 2),
         "maxima_threshold": (0, 1, 0.05),
-        "maxima_radius": (0.01, 0.5, 0.01),
+        "maxima_radius": (0, 0.5, 0.01),
         "iterations": (1, 10, 1),
         "viewing_size": _SIDE,
     },
@@ -60,7 +61,7 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
         "inhibition_sigma": (0.01, 0.3, 0.005),
         "inhibition_time_constant": (0.05, 5, 0.05),
         "time_limit": (0.5, 20, 0.5),
-        "peak": (0.1, 5, 0.1),
+        "peak": (0, 5, 0.1),
         "time_step": (1e-5, 1e-3, 0),
         "drive": (1e-3, 1, 0),
         "background": (1e-7, 1e-2, 0),
@@ -117,7 +118,9 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
         "gain": (1, 200, 1),
     },
 }
-"""From, to and step of the slider of each number; a step of 0 is a factor, the same everywhere."""
+"""From, to and step of the slider of each number; a step of 0 is a factor, the same everywhere.
+
+The lowest position of a setting that may be None stands for None."""
 FIRST = {
     "attention": ("contrast_weight", "symmetry_weight", "normalization"),
     "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
@@ -182,7 +185,8 @@ def _input(kind: str, name: str, hint: Any) -> dict[str, Any]:
     """How a setting is changed."""
     if name in RANGES[kind]:
         low, high, step = RANGES[kind][name]
-        return {"input": "range", "low": low, "high": high, "step": step}
+        optional = NoneType in get_args(hint)
+        return {"input": "range", "low": low, "high": high, "step": step, "optional": optional}
     if get_origin(hint) is Literal:
         return {"input": "choice", "choices": list(get_args(hint))}
     return {"input": "check" if hint is bool else "list"}
@@ -190,11 +194,12 @@ def _input(kind: str, name: str, hint: Any) -> dict[str, Any]:
 
 def field_help(configuration: type) -> Mapping[str, str]:
     """What stands below each field of a class; nothing where its source is not installed."""
+    inherited = [field_help(parent) for parent in reversed(configuration.__bases__)]
+    found = {name: text for texts in inherited for name, text in texts.items()}
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(configuration))).body[0]
     except (OSError, TypeError):
-        return {}
-    found: dict[str, str] = {}
+        return found
     name = ""
     for node in getattr(tree, "body", []):
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
