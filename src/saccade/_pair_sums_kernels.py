@@ -1,5 +1,7 @@
 """Sums over the pairs of gradients about each pixel, compiled: see `saccade.pair_sums`."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from saccade._jit import kernel
@@ -11,11 +13,36 @@ UNSIGNED = np.uintp
 """The kernels' indices: Numba need not check whether these count from the end."""
 
 
+class PairKernel(NamedTuple):
+    """The pairs about a pixel and their weights; each pair stands once."""
+
+    offsets: IntArray
+    """(n, 2) dx and dy from the pixel to the first of the pair; the second lies opposite."""
+    directions: Float32Array
+    """(n, 2) unit vectors along the line through the pair."""
+    weights: Float32Array
+    """(n,) by their distance."""
+
+    def scaled(self) -> "PairKernel":
+        """With directions scaled by the square root of the weight."""
+        return self._replace(directions=self.directions * np.sqrt(self.weights)[:, None])
+
+
+class Gradients(NamedTuple):
+    """The gradients of a channel."""
+
+    strength: Float32Array
+    """(h, w) float32, as the others: log(1 + gain m), m the magnitude by 3x3 Sobel filters."""
+    cosine: Float32Array
+    """(h, w) of the direction; 0, as the sine is, where there is none."""
+    sine: Float32Array
+    """(h, w) of the direction, from x towards y."""
+
+
 @kernel()
-def normalize_gradients(
-    gain: np.float32, cosine: Float32Array, sine: Float32Array, strength: Float32Array
-) -> None:
-    """Normalize gradients in place, and fill `strength` with gain times magnitude."""
+def normalize_gradients(gradients: Gradients, gain: np.float32) -> None:
+    """Normalize gradients in place, and fill their strength with gain times magnitude."""
+    strength, cosine, sine = gradients
     one, smallest = np.float32(1), np.float32(1e-30)
     for y in range(len(strength)):
         for x in range(strength.shape[1]):
@@ -27,15 +54,10 @@ def normalize_gradients(
 
 
 @kernel(fastmath=("contract",))
-def add_isotropic(
-    strength: Float32Array,
-    cosine: Float32Array,
-    sine: Float32Array,
-    offsets: IntArray,
-    directions: Float32Array,
-    out: Float32Array,
-) -> None:
-    """Add to each pixel the terms of its pairs; a pair's weight is the square of its direction."""
+def add_isotropic(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> None:
+    """Add to each pixel the terms of its `PairKernel.scaled` pairs."""
+    strength, cosine, sine = gradients
+    offsets, directions = pairs.offsets, pairs.directions
     height, width = strength.shape
     for y in range(height):
         for k in range(len(offsets)):
@@ -53,20 +75,15 @@ def add_isotropic(
 
 
 @kernel(fastmath=("contract",))
-def add_radial(
-    strength: Float32Array,
-    cosine: Float32Array,
-    sine: Float32Array,
-    offsets: IntArray,
-    directions: Float32Array,
-    out: Float32Array,
-) -> None:
-    """Add to each pixel the terms of its pairs, weighted by the angle from the strongest.
+def add_radial(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> None:
+    """Add to each pixel the terms of its scaled pairs, weighted by the angle from the strongest.
 
     Since sin^2(phi - phi_max) = (1 - cos(2 phi) cos(2 phi_max) - sin(2 phi) sin(2 phi_max)) / 2,
     one pass over the pairs is enough: it sums terms, and terms times cos and sin of 2 phi, and
     keeps the strongest.
     """
+    strength, cosine, sine = gradients
+    offsets, directions = pairs.offsets, pairs.directions
     height, width = strength.shape
     rows = np.empty((6, width), np.float32)
     total, total_cos, total_sin, highest, highest_cos, highest_sin = rows
@@ -99,13 +116,10 @@ def add_radial(
 
 @kernel(fastmath=("contract",))
 def add_color(
-    harmonics: Float32Array,
-    offsets: IntArray,
-    rotations: Float32Array,
-    weights: Float32Array,
-    out: Float32Array,
+    harmonics: Float32Array, pairs: PairKernel, rotations: Float32Array, out: Float32Array
 ) -> None:
     """Add A_i A_j - 2 B_i B_j + C_i C_j, the sums over channels of p^4, p^3 q and p^2 q^2."""
+    offsets, weights = pairs.offsets, pairs.weights
     height, width = out.shape
     rows = np.empty((6, width), np.float32)
     a_i, b_i, c_i, a_j, b_j, c_j = rows
@@ -152,20 +166,16 @@ def rotate_harmonics(
 
 @kernel()
 def update_strongest_pairs(
-    strength: Float32Array,
-    cosine: Float32Array,
-    sine: Float32Array,
-    offsets: IntArray,
-    directions: Float32Array,
+    gradients: Gradients,
+    pairs: PairKernel,
     spacing: float,
     cells: IntArray,
     strongest: FloatArray,
     radius: FloatArray,
 ) -> None:
-    """Update the strongest term of the pairs about (n, 2) cells (x, y), and its radius in pixels.
-
-    A pair's weight is the square of its direction.
-    """
+    """Update the strongest term of the scaled pairs about (n, 2) cells (x, y), and its radius."""
+    strength, cosine, sine = gradients
+    offsets, directions = pairs.offsets, pairs.directions
     height, width = strength.shape
     for n in range(len(cells)):
         x, y = min(max(cells[n, 0], 0), width - 1), min(max(cells[n, 1], 0), height - 1)

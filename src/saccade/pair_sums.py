@@ -15,7 +15,6 @@ the product of two sums over channels.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -27,30 +26,10 @@ from saccade._pair_sums_kernels import (
     add_radial,
     normalize_gradients,
 )
+from saccade._pair_sums_kernels import Gradients as Gradients
+from saccade._pair_sums_kernels import PairKernel as PairKernel
 from saccade.pyramid import FloatMap
-from saccade.types import Float32Array, IntArray
-
-
-class PairKernel(NamedTuple):
-    """The pairs about a pixel and their weights; each pair stands once."""
-
-    offsets: IntArray
-    """(n, 2) dx and dy from the pixel to the first of the pair; the second lies opposite."""
-    directions: Float32Array
-    """(n, 2) unit vectors along the line through the pair."""
-    weights: Float32Array
-    """(n,) by their distance."""
-
-
-class Gradients(NamedTuple):
-    """The gradients of a channel."""
-
-    strength: FloatMap
-    """(h, w) float32, as the others: log(1 + gain m), m the magnitude by 3x3 Sobel filters."""
-    cosine: FloatMap
-    """(h, w) of the direction; 0, as the sine is, where there is none."""
-    sine: FloatMap
-    """(h, w) of the direction, from x towards y."""
+from saccade.types import Float32Array
 
 
 def pair_kernel(inner: int, outer: int, sigma: float) -> PairKernel:
@@ -86,9 +65,10 @@ def gradients_of(channel: FloatMap, gain: float, border: int = cv2.BORDER_REFLEC
     plane = np.ascontiguousarray(channel, np.float32)
     cosine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=border)
     sine: FloatMap = cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=border)
-    strength = np.empty_like(plane)
-    normalize_gradients(np.float32(gain), cosine, sine, strength)
-    return Gradients(np.log1p(strength, out=strength), cosine, sine)
+    gradients = Gradients(np.empty_like(plane), cosine, sine)
+    normalize_gradients(gradients, np.float32(gain))
+    np.log1p(gradients.strength, out=gradients.strength)
+    return gradients
 
 
 def isotropic_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
@@ -111,11 +91,10 @@ def radial_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
 
 
 def sums_of(add: Callable[..., None], channels: list[Gradients], pairs: PairKernel) -> Float32Array:
-    """(h, w) sums of a kernel, to which the weight of a pair is the square of its direction."""
-    sums = np.zeros_like(channels[0].strength)
-    weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
+    """(h, w) sums of a kernel over the channels."""
+    sums, scaled = np.zeros_like(channels[0].strength), pairs.scaled()
     for gradients in channels:
-        add(*gradients, pairs.offsets, weighted, sums)
+        add(gradients, scaled, sums)
     return sums
 
 
@@ -136,7 +115,7 @@ def color_sums(channels: list[Gradients], pairs: PairKernel) -> Float32Array:
     doubled = (pairs.directions[:, 0] + 1j * pairs.directions[:, 1]) ** 2
     rotations = np.stack([doubled.real, doubled.imag, (doubled**2).real, (doubled**2).imag], axis=1)
     sums = np.zeros(strength.shape, np.float32)
-    add_color(harmonics, pairs.offsets, rotations.astype(np.float32), pairs.weights, sums)
+    add_color(harmonics, pairs, rotations.astype(np.float32), sums)
     return sums
 
 

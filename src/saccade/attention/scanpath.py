@@ -11,7 +11,7 @@ resets the whole winner layer, and the competition starts again.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -66,38 +66,18 @@ class ScanpathConfig:
     """Of the inhibition of return, in seconds."""
 
     def __post_init__(self) -> None:
-        for name in (
-            "time_step",
-            "time_limit",
-            "drive",
-            "map_time_constant",
-            "gain",
-            "winner_time_constant",
-            "threshold",
-            "inhibition_sigma",
-            "inhibition_strength",
-            "inhibition_time_constant",
-        ):
+        signed = ("background", "reset", "inhibition_surround", "peak")
+        for name in (field.name for field in fields(self) if field.name not in signed):
             value = getattr(self, name)
             require(0 < value < np.inf, name, "a finite value above 0", value)
-        fastest = min(
-            self.map_time_constant, self.winner_time_constant, self.inhibition_time_constant
-        )
-        require(
-            self.time_step <= fastest / 10,
-            "time_step",
-            f"at most a tenth of the shortest time constant, {fastest:g} s",
-            self.time_step,
-        )
+        times = self.map_time_constant, self.winner_time_constant, self.inhibition_time_constant
+        expected = f"at most a tenth of the shortest time constant, {min(times):g} s"
+        require(self.time_step <= min(times) / 10, "time_step", expected, self.time_step)
         positive = self.peak is None or 0 < self.peak < np.inf
         require(positive, "peak", "a finite value above 0, or none", self.peak)
         require(self.reset <= 0, "reset", "at most 0", self.reset)
-        require(
-            0 <= self.inhibition_surround < 1,
-            "inhibition_surround",
-            "a fraction in [0, 1)",
-            self.inhibition_surround,
-        )
+        surround = self.inhibition_surround
+        require(0 <= surround < 1, "inhibition_surround", "a fraction in [0, 1)", surround)
 
 
 def scanpath(

@@ -248,12 +248,10 @@ def radius_of_strongest(levels: list[Level], pairs: PairKernel, xy: FloatArray) 
     It is the strongest of all levels; (n,) in pixels, 0 where there is none.
     """
     strongest, radius = np.zeros(len(xy)), np.zeros(len(xy))
-    weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
+    scaled = pairs.scaled()
     for level in levels:
         cells = np.floor((xy + 0.5) / level.spacing).astype(np.int64)
-        update_strongest_pairs(
-            *level.gradients, pairs.offsets, weighted, level.spacing, cells, strongest, radius
-        )
+        update_strongest_pairs(level.gradients, scaled, level.spacing, cells, strongest, radius)
     return radius
 
 
