@@ -204,15 +204,15 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
 
 
 def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
-    """The image as it is, if it is one; float values are cut to [0, 1].
+    """Validates an image; float values are clipped to [0, 1].
 
     Args:
         image: see `saccade.types.Image`.
-        name: what an error message calls it.
+        name: for error messages.
 
     Returns:
-        (H, W), (H, W, 3) or (H, W, 4) uint8, uint16, float32 or float64, in C order. Not a
-        copy where none is needed.
+        (H, W), (H, W, 3) or (H, W, 4) uint8, uint16, float32 or float64, in C order; the image
+        itself where nothing has to change.
 
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1].
@@ -246,7 +246,7 @@ def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
 
 
 def in_unit_range(pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32) -> npt.NDArray[Any]:
-    """What `check_image` gives, as float32 or float64 in [0, 1]."""
+    """A validated image as float32 or float64 in [0, 1]."""
     if pixels.dtype.kind == "f":
         return pixels.astype(dtype, copy=False)
     values = pixels.astype(dtype)
