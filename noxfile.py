@@ -39,6 +39,13 @@ def fuzz(session: nox.Session) -> None:
 
 
 @nox.session
+def nightly(session: nox.Session) -> None:
+    """Tests that freeze a tuning: every rejected option is still worse."""
+    session.install(".", "--group", "dev")
+    session.run("pytest", "-q", "-m", "nightly", *session.posargs)
+
+
+@nox.session
 def mutation(session: nox.Session) -> None:
     """Which fraction of small changes the tests notice: `-- slam --count 150 --seed 1`."""
     session.install(".", "--group", "dev", "cosmic-ray", "coverage")

@@ -80,7 +80,7 @@ def compare_default(photographs: list[str]) -> None:
     for path in photographs:
         image = saccade.read_image(path)
         printed, ours = sift(image), fast(image)
-        kept = sum(each.fate == "kept" for each in printed.candidates)
+        kept = sum(each.status == "kept" for each in printed.candidates)
         counts.append([len(printed.keypoints) / kept, len(ours) / len(np.unique(ours.xy, axis=0))])
     textbook, default = np.mean(counts, axis=0)
     print(f"orientations a point, mean of five: textbook {textbook:.2f}, default {default:.2f}")

@@ -28,10 +28,14 @@ ALLOWED = {
     "video": FOUNDATION | {"image"},
     "pyramid": {"types", "errors", "_jit"},
     "scale_space": {"types", "errors", "_jit"},
-    "pair_sums": {"types", "errors", "_jit", "pyramid"},
-    "attention": {"types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums"},
+    "_pair_sums_kernels": {"types", "_jit"},
+    "pair_sums": {"types", "errors", "pyramid", "_pair_sums_kernels"},
+    "attention": {
+        *("types", "errors", "_jit", "image", "pyramid", "pair_sums", "_pair_sums_kernels")
+    },
     "keypoints": {
-        *("types", "errors", "_jit", "image", "pyramid", "scale_space", "pair_sums", "textbook"),
+        *("types", "errors", "_jit", "image", "pyramid", "scale_space", "textbook"),
+        *("pair_sums", "_pair_sums_kernels"),
     },
     "slam": FOUNDATION | {"_jit"},
     "visual": FOUNDATION | {"_jit", "image", "pyramid", "attention", "keypoints", "slam"},

@@ -62,11 +62,11 @@ NUMBERS = {
         "map_level": whole(0, 30),
         "smoothing": NOT_NEGATIVE,
         "maxima_threshold": closed(0, 1),
-        "maxima_radius": closed(0, 1),
+        "maxima_radius": ((None, ABOVE_0, 1), (0.0, over(1), nan)),
         "iterations": whole(1, 1000),
         "sharpening": above_0(100),
-        "center_prior": NOT_NEGATIVE,
-        "viewing_size": at_least(0),
+        "center_prior": ((None, *POSITIVE[0]), POSITIVE[1]),
+        "viewing_size": ((None, 1, 2), (0,)),
     },
     SymmetryConfig: {
         "outer": ((100.0,), (over(100), nan)),
@@ -76,7 +76,7 @@ NUMBERS = {
         "map_level": whole(0, 30),
         "smoothing": NOT_NEGATIVE,
         "sharpening": above_0(100),
-        "viewing_size": at_least(0),
+        "viewing_size": ((None, 1, 2), (0,)),
     },
     ScanpathConfig: {
         "time_limit": POSITIVE,
@@ -88,7 +88,7 @@ NUMBERS = {
         "map_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
         "winner_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
         "inhibition_time_constant": ((1e300,), (0.0, OWN_INF, nan)),
-        "peak": NOT_NEGATIVE,
+        "peak": ((None, *POSITIVE[0]), POSITIVE[1]),
         "reset": ((0.0, -1.0), (ABOVE_0, nan)),
         "inhibition_surround": ((0.0, under(1)), (BELOW_0, 1.0, nan)),
     },
@@ -262,7 +262,7 @@ SYMMETRY = SymmetryConfig(levels=(2, 3), level_weights=(1.0, 1.0), map_level=4)
 )
 def test_levels_follow_the_longer_side(config, shape, coarser):
     found = config.at_size(shape)
-    assert found.viewing_size == 0
+    assert found.viewing_size is None
     assert found.map_level == 4 + coarser
     if config is CONTRAST:
         pairs = np.array([*config.scales, *config.orientation_scales])

@@ -6,18 +6,17 @@ from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
 from saccade.attention.channels import quotient_opponency
+from saccade.attention.gabor import gabor_energies, gabor_pair
 from saccade.image import read_image
 from saccade.pyramid import (
     cell_centers,
     deepest_level,
-    dyadic_pyramid,
-    gabor_energies,
-    gabor_pair,
     halve,
     level_shape,
     resize,
 )
 from support import oracles_attention as oracles
+from support.pyramids import dyadic_pyramid
 
 sides = st.integers(1, 17)
 images = st.tuples(sides, sides).flatmap(

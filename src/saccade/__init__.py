@@ -1,144 +1,93 @@
-"""Active vision: where to look, what to keep, and the map it makes.
+"""Active vision: attention, interest points, and EKF-SLAM.
 
-An image goes in, attention says where to look, interest points say what to
-keep, landmarks say where things are, and a map comes out.
+An image goes in, attention says where to look, interest points say what to keep, landmarks say
+where things are, and a map comes out.
 """
 
-import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from saccade.files import LARGEST_IMAGE
-
 if TYPE_CHECKING:
-    from saccade import datasets, exchange, slam, textbook, viewing, visual
-    from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
-    from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
-    from saccade.attention.scanpath import ScanpathConfig, scanpath
-    from saccade.attention.symmetric_pairs import symmetric_pairs
-    from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
-    from saccade.errors import (
-        ConfigError,
-        DriveError,
-        ImageError,
-        KeypointsError,
-        LogError,
-        OutputError,
-        SaccadeError,
-    )
-    from saccade.image import read_image
-    from saccade.keypoints.matching import match
-    from saccade.keypoints.must import Must
-    from saccade.keypoints.must_config import MustConfig
-    from saccade.keypoints.sift import Sift
-    from saccade.keypoints.sift_config import SiftConfig
-    from saccade.keypoints.symroid import SymRoid
-    from saccade.keypoints.symroid_config import SymRoidConfig
-    from saccade.keypoints.verification import Verification, verify
-    from saccade.types import (
-        Keypoints,
-        LandmarkLog,
-        LandmarkMap,
-        Observation,
-        Scanpath,
-        SymmetricPairs,
-        Trajectory,
-    )
+    from saccade import datasets as datasets
+    from saccade import exchange as exchange
+    from saccade import slam as slam
+    from saccade import textbook as textbook
+    from saccade import viewing as viewing
+    from saccade import visual as visual
+    from saccade.attention import AttentionConfig as AttentionConfig
+    from saccade.attention import AttentionMaps as AttentionMaps
+    from saccade.attention import ContrastConfig as ContrastConfig
+    from saccade.attention import ContrastMaps as ContrastMaps
+    from saccade.attention import ScanpathConfig as ScanpathConfig
+    from saccade.attention import SymmetryConfig as SymmetryConfig
+    from saccade.attention import SymmetryMaps as SymmetryMaps
+    from saccade.attention import attention_saliency as attention_saliency
+    from saccade.attention import contrast_saliency as contrast_saliency
+    from saccade.attention import symmetry_saliency as symmetry_saliency
+    from saccade.attention.scanpath import scanpath as scanpath
+    from saccade.attention.symmetric_pairs import symmetric_pairs as symmetric_pairs
+    from saccade.errors import ConfigError as ConfigError
+    from saccade.errors import DriveError as DriveError
+    from saccade.errors import ImageError as ImageError
+    from saccade.errors import KeypointsError as KeypointsError
+    from saccade.errors import LogError as LogError
+    from saccade.errors import OutputError as OutputError
+    from saccade.errors import SaccadeError as SaccadeError
+    from saccade.image import read_image as read_image
+    from saccade.keypoints.matching import match as match
+    from saccade.keypoints.must import Must as Must
+    from saccade.keypoints.must_config import MustConfig as MustConfig
+    from saccade.keypoints.sift import Sift as Sift
+    from saccade.keypoints.sift_config import SiftConfig as SiftConfig
+    from saccade.keypoints.symroid import SymRoid as SymRoid
+    from saccade.keypoints.symroid_config import SymRoidConfig as SymRoidConfig
+    from saccade.keypoints.verification import Verification as Verification
+    from saccade.keypoints.verification import verify as verify
+    from saccade.types import Keypoints as Keypoints
+    from saccade.types import LandmarkLog as LandmarkLog
+    from saccade.types import LandmarkMap as LandmarkMap
+    from saccade.types import Scanpath as Scanpath
+    from saccade.types import SymmetricPairs as SymmetricPairs
+    from saccade.types import Trajectory as Trajectory
 
 __version__ = "0.1.0"
 
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_IMAGE))  # read as OpenCV loads
-
-_HOMES = {
-    "saccade.attention.combined": ("AttentionConfig", "AttentionMaps", "attention_saliency"),
-    "saccade.attention.contrast": ("ContrastConfig", "ContrastMaps", "contrast_saliency"),
-    "saccade.attention.scanpath": ("ScanpathConfig", "scanpath"),
-    "saccade.errors": (
-        "ConfigError",
-        "DriveError",
-        "ImageError",
-        "KeypointsError",
-        "LogError",
-        "OutputError",
-        "SaccadeError",
+_MODULES = {
+    "attention": (
+        *("AttentionConfig", "AttentionMaps", "attention_saliency", "symmetric_pairs"),
+        *("ContrastConfig", "ContrastMaps", "contrast_saliency", "ScanpathConfig", "scanpath"),
+        *("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
     ),
-    "saccade.attention.symmetric_pairs": ("symmetric_pairs",),
-    "saccade.attention.symmetry": ("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
-    "saccade.image": ("read_image",),
-    "saccade.keypoints.matching": ("match",),
-    "saccade.keypoints.must": ("Must",),
-    "saccade.keypoints.must_config": ("MustConfig",),
-    "saccade.keypoints.sift": ("Sift",),
-    "saccade.keypoints.sift_config": ("SiftConfig",),
-    "saccade.keypoints.symroid": ("SymRoid",),
-    "saccade.keypoints.symroid_config": ("SymRoidConfig",),
-    "saccade.keypoints.verification": ("Verification", "verify"),
-    "saccade.types": (
-        "Keypoints",
-        "LandmarkLog",
-        "LandmarkMap",
-        "Observation",
-        "Scanpath",
-        "SymmetricPairs",
-        "Trajectory",
+    "errors": (
+        *("ConfigError", "DriveError", "ImageError", "KeypointsError", "LogError"),
+        *("OutputError", "SaccadeError"),
+    ),
+    "image": ("read_image",),
+    "keypoints.matching": ("match",),
+    "keypoints.must": ("Must",),
+    "keypoints.must_config": ("MustConfig",),
+    "keypoints.sift": ("Sift",),
+    "keypoints.sift_config": ("SiftConfig",),
+    "keypoints.symroid": ("SymRoid",),
+    "keypoints.symroid_config": ("SymRoidConfig",),
+    "keypoints.verification": ("Verification", "verify"),
+    "types": (
+        *("Keypoints", "LandmarkLog", "LandmarkMap", "Scanpath", "SymmetricPairs", "Trajectory"),
     ),
 }
-_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 _PACKAGES = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")
 
-__all__ = [
-    "AttentionConfig",
-    "AttentionMaps",
-    "ConfigError",
-    "ContrastConfig",
-    "ContrastMaps",
-    "DriveError",
-    "ImageError",
-    "Keypoints",
-    "KeypointsError",
-    "LandmarkLog",
-    "LandmarkMap",
-    "LogError",
-    "Must",
-    "MustConfig",
-    "Observation",
-    "OutputError",
-    "SaccadeError",
-    "Scanpath",
-    "ScanpathConfig",
-    "Sift",
-    "SiftConfig",
-    "SymRoid",
-    "SymRoidConfig",
-    "SymmetricPairs",
-    "SymmetryConfig",
-    "SymmetryMaps",
-    "Trajectory",
-    "Verification",
-    "attention_saliency",
-    "contrast_saliency",
-    "datasets",
-    "exchange",
-    "match",
-    "read_image",
-    "scanpath",
-    "slam",
-    "symmetric_pairs",
-    "symmetry_saliency",
-    "textbook",
-    "verify",
-    "viewing",
-    "visual",
-]
+__all__ = sorted([*_MODULE_OF, *_PACKAGES])
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: `import saccade` stays light."""
     if name in _PACKAGES:
         return import_module(f"saccade.{name}")
-    if name not in _HOME_OF:
+    if name not in _MODULE_OF:
         raise AttributeError(f"module 'saccade' has no attribute {name!r}")
-    value = getattr(import_module(_HOME_OF[name]), name)
+    value = getattr(import_module(f"saccade.{_MODULE_OF[name]}"), name)
     globals()[name] = value
     return value
 

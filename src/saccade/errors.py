@@ -1,12 +1,16 @@
-"""What can go wrong, in words a user can act on.
+"""Exceptions, and checks of settings that raise them.
 
-Every message names the culprit (a file, a line or an argument), what was
-expected and what was found.
+Every message names the file, line or argument, what was expected and what was found.
 """
+
+from dataclasses import fields
+from numbers import Integral, Real
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
 
 
 class SaccadeError(Exception):
-    """Input that `saccade` cannot work with; the message is one line."""
+    """Invalid input or failed output; the message is one line."""
 
 
 class ImageError(SaccadeError, ValueError):
@@ -18,15 +22,15 @@ class KeypointsError(SaccadeError, ValueError):
 
 
 class LogError(SaccadeError, ValueError):
-    """A landmark log that is broken, or is not of the format it was said to be."""
+    """A landmark log that is invalid or of another format."""
 
 
 class DriveError(SaccadeError, ValueError):
-    """A camera drive that is broken, or is not of the layout it was said to be."""
+    """A camera drive that is invalid or of another layout."""
 
 
 class ConfigError(SaccadeError, ValueError):
-    """A setting outside its range, or one that does not exist."""
+    """A setting outside its range, or an unknown one."""
 
 
 class OutputError(SaccadeError, OSError):
@@ -37,3 +41,20 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
     """Raise `ConfigError` unless `holds`; `name` is the setting, `expected` its range."""
     if not holds:
         raise ConfigError(f"{name}: expected {expected}, found {found!r}")
+
+
+def require_types(config: Any) -> None:
+    """Raise `ConfigError` unless numbers and choices of a dataclass are of their declared types."""
+    for field in fields(config):
+        value, options = getattr(config, field.name), get_args(field.type)
+        optional = NoneType in options
+        kind = options[0] if optional else field.type
+        if optional and value is None:
+            continue
+        if kind is int:
+            require(isinstance(value, Integral), field.name, "a whole number", value)
+        elif kind is float:
+            require(isinstance(value, Real), field.name, "a number", value)
+        elif get_origin(kind) is Literal:
+            choices = get_args(kind)
+            require(value in choices, field.name, " or ".join(map(repr, choices)), value)

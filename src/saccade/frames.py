@@ -1,4 +1,4 @@
-"""The data types of a camera drive: what a robot with a camera saw and how far it went meanwhile.
+"""The data types of a camera drive: calibration, frames and odometry.
 
 The robot's frame has x ahead, y to the left and z up, its origin on the ground where
 odometry is measured. The camera's has x to the right, y down and z along the optical axis.
@@ -10,18 +10,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from saccade.errors import DriveError, require
-from saccade.types import FloatArray, Image, IntArray, Trajectory
+from saccade.types import FloatArray, Image, IntArray, Trajectory, check_arrays
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""(3, 3) that turns vectors of a camera which looks straight ahead into the robot's frame."""
+"""(3, 3) rotation into the robot's frame of a camera that faces straight ahead."""
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera without distortion on a robot; with a second one to its right, a stereo rig.
+    """Calibration of a pinhole camera without distortion, or of a rectified stereo rig.
 
     Raises:
-        ConfigError: a size, a focal length or a baseline that none has, or a rotation that is none.
+        ConfigError: a size, focal length or baseline out of range, or an invalid rotation.
     """
 
     width: int
@@ -29,19 +29,19 @@ class Camera:
     height: int
     """Of the image, in pixels."""
     fx: float
-    """Focal length across, in pixels."""
+    """Horizontal focal length in pixels."""
     fy: float
-    """Focal length down, in pixels."""
+    """Vertical focal length in pixels."""
     cx: float
-    """Where the optical axis meets the image, in pixels."""
+    """Column of the principal point in pixels."""
     cy: float
-    """Where the optical axis meets the image, in pixels."""
+    """Row of the principal point in pixels."""
     baseline: float = 0.0
-    """Metres to the right camera of a rectified rig; 0 where there is none."""
+    """Distance to the right camera in meters; 0 for a single camera."""
     position: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) where the camera is in the robot's frame, in metres; the height is 0 if not known."""
+    """(3,) of the camera in the robot's frame, in meters; the height is 0 if unknown."""
     rotation: FloatArray = field(default_factory=lambda: AHEAD.copy())
-    """(3, 3) that turns vectors of the camera's frame into the robot's."""
+    """(3, 3) rotation from the camera's frame into the robot's."""
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
@@ -65,14 +65,14 @@ class Camera:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
-    """Points that someone else has followed from frame to frame."""
+    """Points of one frame that were tracked by another program."""
 
     id: IntArray
-    """(k,) the same number for the same point."""
+    """(k,) number of the track."""
     xy: FloatArray
-    """(k, 2) place in the (left) image, in pixels."""
+    """(k, 2) position in the (left) image, in pixels."""
     disparity: FloatArray
-    """(k,) pixels by which it lies further left in the right image; NaN where not known."""
+    """(k,) stereo disparity in pixels; NaN if unknown."""
 
     def __len__(self) -> int:
         return len(self.id)
@@ -83,7 +83,7 @@ class Tracks:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Frame:
-    """What the camera gives at one time; what it did not give is None."""
+    """The data of the camera at one time."""
 
     time: float
     """Seconds."""
@@ -92,32 +92,33 @@ class Frame:
     right: Image | None = None
     """Of the right camera of a rectified rig."""
     depth: FloatArray | None = None
-    """(H, W) metres along the optical axis, NaN where not known."""
+    """(H, W) meters along the optical axis, NaN where unknown."""
     tracks: Tracks | None = None
-    """Instead of an image, or beside it."""
+    """Tracked points, instead of an image or with it."""
 
     def __repr__(self) -> str:
-        there = [n for n in ("image", "right", "depth", "tracks") if getattr(self, n) is not None]
-        return f"Frame({self.time:.3f} s, {', '.join(there) or 'nothing'})"
+        names = ("image", "right", "depth", "tracks")
+        present = [name for name in names if getattr(self, name) is not None]
+        return f"Frame({self.time:.3f} s, {', '.join(present) or 'nothing'})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Drive:
-    """A robot's way with a camera: n frames, and odometry from each to the next.
+    """A recording of a robot with a camera: n frames, and odometry from each to the next.
 
     Raises:
         DriveError: shapes that do not fit together, NaN, or times that go back.
     """
 
     name: str
-    """The sequence, for headings and messages."""
+    """Name of the sequence, for headings and messages."""
     camera: Camera
-    """Its calibration and its place on the robot."""
+    """Its calibration and its pose on the robot."""
     time: FloatArray
     """(n,) of each frame, in seconds, ascending."""
     control: FloatArray
-    """(n - 1, 3) pose of frame i + 1 in the robot's frame of i by odometry: metres ahead, metres
-    to the left, radians turned."""
+    """(n - 1, 3) pose of frame i + 1 in the robot's frame of i by odometry: meters ahead, meters
+    to the left, radians."""
     control_covariance: FloatArray
     """(n - 1, 3, 3)."""
     load: Callable[[int], Frame]
@@ -127,12 +128,12 @@ class Drive:
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """As that of `LandmarkLog`."""
     truth: Trajectory | None = None
-    """Where the robot really was, if known; its times need not be those of the frames."""
+    """Ground truth, if known; its times need not be those of the frames."""
     truth_off_plane: FloatArray | None = None
-    """What the plane leaves out of the truth, if known: (t, 3) height in metres, pitch (nose up)
-    and roll in radians, at the poses of `truth`."""
+    """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
+    radians, at the poses of `truth`."""
     remarks: tuple[str, ...] = ()
-    """What the reader of its files had to mend, one line each."""
+    """Repairs by the reader of its files, one line each."""
 
     def __post_init__(self) -> None:
         n = len(self.time)
@@ -144,20 +145,10 @@ class Drive:
             "control_covariance": (n - 1, 3, 3),
             "start": (3,),
         }
-        for name, shape in shapes.items():
-            array = getattr(self, name)
-            if array.shape != shape:
-                raise DriveError(
-                    f"{self.name}: {name}: expected shape {shape}, found {array.shape}"
-                )
-            if not np.isfinite(array).all():
-                raise DriveError(f"{self.name}: {name}: expected finite numbers, found NaN")
-        if (np.diff(self.time) < 0).any():
-            row = int(np.argmax(np.diff(self.time) < 0)) + 1
-            raise DriveError(f"{self.name}: time: goes back at frame {row}; sort the frames")
+        check_arrays(self, shapes, ("time",), DriveError)
 
     def until(self, frames: int) -> "Drive":
-        """The first so many frames of it."""
+        """The first frames of the drive."""
         return replace(
             self,
             time=self.time[:frames],
@@ -173,7 +164,7 @@ class Drive:
 
 
 def steps_between(pose: FloatArray) -> FloatArray:
-    """Each pose (n, 3) in the frame of the last one, (n - 1, 3): metres ahead and left, radians."""
+    """Each pose (n, 3) in the frame of the previous, (n - 1, 3): meters ahead and left, radians."""
     east, north, turn = np.diff(pose, axis=0).T
     c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
     turn = turn - 2 * np.pi * np.rint(turn / (2 * np.pi))

@@ -1,6 +1,6 @@
-"""Reading, checking and converting images: the only file that knows image files."""
+"""Reading, checking and converting images."""
 
-import os
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,97 +18,82 @@ from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, read_bytes
 from saccade.types import Float32Array, Image
 
 SILENT = 0
-"""The least of OpenCV's levels of logging."""
+"""OpenCV's lowest log level."""
 
 OVERSHOOT = 1e-3
-"""By how much a float image may leave [0, 1]; interpolation and rounding leave such traces."""
+"""By how much float values may exceed [0, 1], as interpolation and rounding make them."""
 
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-"""Weights of R, G and B in grey, after ITU-R BT.601."""
+"""Weights of R, G and B in gray, after ITU-R BT.601."""
+
+NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found something else"
 
 
 def read_image(path: str | Path) -> Float32Array:
-    """The picture in a file, turned upright as its EXIF note says.
+    """The image in a file, upright as its EXIF orientation says.
 
     Args:
-        path: any format that OpenCV reads; grey, colour, 8 or 16 bit. Transparency is ignored.
+        path: any format that OpenCV reads; gray, color, 8 or 16 bit. Transparency is ignored.
 
     Returns:
         (H, W, 3) RGB in [0, 1].
 
     Raises:
-        ImageError: the file is missing, is not an image, is cut short, or is larger than
-            `LARGEST_IMAGE`.
+        ImageError: the file is missing, is not an image, is truncated, or is larger than
+            `LARGEST_IMAGE` (which the command line refuses before decoding; in a program OpenCV
+            decodes up to its own limit, the environment's OPENCV_IO_MAX_IMAGE_PIXELS).
     """
     return decode_image(_read(Path(path)), str(path))
 
 
 def decode_image(data: bytes, name: str) -> Float32Array:
-    """What `read_image` gives, of the bytes of a file.
-
-    Args:
-        data: of any format that OpenCV reads.
-        name: what an error message calls it.
-
-    Raises:
-        ImageError: as those of `read_image`.
-    """
+    """`read_image` from the bytes of a file; `name` is for error messages."""
     bgr = _decode(data, name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name)
 
 
-def size_in_header(data: bytes, name: str) -> tuple[int, int]:
-    """Width and height of a picture as its file says: none of it is decoded.
-
-    Args:
-        data: of any format that Pillow reads.
-        name: what an error message calls it.
-
-    Raises:
-        ImageError: not an image, or its header says that it is enormous.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of size: that is for who asks to judge
-            with Pillow.open(BytesIO(data)) as picture:
-                return picture.size
-    except Pillow.DecompressionBombError as error:
-        raise ImageError(f"{name}: the image is far too large") from error
-    except (OSError, ValueError, SyntaxError) as error:
-        raise ImageError(
-            f"{name}: expected an image (PNG, JPEG, TIFF, ...), found something else"
-        ) from error
-
-
 def read_stored(path: str | Path) -> Image:
-    """The picture in a file as the camera stored it: what a calibration speaks of.
+    """The image in a file as the camera stored it, to which its calibration applies.
 
     Args:
-        path: any format that OpenCV reads; grey, colour, 8 or 16 bit.
+        path: any format that OpenCV reads; gray, color, 8 or 16 bit.
 
     Returns:
-        (H, W), or (H, W, 3) RGB; uint8 or uint16. It is not turned.
+        (H, W), or (H, W, 3) RGB; uint8 or uint16. The EXIF orientation is ignored.
 
     Raises:
-        ImageError: as those of `read_image`.
+        ImageError: as `read_image`.
     """
     return decode_stored(_read(Path(path)), str(path))
 
 
 def decode_stored(data: bytes, name: str) -> Image:
-    """What `read_stored` gives, of the bytes of a file.
-
-    Args:
-        data: of any format that OpenCV reads.
-        name: what an error message calls it.
-
-    Raises:
-        ImageError: as those of `read_image`.
-    """
+    """`read_stored` from the bytes of a file; `name` is for error messages."""
     pixels = _decode(data, name, cv2.IMREAD_UNCHANGED)
     if pixels.ndim == 2:
         return pixels
     return cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2RGB)
+
+
+def size_in_header(data: bytes, name: str) -> tuple[int, int]:
+    """Width and height in the header of an image, which is not decoded.
+
+    Args:
+        data: of any format that Pillow reads.
+        name: for error messages.
+
+    Raises:
+        ImageError: not an image, or the header gives an enormous size.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of its size, which callers check
+            with Pillow.open(BytesIO(data)) as image:
+                return image.size
+    except Pillow.DecompressionBombError as error:
+        raise ImageError(f"{name}: the image is far too large") from error
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ImageError(f"{name}: {NOT_AN_IMAGE}") from error
 
 
 def _read(path: Path) -> bytes:
@@ -116,15 +101,15 @@ def _read(path: Path) -> bytes:
         return read_bytes(path)
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:  # no name can hold a null
+    except ValueError as error:  # a null character
         raise ImageError(f"{str(path)!r}: cannot be read: {error}") from error
 
 
 def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
-    """What OpenCV makes of a file's bytes; colours are in its order."""
+    """The pixels of a file, with OpenCV's order of colors."""
     if not data:
         raise ImageError(f"{name}: expected an image, found an empty file")
-    if _is_cut_short(data):
+    if _is_truncated(data):
         raise ImageError(f"{name}: the image is cut short")
     with quiet_opencv():
         try:
@@ -134,7 +119,7 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
                 raise ImageError(_too_large(name, "more")) from error
             raise ImageError(f"{name}: cannot be decoded: {error.err}") from error
     if pixels is None:
-        raise ImageError(f"{name}: expected an image (PNG, JPEG, TIFF, ...), found something else")
+        raise ImageError(f"{name}: {NOT_AN_IMAGE}")
     height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
         raise ImageError(_too_large(name, f"{width} x {height}"))
@@ -149,63 +134,67 @@ def _too_large(name: str, found: str) -> str:
 
 
 def find_images(source: str | Path) -> list[Path]:
-    """The images that a file, a folder or a glob pattern names, in the order of their names.
+    """The images of a file, a folder or a glob pattern, sorted by name.
 
     Args:
-        source: a file; a folder, whose images are taken but not those of folders in it; or a
-            pattern such as `photos/**/*.jpg`.
+        source: a file; a folder, without its subfolders; or a pattern such as `photos/**/*.jpg`.
 
     Raises:
-        ImageError: an empty name, a pattern that is none, or a folder or a pattern without images.
+        ImageError: an empty name, an invalid pattern, or a folder or a pattern without images.
     """
     if not str(source):
         raise ImageError("image: expected a file, a folder or a pattern, found an empty name")
     path = Path(source)
     try:
         if path.is_dir():
-            found = [each for each in path.iterdir() if each.suffix.lower() in IMAGE_SUFFIXES]
+            paths = [entry for entry in path.iterdir() if entry.suffix.lower() in IMAGE_SUFFIXES]
         elif not path.exists() and any(sign in str(source) for sign in "*?["):
-            found = [*Path(path.anchor).glob(str(path.relative_to(path.anchor)))]
+            paths = [*Path(path.anchor).glob(str(path.relative_to(path.anchor)))]
         else:
             return [path]
-        found = sorted(each for each in found if not each.is_dir())
+        files = sorted(entry for entry in paths if not entry.is_dir())
     except OSError as error:
         raise ImageError(f"{source}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ImageError(f"{source}: expected a pattern of names: {error}") from error
-    if not found:
+    if not files:
         raise ImageError(f"{source}: expected images ({', '.join(IMAGE_SUFFIXES)}), found none")
-    return found
+    return files
 
 
 def as_rgb(
     image: Image, name: str = "image", dtype: npt.DTypeLike = np.float32
 ) -> npt.NDArray[Any]:
-    """Any image that `saccade` accepts, as (H, W, 3) RGB in [0, 1]; grey is repeated.
+    """An image as (H, W, 3) RGB in [0, 1]; gray is repeated.
 
     Args:
         image: see `saccade.types.Image`.
-        name: what an error message calls it.
+        name: for error messages.
         dtype: float32 or float64 of the result.
 
     Raises:
-        ImageError: not an image, empty, not finite, or outside [0, 1].
+        ImageError: as `check_image`.
     """
     pixels = in_unit_range(check_image(image, name), dtype)
     if pixels.ndim == 2:
         return np.repeat(pixels[:, :, None], 3, axis=2)
-    return np.ascontiguousarray(pixels[:, :, :3])
+    return without_alpha(pixels)
+
+
+def without_alpha(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W), or (H, W, 3) of RGB or RGBA, in C order."""
+    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
 
 
 def as_gray(image: Image, name: str = "image") -> Float32Array:
-    """Any image that `saccade` accepts, as (H, W) grey in [0, 1] (ITU-R BT.601 weights).
+    """An image as (H, W) gray in [0, 1] (ITU-R BT.601 weights).
 
     Args:
         image: see `saccade.types.Image`.
-        name: what an error message calls it.
+        name: for error messages.
 
     Raises:
-        ImageError: not an image, empty, not finite, or outside [0, 1].
+        ImageError: as `check_image`.
     """
     pixels = in_unit_range(check_image(image, name))
     if pixels.ndim == 2:
@@ -215,15 +204,15 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
 
 
 def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
-    """The image as it is, if it is one; float values are cut to [0, 1].
+    """Validates an image; float values are clipped to [0, 1].
 
     Args:
         image: see `saccade.types.Image`.
-        name: what an error message calls it.
+        name: for error messages.
 
     Returns:
-        (H, W), (H, W, 3) or (H, W, 4) uint8, uint16, float32 or float64, in C order. Not a
-        copy where none is needed.
+        (H, W), (H, W, 3) or (H, W, 4) uint8, uint16, float32 or float64, in C order; the image
+        itself where nothing has to change.
 
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1].
@@ -257,7 +246,7 @@ def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
 
 
 def in_unit_range(pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32) -> npt.NDArray[Any]:
-    """What `check_image` gives, as float32 or float64 in [0, 1]."""
+    """A validated image as float32 or float64 in [0, 1]."""
     if pixels.dtype.kind == "f":
         return pixels.astype(dtype, copy=False)
     values = pixels.astype(dtype)
@@ -265,35 +254,28 @@ def in_unit_range(pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32) -
     return values
 
 
-def _is_cut_short(data: bytes) -> bool:
-    """Whether a JPEG or PNG lacks its end: OpenCV fills the rest with grey and says nothing.
+def _is_truncated(data: bytes) -> bool:
+    """Whether a JPEG or PNG lacks its end: OpenCV silently fills the rest with gray.
 
-    For a chunk of a PNG it takes as much memory as the chunk says it is long.
+    It also allocates as much memory as a chunk of a PNG claims to need.
     """
     if data.startswith(b"\xff\xd8"):
         start_of_scan, end_of_image = data.rfind(b"\xff\xda"), data.rfind(b"\xff\xd9")
         return end_of_image < start_of_scan
     if data.startswith(b"\x89PNG"):
-        return _has_no_end(data)
+        offset = 8
+        while offset + 8 <= len(data):
+            length, kind = struct.unpack_from(">I4s", data, offset)
+            if kind == b"IEND":
+                return False
+            offset += 12 + length  # length, kind and checksum
+        return True
     return False
-
-
-def _has_no_end(png: bytes) -> bool:
-    at = 8
-    while at + 8 <= len(png):
-        length, kind = int.from_bytes(png[at : at + 4], "big"), png[at + 4 : at + 8]
-        at += 12 + length  # with its sum
-        if kind == b"IEND":
-            return False
-        if at > len(png):
-            return True
-    return True
 
 
 @contextmanager
 def quiet_opencv() -> Iterator[None]:
-    """OpenCV says nothing on stderr meanwhile: what is wrong is said once, by us."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read once, at the first video
+    """Silences OpenCV's log within the block: errors are reported once, by us."""
     logging: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, 5
     level = logging.getLogLevel()
     logging.setLogLevel(SILENT)

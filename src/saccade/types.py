@@ -1,17 +1,18 @@
-"""The data types that flow through `saccade`: values, never changed once made.
+"""The data types shared by the packages: immutable records of arrays.
 
-Points are (x, y) with the centre of the top-left pixel at (0, 0); arrays are
-indexed [row, column]. On the ground x and y are metres, angles radians in
-(-pi, pi], counter-clockwise from the x axis.
+Image points are (x, y) with the center of the top-left pixel at (0, 0); arrays are indexed
+[row, column]. On the ground x and y are meters, angles radians in (-pi, pi], counter-clockwise
+from the x axis.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import KeypointsError, LogError
+from saccade.errors import DriveError, KeypointsError, LogError
 
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
@@ -27,44 +28,43 @@ class Keypoints:
     """Interest points of one image, strongest response first unless a detector says otherwise."""
 
     xy: Float32Array
-    """(n, 2) place in image pixels."""
+    """(n, 2) position in image pixels."""
     size: Float32Array
-    """(n,) diameter in image pixels, as OpenCV means it."""
+    """(n,) diameter in image pixels, as OpenCV defines it."""
     angle: Float32Array
     """(n,) orientation in radians, from x towards y (clockwise on the screen)."""
     response: Float32Array
-    """(n,) strength; its unit is the detector's."""
+    """(n,) strength, in the unit of the detector."""
     octave: npt.NDArray[np.int32]
-    """(n,) octave of the scale space; -1 is the doubled image, 0 the image itself, or not known."""
+    """(n,) octave of the scale space: -1 is the doubled image, 0 the image itself, or unknown."""
     descriptors: npt.NDArray[np.uint8] | npt.NDArray[np.float32] | None = None
     """(n, 128) uint8, or float32 of unit length: 4 x 4 subregions, row by row in the frame of the
-    angle, of 8 orientation bins that turn from y towards x, as OpenCV's do. None where they were
-    not asked for."""
+    angle, of 8 orientation bins from y towards x, in OpenCV's order. None if not computed."""
 
     @classmethod
     def at(cls, xy: npt.ArrayLike, size: npt.ArrayLike, angle: npt.ArrayLike = 0.0) -> "Keypoints":
-        """Points from anywhere, without response, octave and descriptors.
+        """Keypoints without response, octave and descriptors.
 
         Args:
-            xy: (n, 2) place in image pixels.
-            size: (n,) or one for all: diameter in image pixels, as OpenCV means it.
+            xy: (n, 2) position in image pixels.
+            size: (n,) or one for all: diameter in image pixels, as OpenCV defines it.
             angle: (n,) or one for all: radians from x towards y.
 
         Raises:
             KeypointsError: other shapes.
         """
-        places = np.array(xy, np.float32)
-        if places.shape == (0,):
-            places = places.reshape(0, 2)
-        if places.ndim != 2 or places.shape[1] != 2:
-            raise KeypointsError(f"xy: expected shape (n, 2), found {places.shape}")
-        n = len(places)
+        positions = np.array(xy, np.float32)
+        if positions.shape == (0,):
+            positions = positions.reshape(0, 2)
+        if positions.ndim != 2 or positions.shape[1] != 2:
+            raise KeypointsError(f"xy: expected shape (n, 2), found {positions.shape}")
+        n = len(positions)
         columns = {"size": np.array(size, np.float32), "angle": np.array(angle, np.float32)}
         for name, column in columns.items():
             if column.shape not in ((), (n,)):
                 raise KeypointsError(f"{name}: expected shape ({n},), found {column.shape}")
         return cls(
-            xy=places,
+            xy=positions,
             size=np.broadcast_to(columns["size"], n).copy(),
             angle=np.broadcast_to(columns["angle"], n).copy(),
             response=np.zeros(n, np.float32),
@@ -75,15 +75,8 @@ class Keypoints:
         return len(self.xy)
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "Keypoints":
-        """The points that a slice, a mask or an index array names."""
-        return Keypoints(
-            self.xy[index],
-            self.size[index],
-            self.angle[index],
-            self.response[index],
-            self.octave[index],
-            None if self.descriptors is None else self.descriptors[index],
-        )
+        """A selection of the keypoints."""
+        return select_rows(self, index)
 
     def __repr__(self) -> str:
         described = "without descriptors" if self.descriptors is None else "with descriptors"
@@ -95,16 +88,15 @@ class Regions:
     """Regions of interest of one image, the strongest first."""
 
     keypoints: Keypoints
-    """Their centers as points; the size is the mean side of the box."""
+    """Their centers; the size is the mean side of the box."""
     boxes: Float32Array
     """(n, 4) left, top, right and bottom in image pixels."""
 
     @classmethod
     def none(cls) -> "Regions":
-        """No regions at all."""
-        points = Keypoints.at([], 1.0)
-        described = replace(points, descriptors=np.zeros((0, 128), np.uint8))
-        return cls(described, np.zeros((0, 4), np.float32))
+        """An empty set of regions."""
+        keypoints = replace(Keypoints.at([], 1.0), descriptors=np.zeros((0, 128), np.uint8))
+        return cls(keypoints, np.zeros((0, 4), np.float32))
 
     @property
     def xy(self) -> Float32Array:
@@ -113,7 +105,7 @@ class Regions:
 
     @property
     def descriptors(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.float32] | None:
-        """(n, 128), as those of points."""
+        """(n, 128), as those of `Keypoints`."""
         return self.keypoints.descriptors
 
     def __len__(self) -> int:
@@ -139,14 +131,14 @@ def check_pairs(pairs: IntArray, counts: tuple[int, int], name: str) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scanpath:
-    """Fixations in the order in which they win."""
+    """Fixations in their order."""
 
     xy: FloatArray
-    """(n, 2) place in image pixels."""
+    """(n, 2) position in image pixels."""
     time: FloatArray
     """(n,) seconds since the onset of the image."""
     saliency: FloatArray
-    """(n,) value of the saliency map at the winner."""
+    """(n,) value of the saliency map at the fixation."""
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -158,72 +150,54 @@ class Scanpath:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SymmetricPairs:
-    """Pairs of gradients that face each other across a place, the strongest first."""
+    """Pairs of gradients on opposite sides of a position, the strongest first."""
 
     first: FloatArray
-    """(n, 2) place of the one, in image pixels."""
+    """(n, 2) position of the first of each pair, in image pixels."""
     second: FloatArray
-    """(n, 2) place of the other."""
+    """(n, 2) position of the second."""
     first_angle: FloatArray
-    """(n,) direction in radians, from x towards y, in which it gets lighter at the one."""
+    """(n,) direction of the first gradient in radians, from x towards y."""
     second_angle: FloatArray
-    """(n,) the same at the other."""
+    """(n,) direction of the second."""
     strength: FloatArray
-    """(n,) what the pair contributes to the symmetry of the place."""
+    """(n,) contribution of the pair to the symmetry."""
     level: IntArray
-    """(n,) pyramid level at which it was found; 0 is the image."""
+    """(n,) pyramid level; 0 is the image."""
 
     def __len__(self) -> int:
         return len(self.strength)
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "SymmetricPairs":
-        """The pairs that a slice, a mask or an index array names."""
-        return SymmetricPairs(
-            self.first[index],
-            self.second[index],
-            self.first_angle[index],
-            self.second_angle[index],
-            self.strength[index],
-            self.level[index],
-        )
+        """A selection of the pairs."""
+        return select_rows(self, index)
 
     def __repr__(self) -> str:
         return f"SymmetricPairs({len(self)} pairs)"
 
 
-class Observation(NamedTuple):
-    """One landmark as the robot sees it."""
-
-    z: FloatArray
-    """(2,) range in metres and bearing in radians, in the robot's frame."""
-    covariance: FloatArray
-    """(2, 2) of `z`."""
-    landmark: int = -1
-    """Identity of the landmark, -1 where it is unknown."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """Where the robot was, in the frame of its map."""
+    """The poses of the robot in the frame of its map."""
 
     time: FloatArray
     """(t,) seconds; the number of the pose where the source has no clock."""
     pose: FloatArray
-    """(t, 3) x and y in metres, heading in radians."""
+    """(t, 3) x and y in meters, heading in radians."""
     covariance: FloatArray | None = None
-    """(t, 3, 3), or None where it is not known."""
+    """(t, 3, 3), or None if unknown."""
 
     def __len__(self) -> int:
         return len(self.time)
 
     def at(self, time: FloatArray) -> FloatArray:
-        """(n, 3) poses at given times (n,), between two in a straight line; those at the ends last.
+        """(n, 3) poses at times (n,), linearly interpolated; the first and last extend beyond.
 
         Raises:
             ValueError: the trajectory has no poses.
         """
         x, y, heading = self.pose.T
-        columns = [np.interp(time, self.time, each) for each in (x, y, np.unwrap(heading))]
+        columns = [np.interp(time, self.time, values) for values in (x, y, np.unwrap(heading))]
         columns[2] = np.angle(np.exp(1j * columns[2]))
         return np.stack(columns, 1)
 
@@ -234,16 +208,16 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LandmarkMap:
-    """Where the landmarks are."""
+    """Positions of landmarks."""
 
     id: IntArray
-    """(n,) identity in the log; the order of first sight where the log has none."""
+    """(n,) identity in the log; the order of initialization where the log has none."""
     xy: FloatArray
-    """(n, 2) metres, in the frame of the trajectory."""
+    """(n, 2) meters, in the frame of the trajectory."""
     covariance: FloatArray | None = None
-    """(n, 2, 2) square metres, or None where it is not known."""
+    """(n, 2, 2) square meters, or None if unknown."""
     observations: IntArray | None = None
-    """(n,) how many observations went into each."""
+    """(n,) number of observations of each."""
 
     def __len__(self) -> int:
         return len(self.id)
@@ -254,22 +228,22 @@ class LandmarkMap:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MapSnapshot:
-    """The map as it stands at one pose of a drive."""
+    """The map at one pose of a drive."""
 
     step: int
     """Number of the pose."""
     path: FloatArray
-    """(m, 3) the poses since the last snapshot, this one at the end."""
+    """(m, 3) poses since the last snapshot, up to this one."""
     covariance: FloatArray
     """(3, 3) of this pose."""
     landmarks: FloatArray
-    """(n, 2) metres."""
+    """(n, 2) meters."""
     landmark_covariance: FloatArray
-    """(n, 2, 2) square metres."""
+    """(n, 2, 2) square meters."""
     observed: IntArray
-    """(s,) rows of `landmarks` that were observed since the last snapshot."""
+    """(s,) rows of `landmarks` observed since the last snapshot."""
     ids: IntArray
-    """(n,) how many landmarks had been taken in before each: the same in every snapshot."""
+    """(n,) number of landmarks initialized before each: the same in every snapshot."""
 
     def __repr__(self) -> str:
         return f"MapSnapshot(pose {self.step}, {len(self.landmarks)} landmarks)"
@@ -277,7 +251,7 @@ class MapSnapshot:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LandmarkLog:
-    """What a robot drove and what it saw: t controls between t + 1 poses, k observations.
+    """Odometry and landmark observations: t controls between t + 1 poses, k observations.
 
     Raises:
         LogError: shapes that do not fit together, NaN, or an order that goes back.
@@ -286,33 +260,32 @@ class LandmarkLog:
     name: str
     """The data set, for headings and messages."""
     start: FloatArray
-    """(3,) pose at the beginning."""
+    """(3,) initial pose."""
     time: FloatArray
     """(t + 1,) of each pose, in seconds; the number of the pose where the log has no clock."""
     motion: Literal["drive", "compose", "custom"]
-    """What a control is: "drive" (distance, turn), turned before driven as in C.5;
-    "compose" (forward, left, turn), the next pose in the frame of the last; or "custom",
-    what a motion model of one's own takes."""
+    """Kind of the controls: "drive" (distance, turn), turn then translate as in C.5; "compose"
+    (forward, left, turn), the next pose in the frame of the last; "custom" for any other motion
+    model."""
     control: FloatArray
     """(t, c) from pose i to pose i + 1: c is 2, 3 or the model's."""
     control_covariance: FloatArray
     """(t, c, c)."""
     observation_pose: IntArray
-    """(k,) number of the pose from which each observation was made, ascending."""
+    """(k,) number of the pose of each observation, ascending."""
     observation: FloatArray
-    """(k, 2) range in metres, bearing in radians; or what a sensor model of one's own takes."""
+    """(k, 2) range in meters, bearing in radians; or those of another sensor model."""
     observation_covariance: FloatArray
     """(k, 2, 2)."""
     landmark: IntArray
-    """(k,) identity of what was seen, -1 where the log does not say."""
+    """(k,) identity of the landmark, -1 if unknown."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """How far the odometry may be off in the same way all the time, standard deviations: the share
-    of the way that it leaves out, radians turned unnoticed in a metre of it, and metres not
-    driven of it for each radian turned."""
+    """Standard deviations of systematic odometry errors: the relative error of the distance, the
+    turn in radians per meter of distance, and the distance in meters per radian of turn."""
     truth: Trajectory | None = None
-    """Where the robot really was, if known; its times need not be those of the log."""
+    """Ground truth, if known; its times need not be those of the log."""
     landmark_truth: LandmarkMap | None = None
-    """Where the landmarks really are, if known."""
+    """True positions of the landmarks, if known."""
 
     def __post_init__(self) -> None:
         sizes = {"drive": 2, "compose": 3, "custom": self.control.shape[-1]}
@@ -320,30 +293,20 @@ class LandmarkLog:
             raise LogError(
                 f"{self.name}: motion: expected one of {', '.join(sizes)}, found {self.motion!r}"
             )
-        steps, seen = len(self.control), len(self.observation)
-        size = sizes[self.motion]
+        t, k, c = len(self.control), len(self.observation), sizes[self.motion]
         shapes = {
             "start": (3,),
-            "time": (steps + 1,),
-            "control": (steps, size),
-            "control_covariance": (steps, size, size),
-            "observation_pose": (seen,),
-            "observation": (seen, 2),
-            "observation_covariance": (seen, 2, 2),
-            "landmark": (seen,),
+            "time": (t + 1,),
+            "control": (t, c),
+            "control_covariance": (t, c, c),
+            "observation_pose": (k,),
+            "observation": (k, 2),
+            "observation_covariance": (k, 2, 2),
+            "landmark": (k,),
         }
-        for name, shape in shapes.items():
-            array = getattr(self, name)
-            if array.shape != shape:
-                raise LogError(f"{self.name}: {name}: expected shape {shape}, found {array.shape}")
-            if not np.isfinite(array).all():
-                raise LogError(f"{self.name}: {name}: expected finite numbers, found NaN")
-        for name, ordered in (("time", self.time), ("observation_pose", self.observation_pose)):
-            if (np.diff(ordered) < 0).any():
-                row = int(np.argmax(np.diff(ordered) < 0)) + 1
-                raise LogError(f"{self.name}: {name}: goes back at entry {row}; sort the log")
-        if seen > 0 and not 0 <= self.observation_pose[0] <= self.observation_pose[-1] <= steps:
-            raise LogError(f"{self.name}: observation_pose: expected numbers from 0 to {steps}")
+        check_arrays(self, shapes, ("time", "observation_pose"), LogError)
+        if k > 0 and not 0 <= self.observation_pose[0] <= self.observation_pose[-1] <= t:
+            raise LogError(f"{self.name}: observation_pose: expected numbers from 0 to {t}")
 
     def __repr__(self) -> str:
         return (
@@ -354,19 +317,56 @@ class LandmarkLog:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FixationTable:
-    """Where people looked, one row per fixation."""
+    """Human fixations, one row each."""
 
     image: npt.NDArray[np.str_]
     """(n,) file name of the image."""
     viewer: IntArray
-    """(n,) who looked."""
+    """(n,) number of the viewer."""
     index: IntArray
-    """(n,) 0 for the first fixation of a viewer on an image."""
+    """(n,) number of the fixation of a viewer on an image, from 0."""
     xy: FloatArray
-    """(n, 2) place in image pixels."""
+    """(n, 2) position in image pixels."""
 
     def __len__(self) -> int:
         return len(self.image)
 
     def __repr__(self) -> str:
         return f"FixationTable({len(self)} fixations on {len(np.unique(self.image))} images)"
+
+
+Record = TypeVar("Record", Keypoints, SymmetricPairs)
+
+
+def select_rows(record: Record, index: slice | npt.NDArray[Any]) -> Record:
+    """The rows of a record whose fields are (n, ...) arrays or None: a slice, mask or indices."""
+    columns: dict[str, Any] = {field.name: getattr(record, field.name) for field in fields(record)}
+    selected = {name: column[index] for name, column in columns.items() if column is not None}
+    return replace(record, **selected)
+
+
+def check_arrays(
+    record: Any,
+    shapes: Mapping[str, tuple[int, ...]],
+    ascending: Sequence[str],
+    error: type[LogError | DriveError],
+) -> None:
+    """Raise `error` unless the arrays of a named record have these shapes and are finite.
+
+    Args:
+        record: has a `name`, for the message.
+        shapes: by name of the array.
+        ascending: names of those that must not decrease.
+        error: to raise.
+    """
+    for name, shape in shapes.items():
+        array = getattr(record, name)
+        if array.shape != shape:
+            raise error(f"{record.name}: {name}: expected shape {shape}, found {array.shape}")
+        if not np.isfinite(array).all():
+            raise error(f"{record.name}: {name}: expected finite numbers, found NaN")
+    for name in ascending:
+        decreases = np.diff(getattr(record, name)) < 0
+        if decreases.any():
+            entry = int(np.argmax(decreases)) + 1
+            raise error(f"{record.name}: {name}: goes back at entry {entry}; sort by {name}")

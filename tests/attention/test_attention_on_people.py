@@ -1,4 +1,4 @@
-"""The defaults must stay as good as they were chosen to be: OSIE, every fourth image."""
+"""How well the defaults predict human fixations: OSIE, every fourth image."""
 
 from dataclasses import replace
 
@@ -70,6 +70,7 @@ def test_orientation_alone_is_above_chance(osie):
     assert scores[1] > 0.55
 
 
+@pytest.mark.nightly
 @pytest.mark.shared
 @pytest.mark.parametrize(
     "worse",
@@ -80,7 +81,7 @@ def test_orientation_alone_is_above_chance(osie):
         {"scales": ((2, 5), (3, 6), (4, 7))},
     ],
 )
-def test_what_was_decided_against_is_worse(osie, default_scores, worse):
+def test_rejected_options_are_worse(osie, default_scores, worse):
     config = replace(ContrastConfig(), **worse)
     scores = mean_scores(osie, lambda pixels: contrast_saliency(pixels, config).saliency)
     assert (scores < default_scores).all(), scores
@@ -91,9 +92,14 @@ def symmetry_scores(osie):
     return mean_scores(osie, lambda pixels: symmetry_saliency(pixels).saliency)
 
 
+@pytest.mark.nightly
 @pytest.mark.shared
-def test_people_look_at_symmetry_more_than_at_contrast(symmetry_scores, default_scores):
+def test_symmetry_predicts_fixations_better_than_contrast(symmetry_scores, default_scores):
     assert (symmetry_scores > default_scores).all(), symmetry_scores
+
+
+@pytest.mark.shared
+def test_the_default_of_symmetry_predicts_where_people_look(symmetry_scores):
     assert (symmetry_scores > (0.82, 0.76, 1.6, 0.45)).all(), symmetry_scores
 
 
@@ -104,6 +110,7 @@ def test_contrast_and_symmetry_together(osie, symmetry_scores):
     assert (scores > (0.83, 0.77, 1.6, 0.46)).all(), scores
 
 
+@pytest.mark.nightly
 @pytest.mark.shared
 def test_fine_levels_are_what_the_source_lacks(osie, symmetry_scores):
     source = SymmetryConfig.kootstra2010()

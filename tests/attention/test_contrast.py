@@ -11,8 +11,9 @@ from saccade.attention.channels import COLORS
 from saccade.attention.normalize import NORMALIZATIONS, normalize
 from saccade.errors import ConfigError, ImageError
 from saccade.image import read_image
-from saccade.pyramid import dyadic_pyramid, resize
+from saccade.pyramid import resize
 from support import oracles_attention as oracles
+from support.pyramids import dyadic_pyramid
 from support.saliency_images import noise, rank_of_the_odd_item
 
 MAPS = ("saliency", "intensity", "color", "orientation")
@@ -43,8 +44,8 @@ def test_features_are_differences_between_levels():
     image = noise(2, (80, 64))
     maps = contrast_saliency(image, SOURCE, keep_features=True)
     levels = dyadic_pyramid((image / np.float32(255)).mean(axis=2), 6)
-    channels = ["intensity", "red-green", "blue-yellow"]
-    channels += [f"orientation {angle}" for angle in (0, 45, 90, 135)]
+    channels = [(name, None) for name in ("intensity", "red-green", "blue-yellow")]
+    channels += [("orientation", angle) for angle in (0, 45, 90, 135)]
     # The shorter side ends with level 6: of the six pairs three exist (A.7-A.10).
     pairs = [(2, 5), (2, 6), (3, 6)]
     assert [f[:3] for f in maps.features] == [(c, *pair) for c in channels for pair in pairs]
@@ -74,8 +75,8 @@ def test_a_step_in_intensity_by_hand():
     assert level_7[0] + level_7[1] == pytest.approx(1)
     assert features[0].values[0, 0] == pytest.approx(level_7[0], abs=1e-6)
     assert features[0].values[5, -1] == pytest.approx(1 - level_7[1], abs=1e-6)
-    horizontal = next(f for f in features if f.channel == "orientation 0")
-    vertical = next(f for f in features if f.channel == "orientation 90")
+    horizontal = next(f for f in features if f.channel.angle == 0)
+    vertical = next(f for f in features if f.channel.angle == 90)
     assert vertical.values.max() > 20 * horizontal.values.max()
 
 
@@ -207,7 +208,7 @@ def test_the_size_at_which_an_image_was_saved_does_not_matter(enlarged):
     here, there = contrast_saliency(image).saliency, contrast_saliency(large).saliency
     assert here.shape == there.shape
     assert np.corrcoef(here.ravel(), there.ravel())[0, 1] > 0.99
-    fixed = contrast_saliency(large, ContrastConfig(viewing_size=0)).saliency
+    fixed = contrast_saliency(large, ContrastConfig(viewing_size=None)).saliency
     assert fixed.shape == (-(-300 * enlarged // 16), -(-400 * enlarged // 16))
 
 

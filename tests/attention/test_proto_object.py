@@ -14,17 +14,20 @@ from saccade.attention import (
     proto_object,
     scanpath,
 )
+from saccade.attention.channels import Channel
 from saccade.attention.proto_object import region_around
 from saccade.errors import ImageError
 
+INTENSITY = Channel("intensity")
 
-def maps_with(feature, channel="intensity", conspicuity="intensity"):
+
+def maps_with(feature, channel=INTENSITY, conspicuity="intensity"):
     flat = np.zeros_like(feature)
     maps = dict.fromkeys(("intensity", "color", "orientation"), flat)
     maps[conspicuity] = feature
     weaker = FeatureMap(channel, 1, 2, feature / 2, np.roll(feature, 5, axis=1) / 2)
     stronger = FeatureMap(channel, 1, 3, feature, feature)
-    elsewhere = FeatureMap("orientation 45", 1, 3, 9 * feature.T, 9 * feature.T)
+    elsewhere = FeatureMap(Channel("orientation", 45.0), 1, 3, 9 * feature.T, 9 * feature.T)
     return ContrastMaps(
         feature, **maps, image_shape=(400, 400), features=(weaker, elsewhere, stronger)
     )
@@ -59,7 +62,11 @@ def test_a_region_is_cut_higher_until_it_is_small():
 
 @pytest.mark.parametrize(
     ("channel", "conspicuity"),
-    [("intensity", "intensity"), ("red-green", "color"), ("orientation 0", "orientation")],
+    [
+        (INTENSITY, "intensity"),
+        (Channel("red-green"), "color"),
+        (Channel("orientation", 0.0), "orientation"),
+    ],
 )
 def test_the_strongest_feature_of_the_strongest_map_is_taken(channel, conspicuity):
     feature = np.zeros((40, 40))

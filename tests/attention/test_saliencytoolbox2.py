@@ -15,7 +15,7 @@ from saccade.attention import (
     scanpath,
 )
 from saccade.attention.saliencytoolbox2 import (
-    SaliencyToolbox2Steps,
+    SaliencyToolbox2Arithmetic,
     fade_borders,
     nearest,
     promote_by_maxima,
@@ -30,13 +30,13 @@ WITH_FEATURES = {"photo_chelsea", "photo_coffee", "popout_color_gray"}
 CRASHES = {"popout_intensity", "popout_orientation", "synthetic_single_square"}
 """Where the toolbox finds no local maximum and stops with an error."""
 CHANNELS = {
-    "Color_1": "red-green",
-    "Color_2": "blue-yellow",
-    "Intensities_1": "intensity",
-    "Orientations_1": "orientation 0",
-    "Orientations_2": "orientation 45",
-    "Orientations_3": "orientation 90",
-    "Orientations_4": "orientation 135",
+    "Color_1": ("red-green", None),
+    "Color_2": ("blue-yellow", None),
+    "Intensities_1": ("intensity", None),
+    "Orientations_1": ("orientation", 0),
+    "Orientations_2": ("orientation", 45),
+    "Orientations_3": ("orientation", 90),
+    "Orientations_4": ("orientation", 135),
 }
 CONSPICUITY = {
     "intensity": "CM_Intensities",
@@ -76,7 +76,7 @@ def test_every_map_and_fixation_is_the_toolboxs(shared, name):
     h, w = maps.saliency.shape
     foa = int(max(maps.image_shape) / 6 + 0.5)
     assert foa == published["foaSize"].item()
-    disc = ScanpathConfig(peak=0, inhibition_sigma=0.3 * foa / 32 / max(h, w))
+    disc = ScanpathConfig(peak=None, inhibition_sigma=0.3 * foa / 32 / max(h, w))
     path = scanpath(maps.saliency, (h, w), 10, disc)
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_disk_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_disk_time_s"].ravel()) / STEP
@@ -109,7 +109,7 @@ def test_inhibition_of_proto_objects_is_the_toolboxs(shared, name):
     maps, published = computed_and_published(shared, name, "iterative")
     h, w = maps.saliency.shape
     sigma = 0.3 * published["foaSize"].item() / 32 / max(h, w)
-    config = ScanpathConfig(peak=0, inhibition_sigma=sigma, time_limit=60)
+    config = ScanpathConfig(peak=None, inhibition_sigma=sigma, time_limit=60)
     path = scanpath(maps.saliency, (h, w), 10, config, region=partial(proto_object, maps))
     np.testing.assert_allclose(path.xy[:, ::-1] + 1, published["fix_shape_mapRC"], atol=1e-9)
     steps_apart = np.abs(path.time - published["fix_shape_time_s"].ravel()) / STEP
@@ -135,7 +135,7 @@ def test_other_normalizations_but_for_the_toolboxs_fault_in_orientation(shared, 
         np.testing.assert_allclose(
             getattr(maps, field) / scale, theirs / scale, rtol=0, atol=1e-9, err_msg=field
         )
-    steps = SaliencyToolbox2Steps(replace(CONFIG, normalization=METHODS[method]))
+    steps = SaliencyToolbox2Arithmetic(replace(CONFIG, normalization=METHODS[method]))
     saliency = steps.saliency(*(published[key] for key in CONSPICUITY.values()))
     np.testing.assert_allclose(saliency, published["salmap"], rtol=0, atol=1e-9)
 
@@ -154,7 +154,7 @@ def test_a_level_by_hand():
     """An impulse, convolved with the asymmetric kernel and read at even places."""
     impulse = np.zeros((16, 16))
     impulse[:, 8] = 33
-    level = SaliencyToolbox2Steps.halve(impulse)
+    level = SaliencyToolbox2Arithmetic.halve(impulse)
     # 'same' convolution: sample x holds tap x - 8 + 3 of [1 5 10 10 5 1 1].
     np.testing.assert_allclose(level[3], [0, 0, 0, 5, 10, 1, 0, 0], atol=1e-12)
 
@@ -163,15 +163,15 @@ def test_a_level_by_hand():
     ("shape", "half"), [((9, 8), (4, 4)), ((3, 8), (1, 4)), ((1, 5), (1, 2)), ((2, 3), (1, 1))]
 )
 def test_levels_round_down_and_keep_a_flat_image(shape, half):
-    level = SaliencyToolbox2Steps.halve(np.full(shape, 0.7))
+    level = SaliencyToolbox2Arithmetic.halve(np.full(shape, 0.7))
     assert level.shape == half
     np.testing.assert_allclose(level, 0.7)
 
 
 def test_short_axes_have_their_own_kernels():
     column = np.array([[4.0], [8.0], [16.0]])
-    np.testing.assert_allclose(SaliencyToolbox2Steps.halve(column), [[9]])
-    np.testing.assert_allclose(SaliencyToolbox2Steps.halve(column[:2]), [[6]])
+    np.testing.assert_allclose(SaliencyToolbox2Arithmetic.halve(column), [[9]])
+    np.testing.assert_allclose(SaliencyToolbox2Arithmetic.halve(column[:2]), [[6]])
 
 
 def test_nearest_takes_the_place_that_the_middle_of_a_cell_falls_on():

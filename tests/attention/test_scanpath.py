@@ -3,8 +3,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from saccade.attention._winner_take_all_kernels import (
+    Cells,
+    Events,
+    Network,
+    advance_cell,
+    inhibit,
+    stride_of,
+)
 from saccade.attention.scanpath import ScanpathConfig, scanpath
-from saccade.attention.winner_take_all import Network, inhibit, leap_cell, leap_of
 from saccade.errors import ConfigError, ImageError
 from support import oracles_attention as oracles
 from support.reference_images import REFERENCE_IMAGES
@@ -29,7 +36,7 @@ def reference(request, shared):
 
 def as_published(saliency, sigma):
     """The reference's own map and disc."""
-    return ScanpathConfig(peak=0, inhibition_sigma=sigma / max(saliency.shape))
+    return ScanpathConfig(peak=None, inhibition_sigma=sigma / max(saliency.shape))
 
 
 @pytest.mark.shared
@@ -57,7 +64,7 @@ def test_the_slow_twin_has_the_fixations_of_the_reference(shared):
 @pytest.mark.kernel
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("shape", [(7, 9), (1, 12)])
-def test_leaps_end_where_steps_do(seed, shape):
+def test_strides_end_where_steps_do(seed, shape):
     saliency = np.random.default_rng(seed).random(shape) * 2
     sigma = 0.8
     path = scanpath(saliency, (16 * shape[0], 16 * shape[1]), 6, as_published(saliency, sigma))
@@ -68,21 +75,21 @@ def test_leaps_end_where_steps_do(seed, shape):
     assert np.abs(steps - slow_steps).max() <= 1
 
 
-def both_leaps(V, W, g, current, steps, decay):
+def both_strides(V, W, g, current, steps, decay):
     net = Network(
-        leak=2e-4,
-        forget=1e-3,
-        decay=decay,
+        map_rate=2e-4,
+        winner_rate=1e-3,
+        decay_rate=decay,
         gain=5.0,
         threshold=1e-3,
         reset=-0.02,
-        kick=200.0,
+        inhibition=200.0,
         surround=1e-4,
         sigma=1.0,
         last_step=100_000,
     )
-    slow = oracles.leap_cell(V, W, g, current, 2e-4, 1e-3, decay, 5.0, steps)
-    return leap_cell(net, leap_of(net, steps), V, W, g, current), slow
+    slow = oracles.advance_cell(V, W, g, current, 2e-4, 1e-3, decay, 5.0, steps)
+    return advance_cell(net, stride_of(net, steps), V, W, g, current), slow
 
 
 @pytest.mark.kernel
@@ -93,25 +100,25 @@ def both_leaps(V, W, g, current, steps, decay):
     current=st.floats(1e-7, 1e-5),
     steps=st.integers(1, 100),
 )
-def test_a_leap_is_its_steps(V, W, g, current, steps):
-    fast, slow = both_leaps(V, W, g, current, steps, 0.0)
+def test_a_stride_is_its_steps(V, W, g, current, steps):
+    fast, slow = both_strides(V, W, g, current, steps, 0.0)
     np.testing.assert_allclose(fast, slow, rtol=1e-6, atol=1e-9)
-    fast, slow = both_leaps(V, W, g, current, steps, 1e-4)
+    fast, slow = both_strides(V, W, g, current, steps, 1e-4)
     hundredth_of_the_threshold = 1e-5
     np.testing.assert_allclose(fast, slow, rtol=2e-3, atol=hundredth_of_the_threshold)
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("g", [-2e-4, 0.0, 8e-4, 1 - 2e-4])
-def test_a_leap_is_its_steps_at_the_poles_of_the_closed_form(g):
-    fast, slow = both_leaps(0.004, -0.01, g, 2e-6, 100, 0.0)
+def test_a_stride_is_its_steps_at_the_poles_of_the_closed_form(g):
+    fast, slow = both_strides(0.004, -0.01, g, 2e-6, 100, 0.0)
     np.testing.assert_allclose(fast, slow, rtol=1e-5)
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("seed", range(4))
-def test_cells_that_join_late_are_none_too_late(seed):
-    """Few peaks over a faint ground: most cells join after a few fixations, or never."""
+def test_cells_that_become_active_late_are_not_too_late(seed):
+    """Few peaks over a faint ground: most cells are activated after a few fixations, or never."""
     saliency = 2 * np.random.default_rng(seed).random((9, 11)) ** 3
     path = scanpath(saliency, saliency.shape, 8, as_published(saliency, 0.6))
     rows, columns, steps = cells(path, 1)
@@ -126,7 +133,10 @@ def test_inhibition_is_a_disc_in_a_faint_surround():
     column, row = np.divmod(np.arange(63), 7)
     net = Network(2e-4, 1e-3, 1e-4, 5.0, 1e-3, -0.02, 200.0, 1e-2, 0.9, 100_000)
     g = np.full(63, 0.25)
-    inhibit(net, np.array([3.0, 5.0, 0.5, 0.0]), np.zeros((0, 7, 9), bool), row, column, g)
+    first = np.zeros(1, np.int64)
+    events = Events(first, first + 3, first + 5, first + 0.5, first)
+    cells = Cells(row, column, np.arange(63), np.zeros(63))
+    inhibit(net, events, 0, np.zeros((0, 7, 9), bool), cells, g)
     d2 = (row - 3) ** 2 + (column - 5) ** 2
     expected = np.exp(-d2 / (2 * 0.9**2)) - 1e-2 * np.exp(-d2 / (2 * 3.6**2))
     np.testing.assert_allclose(g, 0.25 + 0.5 * expected, rtol=1e-12)
@@ -150,13 +160,13 @@ def test_ties_go_down_the_columns_first():
     np.testing.assert_allclose(path.xy, [[1, 7], [7, 1]])
 
 
-def test_the_gaze_rests_at_the_time_limit():
+def test_a_scanpath_ends_at_the_time_limit():
     lone = np.zeros((20, 20))
     lone[3, 4] = 1
     path = scanpath(lone, (20, 20), 50, ScanpathConfig(time_limit=2.5))
     assert 0 < len(path) < 50
     assert path.time[-1] <= 2.5
-    assert len(scanpath(np.full((3, 3), 1e-3), (3, 3), 5, ScanpathConfig(peak=0))) == 0
+    assert len(scanpath(np.full((3, 3), 1e-3), (3, 3), 5, ScanpathConfig(peak=None))) == 0
 
 
 def test_the_first_fixation_takes_the_time_of_the_closed_form():
@@ -168,7 +178,7 @@ def test_the_first_fixation_takes_the_time_of_the_closed_form():
     W -= 0.02 * np.exp(-10 * t)
     assert V[0] == 0
     assert W[0] == pytest.approx(-0.02)
-    path = scanpath(np.array([[s]]), (1, 1), 1, ScanpathConfig(peak=0))
+    path = scanpath(np.array([[s]]), (1, 1), 1, ScanpathConfig(peak=None))
     assert path.time[0] == pytest.approx(t[np.argmax(W > 1e-3)], abs=3 * STEP)
 
 

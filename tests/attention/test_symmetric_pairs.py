@@ -17,7 +17,7 @@ def spot(x, y, shape=(120, 160)):
 
 
 def test_pairs_of_a_disc_face_each_other_across_its_middle():
-    config = SymmetryConfig(levels=(1, 2), level_weights=(3.0, 2.0), viewing_size=0)
+    config = SymmetryConfig(levels=(1, 2), level_weights=(3.0, 2.0), viewing_size=None)
     pairs = symmetric_pairs(spot(100, 60), (100, 60), config)
     assert sorted(pairs.level) == [1, 1, 1, 1, 2, 2, 2, 2]
     assert (np.diff(pairs.strength) <= 0).all()
@@ -41,7 +41,7 @@ def test_all_pairs_of_a_place_are_its_symmetry(kind):
         levels=(0,),
         level_weights=(1.0,),
         map_level=1,
-        viewing_size=0,
+        viewing_size=None,
     )
     level = symmetry_saliency(image, config).levels[0]
     for x, y in ((20, 15), (3, 2), (38, 20), (20, 28)):
@@ -53,7 +53,7 @@ def test_all_pairs_of_a_place_are_its_symmetry(kind):
 
 
 def test_within_a_radius_the_most_symmetric_place_is_taken():
-    config = SymmetryConfig(kind="isotropic", levels=(2,), level_weights=(1.0,), viewing_size=0)
+    config = SymmetryConfig(kind="isotropic", levels=(2,), level_weights=(1.0,), viewing_size=None)
     off = symmetric_pairs(spot(100, 60), (92, 66), config, max_pairs=1)
     near = symmetric_pairs(spot(100, 60), (92, 66), config, radius=12, max_pairs=1)
     middle = (near.first[0] + near.second[0]) / 2
@@ -80,7 +80,7 @@ def test_an_enlarged_image_has_the_enlarged_pairs():
 
 @pytest.mark.parametrize("xy", [(-1, 5), (5, 40), (50, 5), (np.nan, 5)])
 def test_a_place_outside_is_refused(xy):
-    with pytest.raises(ImageError, match="place: expected inside 50 x 40 px"):
+    with pytest.raises(ImageError, match="position: expected inside 50 x 40 px"):
         symmetric_pairs(np.zeros((40, 50)), xy)
 
 

@@ -84,7 +84,7 @@ def test_the_source_in_a_plain_second_reading(kind):
 
 def test_the_default_in_a_plain_second_reading():
     image = noise(2, (40, 56)) / np.float32(255)
-    config = SymmetryConfig(levels=(1, 2), level_weights=(2.0, 1.0), map_level=2, viewing_size=0)
+    config = SymmetryConfig(levels=(1, 2), level_weights=(2.0, 1.0), map_level=2, viewing_size=None)
     maps = symmetry_saliency(image, config)
     r, g, b = np.moveaxis(image.astype(float), 2, 0)
     planes = [(r + g + b) / 3, r - g, b - (r + g) / 2]
@@ -149,7 +149,7 @@ def test_the_middle_of_a_disc_is_most_symmetric(preset):
     disc = (np.hypot(x - 100, y - 50) < 12).astype(np.float32)
     levels, weights = (0, 1, 2), (1.0, 1.0, 1.0)
     config = dataclasses.replace(
-        PRESETS[preset], levels=levels, level_weights=weights, map_level=0, viewing_size=0
+        PRESETS[preset], levels=levels, level_weights=weights, map_level=0, viewing_size=None
     )
     image = cv2.merge([disc] * 3) if config.channels == "rgb" else disc
     saliency = symmetry_saliency(image, config).levels[2]
@@ -168,7 +168,9 @@ def test_radial_symmetry_wants_more_than_one_axis():
         config = SymmetryConfig(
             kind=kind, levels=(0,), level_weights=(1.0,), inner=3, outer=7, sigma=16.0
         )
-        level = symmetry_saliency(bar + disc, dataclasses.replace(config, viewing_size=0)).levels[0]
+        level = symmetry_saliency(
+            bar + disc, dataclasses.replace(config, viewing_size=None)
+        ).levels[0]
         found[kind] = level[30, 40] / level[30, 130]
     assert found["isotropic"] > 0.4
     assert found["radial"] < 0.02
@@ -180,7 +182,7 @@ def test_color_symmetry_lets_light_face_dark():
     found = {}
     for kind in ("isotropic", "color"):
         config = SymmetryConfig(
-            kind=kind, levels=(0,), level_weights=(1.0,), inner=3, outer=7, viewing_size=0
+            kind=kind, levels=(0,), level_weights=(1.0,), inner=3, outer=7, viewing_size=None
         )
         found[kind] = symmetry_saliency(ramp, config).levels[0][20, 23]
     assert found["color"] > 100 * found["isotropic"]
@@ -204,7 +206,7 @@ def test_the_border_is_no_less_symmetric_on_noise(kind):
         config = SymmetryConfig(
             kind=kind, border=border, levels=(1, 2, 3), level_weights=(1.0, 1.0, 1.0)
         )
-        config = dataclasses.replace(config, viewing_size=0)
+        config = dataclasses.replace(config, viewing_size=None)
         maps = [symmetry_saliency(image, config).levels for image in images]
         for level in config.levels:
             mean = np.mean([each[level] for each in maps], axis=0)
@@ -228,7 +230,7 @@ def test_pairs_beyond_the_border_make_what_the_others_make():
 @given(seeds, st.tuples(st.integers(20, 90), st.integers(20, 90)), st.sampled_from(list(PRESETS)))
 def test_dtypes_agree(seed, shape, preset):
     image = noise(seed, shape)
-    config = dataclasses.replace(PRESETS[preset], viewing_size=0)
+    config = dataclasses.replace(PRESETS[preset], viewing_size=None)
     config = dataclasses.replace(config, levels=(0, 1), level_weights=(1.0, 1.0), map_level=1)
     maps = symmetry_saliency(image / np.float32(255), config)
     for other in (image / 255, image.astype(np.uint16) * 257, image):

@@ -39,7 +39,7 @@ def scene(side=65, seed=0):
 
 
 def lines(side=65):
-    """Lines across one another on noise: extrema of every fate, saddles among them."""
+    """Lines across one another on noise: extrema of every status, saddles among them."""
     rng = np.random.default_rng(2)
     image = np.full((side, side), 0.5)
     for _ in range(5):

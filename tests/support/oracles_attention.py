@@ -154,7 +154,7 @@ def scanpath(saliency, fixations, sigma, limit=100_000):
     return np.array(spikes).reshape(-1, 3).T
 
 
-def leap_cell(V, W, g, current, leak, forget, decay, gain, steps):
+def advance_cell(V, W, g, current, leak, forget, decay, gain, steps):
     """One cell, step by step; over 1 per step it is at rest."""
     for _ in range(steps):
         rate = leak + g

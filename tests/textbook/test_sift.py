@@ -259,7 +259,7 @@ def test_a_blob_is_found_at_its_place_and_scale(o, i, bright):
     side, x, y = (81, 40.3, 38.8) if o < 2 else (129, 64.6, 61.0)
     image = blob(side, x, y, wide)
     result = sift(image if bright else 1 - image)
-    kept = [each for each in result.candidates if each.fate == "kept"]
+    kept = [each for each in result.candidates if each.status == "kept"]
     best = max(kept, key=lambda each: abs(each.value))
     assert (best.octave, best.i) == (o, i)
     peak = (K - 1) / (K + 1)
@@ -278,27 +278,27 @@ def test_scales_between_the_images_are_found(share):
     assert result.keypoints.size[strongest] == pytest.approx(2 * sigma, rel=0.05)
 
 
-@pytest.mark.parametrize(("contrast", "fate"), [(0.019, "low contrast"), (0.021, "kept")])
-def test_contrast_on_either_side_of_two_hundredths(contrast, fate):
+@pytest.mark.parametrize(("contrast", "status"), [(0.019, "low contrast"), (0.021, "kept")])
+def test_contrast_on_either_side_of_two_hundredths(contrast, status):
     wide = BASE_SIGMA * 2 ** (2 / 3) * math.sqrt(K)
     amplitude = contrast * (K + 1) / (K - 1)
     result = sift(blob(65, 32, 32, wide, background=0.4, amplitude=amplitude))
     middle = [each for each in result.candidates if each.octave == 0]
     best = max(middle, key=lambda each: abs(each.value))
     assert abs(best.value) == pytest.approx(contrast, rel=0.03)
-    assert best.fate == fate
+    assert best.status == status
 
 
-@pytest.mark.parametrize(("stretch", "fate"), [(1.0, "kept"), (3.5, "kept"), (3.6, "edge")])
-def test_long_blobs_are_edges(stretch, fate):
+@pytest.mark.parametrize(("stretch", "status"), [(1.0, "kept"), (3.5, "kept"), (3.6, "edge")])
+def test_long_blobs_are_edges(stretch, status):
     result = sift(blob(97, 48, 48, 2.6 * stretch, 2.6))
     near = [
         each
         for each in result.candidates
         if each.octave == 0 and abs(each.row - 48) <= 1 and abs(each.column - 48) <= 1
     ]
-    assert [each.fate for each in near] == [fate]
-    assert (near[0].curvature_ratio < 12.1) == (fate == "kept")
+    assert [each.status for each in near] == [status]
+    assert (near[0].curvature_ratio < 12.1) == (status == "kept")
     # a blurred blob bends along each axis by its height over its variance there
     v, a, b = (BASE_SIGMA * 2 ** (near[0].i / 3)) ** 2, (2.6 * stretch) ** 2, 2.6**2
     fine, coarse = math.sqrt((a + v) * (b + v)), math.sqrt((a + K**2 * v) * (b + K**2 * v))
@@ -307,7 +307,7 @@ def test_long_blobs_are_edges(stretch, fate):
 
 
 def test_fates_follow_from_the_differences(found):
-    fates, saddles = set(), 0
+    statuses, saddles = set(), 0
     for result in (found, sift(lines())):
         for each in result.candidates:
             D = result.differences[each.octave]
@@ -318,23 +318,23 @@ def test_fates_follow_from_the_differences(found):
             across = level[y - 1, x - 1] + level[y + 1, x + 1]
             Dxy = (across - level[y + 1, x - 1] - level[y - 1, x + 1]) / 4
             det = Dxx * Dyy - Dxy**2
-            fates.add(each.fate)
+            statuses.add(each.status)
             last = np.subtract((*level.shape[::-1], len(D)), 1)
             there = np.add(each.offset, (x, y, each.i))
             inside = bool(((there >= 0) & (there <= last)).all())
-            assert (each.fate == "unstable") == (not inside)
+            assert (each.status == "unstable") == (not inside)
             if not inside:
                 continue
             saddles += det <= 0 and abs(each.value) >= 0.02
             if abs(each.value) < 0.02:
-                assert each.fate == "low contrast"
+                assert each.status == "low contrast"
             elif det <= 0 or (Dxx + Dyy) ** 2 / det >= 12.1:
-                assert each.fate == "edge"
+                assert each.status == "edge"
             else:
-                assert each.fate == "kept"
+                assert each.status == "kept"
             if det > 0:
                 assert each.curvature_ratio == pytest.approx((Dxx + Dyy) ** 2 / det)
-    assert fates == FATES
+    assert statuses == FATES
     assert saddles > 0
 
 
@@ -355,7 +355,7 @@ def test_keypoints_and_descriptions_are_the_same_points(found):
     assert points.descriptors.shape == (len(points), 128)
     assert points.descriptors.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(points.descriptors, axis=1), 1, atol=1e-6)
-    kept = {index for index, each in enumerate(found.candidates) if each.fate == "kept"}
+    kept = {index for index, each in enumerate(found.candidates) if each.status == "kept"}
     assert {each.candidate for each in found.descriptions} == kept
     for row, each in enumerate(found.descriptions):
         origin = found.candidates[each.candidate]

@@ -1,6 +1,6 @@
-"""What contrast is looked for in: intensity, color opponency and orientation."""
+"""Feature channels of the contrast model: intensity, color opponency and orientation."""
 
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import cv2
 import numpy as np
@@ -9,38 +9,61 @@ from saccade.pyramid import FloatMap
 
 Color = Literal["linear", "quotient"]
 COLORS: tuple[Color, ...] = get_args(Color)
+ChannelName = Literal["intensity", "red-green", "blue-yellow", "orientation"]
+Conspicuity = Literal["intensity", "color", "orientation"]
+
+CONSPICUITY: dict[ChannelName, Conspicuity] = {
+    "intensity": "intensity",
+    "red-green": "color",
+    "blue-yellow": "color",
+    "orientation": "orientation",
+}
+"""The conspicuity map to which the feature maps of a channel contribute (A.11-A.13)."""
+
+OPPONENT = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])
+"""Intensity (A.1), red-green and blue-yellow as linear functions of red, green and blue."""
+
+
+class Channel(NamedTuple):
+    """A feature channel; there is one orientation channel for each angle."""
+
+    name: ChannelName
+    angle: float | None = None
+    """Direction of the bars in degrees, from x towards y; None but for orientation."""
 
 
 def intensity(rgb: FloatMap) -> FloatMap:
     """(H, W) mean of red, green and blue (A.1)."""
-    return cv2.transform(rgb, np.full((1, 3), 1 / 3))
+    return cv2.transform(rgb, OPPONENT[:1])
+
+
+def opponency(rgb: FloatMap, color: Color, dark: float) -> dict[ChannelName, FloatMap]:
+    """(H, W) red-green and blue-yellow, each in [-1, 1].
+
+    Args:
+        rgb: (H, W, 3) in [0, 1].
+        color: "linear" or "quotient".
+        dark: see `quotient_opponency`.
+    """
+    quotient = color == "quotient"
+    planes = quotient_opponency(rgb, dark) if quotient else linear_opponency(rgb)
+    return {"red-green": planes[0], "blue-yellow": planes[1]}
 
 
 def linear_opponency(rgb: FloatMap) -> tuple[FloatMap, FloatMap]:
-    """Red against green and blue against yellow, as differences of lights.
+    """Red-green and blue-yellow as differences of intensities.
 
-    A dim color counts less than a bright one, so that no rule for the dark is needed.
-
-    Args:
-        rgb: (H, W, 3) in [0, 1].
-
-    Returns:
-        (H, W) red-green in [-1, 1] and blue-yellow in [-1, 1].
+    A dim color counts less than a bright one, so that dark pixels need no threshold.
     """
-    red_green = cv2.transform(rgb, np.array([[1.0, -1.0, 0.0]]))
-    blue_yellow = cv2.transform(rgb, np.array([[-0.5, -0.5, 1.0]]))
-    return red_green, blue_yellow
+    return cv2.transform(rgb, OPPONENT[1:2]), cv2.transform(rgb, OPPONENT[2:])
 
 
 def quotient_opponency(rgb: FloatMap, dark: float) -> tuple[FloatMap, FloatMap]:
-    """Red against green and blue against yellow, by the brightest color (A.2-A.3).
+    """Red-green and blue-yellow divided by the brightest color (A.2-A.3).
 
     Args:
         rgb: (H, W, 3) in [0, 1].
-        dark: where no color reaches this, hue is noise and both are 0.
-
-    Returns:
-        (H, W) red-green in [-1, 1] and blue-yellow in [-1, 1].
+        dark: both are 0 where the brightest color is below this, since hue is noise there.
     """
     r, g, b = rgb[..., 0], rgb[..., 1], rgb[..., 2]
     brightest = np.maximum(np.maximum(r, g), b)

@@ -1,7 +1,7 @@
-"""Attention: contrast and symmetry together.
+"""Attention: the weighted sum of contrast and symmetry saliency.
 
-Each model's saliency is promoted by N as the conspicuity maps are in A.14, so that a display on
-which one of them sees the odd item and the other only equals is decided by the first.
+The saliency of each model is normalized by N as the conspicuity maps are in A.14, so that a model
+with a single outstanding maximum decides over one with many equal maxima.
 """
 
 from dataclasses import dataclass, field
@@ -10,28 +10,28 @@ from typing import Self
 import numpy as np
 
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, contrast_saliency
-from saccade.attention.contrast_config import HEAVIEST
-from saccade.attention.normalize import NORMALIZATIONS, Normalization, normalize, rescale
+from saccade.attention.contrast_config import MAX_WEIGHT
+from saccade.attention.models import SaliencyMaps
+from saccade.attention.normalize import Normalization, normalize, rescale
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
-from saccade.errors import require
+from saccade.errors import require, require_types
 from saccade.pyramid import FloatMap, resize
 from saccade.types import Image
 
 
 @dataclass(frozen=True)
 class AttentionConfig:
-    """How much contrast and symmetry count, and the settings of each.
+    """Weights of contrast and symmetry, and the settings of each.
 
-    The default is what predicts the fixations of people best; how it was chosen stands in
-    docs/symmetry.md.
+    The default predicts human fixations best; docs/symmetry.md says how it was chosen.
     """
 
     contrast_weight: float = 0.1
-    """Part of contrast in the saliency."""
+    """Weight of contrast in the saliency."""
     symmetry_weight: float = 1.0
     """The same for symmetry."""
     normalization: Normalization = "local-maxima"
-    """How the map of each is promoted; see `saccade.attention.normalize`."""
+    """Normalization of both maps; see `saccade.attention.normalize`."""
     contrast: ContrastConfig = field(default_factory=ContrastConfig)
     """Settings of the contrast model."""
     symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
@@ -40,10 +40,8 @@ class AttentionConfig:
     def __post_init__(self) -> None:
         for name in ("contrast_weight", "symmetry_weight"):
             weight = getattr(self, name)
-            require(0 < weight <= HEAVIEST, name, f"above 0, at most {HEAVIEST:g}", weight)
-        choices = ", ".join(NORMALIZATIONS)
-        known = self.normalization in NORMALIZATIONS
-        require(known, "normalization", f"one of {choices}", self.normalization)
+            require(0 < weight <= MAX_WEIGHT, name, f"above 0, at most {MAX_WEIGHT:g}", weight)
+        require_types(self)
 
     @classmethod
     def kootstra2010(cls) -> Self:
@@ -56,7 +54,7 @@ class AttentionConfig:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AttentionMaps:
+class AttentionMaps(SaliencyMaps):
     """Saliency and the maps of the two models.
 
     The cells tile the image: see `saccade.pyramid.cell_centers`.
@@ -65,22 +63,25 @@ class AttentionMaps:
     saliency: FloatMap
     """(h, w) in [0, 1], of the size of the contrast map."""
     contrast: ContrastMaps
-    """Saliency by contrast, and what it is made of."""
+    """Contrast saliency and its conspicuity maps."""
     symmetry: SymmetryMaps
-    """Saliency by symmetry, and what it is made of."""
+    """Symmetry saliency and its levels."""
     image_shape: tuple[int, int]
     """(H, W) of the image."""
 
-    def __repr__(self) -> str:
-        height, width = self.saliency.shape
-        rows, columns = self.image_shape
-        return f"AttentionMaps({width} x {height} cells of a {columns} x {rows} image)"
+    @property
+    def layers(self) -> dict[str, FloatMap]:
+        """Saliency, that of the two models, and the conspicuity maps of contrast, by name."""
+        models = {"contrast": self.contrast.saliency, "symmetry": self.symmetry.saliency}
+        return {"saliency": self.saliency, **models} | {
+            name: values for name, values in self.contrast.layers.items() if name != "saliency"
+        }
 
 
 def attention_saliency(
     image: Image, config: AttentionConfig | None = None, *, keep_features: bool = False
 ) -> AttentionMaps:
-    """Where contrast and symmetry together draw the eye.
+    """Saliency from contrast and symmetry.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
@@ -96,9 +97,9 @@ def attention_saliency(
     config = config or AttentionConfig()
     contrast = contrast_saliency(image, config.contrast, keep_features=keep_features)
     symmetry = symmetry_saliency(image, config.symmetry)
-    both = (contrast.saliency, resize(symmetry.saliency, contrast.saliency.shape))
-    by_contrast, by_symmetry = (normalize(m, config.normalization, radius=0) for m in both)
-    summed = config.contrast_weight * by_contrast + config.symmetry_weight * by_symmetry
+    maps = (contrast.saliency, resize(symmetry.saliency, contrast.saliency.shape))
+    normalized = [normalize(values, config.normalization, radius=None) for values in maps]
+    summed = config.contrast_weight * normalized[0] + config.symmetry_weight * normalized[1]
     return AttentionMaps(
         saliency=rescale(summed).astype(np.float32),
         contrast=contrast,

@@ -1,38 +1,53 @@
-"""The contrast-saliency model: what differs from its surround draws the eye.
+"""The contrast-saliency model: saliency is the contrast between a center and its surround.
 
 After Itti, Koch & Niebur (1998) and Itti & Koch (2001); equations A.1-A.14.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from saccade.attention.channels import CONSPICUITY, Channel, ChannelName, Conspicuity
 from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.kootstra2010 import PrintedSteps
-from saccade.attention.mirrored import MirroredSteps
+from saccade.attention.kootstra2010 import Kootstra2010Arithmetic
+from saccade.attention.mirrored import MirroredArithmetic
+from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import sharpen, smooth
-from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Steps
+from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Arithmetic
 from saccade.errors import ImageError
 from saccade.image import check_image
-from saccade.pyramid import (
-    FloatMap,
-)
+from saccade.pyramid import FloatMap
 from saccade.types import Image
 
 __all__ = ["ContrastConfig", "ContrastMaps", "FeatureMap", "contrast_saliency"]
 
+ARITHMETICS = {
+    "mirrored": MirroredArithmetic,
+    "kootstra2010": Kootstra2010Arithmetic,
+    "saliencytoolbox2": SaliencyToolbox2Arithmetic,
+}
+
+
+class Scale(NamedTuple):
+    """Pyramid levels that are compared, and their weight."""
+
+    center: int
+    surround: int
+    weight: float
+
+
+Scales: TypeAlias = dict[ChannelName, list[Scale]]
+
 
 class FeatureMap(NamedTuple):
-    """One of the maps that the conspicuity maps are made of."""
+    """Contrast of one channel at one scale."""
 
-    channel: str
-    """"intensity", "red-green", "blue-yellow", or "orientation" and its angle in degrees."""
+    channel: Channel
+    """Name of the channel, and the angle of an orientation."""
     center: int
     """Pyramid level of the center."""
     surround: int
@@ -44,11 +59,11 @@ class FeatureMap(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ContrastMaps:
-    """Saliency and what it is made of.
+class ContrastMaps(SaliencyMaps):
+    """Saliency, conspicuity maps and feature maps.
 
-    Maps are float32 (float64 for the preset `saliencytoolbox2`), and their cells tile the
-    image: see `saccade.pyramid.cell_centers`.
+    Maps are float32 (float64 for the presets `kootstra2010` and `saliencytoolbox2`), and their
+    cells tile the image: see `saccade.pyramid.cell_centers`.
     """
 
     saliency: FloatMap
@@ -56,24 +71,24 @@ class ContrastMaps:
     intensity: FloatMap
     """(h, w) conspicuity (A.11), from 0 to the number of scales: 6 with `kootstra2010`."""
     color: FloatMap
-    """(h, w) conspicuity (A.12), from 0 to 2; 0 for a grey image."""
+    """(h, w) conspicuity (A.12), from 0 to 2; 0 for a gray image."""
     orientation: FloatMap
     """(h, w) conspicuity (A.13), from 0 to the number of orientations, 4."""
     image_shape: tuple[int, int]
     """(H, W) of the image."""
     features: tuple[FeatureMap, ...] = ()
-    """The feature maps, where they were asked for."""
+    """The feature maps; empty without `keep_features`."""
 
-    def __repr__(self) -> str:
-        height, width = self.saliency.shape
-        rows, columns = self.image_shape
-        return f"ContrastMaps({width} x {height} cells of a {columns} x {rows} image)"
+    @property
+    def layers(self) -> dict[str, FloatMap]:
+        """Saliency and the conspicuity maps by name."""
+        return {name: getattr(self, name) for name in ("saliency", *get_args(Conspicuity))}
 
 
 def contrast_saliency(
     image: Image, config: ContrastConfig | None = None, *, keep_features: bool = False
 ) -> ContrastMaps:
-    """Where contrast in intensity, color and orientation draws the eye.
+    """Contrast saliency from intensity, color and orientation.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
@@ -90,132 +105,112 @@ def contrast_saliency(
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
     pixels = check_image(image)  # (H, W), (H, W, 3) or (H, W, 4)
-    config = (config or ContrastConfig()).at_size(pixels.shape[:2])
-    steps = steps_of(config)
-    scales = existing_scales(pixels.shape[:2], config, steps)
-    nothing = np.zeros(steps.level_shape(pixels.shape[:2], config.map_level), steps.dtype)  # (h, w)
+    shape = pixels.shape[:2]
+    config = (config or ContrastConfig()).at_size(shape)
+    arithmetic = ARITHMETICS[config.arithmetic](config)
+    scales = existing_scales(shape, config, arithmetic)
+    zeros = np.zeros(arithmetic.level_shape(shape, config.map_level), arithmetic.dtype)  # (h, w)
 
-    pyramids = channel_pyramids(pixels, scales, config, steps)  # A.1-A.6
-    across_scales = dict.fromkeys(("intensity", "red-green", "blue-yellow", *pyramids), nothing)
+    pyramids = channel_pyramids(pixels, scales, arithmetic)  # A.1-A.6
+    sums = {Channel(name): zeros for name in CONSPICUITY} | dict.fromkeys(pyramids, zeros)
     features = []
     for channel, levels in pyramids.items():
-        for center, surround, weight in scales[channel.partition(" ")[0]]:
-            values = steps.contrast(levels[center], levels[surround], nothing.shape)  # A.7-A.10
-            values = smooth(values, config.smoothing)
-            normalized = steps.normalize(values)
-            at_map = steps.resize(normalized, nothing.shape)
-            across_scales[channel] = across_scales[channel] + weight * at_map
+        for center, surround, weight in scales[channel.name]:
+            values = arithmetic.center_surround(levels[center], levels[surround], zeros.shape)
+            values = smooth(values, config.smoothing)  # A.7-A.10
+            normalized = arithmetic.normalize(values)
+            at_map = arithmetic.resize(normalized, zeros.shape)
+            sums[channel] = sums[channel] + weight * at_map
             if keep_features:
                 features.append(FeatureMap(channel, center, surround, values, normalized))
 
-    N = steps.normalize_sum
-    oriented = [N(m) for name, m in across_scales.items() if name.startswith("orientation")]
-    intensity = steps.conspicuity([across_scales["intensity"]])  # A.11
-    color = steps.conspicuity(
-        [N(across_scales["red-green"]), N(across_scales["blue-yellow"])]
-    )  # A.12
-    orientation = steps.conspicuity(oriented or [nothing])  # A.13
-    saliency = steps.saliency(intensity, color, orientation)  # A.14
+    N = arithmetic.normalize_sum
+    oriented = [N(sums[channel]) for channel in pyramids if channel.name == "orientation"]
+    opponents = [N(sums[Channel("red-green")]), N(sums[Channel("blue-yellow")])]
+    intensity = arithmetic.conspicuity([sums[Channel("intensity")]])  # A.11
+    color = arithmetic.conspicuity(opponents)  # A.12
+    orientation = arithmetic.conspicuity(oriented or [zeros])  # A.13
+    saliency = arithmetic.saliency(intensity, color, orientation)  # A.14
     return ContrastMaps(
-        saliency=weigh_center(sharpen(saliency, config.sharpening), config.center_prior),
+        saliency=weight_center(sharpen(saliency, config.sharpening), config.center_prior),
         intensity=intensity,
         color=color,
         orientation=orientation,
-        image_shape=pixels.shape[:2],
+        image_shape=shape,
         features=tuple(features),
     )
 
 
 def existing_scales(
-    shape: tuple[int, int], config: ContrastConfig, steps: Steps
-) -> dict[str, list[tuple[int, int, float]]]:
-    """Center, surround and weight of the pairs that an image of this shape has, by channel."""
-    deepest = steps.deepest_level(shape)
-    wanted: dict[str, list[tuple[int, int, float]]] = {}
-    colors = [
-        (center, surround, weight)
-        for (center, surround), weight in zip(config.scales, config.scale_weights, strict=True)
-    ]
-    if config.intensity_weight > 0:
-        wanted["intensity"] = colors
-    if config.color_weight > 0:
-        wanted["red-green"] = wanted["blue-yellow"] = colors
-    if config.orientation_weight > 0:
-        wanted["orientation"] = [(*pair, 1.0) for pair in config.orientation_scales]
-    existing = {
-        channel: [scale for scale in pairs if scale[1] <= deepest]
-        for channel, pairs in wanted.items()
+    shape: tuple[int, int], config: ContrastConfig, arithmetic: MirroredArithmetic
+) -> Scales:
+    """The scales of each channel that an image of this shape has; none of one without weight."""
+    pairs = zip(config.scales, config.scale_weights, strict=True)
+    color_scales = [Scale(center, surround, weight) for (center, surround), weight in pairs]
+    orientation_scales = [Scale(*levels, 1.0) for levels in config.orientation_scales]
+    weights = dict(zip(get_args(Conspicuity), config.weights, strict=True))
+    scales: Scales = {
+        name: orientation_scales if name == "orientation" else color_scales
+        for name, conspicuity in CONSPICUITY.items()
+        if weights[conspicuity] > 0
     }
-    finest = min(surround for pairs in wanted.values() for _, surround, _ in pairs)
-    cells = max(steps.level_shape(shape, config.map_level))
-    if deepest < finest or cells == 1:
-        shorter = next(n for n in count(1) if steps.deepest_level((n, n)) >= finest)
-        longer = next(n for n in count(1) if steps.level_shape((n, n), config.map_level)[0] > 1)
+    deepest = arithmetic.deepest_level(shape)
+    finest = min(scale.surround for channel in scales.values() for scale in channel)
+    if deepest < finest or max(arithmetic.level_shape(shape, config.map_level)) == 1:
+        shorter = next(n for n in count(1) if arithmetic.deepest_level((n, n)) >= finest)
+        longer = next(
+            n for n in count(1) if arithmetic.level_shape((n, n), config.map_level)[0] > 1
+        )
         raise ImageError(
             f"image: expected at least {shorter} px on the shorter side for surround level "
             f"{finest}, and {longer} px on the longer for a map at level {config.map_level}, "
             f"found {shape[1]} x {shape[0]} px; enlarge it, or set finer scales"
         )
-    return existing
+    return {
+        name: [scale for scale in channel if scale.surround <= deepest]
+        for name, channel in scales.items()
+    }
 
 
 def channel_pyramids(
-    pixels: npt.NDArray[Any],
-    scales: dict[str, list[tuple[int, int, float]]],
-    config: ContrastConfig,
-    steps: Steps,
-) -> dict[str, dict[int, FloatMap]]:
+    pixels: npt.NDArray[Any], scales: Scales, arithmetic: MirroredArithmetic
+) -> dict[Channel, dict[int, FloatMap]]:
     """The levels that the scales need, by channel and level number (A.1-A.6)."""
     needed = {
-        channel: sorted({level for scale in pairs for level in scale[:2]})
-        for channel, pairs in scales.items()
-        if pairs
+        name: {level for scale in scales.get(name, ()) for level in (scale.center, scale.surround)}
+        for name in CONSPICUITY
     }
-    finest = min(levels[0] for levels in needed.values())
-    finest, brightness, opponents = steps.channels(pixels, finest)  # A.1-A.3
-    levels_of_intensity = {*needed.get("intensity", ()), *needed.get("orientation", ())}
+    finest = min(level for levels in needed.values() for level in levels)
+    first, planes = arithmetic.split_channels(pixels, finest)  # A.1-A.3
 
-    def pyramid(level: FloatMap, wanted: Collection[int]) -> dict[int, FloatMap]:
+    def pyramid(level: FloatMap, numbers: Collection[int]) -> dict[int, FloatMap]:
         levels = {}
-        for number in range(finest, max(wanted) + 1):
-            if number > finest:
-                level = steps.halve(level)
-            if number in wanted:
+        for number in range(first, max(numbers, default=-1) + 1):
+            if number > first:
+                level = arithmetic.halve(level)
+            if number in numbers:
                 levels[number] = level
         return levels
 
-    pyramids = {}
-    if levels_of_intensity:
-        intensities = pyramid(brightness, levels_of_intensity)  # A.4-A.5
-    if "intensity" in needed:
-        pyramids["intensity"] = intensities
-    for channel, opponent in opponents.items():
-        if channel in needed:
-            pyramids[channel] = pyramid(opponent, needed[channel])  # A.4-A.5
-    if "orientation" in needed:
-        energies = {level: steps.oriented(intensities[level]) for level in needed["orientation"]}
-        for i, angle in enumerate(config.orientations):
-            pyramids[f"orientation {angle:g}"] = {
-                level: energy[i] for level, energy in energies.items()
-            }  # A.6
+    oriented = needed.pop("orientation")
+    intensities = pyramid(planes["intensity"], needed["intensity"] | oriented)
+    pyramids = {
+        Channel(name): intensities if name == "intensity" else pyramid(planes[name], levels)
+        for name, levels in needed.items()
+        if levels
+    }  # A.4-A.5
+    responses = {level: arithmetic.orientation_responses(intensities[level]) for level in oriented}
+    angles = arithmetic.config.orientations if oriented else ()
+    for i, angle in enumerate(angles):
+        pyramids[Channel("orientation", angle)] = {
+            level: response[i] for level, response in responses.items()
+        }  # A.6
     return pyramids
 
 
-def steps_of(config: ContrastConfig) -> Steps:
-    """The arithmetic that the configuration names."""
-    if config.arithmetic == "saliencytoolbox2":
-        return SaliencyToolbox2Steps(config)
-    if config.arithmetic == "kootstra2010":
-        return PrintedSteps(config)
-    return MirroredSteps(config)
-
-
-Steps: TypeAlias = MirroredSteps | PrintedSteps | SaliencyToolbox2Steps
-
-
-def weigh_center(saliency: FloatMap, sigma: float) -> FloatMap:
-    """The map times a Gaussian in its middle, whose width is a part of its sides; 0 for none."""
-    if sigma == 0:
+def weight_center(saliency: FloatMap, sigma: float | None) -> FloatMap:
+    """Center prior: the map times a central Gaussian, its width a fraction of each side."""
+    if sigma is None:
         return saliency
     y, x = (np.exp(-((((np.arange(n) + 0.5) / n - 0.5) / sigma) ** 2) / 2) for n in saliency.shape)
     weighted: FloatMap = saliency * np.outer(y, x).astype(saliency.dtype)

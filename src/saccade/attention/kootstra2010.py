@@ -1,8 +1,8 @@
-"""The contrast model's steps as equations A.4-A.14 print them.
+"""The steps of the contrast model as equations A.4-A.14 print them.
 
-What the print leaves open is as in `saccade.textbook.contrast_saliency`: a binomial kernel, borders
-that go on as their outermost sample, linear interpolation between the samples of a coarser level,
-of which sample k stands at sample 2 k of the finer one, and a single even Gabor filter.
+What the print leaves open is as in `saccade.textbook.contrast_saliency`: a binomial kernel,
+replicated borders, linear interpolation of a coarser level, whose sample k stands at sample 2 k of
+the finer one, and a single even Gabor filter.
 """
 
 from dataclasses import dataclass
@@ -11,18 +11,18 @@ from typing import Any, ClassVar
 import cv2
 import numpy as np
 
-from saccade.attention.mirrored import MirroredSteps
+from saccade.attention.mirrored import MirroredArithmetic
 from saccade.attention.normalize import rescale
-from saccade.pyramid import FloatMap, gabor_pair, level_shape
+from saccade.pyramid import FloatMap, level_shape
 
 BORDER = cv2.BORDER_REPLICATE
 EQUAL_DIGITS = 9
-"""Values of a map in [0, 1] that agree to so many decimals are equally high."""
+"""Values of a map in [0, 1] that agree to so many decimals are equal."""
 
 
 @dataclass(frozen=True)
-class PrintedSteps(MirroredSteps):
-    """Those of `MirroredSteps` where the print says no other, in double precision."""
+class Kootstra2010Arithmetic(MirroredArithmetic):
+    """The printed steps, in double precision."""
 
     dtype: ClassVar[type[np.floating[Any]]] = np.float64
 
@@ -35,7 +35,7 @@ class PrintedSteps(MirroredSteps):
     def resize(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
         """A level at the size of another: coarser by A.4-A.5, finer by linear interpolation."""
         while values.shape[0] > shape[0] or values.shape[1] > shape[1]:
-            values = PrintedSteps.halve(values)
+            values = Kootstra2010Arithmetic.halve(values)
         if values.shape == shape:
             return values
         octaves = next(n for n in range(64) if level_shape(shape, n) == values.shape)
@@ -48,15 +48,10 @@ class PrintedSteps(MirroredSteps):
             borderMode=BORDER,
         )
 
-    def oriented(self, level: FloatMap) -> list[FloatMap]:
+    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
         """The signed response to one even Gabor filter for each orientation (A.6)."""
-        config = self.config
-        wave = config.gabor_period, config.gabor_sigma, config.gabor_size
-        filters = [gabor_pair(np.deg2rad(angle), *wave) for angle in config.orientations]
-        return [cv2.filter2D(level, -1, even, borderType=BORDER) for even, _ in filters]
+        return [cv2.filter2D(level, -1, even, borderType=BORDER) for even, _ in self.gabor_pairs]
 
     def normalize(self, values: FloatMap) -> FloatMap:
-        """N; equal maxima are equal but for rounding."""
+        """N; maxima that differ by rounding are equal."""
         return super().normalize(np.round(rescale(values), EQUAL_DIGITS))
-
-    normalize_sum = normalize

@@ -1,4 +1,4 @@
-"""The contrast model's steps on images that are mirrored at their borders: those of the default."""
+"""The steps of the contrast model on images mirrored at their borders: the default arithmetic."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,16 +8,18 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention import channels
+from saccade.attention.channels import ChannelName, intensity, opponency
 from saccade.attention.contrast_config import ContrastConfig
+from saccade.attention.gabor import gabor_energies, gabor_pair
 from saccade.attention.normalize import normalize
-from saccade.image import as_rgb
-from saccade.pyramid import FloatMap, deepest_level, gabor_energies, halve, level_shape, resize
+from saccade.image import as_rgb, without_alpha
+from saccade.pyramid import FloatMap, deepest_level, halve, level_shape, resize
+from saccade.types import FloatArray
 
 
 @dataclass(frozen=True)
-class MirroredSteps:
-    """The steps of the model on images that are mirrored at their borders."""
+class MirroredArithmetic:
+    """The steps of the model; the published arithmetics override those in which they differ."""
 
     config: ContrastConfig
     dtype: ClassVar[type[np.floating[Any]]] = np.float32
@@ -31,45 +33,48 @@ class MirroredSteps:
         """A map at another size."""
         return resize(values, shape)
 
-    def channels(
+    def split_channels(
         self, pixels: npt.NDArray[Any], finest: int
-    ) -> tuple[int, FloatMap, dict[str, FloatMap]]:
-        """The finest level whose channels are needed, and intensity and opponents there.
+    ) -> tuple[int, dict[ChannelName, FloatMap]]:
+        """A pyramid level, at most `finest`, and intensity and opponents there (A.1-A.3).
 
-        Linear channels of the coarser image are the coarser level of the channels, so that it
-        need not be converted before: in 8 bit it is a quarter as large.
+        Linear channels commute with subsampling, so that the image is halved before it is
+        converted: in 8 bit it is a quarter as large.
         """
-        linear = self.config.color == "linear"
-        start = finest if linear else 0
-        colors = pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
-        for _ in range(start):
+        level = finest if self.config.color == "linear" else 0
+        colors = without_alpha(pixels)
+        for _ in range(level):
             colors = self.halve(colors)
         rgb = as_rgb(colors, dtype=self.dtype)  # (h, w, 3)
-        if linear:
-            red_green, blue_yellow = channels.linear_opponency(rgb)
-        else:
-            red_green, blue_yellow = channels.quotient_opponency(rgb, self.config.dark)  # A.2-A.3
-        opponents = {"red-green": red_green, "blue-yellow": blue_yellow}
-        return start, channels.intensity(rgb), opponents  # A.1
+        opponents = opponency(rgb, self.config.color, self.config.dark)
+        return level, {"intensity": intensity(rgb), **opponents}
 
-    def oriented(self, level: FloatMap) -> list[FloatMap]:
+    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
         """One map for each orientation (A.6)."""
-        config = self.config
-        angles = [float(np.deg2rad(angle)) for angle in config.orientations]
+        config, angles = self.config, [float(np.deg2rad(a)) for a in self.config.orientations]
         return gabor_energies(
             level, angles, config.gabor_period, config.gabor_sigma, config.gabor_size
         )
 
-    def contrast(
+    @property
+    def gabor_pairs(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Even and odd filters for each orientation."""
+        c = self.config
+        return [
+            gabor_pair(float(np.deg2rad(angle)), c.gabor_period, c.gabor_sigma, c.gabor_size)
+            for angle in c.orientations
+        ]
+
+    def center_surround(
         self, center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]
     ) -> FloatMap:
-        """How far the center is from its surround (A.7-A.10)."""
+        """Absolute difference of center and surround (A.7-A.10)."""
         difference = cv2.absdiff(center, self.resize(surround, center.shape))
         at_map = self.config.normalize_at == "map"
         return self.resize(difference, map_shape) if at_map else difference
 
     def normalize(self, values: FloatMap) -> FloatMap:
-        """N."""
+        """N of a feature map."""
         config = self.config
         return normalize(
             values,
@@ -79,15 +84,21 @@ class MirroredSteps:
             iterations=config.iterations,
         )
 
-    normalize_sum = normalize
+    def normalize_sum(self, values: FloatMap) -> FloatMap:
+        """N of a sum of normalized feature maps."""
+        return self.normalize(values)
 
     def conspicuity(self, parts: Sequence[FloatMap]) -> FloatMap:
         """The sum of its parts (A.11-A.13)."""
         return sum(parts[1:], start=parts[0])
 
     def saliency(self, intensity: FloatMap, color: FloatMap, orientation: FloatMap) -> FloatMap:
-        """The weighted mean of what is conspicuous (A.14)."""
-        N, config = self.normalize, self.config
-        w_I, w_C, w_O = config.intensity_weight, config.color_weight, config.orientation_weight
-        weighted = w_I * N(intensity) + w_C * N(color) + w_O * N(orientation)
-        return weighted / (w_I + w_C + w_O)
+        """The weighted mean of the normalized conspicuity maps (A.14)."""
+        N = self.normalize
+        weighted = self.weighted_sum(N(intensity), N(color), N(orientation))
+        return weighted / sum(self.config.weights)
+
+    def weighted_sum(self, *maps: FloatMap) -> FloatMap:
+        """The maps of intensity, color and orientation times their weights."""
+        w_I, w_C, w_O = self.config.weights
+        return w_I * maps[0] + w_C * maps[1] + w_O * maps[2]

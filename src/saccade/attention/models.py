@@ -1,4 +1,4 @@
-"""The attention models by name, each with its settings and the layers of its result."""
+"""The attention models by name, and what their results have in common."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -9,18 +9,27 @@ if TYPE_CHECKING:
     from saccade.types import Float32Array, SymmetricPairs
 
 REFERENCE_SIZE = 800
-"""Longer side in pixels of an image at which a fixation is as wide as `PAIR_RADIUS` says."""
+"""Longer side in pixels of an image to which `PAIR_RADIUS` applies."""
 PAIR_RADIUS = 12.0
-"""Pixels about a fixation in which the pairs that drew it there are sought."""
-
-
+"""Radius in pixels about a fixation in which symmetric pairs are searched."""
 KINDS = {"contrast": "contrast", "symmetry": "symmetry", "both": "attention"}
-"""By the name of a model, the kind of its configuration as `saccade config` calls it."""
+"""Kind of the configuration of each model, as `saccade config` calls it."""
+
+
+class SaliencyMaps:
+    """Base of the results of the models: their representation by size."""
+
+    saliency: "npt.NDArray[Any]"
+    image_shape: tuple[int, int]
+
+    def __repr__(self) -> str:
+        (h, w), (height, width) = self.saliency.shape, self.image_shape
+        return f"{type(self).__name__}({w} x {h} cells of a {width} x {height} image)"
 
 
 @dataclass(frozen=True)
 class AttentionModel:
-    """A model of attention with its settings."""
+    """An attention model with its settings."""
 
     model: str
     """One of `KINDS`."""
@@ -35,36 +44,21 @@ class AttentionModel:
 
         if self.model == "symmetry":
             return attention.symmetry_saliency(image, self.settings)
-        if self.model == "contrast":
-            return attention.contrast_saliency(
-                image, self.settings, keep_features=self.keep_features
-            )
-        return attention.attention_saliency(image, self.settings, keep_features=self.keep_features)
+        contrast = self.model == "contrast"
+        compute = attention.contrast_saliency if contrast else attention.attention_saliency
+        return compute(image, self.settings, keep_features=self.keep_features)
 
     def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
-        """What makes each of (n, 2) places symmetric; none where symmetry does not count."""
+        """The strongest symmetric pairs at each of (n, 2) positions; none for contrast alone."""
         from saccade.attention import symmetric_pairs
 
         if self.model == "contrast":
             return []
         settings = self.settings if self.model == "symmetry" else self.settings.symmetry
-        within = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
-        return [
-            symmetric_pairs(image, tuple(each), settings, radius=within, max_pairs=2) for each in xy
-        ]
+        radius = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
+        return [symmetric_pairs(image, (x, y), settings, radius=radius, max_pairs=2) for x, y in xy]
 
 
 def contrast_of(maps: Any) -> Any:
-    """The ContrastMaps in maps of contrast or of both."""
+    """The ContrastMaps in ContrastMaps or AttentionMaps."""
     return getattr(maps, "contrast", maps)
-
-
-def layers_of(maps: Any, model: str) -> "dict[str, Float32Array]":
-    """The saliency and what it is made of, by name."""
-    layers = {"saliency": maps.saliency}
-    if model == "both":
-        layers |= {"contrast": maps.contrast.saliency, "symmetry": maps.symmetry.saliency}
-    if model != "symmetry":
-        contrast = contrast_of(maps)
-        layers |= {name: getattr(contrast, name) for name in ("intensity", "color", "orientation")}
-    return layers

@@ -1,6 +1,6 @@
-"""How a map with few strong places is promoted over one with many: the operator N.
+"""The normalization operator N: promotes maps with few outstanding maxima over those with many.
 
-Every form first scales the map to [0, 1]. A flat map has nothing to promote: it becomes 0.
+Every method first scales the map to [0, 1]. A flat map becomes 0.
 """
 
 from typing import Literal, get_args
@@ -14,20 +14,21 @@ Normalization = Literal["local-maxima", "local-maxima-1998", "iterative", "none"
 NORMALIZATIONS: tuple[Normalization, ...] = get_args(Normalization)
 
 FLAT = 2e-6
-"""A map whose values span less is flat: in an image in [0, 1] it is float32 rounding."""
+"""A map of a smaller range is flat: for images in [0, 1] it is float32 rounding."""
 
 EXCITATION = (0.5, 0.02)
-"""Strength, and standard deviation by the map's longer side (Itti & Koch 2000)."""
+"""Strength, and standard deviation as a fraction of the longer side of the map (Itti & Koch
+2000)."""
 INHIBITION = (1.5, 0.25)
-"""The same for the surround."""
+"""The same for the inhibition of the surround."""
 GLOBAL_INHIBITION = 0.02
-"""What every place loses in each iteration, by the map's maximum."""
-NARROWEST = 0.5
-"""Standard deviation in pixels under which a sampled Gaussian no longer sums to its strength."""
+"""Subtracted in each iteration, as a fraction of the maximum of the map."""
+MIN_SIGMA = 0.5
+"""Standard deviation in pixels below which a sampled Gaussian no longer sums to its strength."""
 KERNEL_CUT = 0.01
-"""The Gaussians are cut where they fall below this part of their peak."""
-WIDEST = 1 / 8
-"""Part of a map's side over which its smoothing would leave nothing but its mean."""
+"""The Gaussians are truncated where they fall below this fraction of their peak."""
+MAX_SMOOTHING = 1 / 8
+"""Largest standard deviation of the smoothing, as a fraction of a side of the map."""
 
 
 def normalize(
@@ -35,19 +36,19 @@ def normalize(
     method: Normalization,
     *,
     threshold: float = 0.1,
-    radius: float = 0.05,
+    radius: float | None = 0.05,
     iterations: int = 3,
 ) -> FloatMap:
-    """The map, scaled to [0, 1] and weighted by how much a few places stand out in it.
+    """The operator N: the map scaled to [0, 1] and weighted by how few maxima stand out in it.
 
     Args:
         values: (h, w).
-        method: "local-maxima" takes all local maxima into the mean m of `(1 - m)^2`,
-            "local-maxima-1998" all but the global one (Itti, Koch & Niebur 1998),
-            "iterative" lets places inhibit each other (Itti & Koch 2000), "none" only scales.
-        threshold: local maxima below this do not count.
-        radius: how far around itself a local maximum is the highest, as part of the map's
-            longer side, but at least a pixel.
+        method: "local-maxima" weights by `(1 - m)^2` with the mean m of all local maxima,
+            "local-maxima-1998" of all but the global one (Itti, Koch & Niebur 1998);
+            "iterative" is lateral inhibition (Itti & Koch 2000), "none" only scales.
+        threshold: lower local maxima are ignored.
+        radius: of the neighborhood of a local maximum, as a fraction of the longer side of the
+            map, at least a pixel; None for the 8 neighbors.
         iterations: of the iterative method.
     """
     scaled = rescale(values)
@@ -55,13 +56,13 @@ def normalize(
         return inhibit_laterally(scaled, iterations)
     if method == "none":
         return scaled
-    pixels = max(1, round(radius * max(values.shape)))
+    pixels = 1 if radius is None else max(1, round(radius * max(values.shape)))
     maxima = local_maxima(scaled, threshold, pixels)
-    return scaled * (promotion(maxima) if method == "local-maxima" else promotion_1998(maxima))
+    return scaled * promotion(maxima, without_highest=method == "local-maxima-1998")
 
 
 def rescale(values: FloatMap) -> FloatMap:
-    """The map stretched to [0, 1]; 0 where it is flat."""
+    """The map scaled linearly to [0, 1]; 0 where it is flat."""
     low, high = values.min(), values.max()
     if high - low <= FLAT:
         return np.zeros_like(values)
@@ -70,49 +71,41 @@ def rescale(values: FloatMap) -> FloatMap:
 
 
 def smooth(values: FloatMap, sigma: float) -> FloatMap:
-    """The map under a Gaussian of this many cells, but no wider than a part of each side."""
+    """The map filtered by a Gaussian of `sigma` cells, at most `MAX_SMOOTHING` of each side."""
     if sigma == 0:
         return values
-    y, x = (min(sigma, WIDEST * side) for side in values.shape)
+    y, x = (min(sigma, MAX_SMOOTHING * side) for side in values.shape)
     return cv2.GaussianBlur(values, (0, 0), x, sigmaY=y, borderType=cv2.BORDER_REFLECT)
 
 
 def sharpen(saliency: FloatMap, exponent: float) -> FloatMap:
-    """The map in [0, 1] to a power; as it is for the power 1."""
+    """The map scaled to [0, 1] to a power; unchanged for the power 1."""
     return saliency if exponent == 1 else rescale(saliency) ** exponent
 
 
-def promotion(maxima: FloatMap) -> float:
-    """`(1 - m)^2` with m the mean of the maxima; 1 for a single one, 0 for none.
+def promotion(maxima: FloatMap, *, without_highest: bool) -> float:
+    """The weight `(1 - m)^2` with the mean m of the (n,) maxima; 1 for a single one, 0 for none.
 
-    Taken literally a lone maximum, which is 1, would wipe out the map that it should promote.
+    A single maximum is 1 after scaling: the formula would suppress the map that it should promote.
     """
-    if len(maxima) == 0:
-        return 0.0
-    return 1.0 if len(maxima) == 1 else (1 - float(maxima.sum()) / len(maxima)) ** 2
-
-
-def promotion_1998(maxima: FloatMap) -> float:
-    """`(1 - m)^2` with m the mean of the maxima but the highest; 1 for a single one, 0 for none."""
-    if len(maxima) < 2:
-        return float(len(maxima))
-    others = (float(maxima.sum()) - float(maxima.max())) / (len(maxima) - 1)
-    return (1 - others) ** 2
+    n = len(maxima)
+    if n < 2:
+        return float(n)
+    total = float(maxima.sum())
+    mean = (total - float(maxima.max())) / (n - 1) if without_highest else total / n
+    return (1 - mean) ** 2
 
 
 def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
-    """The heights of the local maxima.
+    """(n,) heights of the local maxima, in no particular order.
 
-    A maximum is a pixel with none higher in the square of `2 radius + 1` around it, as far as
-    the map goes; maxima that touch are a plateau and count as one.
+    A maximum is the highest pixel in the square of `2 radius + 1` around it, clipped to the map;
+    adjacent maxima are a plateau and count as one.
 
     Args:
         values: (h, w).
         threshold: lower maxima are left out.
         radius: in pixels.
-
-    Returns:
-        (n,) heights, in no particular order.
     """
     square = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     is_maximum = (values == cv2.dilate(values, square)) & (values >= threshold)
@@ -125,21 +118,21 @@ def local_maxima(values: FloatMap, threshold: float, radius: int) -> FloatMap:
     return height[1:]
 
 
-def inhibit_laterally(values: FloatMap, iterations: int, narrowest: float = NARROWEST) -> FloatMap:
-    """Places excite themselves, inhibit their wide surround, and few survive.
+def inhibit_laterally(values: FloatMap, iterations: int, min_sigma: float = MIN_SIGMA) -> FloatMap:
+    """Lateral inhibition: iterated filtering by a difference of Gaussians.
 
     Each iteration is `m <- max(0, m + Gex * m - Gin * m - 0.02 max(m))`, Gex a narrow and
-    strong, Gin a wide Gaussian, both renormalized where they leave the map.
+    strong, Gin a wide Gaussian, both renormalized at the borders.
 
     Args:
         values: (h, w), not negative.
-        iterations: how often.
-        narrowest: the least standard deviation of the Gaussians, in pixels.
+        iterations: their number.
+        min_sigma: smallest standard deviation of the Gaussians, in pixels.
 
     Source: Itti & Koch (2000).
     """
     excitation, inhibition = (
-        gaussian_kernel(strength, max(fraction * max(values.shape), narrowest), values.shape)
+        gaussian_kernel(strength, max(fraction * max(values.shape), min_sigma), values.shape)
         for strength, fraction in (EXCITATION, INHIBITION)
     )
     for _ in range(iterations):
@@ -153,20 +146,23 @@ def inhibit_laterally(values: FloatMap, iterations: int, narrowest: float = NARR
 def gaussian_kernel(strength: float, sigma: float, shape: tuple[int, int]) -> FloatMap:
     """One axis of a Gaussian of a strength, (2 r + 1,), no longer than the map's shorter side."""
     radius = int(sigma * np.sqrt(-2 * np.log(KERNEL_CUT)))
-    longest = min(shape) // 2 - 1
-    if longest > 0:
-        radius = min(radius, longest)
+    max_radius = min(shape) // 2 - 1
+    if max_radius > 0:
+        radius = min(radius, max_radius)
     x = np.arange(-radius, radius + 1)
     kernel: FloatMap = np.exp(-(x**2) / (2 * sigma**2)) * strength / (sigma * np.sqrt(2 * np.pi))
     return kernel
 
 
 def truncated_filter(values: FloatMap, kernel: FloatMap) -> FloatMap:
-    """The map filtered along both axes; the part of the kernel inside it counts for the whole."""
-    inside = [
-        np.convolve(np.ones(side), kernel)[len(kernel) // 2 :][:side] / kernel.sum()
-        for side in values.shape
-    ]
+    """The map filtered along both axes; the kernel is renormalized at the borders."""
+    rows, columns = (fraction_inside(kernel, side) / kernel.sum() for side in values.shape)
     filtered = cv2.sepFilter2D(values, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
-    whole: FloatMap = filtered / np.outer(*inside).astype(values.dtype)
-    return whole
+    renormalized: FloatMap = filtered / np.outer(rows, columns).astype(values.dtype)
+    return renormalized
+
+
+def fraction_inside(kernel: FloatMap, side: int) -> FloatMap:
+    """(side,) sum of the part of a kernel that lies inside an axis, convolved at each sample."""
+    inside: FloatMap = np.convolve(np.ones(side), kernel)[len(kernel) // 2 :][:side]
+    return inside

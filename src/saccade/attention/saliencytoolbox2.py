@@ -1,9 +1,9 @@
-"""The contrast model's steps as Walther & Koch's SaliencyToolbox 2 takes them.
+"""The steps of the contrast model in Walther & Koch's SaliencyToolbox 2.
 
 Written from a description of what that program computes, which its outputs confirm to the last
 digits. It differs from the equations in brightness, an asymmetric pyramid kernel, borders,
 comparison at the size of the map by nearest neighbors, faded borders and the ranges of N.
-Borders are "energy-preserving": what of a kernel lies inside the image counts for the whole.
+Borders are "energy-preserving": a kernel is normalized by its part inside the image.
 
 Source: Walther & Koch (2006), *Modeling attention to salient proto-objects*.
 """
@@ -16,31 +16,30 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention import channels
-from saccade.attention.contrast_config import ContrastConfig
-from saccade.attention.normalize import inhibit_laterally
+from saccade.attention.channels import ChannelName, opponency
+from saccade.attention.mirrored import MirroredArithmetic
+from saccade.attention.normalize import fraction_inside, inhibit_laterally
 from saccade.image import as_rgb
-from saccade.pyramid import FloatMap, gabor_pair, resize
+from saccade.pyramid import FloatMap
 
 LUMA = (0.298936, 0.587043, 0.114021)
 """Brightness by red, green and blue."""
 KERNEL = np.array([1, 5, 10, 10, 5, 1, 1]) / 33
-"""Of the pyramids, applied as a convolution."""
+"""Kernel of the pyramids, applied as a convolution."""
 SHORT_KERNELS = {1: np.array([1.0]), 2: np.array([1, 1]) / 2, 3: np.array([1, 2, 1]) / 4}
-"""What reduces an axis of so few samples to one, where the image is short along either."""
+"""Kernels that reduce an axis of so few samples to one, where the image is short along either."""
 FEATURE_RANGE = 10.0
-"""To which a feature map is scaled before it is weighted."""
+"""Maximum of a feature map before it is weighted."""
 SALIENCY_RANGE = 2.0
-"""To which the saliency map is scaled."""
+"""Maximum of the saliency map before it is weighted."""
 FADED_BORDER = 1 / 20
-"""Part of the longer side that fades to nothing at each border of a feature map."""
+"""Width of the ramp at each border of a feature map, as a fraction of its longer side."""
 
 
 @dataclass(frozen=True)
-class SaliencyToolbox2Steps:
-    """The counterpart of `saccade.attention.mirrored.MirroredSteps`, in double precision."""
+class SaliencyToolbox2Arithmetic(MirroredArithmetic):
+    """The steps of SaliencyToolbox 2, in double precision."""
 
-    config: ContrastConfig
     dtype: ClassVar[type[np.floating[Any]]] = np.float64
 
     @staticmethod
@@ -53,18 +52,14 @@ class SaliencyToolbox2Steps:
         """Sides are halved and rounded down, but not to less than a pixel."""
         return max(1, shape[0] >> level), max(1, shape[1] >> level)
 
-    def channels(
+    def split_channels(
         self, pixels: npt.NDArray[Any], finest: int
-    ) -> tuple[int, FloatMap, dict[str, FloatMap]]:
-        """Level 0, intensity and opponents there (A.1-A.3)."""
+    ) -> tuple[int, dict[ChannelName, FloatMap]]:
+        """Level 0, and intensity and opponents there (A.1-A.3)."""
         del finest
         rgb = whole_levels(as_rgb(pixels, dtype=self.dtype))
-        brightness = rgb @ np.array(LUMA)
-        if self.config.color == "linear":
-            red_green, blue_yellow = channels.linear_opponency(rgb)
-        else:
-            red_green, blue_yellow = channels.quotient_opponency(rgb, self.config.dark)
-        return 0, brightness, {"red-green": red_green, "blue-yellow": blue_yellow}
+        opponents = opponency(rgb, self.config.color, self.config.dark)
+        return 0, {"intensity": rgb @ np.array(LUMA), **opponents}
 
     @staticmethod
     def halve(level: FloatMap) -> FloatMap:
@@ -80,56 +75,44 @@ class SaliencyToolbox2Steps:
                 level = level[: side // 2 * 2 : 2] if axis == 0 else level[:, : side // 2 * 2 : 2]
         return level
 
-    def oriented(self, level: FloatMap) -> list[FloatMap]:
-        """The sum of the magnitudes of an even and an odd response, zeros around (A.6)."""
-        config = self.config
-        maps = []
-        for angle in config.orientations:
-            pair = gabor_pair(
-                np.deg2rad(angle), config.gabor_period, config.gabor_sigma, config.gabor_size
-            )
-            even, odd = (
-                np.abs(cv2.filter2D(level, -1, filter_, borderType=cv2.BORDER_CONSTANT))
-                for filter_ in pair
-            )
-            maps.append(even + odd)
-        return maps
+    def orientation_responses(self, level: FloatMap) -> list[FloatMap]:
+        """The sum of the magnitudes of an even and an odd response, zero-padded (A.6)."""
+        responses = (
+            [cv2.filter2D(level, -1, gabor, borderType=cv2.BORDER_CONSTANT) for gabor in pair]
+            for pair in self.gabor_pairs
+        )
+        return [np.abs(even) + np.abs(odd) for even, odd in responses]
 
-    resize = staticmethod(resize)
-
-    @staticmethod
-    def contrast(center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]) -> FloatMap:
-        """How far center and surround are apart at the size of the map (A.7-A.10)."""
+    def center_surround(
+        self, center: FloatMap, surround: FloatMap, map_shape: tuple[int, int]
+    ) -> FloatMap:
+        """Absolute difference of center and surround at the size of the map (A.7-A.10)."""
         difference = np.abs(nearest(center, map_shape) - nearest(surround, map_shape))
         return fade_borders(difference)
 
     def normalize(self, values: FloatMap) -> FloatMap:
         """N of a feature map."""
-        return self._promote(rescale(values, FEATURE_RANGE), FEATURE_RANGE)
+        return self._normalize(rescale(values, FEATURE_RANGE), FEATURE_RANGE)
 
     def normalize_sum(self, values: FloatMap) -> FloatMap:
-        """N of a sum of promoted maps, whose range tells how strong they are and is kept."""
-        return self._promote(np.maximum(values, 0), None)
+        """N of a sum of normalized maps, which keeps its range."""
+        return self._normalize(np.maximum(values, 0), None)
 
     def conspicuity(self, parts: Sequence[FloatMap]) -> FloatMap:
-        """N of the mean of the sub-features, by the number of features (A.11-A.13)."""
-        config = self.config
-        weights = (config.intensity_weight, config.color_weight, config.orientation_weight)
-        features = sum(weight > 0 for weight in weights)
-        return self.normalize_sum(sum(parts[1:], start=parts[0])) / len(parts) / features
+        """N of the mean of its parts, divided by the number of features (A.11-A.13)."""
+        features = sum(weight > 0 for weight in self.config.weights)
+        return self.normalize_sum(super().conspicuity(parts)) / len(parts) / features
 
     def saliency(self, intensity: FloatMap, color: FloatMap, orientation: FloatMap) -> FloatMap:
         """N of the weighted sum (A.14)."""
-        config = self.config
-        w_I, w_C, w_O = config.intensity_weight, config.color_weight, config.orientation_weight
-        weighted = w_I * intensity + w_C * color + w_O * orientation
-        return self._promote(rescale(weighted, SALIENCY_RANGE), SALIENCY_RANGE)
+        weighted = self.weighted_sum(intensity, color, orientation)
+        return self._normalize(rescale(weighted, SALIENCY_RANGE), SALIENCY_RANGE)
 
-    def _promote(self, values: FloatMap, top: float | None) -> FloatMap:
-        """A map of the range [0, top], or of any range, weighted by the chosen normalization."""
+    def _normalize(self, values: FloatMap, top: float | None) -> FloatMap:
+        """A map of range [0, top], None for any range, after the configured normalization."""
         config = self.config
         if config.normalization == "iterative":
-            return inhibit_laterally(values, config.iterations, narrowest=0)
+            return inhibit_laterally(values, config.iterations, min_sigma=0)
         if config.normalization == "none":
             return values
         if top is None:
@@ -138,9 +121,9 @@ class SaliencyToolbox2Steps:
 
 
 def whole_levels(rgb: FloatMap) -> FloatMap:
-    """An image of 8 or 16 bit that went through float32, as if it had not.
+    """Undoes the rounding of an image of 8 or 16 bit that passed through float32.
 
-    float32 does not hold k / 255: what is that far from whole levels everywhere was whole.
+    float32 cannot represent k / 255: an image within its precision of whole levels had these.
 
     Args:
         rgb: (H, W, 3) float64.
@@ -148,8 +131,8 @@ def whole_levels(rgb: FloatMap) -> FloatMap:
     for top in (255, 65535):
         levels = np.rint(rgb * top)
         if np.abs(levels - rgb * top).max() <= top * np.finfo(np.float32).eps:
-            whole: FloatMap = levels / top
-            return whole
+            restored: FloatMap = levels / top
+            return restored
     return rgb
 
 
@@ -163,7 +146,7 @@ def nearest(values: FloatMap, shape: tuple[int, int]) -> FloatMap:
 
 
 def fade_borders(values: FloatMap) -> FloatMap:
-    """The map times a ramp from nothing at each border."""
+    """The map times a linear ramp from 0 at each border."""
     width = int(max(values.shape) * FADED_BORDER + 0.5)
     faded = values.copy()
     for k in range(1, min(width, *values.shape) + 1):
@@ -176,7 +159,7 @@ def fade_borders(values: FloatMap) -> FloatMap:
 
 
 def rescale(values: FloatMap, top: float) -> FloatMap:
-    """The map stretched to [0, top]; the middle of the range where it is flat."""
+    """The map scaled linearly to [0, top]; top / 2 where it is flat."""
     values = np.maximum(values, 0)
     low, high = values.min(), values.max()
     if high == low:
@@ -188,8 +171,8 @@ def rescale(values: FloatMap, top: float) -> FloatMap:
 def promote_by_maxima(values: FloatMap, top: float, threshold: float) -> FloatMap:
     """The map times `(top - m)^2`, m the mean of the local maxima; `top^2` for one or none.
 
-    A local maximum lies inside the border, reaches the threshold, and none of its four
-    neighbors is higher. Where there is none the toolbox stops with an error.
+    A local maximum is no border pixel, reaches the threshold, and none of its four neighbors is
+    higher. Where there is none the toolbox stops with an error.
     """
     middle = values[1:-1, 1:-1]
     higher = np.zeros(middle.shape, bool)
@@ -204,8 +187,7 @@ def _smooth_along(level: FloatMap, axis: int) -> FloatMap:
     """The level convolved with the pyramid's kernel along an axis, borders energy-preserving."""
     kernel = KERNEL[::-1]  # OpenCV correlates
     line = kernel[:, None] if axis == 0 else kernel[None]
-    smooth = cv2.filter2D(level, -1, line, borderType=cv2.BORDER_CONSTANT)
-    inside = np.convolve(np.ones(level.shape[axis]), KERNEL)[len(KERNEL) // 2 :]
-    inside = inside[: level.shape[axis]]
-    whole: FloatMap = smooth / (inside[:, None] if axis == 0 else inside)
-    return whole
+    filtered = cv2.filter2D(level, -1, line, borderType=cv2.BORDER_CONSTANT)
+    inside = fraction_inside(KERNEL, level.shape[axis])
+    smooth: FloatMap = filtered / (inside[:, None] if axis == 0 else inside)
+    return smooth

@@ -1,24 +1,22 @@
-"""Where the gaze goes in turn: winner-take-all over a saliency map, and inhibition of return.
+"""Scanpaths: winner-take-all over a saliency map, with inhibition of return.
 
-Two layers of leaky integrators look at the map, with one cell of each per cell of the map:
+Two layers of leaky integrators have one cell each per cell of the map:
 
     map layer      V[t+1] = V + dt ((drive S - V) / tau_V - g V)
     winner layer   W[t+1] = W + dt (gain V[t+1] - W) / tau_W
 
-The first W over its threshold is a fixation. It makes the conductance g jump in a disc around
-the winner, which silences the map layer there until g has decayed. In the step after the next
-the answer of an interneuron resets the whole winner layer, and the race starts again.
-
-`saccade.attention.winner_take_all` runs it, in leaps of many steps.
+The first W over the threshold is a fixation. It raises the conductance g in a disc around the
+winner, which suppresses the map layer there until g has decayed. Two steps later an interneuron
+resets the whole winner layer, and the competition starts again.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention.winner_take_all import Network, race
+from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
 from saccade.errors import ImageError, require
 from saccade.pyramid import FloatMap, cell_centers
 from saccade.types import FloatArray, IntArray, Scanpath
@@ -34,71 +32,52 @@ class ScanpathConfig:
     Source: Itti, Koch & Niebur (1998), with the constants published with Walther & Koch (2006).
     """
 
-    peak: float = 2.0
-    """What the map's maximum is scaled to; 0 takes the map as it is."""
+    peak: float | None = 2.0
+    """What the maximum of the map is scaled to; None takes the map as it is."""
     time_step: float = 1e-4
     """Of the network, in seconds."""
     time_limit: float = 10.0
-    """Seconds after which the gaze rests, whether or not all fixations were made."""
+    """Seconds after which the scanpath ends, however many fixations were made."""
     drive: float = 0.01
-    """What the map layer rises to, by the saliency."""
+    """Equilibrium of the map layer per saliency."""
     background: float = 1e-5
-    """What drives every candidate besides its saliency, in the same unit."""
+    """Saliency added to every cell that has any."""
     map_time_constant: float = 0.5
     """Of the map layer, in seconds."""
     gain: float = 5.0
-    """What the winner layer rises to, by the map layer."""
+    """Equilibrium of the winner layer per potential of the map layer."""
     winner_time_constant: float = 0.1
     """Of the winner layer, in seconds."""
     threshold: float = 1e-3
     """Potential over which a winner cell spikes."""
     reset: float = -0.02
-    """Potential from which the winner layer starts again."""
+    """Potential to which the winner layer is reset."""
     inhibition_sigma: float = 0.05
-    """Width of the disc of inhibition of return, a Gaussian, as part of the map's longer side.
+    """Standard deviation of the disc of inhibition of return, a Gaussian, as a fraction of the
+    longer side of the map.
 
-    At 0.05 it has faded to a ninth where the focus of attention of Itti, Koch & Niebur (1998)
-    ends, a sixth of the shorter side of an image of 8:5 from its center; SaliencyToolbox 2 has
-    0.025."""
+    At 0.05 it falls to a ninth at the edge of the focus of attention of Itti, Koch & Niebur (1998),
+    a sixth of the shorter side of an 8:5 image from its center; SaliencyToolbox 2 has 0.025."""
     inhibition_strength: float = 2e6
-    """Conductance at its center over capacitance, per second and volt of the winner's V."""
+    """Conductance over capacitance at its center, per second and volt of the winner's V."""
     inhibition_surround: float = 1e-4
-    """Part of that strength which excites a surround four times as wide."""
+    """Fraction of that strength which excites a surround four times as wide."""
     inhibition_time_constant: float = 1.0
-    """With which the inhibition of return decays, in seconds."""
+    """Of the inhibition of return, in seconds."""
 
     def __post_init__(self) -> None:
-        for name in (
-            "time_step",
-            "time_limit",
-            "drive",
-            "map_time_constant",
-            "gain",
-            "winner_time_constant",
-            "threshold",
-            "inhibition_sigma",
-            "inhibition_strength",
-            "inhibition_time_constant",
-        ):
+        signed = ("background", "reset", "inhibition_surround", "peak")
+        for name in (field.name for field in fields(self) if field.name not in signed):
             value = getattr(self, name)
             require(0 < value < np.inf, name, "a finite value above 0", value)
-        fastest = min(
-            self.map_time_constant, self.winner_time_constant, self.inhibition_time_constant
-        )
-        require(
-            self.time_step <= fastest / 10,
-            "time_step",
-            f"at most a tenth of the shortest time constant, {fastest:g} s",
-            self.time_step,
-        )
-        require(0 <= self.peak < np.inf, "peak", "a finite value of at least 0", self.peak)
+        times = self.map_time_constant, self.winner_time_constant, self.inhibition_time_constant
+        expected = f"at most a tenth of the shortest time constant, {min(times):g} s"
+        require(self.time_step <= min(times) / 10, "time_step", expected, self.time_step)
+        positive = self.peak is None or 0 < self.peak < np.inf
+        require(positive, "peak", "a finite value above 0, or none", self.peak)
         require(self.reset <= 0, "reset", "at most 0", self.reset)
-        require(
-            0 <= self.inhibition_surround < 1,
-            "inhibition_surround",
-            "a part in [0, 1)",
-            self.inhibition_surround,
-        )
+        surround = self.inhibition_surround
+        require(0 <= surround < 1, "inhibition_surround", "a fraction in [0, 1)", surround)
 
 
 def scanpath(
@@ -112,16 +91,16 @@ def scanpath(
     """The first fixations on a saliency map.
 
     Of several cells that reach the threshold in one step the first wins, down the columns and
-    then from left to right. Cells with no saliency never win: an empty map has no fixations,
-    and one with few places may have fewer than asked for.
+    then from left to right. Cells without saliency never win: an empty map has no fixations,
+    and a sparse one may have fewer than `fixations`.
 
     Args:
         saliency: (h, w), finite, not negative; its cells tile the image.
         image_shape: (H, W), or more dimensions, of the image.
-        fixations: how many at most.
+        fixations: maximum number of fixations.
         config: the network.
-        region: what inhibition of return covers around a winning cell (row, column), (h, w), or
-            None for the disc; `partial(proto_object, maps)` gives the shape of what was seen.
+        region: the (h, w) cells that are inhibited after the cell (row, column) has won, or None
+            for the disc; `partial(proto_object, maps)` gives the shape of the attended object.
 
     Returns:
         Fixations at the centers of the winning cells, see `saccade.pyramid.cell_centers`.
@@ -146,8 +125,8 @@ def scanpath(
     if high == 0:
         return Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
-    strength = saliency * (config.peak / high) if config.peak > 0 else saliency
-    winners, steps = attend(strength, fixations, config, region)
+    strength = saliency if config.peak is None else saliency * (config.peak / high)
+    winners, steps = simulate(strength, fixations, config, region)
     columns, rows = np.divmod(winners, saliency.shape[0])
     return Scanpath(
         xy=cell_centers(rows, columns, saliency.shape, image_shape),
@@ -156,7 +135,7 @@ def scanpath(
     )
 
 
-def attend(
+def simulate(
     strength: FloatArray,
     fixations: int,
     config: ScanpathConfig,
@@ -164,36 +143,38 @@ def attend(
 ) -> tuple[IntArray, IntArray]:
     """The winners of a map as indices down its columns, and the steps in which they spike.
 
-    A region depends on who wins: with regions the race is run again from the start for each
-    further winner, in which the ones before win as they did.
+    A region depends on who wins: with regions the network runs again from the onset for each
+    further winner, and the earlier ones win as before.
     """
     dt = config.time_step
     network = Network(
-        leak=dt / config.map_time_constant,
-        forget=dt / config.winner_time_constant,
-        decay=dt / config.inhibition_time_constant,
+        map_rate=dt / config.map_time_constant,
+        winner_rate=dt / config.winner_time_constant,
+        decay_rate=dt / config.inhibition_time_constant,
         gain=config.gain,
         threshold=config.threshold,
         reset=config.reset,
-        kick=dt * config.inhibition_strength,
+        inhibition=dt * config.inhibition_strength,
         surround=config.inhibition_surround,
         sigma=config.inhibition_sigma * max(strength.shape),
         last_step=int(config.time_limit / dt),
     )
     down_columns = strength.T.ravel()
-    cells = np.argsort(-down_columns)[: np.count_nonzero(down_columns)]  # (n,) strongest first
-    column, row = np.divmod(cells, strength.shape[0])
-    current = network.leak * config.drive * (down_columns[cells] + config.background)
+    number = np.argsort(-down_columns)[: np.count_nonzero(down_columns)]  # (n,) strongest first
+    column, row = np.divmod(number, strength.shape[0])
+    current = network.map_rate * config.drive * (down_columns[number] + config.background)
+    cells = Cells(row, column, number, current)
     regions = np.zeros((0, *strength.shape), np.bool_)
     if region is None:
-        return race(network, current, row, column, cells, fixations, regions)
-    nothing = np.zeros(strength.shape, np.bool_)
+        return run_network(network, cells, fixations, regions)
     winners, steps = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    for number in range(1, fixations + 1):
-        winners, steps = race(network, current, row, column, cells, number, regions)
-        if len(winners) < number:
+    for count in range(1, fixations + 1):
+        winners, steps = run_network(network, cells, count, regions)
+        if len(winners) < count:
             break
-        at_column, at_row = divmod(int(winners[-1]), strength.shape[0])
-        found = region(at_row, at_column)
-        regions = np.concatenate([regions, [nothing if found is None else found]])
+        winner_column, winner_row = divmod(int(winners[-1]), strength.shape[0])
+        inhibited = region(winner_row, winner_column)
+        if inhibited is None:
+            inhibited = np.zeros(strength.shape, np.bool_)
+        regions = np.concatenate([regions, [inhibited]])
     return winners, steps

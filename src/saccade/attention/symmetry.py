@@ -1,7 +1,8 @@
-"""Symmetry saliency: what has the same on both sides draws the eye.
+"""Symmetry saliency: local mirror symmetry of gradients about every pixel, at several scales.
 
 After Reisfeld, Wolfson & Yeshurun (1995), Heidemann (2004) and Kootstra, de Boer & Schomaker
-(2011). Around every pixel of every level, gradients that face each other across it are sought:
+(2011). About every pixel of every level, the pairs (i, j) of gradients that lie opposite each
+other contribute:
 
     alpha      direction of the line from i to j, point-symmetric about the pixel
     gamma      theta - alpha, with the direction theta of a gradient
@@ -10,8 +11,6 @@ After Reisfeld, Wolfson & Yeshurun (1995), Heidemann (2004) and Kootstra, de Boe
     distance   exp(-d^2 / (2 sigma^2)) / (sigma sqrt(2 pi)), with the distance d of i and j
     symmetry   the sum over the pairs of the product of the three
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,13 +21,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from saccade._pair_sums_kernels import MARGIN
+from saccade.attention.channels import OPPONENT
+from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
-from saccade.attention.symmetry_2010 import Kootstra2010Steps
+from saccade.attention.symmetry_2010 import Kootstra2010Pyramid
 from saccade.attention.symmetry_config import SymmetryConfig
 from saccade.errors import ImageError
-from saccade.image import check_image, in_unit_range
+from saccade.image import check_image, in_unit_range, without_alpha
 from saccade.pair_sums import (
-    MARGIN,
+    Gradients,
     PairKernel,
     color_sums,
     fraction_inside,
@@ -45,16 +47,14 @@ __all__ = ["SymmetryConfig", "SymmetryMaps", "symmetry_saliency"]
 SUMS = {"isotropic": isotropic_sums, "radial": radial_sums, "color": color_sums}
 
 RADIAL_FRACTION = 1.4
-"""Where a part of the pairs lies inside the image their axes are alike, and on noise the radial
-sum is that part to this power of the whole; measured for rings of 1 to 4 and of 3 to 7 pixels."""
-
-OPPONENT = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])
-"""Intensity (A.1), red-green and blue-yellow of red, green and blue, as rows."""
+"""Where a fraction of the pairs lies inside the image their axes are similar, and on noise the
+radial sum is that fraction to this power of the full sum; measured for rings of 1 to 4 and of 3 to
+7 pixels."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SymmetryMaps:
-    """Saliency and the levels that it is made of.
+class SymmetryMaps(SaliencyMaps):
+    """Saliency and the symmetry of each level.
 
     The maps are float32, and their cells tile the image: see `saccade.pyramid.cell_centers`.
     """
@@ -66,14 +66,14 @@ class SymmetryMaps:
     image_shape: tuple[int, int]
     """(H, W) of the image."""
 
-    def __repr__(self) -> str:
-        height, width = self.saliency.shape
-        rows, columns = self.image_shape
-        return f"SymmetryMaps({width} x {height} cells of a {columns} x {rows} image)"
+    @property
+    def layers(self) -> dict[str, FloatMap]:
+        """The saliency by name."""
+        return {"saliency": self.saliency}
 
 
 def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> SymmetryMaps:
-    """Where local symmetry draws the eye.
+    """Saliency from local symmetry.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
@@ -92,14 +92,13 @@ def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> Sym
     pixels = check_image(image)  # (H, W), (H, W, 3) or (H, W, 4)
     shape = pixels.shape[:2]
     config = (config or SymmetryConfig()).at_size(shape)
-    steps = steps_of(config)
-    levels = existing_levels(shape, config, steps)
+    pyramid = pyramid_of(config)
     pairs = pair_kernel(config.inner, config.outer, config.sigma)
     symmetry = {
-        number: symmetry_at(channels, pairs, config, steps)
-        for number, channels in steps.channels(pixels, levels).items()
+        number: symmetry_at(gradients, pairs, config)
+        for number, gradients in gradient_pyramid(pixels, config, pyramid).items()
     }
-    summed = np.zeros(steps.level_shape(shape, config.map_level), np.float32)  # (h, w)
+    summed = np.zeros(pyramid.level_shape(shape, config.map_level), np.float32)  # (h, w)
     for number, weight in zip(config.levels, config.level_weights, strict=True):
         if number in symmetry:
             summed += np.float32(weight) * resize(symmetry[number], summed.shape)
@@ -107,13 +106,24 @@ def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> Sym
     return SymmetryMaps(saliency, symmetry, shape)
 
 
+def gradient_pyramid(
+    pixels: npt.NDArray[Any], config: SymmetryConfig, pyramid: "Pyramid"
+) -> dict[int, list[Gradients]]:
+    """The gradients of each channel by level, for the levels that the image has."""
+    levels = existing_levels(pixels.shape[:2], config, pyramid)
+    return {
+        number: [
+            gradients_of(channel, config.gain, pyramid.border)
+            for channel in np.moveaxis(channels, 2, 0)
+        ]
+        for number, channels in pyramid.channels(pixels, levels).items()
+    }
+
+
 def symmetry_at(
-    channels: FloatMap, pairs: PairKernel, config: SymmetryConfig, steps: Steps
+    gradients: list[Gradients], pairs: PairKernel, config: SymmetryConfig
 ) -> Float32Array:
-    """(h, w) symmetry of a level, from its (h, w, c) channels."""
-    gradients = [
-        gradients_of(channels[:, :, i], config.gain, steps.border) for i in range(channels.shape[2])
-    ]
+    """(h, w) symmetry of a level."""
     sums = SUMS[config.kind](gradients, pairs)
     if config.border == "missing":
         return sums
@@ -122,53 +132,45 @@ def symmetry_at(
 
 
 def complete(sums: Float32Array, fraction: Float32Array) -> Float32Array:
-    """The sums as if the pairs that reach beyond the border made as much as the others.
+    """The sums, with the average of the level for the pairs that reach beyond the border.
 
     Args:
         sums: (h, w) over the pairs inside the image.
-        fraction: (h, w) what they would be by those of all pairs if every place were alike.
+        fraction: (h, w) the fraction of the full sum that these would be in a uniform image.
     """
     average = sums.sum(dtype=np.float64) / fraction.sum(dtype=np.float64)
     return sums + (1 - fraction) * np.float32(average)
 
 
 def existing_levels(
-    shape: tuple[int, int], config: SymmetryConfig, steps: Steps
+    shape: tuple[int, int], config: SymmetryConfig, pyramid: "Pyramid"
 ) -> tuple[int, ...]:
     """The levels on which an image of this shape has a pixel with a pair about it."""
-    longer, shorter = 2 * (config.inner + MARGIN) + 1, 2 * MARGIN + 1
+    min_longer, min_shorter = 2 * (config.inner + MARGIN) + 1, 2 * MARGIN + 1
 
-    def has_room(sides: tuple[int, int]) -> bool:
-        return max(sides) >= longer and min(sides) >= shorter
+    def has_pairs(shape: tuple[int, int]) -> bool:
+        return max(shape) >= min_longer and min(shape) >= min_shorter
 
-    levels = tuple(n for n in config.levels if has_room(steps.level_shape(shape, n)))
-    cells = max(steps.level_shape(shape, config.map_level))
-    if not levels or cells == 1:
+    levels = tuple(n for n in config.levels if has_pairs(pyramid.level_shape(shape, n)))
+    if not levels or max(pyramid.level_shape(shape, config.map_level)) == 1:
         finest = config.levels[0]
-        least = next(
-            side
-            for side in count(1)
-            if has_room(steps.level_shape((side, side), finest))
-            and steps.level_shape((side, side), config.map_level)[0] > 1
+        side = next(
+            n
+            for n in count(1)
+            if has_pairs(pyramid.level_shape((n, n), finest))
+            and pyramid.level_shape((n, n), config.map_level)[0] > 1
         )
         raise ImageError(
-            f"image: expected at least {least} x {least} px for a pair at level {finest} and a map "
+            f"image: expected at least {side} x {side} px for a pair at level {finest} and a map "
             f"at level {config.map_level}, found {shape[1]} x {shape[0]} px; "
             "enlarge it, or set finer levels"
         )
     return levels
 
 
-def steps_of(config: SymmetryConfig) -> Steps:
-    """The arithmetic that the configuration names."""
-    if config.arithmetic == "kootstra2010":
-        return Kootstra2010Steps(config)
-    return MirroredSteps(config)
-
-
 @dataclass(frozen=True)
-class MirroredSteps:
-    """How levels are made of an image that is mirrored at its borders."""
+class MirroredPyramid:
+    """The channels of an image that is mirrored at its borders, level by level."""
 
     config: SymmetryConfig
     border: ClassVar[int] = cv2.BORDER_REFLECT
@@ -178,29 +180,35 @@ class MirroredSteps:
     def channels(self, pixels: npt.NDArray[Any], levels: tuple[int, ...]) -> dict[int, FloatMap]:
         """(h, w, c) channels by level.
 
-        Channels of the coarser image are the coarser level of the channels, so that those of
-        the finest level are made first, of what in 8 bit is small.
+        Linear channels commute with subsampling, so that the image is halved to the finest level
+        before it is converted: in 8 bit it is a quarter as large.
         """
-        colors = pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
+        colors = without_alpha(pixels)
         for _ in range(levels[0]):
             colors = halve(colors)
         plane = self.split(in_unit_range(colors))
-        found = {}
+        planes = {}
         for number in range(levels[0], levels[-1] + 1):
             if number > levels[0]:
                 plane = halve(plane).reshape(*half_shape(plane.shape[:2]), -1)
             if number in levels:
-                found[number] = plane
-        return found
+                planes[number] = plane
+        return planes
 
     def split(self, colors: FloatMap) -> FloatMap:
-        """(h, w, c) channels of grey or of RGB in [0, 1]; those that are flat are left out."""
+        """(h, w, c) channels of gray, which has one, or of RGB in [0, 1]."""
         if colors.ndim == 2:
             return colors[:, :, None]
         if self.config.channels == "rgb":
             return colors
-        mixed = OPPONENT if self.config.channels == "opponent" else OPPONENT[:1]
-        return cv2.transform(colors, mixed).reshape(*colors.shape[:2], -1)
+        transform = OPPONENT if self.config.channels == "opponent" else OPPONENT[:1]
+        return cv2.transform(colors, transform).reshape(*colors.shape[:2], -1)
 
 
-Steps: TypeAlias = MirroredSteps | Kootstra2010Steps
+Pyramid: TypeAlias = MirroredPyramid | Kootstra2010Pyramid
+
+
+def pyramid_of(config: SymmetryConfig) -> Pyramid:
+    """The pyramid of the arithmetic that the configuration names."""
+    source = config.arithmetic == "kootstra2010"
+    return Kootstra2010Pyramid(config) if source else MirroredPyramid(config)

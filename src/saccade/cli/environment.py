@@ -10,11 +10,17 @@ import sys
 from pathlib import Path
 
 from saccade.errors import ConfigError
+from saccade.files import LARGEST_IMAGE
 
 WIDTHS = ("COLUMNS", "LINES", "TERMINAL_WIDTH")
 """Of the terminal; rich prints nothing where one is 0, Typer takes no word for a number."""
 NUMBERS = ("OPENCV_IO_MAX_IMAGE_", "OPENCV_IMGCODECS_", "OPENCV_THREAD_POOL_")
 """What names begin with whose values are numbers: OpenCV aborts the process at any other."""
+LIMITS = {
+    "OPENCV_IO_MAX_IMAGE_PIXELS": str(LARGEST_IMAGE),  # refused by its header, before decoding
+    "OPENCV_FFMPEG_LOGLEVEL": "-8",  # quiet: errors are reported once, by us
+}
+"""Variables that OpenCV reads once, unless the user has set them."""
 BYTES = re.compile(r"\d{1,18}(KB|Kb|kb|MB|Mb|mb)?")
 
 
@@ -35,6 +41,8 @@ def prepare_libraries() -> None:
         ConfigError: OpenCV would end the process at the value of one.
     """
     os.environ["MPLBACKEND"] = "agg"  # figures go into files
+    for name, value in LIMITS.items():
+        os.environ.setdefault(name, value)
     for name in WIDTHS:
         value = os.environ.get(name, "1")
         if not value.isdecimal() or int(value) < 1:

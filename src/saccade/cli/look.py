@@ -145,11 +145,11 @@ def look_at(
         maps = attention.maps(image)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
-    from saccade.attention.models import contrast_of, layers_of
+    from saccade.attention.models import contrast_of
 
     region = partial(proto_object, contrast_of(maps)) if by_shape else None
     fixated = scanpath(maps.saliency, image.shape, fixations=fixations, region=region)
-    layers = layers_of(maps, attention.model)
+    layers = maps.layers
     pairs = attention.pairs(image, fixated.xy)
     picture = save_figure(attention_figure(image, layers, fixated, pairs), f"{out}.png")
     arrays = Path(f"{out}.npz")

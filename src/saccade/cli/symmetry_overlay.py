@@ -55,7 +55,7 @@ def as_must(find: Any, size: float) -> "SymmetryConfig":
         outer=max(1, ceil(find.config.reach * sigma)),
         sigma=max(0.1, 2 * find.config.falloff * sigma),
         map_level=level,
-        viewing_size=0,
+        viewing_size=None,
     )
 
 
@@ -74,5 +74,5 @@ def as_symroid(find: Any, size: float) -> "SymmetryConfig":
         sigma=config.sigma,
         gain=config.gain,
         map_level=config.levels[0],
-        viewing_size=0,
+        viewing_size=None,
     )

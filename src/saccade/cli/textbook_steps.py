@@ -61,12 +61,12 @@ def contrast_facts(result: Any) -> dict[str, dict[str, str]]:
 
 def sift_facts(result: Any) -> dict[str, dict[str, str]]:
     """What came of the steps of appendix B, by step and name."""
-    fates = [candidate.fate for candidate in result.candidates]
-    kept = fates.count("kept")
+    statuses = [candidate.status for candidate in result.candidates]
+    kept = statuses.count("kept")
     share = f", {len(result.keypoints) / kept:.2f} for each candidate kept" if kept else ""
     return {
-        "candidates": {"candidates": str(len(fates))}
-        | {name: str(fates.count(name)) for name in FATES},
+        "candidates": {"candidates": str(len(statuses))}
+        | {name: str(statuses.count(name)) for name in FATES},
         "orientation": {"keypoints": f"{len(result.keypoints)}{share}"},
     }
 

@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from saccade._pair_sums_kernels import MARGIN, update_strongest_pairs
 from saccade.image import as_gray
 from saccade.keypoints.scale_space_points import Points, descriptors_of, directions
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.pair_sums import (
-    MARGIN,
     Gradients,
     PairKernel,
-    follow_strongest,
     gradients_of,
     isotropic_sums,
     pair_kernel,
@@ -249,12 +248,10 @@ def radius_of_strongest(levels: list[Level], pairs: PairKernel, xy: FloatArray) 
     It is the strongest of all levels; (n,) in pixels, 0 where there is none.
     """
     strongest, radius = np.zeros(len(xy)), np.zeros(len(xy))
-    weighted = pairs.directions * np.sqrt(pairs.weights)[:, None]
+    scaled = pairs.scaled()
     for level in levels:
         cells = np.floor((xy + 0.5) / level.spacing).astype(np.int64)
-        follow_strongest(
-            *level.gradients, pairs.offsets, weighted, level.spacing, cells, strongest, radius
-        )
+        update_strongest_pairs(level.gradients, scaled, level.spacing, cells, strongest, radius)
     return radius
 
 

@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 from saccade.errors import require
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.pyramid import DEEPEST
+from saccade.pyramid import MAX_LEVEL
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class SymRoidConfig:
 
     def __post_init__(self) -> None:
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
-        inside = all(0 <= level <= DEEPEST for level in self.levels)
-        expected = f"rising levels from 0 to {DEEPEST}"
+        inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
+        expected = f"rising levels from 0 to {MAX_LEVEL}"
         require(len(self.levels) > 0 and inside and rising, "levels", expected, self.levels)
         require(1 <= self.outer <= 100, "outer", "1 to 100 px", self.outer)
         require(1 <= self.inner <= self.outer, "inner", f"1 px to {self.outer}", self.inner)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from saccade.attention.models import KINDS, AttentionModel, layers_of
+from saccade.attention.models import KINDS, AttentionModel
 from saccade.errors import ConfigError, ImageError, require
 from saccade.serving.controls import DETECTORS, MODELS
 
@@ -171,7 +171,7 @@ class PhotoAnalyzer:
             or self._last_maps[1] != attention
         ):
             try:
-                layers = layers_of(attention.maps(photo.pixels), attention.model)
+                layers = attention.maps(photo.pixels).layers
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
             pictures = [{"name": name, "address": heat(each)} for name, each in layers.items()]

@@ -21,7 +21,7 @@ BLACK = np.finfo(np.float64).tiny
 KERNEL = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
 """Silent: G; the binomial of variance 1 is the smallest kernel that is nearly a Gaussian."""
 BORDER: Final = "nearest"
-"""Silent: outside, the image goes on as its last row or column, which adds no contrast."""
+"""Silent: the last row or column is replicated outside, which adds no contrast."""
 WAVELENGTH, SIGMA, PHASE, RADIUS = 4.0, 2.25, 0.0, 7
 """Silent: the Gabor kernel, in samples. It responds to bars two samples wide, the finest a level
 holds, passes one octave, the distance between levels, and is cut off at three sigma."""
@@ -59,7 +59,7 @@ class FeatureMap:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContrastSaliency:
-    """The saliency map and all it was made from; maps are (H / 16, W / 16), rounded up."""
+    """The saliency map and all intermediate results; maps are (H / 16, W / 16), rounded up."""
 
     saliency: FloatArray
     """S, in [0, 1]."""
@@ -182,7 +182,7 @@ def normalize(feature_map: FloatArray) -> Normalized:
     groups, k = label(tops, np.ones((3, 3)))  # tops that touch are equal: one maximum
     maxima = np.array(maximum_position(scaled, groups, range(1, k + 1)))
     m = np.mean(scaled[tuple(maxima.T)])
-    weight = (1 - m) ** 2 if k > 1 else 1.0  # mended: a single maximum has m = 1
+    weight = (1 - m) ** 2 if k > 1 else 1.0  # corrected: a single maximum has m = 1
     return Normalized(scaled * weight, float(m), float(weight), maxima)  # N, 2
 
 

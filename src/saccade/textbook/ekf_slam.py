@@ -1,7 +1,7 @@
 """Appendix C: EKF-SLAM, equations C.1-C.18.
 
 The letters of the print: x = (x, y, theta) is the pose of the robot, m the map, s = (x, m) the
-state, P its covariance. The control u = (d, phi), of covariance U, turns by phi, then goes d ahead.
+state, P its covariance. The control u = (d, phi), of covariance U: turn by phi, translate by d.
 The observation z = (r, bearing), of covariance R, is relative to the pose. Meters and radians,
 counter-clockwise. The print gives f, h and g by their Jacobians.
 """
@@ -18,7 +18,7 @@ from saccade.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The state after a control, of N landmarks, and what led to it."""
+    """Prediction of the state with N landmarks, and its intermediate results."""
 
     s: FloatArray
     """(3 + 2N,) predicted state."""
@@ -34,7 +34,7 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """The state after a known landmark was observed, and what led to it."""
+    """Update by the observation of a known landmark, and its intermediate results."""
 
     innovation: FloatArray
     """(2,) z - h(x, m), its bearing wrapped."""
@@ -52,7 +52,7 @@ class Update:
 
 @dataclass(frozen=True, eq=False)
 class Augmentation:
-    """The state after a new landmark was observed, the last of N, and what led to it."""
+    """Augmentation by a new landmark, the last of N, and its intermediate results."""
 
     landmark: FloatArray
     """(2,) its position."""
@@ -71,7 +71,7 @@ class Augmentation:
 
 
 def f(x: FloatArray, u: FloatArray) -> FloatArray:
-    """Motion model: the pose after control u, (3,); mended: w of C.1 has covariance Q, not U."""
+    """Motion model: the pose after control u, (3,); corrected: w of C.1 has covariance Q, not U."""
     d, beta = u[0], x[2] + u[1]
     return np.array([x[0] + d * cos(beta), x[1] + d * sin(beta), wrap(beta)])  # C.1
 
@@ -89,15 +89,15 @@ class EkfSlam:
 
     Examples:
         >>> slam = EkfSlam()
-        >>> new = slam.augment(z=[2, 0], R=np.diag([0.01, 0.01]))  # a landmark 2 m ahead
-        >>> moved = slam.predict(u=[1, 0], U=np.diag([0.02, 0.01]))  # 1 m ahead, or so
-        >>> seen = slam.update(0, z=[0.6, 0], R=np.diag([0.01, 0.01]))  # it was rather more
+        >>> augmented = slam.augment(z=[2, 0], R=np.diag([0.01, 0.01]))  # landmark at 2 m
+        >>> predicted = slam.predict(u=[1, 0], U=np.diag([0.02, 0.01]))  # about 1 m
+        >>> updated = slam.update(0, z=[0.6, 0], R=np.diag([0.01, 0.01]))  # rather more
         >>> print(slam.x, slam.m)
         [1.2 0.  0. ] [[1.9 0. ]]
     """
 
     def __init__(self, x0: ArrayLike = (0, 0, 0), P0: ArrayLike = ((0, 0, 0),) * 3) -> None:
-        self.s = checked("x0", x0, 3)  # C.3 (mended: x has length 3)
+        self.s = checked("x0", x0, 3)  # C.3 (corrected: x has length 3)
         self.P = checked("P0", P0, 3, 3)  # C.4
 
     x = property(lambda self: self.s[:3], doc="(3,) Pose of the robot.")  # C.3
@@ -118,7 +118,7 @@ class EkfSlam:
         return Prediction(self.s, self.P, Fx, Fu, Q)
 
     def update(self, landmark_index: int, z: ArrayLike, R: ArrayLike) -> Update:
-        """Update step: a landmark of the map is seen at z, (2,), of covariance R, (2, 2)."""
+        """Update step: a landmark of the map is observed at z, (2,), of covariance R, (2, 2)."""
         i, z, R = landmark_index, checked("z", z, 2), checked("R", R, 2, 2)
         require(0 <= i < self.N, "landmark_index", f"one of {self.N} landmarks", i)
         H = np.zeros((2, len(self.s)))
@@ -133,7 +133,7 @@ class EkfSlam:
         return Update(innovation, H, S, W, self.s, self.P)
 
     def augment(self, z: ArrayLike, R: ArrayLike) -> Augmentation:
-        """Augmentation step: a new landmark is seen; it becomes number N - 1."""
+        """Augmentation step: a new landmark is observed; it becomes number N - 1."""
         z, R = checked("z", z, 2), checked("R", R, 2, 2)
         x, Pxx, Pxm, Pmm = self.x, self.Pxx, self.Pxm, self.Pmm
         m, Gx, Gz = g(x, z), grad_g_x(x, z), grad_g_z(x, z)
@@ -143,7 +143,7 @@ class EkfSlam:
             [Gx @ Pxx, Gx @ Pxm, Gx @ Pxx @ Gx.T + Gz @ R @ Gz.T],
         ]
         self.s = np.concatenate([self.s, m])  # C.16
-        self.P = np.block(blocks)  # C.17 (mended: Prr is Pxx)
+        self.P = np.block(blocks)  # C.17 (corrected: Prr is Pxx)
         return Augmentation(m, Gx, Gz, self.P[-2:, :-2], self.P[-2:, -2:], self.s, self.P)
 
 
@@ -168,7 +168,7 @@ def grad_h(x: FloatArray, m: FloatArray) -> FloatArray:
 
 
 def g(x: FloatArray, z: FloatArray) -> FloatArray:
-    """Where the landmark is that is observed at z, (2,)."""
+    """Inverse observation model: position of the landmark observed at z, (2,)."""
     r, beta = z[0], x[2] + z[1]
     return np.array([x[0] + r * cos(beta), x[1] + r * sin(beta)])  # C.15
 
@@ -192,7 +192,7 @@ def wrap(angle: float) -> float:
 
 
 def checked(name: str, value: ArrayLike, *shape: int) -> FloatArray:
-    """A copy of the value, if it has this shape and is finite."""
+    """A copy of the value; raises `ConfigError` unless it has this shape and is finite."""
     array = np.array(value, np.float64)
     fits = array.shape == shape and np.isfinite(array).all()
     require(bool(fits), name, f"finite numbers of shape {shape}", array.tolist())

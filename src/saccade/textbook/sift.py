@@ -5,7 +5,7 @@ octave: 2 ** octave of the image. Copy this file, change an equation, run it:
 
     >>> y, x = np.mgrid[:64, :64]
     >>> result = sift(np.exp(-((x - 30) ** 2 + (y - 24) ** 2) / (2 * 3.0**2)))
-    >>> [(c.octave, c.i, c.row, c.column) for c in result.candidates if c.fate == "kept"]
+    >>> [(c.octave, c.i, c.row, c.column) for c in result.candidates if c.status == "kept"]
     [(0, 2, 24, 30)]
 """
 
@@ -18,7 +18,7 @@ from scipy.ndimage import convolve1d, map_coordinates, maximum_filter, minimum_f
 
 from saccade.errors import ImageError
 from saccade.image import as_gray
-from saccade.textbook.sift_result import Candidate, Description, Fate, SiftResult, to_keypoints
+from saccade.textbook.sift_result import Candidate, Description, SiftResult, Status, to_keypoints
 from saccade.types import FloatArray, Image
 
 S, OCTAVES, TAU_C, TAU_R = 3, 3, 0.02, 10.0
@@ -45,7 +45,7 @@ SAMPLE_SPACING = 0.75
 """In sigma: the 4 samples of a subregion span 3 sigma (Lowe's)."""
 DESCRIPTOR_BIN_CENTER = 0.0
 """In bins: the dominant orientation, turned to 0, is the center of a bin, not the edge of two."""
-SHARING_REACH = 1.0
+INTERPOLATION_REACH = 1.0
 """In spacings of centers: 1 / distance is unbounded, so weights fall linearly from 1 to 0 here."""
 
 
@@ -59,7 +59,7 @@ def sift(image: Image) -> SiftResult:
     gradient_images = [[gradients(each) for each in octave] for octave in L]  # B.11, B.12
     descriptions = []
     for index, c in enumerate(candidates):
-        if c.fate == "kept":
+        if c.status == "kept":
             x, y, i_hat = np.add(c.offset, (c.column, c.row, c.i))
             sigma = BASE_SIGMA * K**i_hat  # that of the lower L in B.1
             closest = round(float(np.clip(i_hat, 0, S + 2)))  # L of its octave, by ratio of scales
@@ -99,7 +99,7 @@ def smooth(image: FloatArray, sigma: float) -> FloatArray:
 
 
 def gaussian_kernel(sigma: float) -> FloatArray:
-    """One axis of G, cut to 6 sigma, rounded up; it sums to 1, lest the image darken."""
+    """One axis of G, cut to 6 sigma, rounded up; normalized to the sum 1."""
     x = np.arange(-np.ceil(3 * sigma), np.ceil(3 * sigma) + 1)
     G = np.exp(-(x**2) / (2 * sigma**2)) / (np.sqrt(2 * np.pi) * sigma)  # B.3
     kernel: FloatArray = G / G.sum()
@@ -125,14 +125,14 @@ def localize(D: tuple[FloatArray, ...], octave: int, i: int, row: int, column: i
     ratio = curvature_ratio(hessian)
     where = np.add(xhat, (column, row, i))
     last = (D[i].shape[1] - 1, D[i].shape[0] - 1, len(D) - 1)
-    fate: Fate = "kept"
+    status: Status = "kept"
     if not np.all((where >= 0) & (where <= last)):
-        fate = "unstable"
+        status = "unstable"
     elif abs(value) < TAU_C:
-        fate = "low contrast"
+        status = "low contrast"
     elif not ratio < (TAU_R + 1) ** 2 / TAU_R:  # B.10
-        fate = "edge"
-    return Candidate(octave, i, row, column, xhat, value, ratio, fate)
+        status = "edge"
+    return Candidate(octave, i, row, column, xhat, value, ratio, status)
 
 
 def gradient_and_hessian(
@@ -248,14 +248,15 @@ def descriptor(L: FloatArray, x: float, y: float, sigma: float, angle: float) ->
     distance = np.hypot(across[:, None, :, None], across[None, :, None, :])  # (16, 16, 4, 4)
     centers = (np.arange(8) + DESCRIPTOR_BIN_CENTER) * np.pi / 4
     turn = np.abs(wrap(theta[..., None] - centers)) / (np.pi / 4)  # (16, 16, 8)
-    subregions = np.einsum("rc,rcij,rcb->ijb", m * weights, shared(distance), shared(turn))
+    shares = interpolation_weight(distance), interpolation_weight(turn)
+    subregions = np.einsum("rc,rcij,rcb->ijb", m * weights, *shares)
     vector = unit(np.minimum(unit(subregions.ravel()), 0.2))
     return Description(x, y, sigma, angle, grid, m, theta, weights, subregions, vector)
 
 
-def shared(distance: FloatArray) -> FloatArray:
-    """The part that a histogram, or a bin of it, takes of a gradient at a distance from it."""
-    return np.maximum(0, 1 - distance / SHARING_REACH)
+def interpolation_weight(distance: FloatArray) -> FloatArray:
+    """Linear interpolation weight of a gradient at a distance from a histogram or bin."""
+    return np.maximum(0, 1 - distance / INTERPOLATION_REACH)
 
 
 def unit(vector: FloatArray) -> FloatArray:

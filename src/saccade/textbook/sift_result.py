@@ -1,4 +1,4 @@
-"""What `saccade.textbook.sift` returns: the interest points and every step towards them."""
+"""The result of `saccade.textbook.sift`: interest points and all intermediate results."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -7,12 +7,12 @@ import numpy as np
 
 from saccade.types import FloatArray, Keypoints
 
-Fate: TypeAlias = Literal["kept", "low contrast", "edge", "unstable"]
+Status: TypeAlias = Literal["kept", "low contrast", "edge", "unstable"]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An extremum of the differences of Gaussians, and what became of it."""
+    """An extremum of the differences of Gaussians, and the result of its tests."""
 
     octave: int
     """The octave whose differences hold it; 0 is the image itself."""
@@ -28,7 +28,7 @@ class Candidate:
     """D(xhat) of B.6; NaN where there is no xhat."""
     curvature_ratio: float
     """Tr(H)^2 / Det(H) of B.10; infinite where Det(H) is not positive."""
-    fate: Fate
+    status: Status
     """The first test that it failed, in the order unstable, low contrast, edge; or "kept"."""
 
 
@@ -57,14 +57,14 @@ class Description:
     vector: FloatArray
     """(128,) the same in that order, normalized: the descriptor."""
     candidate: int = -1
-    """Index in `SiftResult.candidates`; -1 if described on its own."""
+    """Index in `SiftResult.candidates`; -1 if computed for a point alone."""
     histogram: FloatArray | None = None
-    """(36,) orientations around the point; None if described on its own."""
+    """(36,) orientations around the point; None if computed for a point alone."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SiftResult:
-    """Interest points and every step towards them."""
+    """Interest points and all intermediate results."""
 
     keypoints: Keypoints
     """Strongest first, in image pixels; `response` is abs(D(xhat)), `size` twice sigma, and
@@ -76,7 +76,7 @@ class SiftResult:
     differences: tuple[tuple[FloatArray, ...], ...]
     """D: [octave][i], s + 2 images an octave; the scale of the first of the two subtracted."""
     descriptions: tuple[Description, ...]
-    """One a keypoint, in their order."""
+    """One for each keypoint, in their order."""
 
     def __repr__(self) -> str:
         return f"SiftResult({len(self.keypoints)} keypoints of {len(self.candidates)} candidates)"

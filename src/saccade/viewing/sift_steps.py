@@ -95,7 +95,7 @@ def _candidates(image: Image, result: Any) -> Figure:
     axes = figure.subplots()
     axes.imshow(faded(np.asarray(image, np.float32)), cmap="gray", vmin=0, vmax=1)
     for name, (color, marker) in FATES.items():
-        there = [each for each in result.candidates if each.fate == name]
+        there = [each for each in result.candidates if each.status == name]
         x = [each.column * 2**each.octave for each in there]
         y = [each.row * 2**each.octave for each in there]
         size = 3 if marker == "." else 5

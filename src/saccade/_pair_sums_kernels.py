@@ -1,0 +1,192 @@
+"""Sums over the pairs of gradients about each pixel, compiled: see `saccade.pair_sums`."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.types import Float32Array, FloatArray, IntArray
+
+MARGIN = 1
+"""Outermost pixels, which take part in no pair: half of their gradient lies beyond the border."""
+UNSIGNED = np.uintp
+"""The kernels' indices: Numba need not check whether these count from the end."""
+
+
+class PairKernel(NamedTuple):
+    """The pairs about a pixel and their weights; each pair stands once."""
+
+    offsets: IntArray
+    """(n, 2) dx and dy from the pixel to the first of the pair; the second lies opposite."""
+    directions: Float32Array
+    """(n, 2) unit vectors along the line through the pair."""
+    weights: Float32Array
+    """(n,) by their distance."""
+
+    def scaled(self) -> "PairKernel":
+        """With directions scaled by the square root of the weight."""
+        return self._replace(directions=self.directions * np.sqrt(self.weights)[:, None])
+
+
+class Gradients(NamedTuple):
+    """The gradients of a channel."""
+
+    strength: Float32Array
+    """(h, w) float32, as the others: log(1 + gain m), m the magnitude by 3x3 Sobel filters."""
+    cosine: Float32Array
+    """(h, w) of the direction; 0, as the sine is, where there is none."""
+    sine: Float32Array
+    """(h, w) of the direction, from x towards y."""
+
+
+@kernel()
+def normalize_gradients(gradients: Gradients, gain: np.float32) -> None:
+    """Normalize gradients in place, and fill their strength with gain times magnitude."""
+    strength, cosine, sine = gradients
+    one, smallest = np.float32(1), np.float32(1e-30)
+    for y in range(len(strength)):
+        for x in range(strength.shape[1]):
+            g_x, g_y = cosine[y, x], sine[y, x]
+            magnitude = np.sqrt(g_x * g_x + g_y * g_y)
+            inverse = one / max(magnitude, smallest)
+            cosine[y, x], sine[y, x] = g_x * inverse, g_y * inverse
+            strength[y, x] = gain * magnitude
+
+
+@kernel(fastmath=("contract",))
+def add_isotropic(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> None:
+    """Add to each pixel the terms of its `PairKernel.scaled` pairs."""
+    strength, cosine, sine = gradients
+    offsets, directions = pairs.offsets, pairs.directions
+    height, width = strength.shape
+    for y in range(height):
+        for k in range(len(offsets)):
+            dx, dy = offsets[k]
+            edge = abs(dx) + MARGIN
+            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
+                continue
+            e_x, e_y = directions[k]
+            row, up, down = UNSIGNED(y), UNSIGNED(y + dy), UNSIGNED(y - dy)
+            start, first, second = UNSIGNED(edge), UNSIGNED(edge + dx), UNSIGNED(edge - dx)
+            for x in range(UNSIGNED(width - 2 * edge)):
+                i, j = first + x, second + x
+                p = e_x * (cosine[up, i] - cosine[down, j]) + e_y * (sine[up, i] - sine[down, j])
+                out[row, start + x] += strength[up, i] * strength[down, j] * (p * p)
+
+
+@kernel(fastmath=("contract",))
+def add_radial(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> None:
+    """Add to each pixel the terms of its scaled pairs, weighted by the angle from the strongest.
+
+    Since sin^2(phi - phi_max) = (1 - cos(2 phi) cos(2 phi_max) - sin(2 phi) sin(2 phi_max)) / 2,
+    one pass over the pairs is enough: it sums terms, and terms times cos and sin of 2 phi, and
+    keeps the strongest.
+    """
+    strength, cosine, sine = gradients
+    offsets, directions = pairs.offsets, pairs.directions
+    height, width = strength.shape
+    rows = np.empty((6, width), np.float32)
+    total, total_cos, total_sin, highest, highest_cos, highest_sin = rows
+    for y in range(height):
+        rows[:] = 0
+        for k in range(len(offsets)):
+            dx, dy = offsets[k]
+            edge = abs(dx) + MARGIN
+            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
+                continue
+            e_x, e_y = directions[k]
+            up, down, start = UNSIGNED(y + dy), UNSIGNED(y - dy), UNSIGNED(edge)
+            first, second = UNSIGNED(edge + dx), UNSIGNED(edge - dx)
+            for x in range(UNSIGNED(width - 2 * edge)):
+                i, j, center = first + x, second + x, start + x
+                c_i, s_i, c_j, s_j = cosine[up, i], sine[up, i], cosine[down, j], sine[down, j]
+                p = e_x * (c_i - c_j) + e_y * (s_i - s_j)
+                term = strength[up, i] * strength[down, j] * (p * p)
+                cos, sin = c_i * c_j - s_i * s_j, s_i * c_j + c_i * s_j
+                total[center] += term
+                total_cos[center] += term * cos
+                total_sin[center] += term * sin
+                if term > highest[center]:
+                    highest[center] = term
+                    highest_cos[center], highest_sin[center] = cos, sin
+        for x in range(width):
+            along = total_cos[x] * highest_cos[x] + total_sin[x] * highest_sin[x]
+            out[y, x] += np.float32(0.5) * (total[x] - along)
+
+
+@kernel(fastmath=("contract",))
+def add_color(
+    harmonics: Float32Array, pairs: PairKernel, rotations: Float32Array, out: Float32Array
+) -> None:
+    """Add A_i A_j - 2 B_i B_j + C_i C_j, the sums over channels of p^4, p^3 q and p^2 q^2."""
+    offsets, weights = pairs.offsets, pairs.weights
+    height, width = out.shape
+    rows = np.empty((6, width), np.float32)
+    a_i, b_i, c_i, a_j, b_j, c_j = rows
+    for y in range(height):
+        for k in range(len(offsets)):
+            dx, dy = offsets[k]
+            edge = abs(dx) + MARGIN
+            if not (y - dy >= MARGIN and y + dy < height - MARGIN and 2 * edge < width):
+                continue
+            rotate_harmonics(harmonics, y + dy, rotations[k], a_i, b_i, c_i)
+            rotate_harmonics(harmonics, y - dy, rotations[k], a_j, b_j, c_j)
+            row, start = UNSIGNED(y), UNSIGNED(edge)
+            first, second = UNSIGNED(edge + dx), UNSIGNED(edge - dx)
+            for x in range(UNSIGNED(width - 2 * edge)):
+                i, j = first + x, second + x
+                skew = b_i[i] * b_j[j]
+                term = a_i[i] * a_j[j] - skew - skew + c_i[i] * c_j[j]
+                out[row, start + x] += weights[k] * term
+
+
+@kernel(fastmath=("contract",))
+def rotate_harmonics(
+    harmonics: Float32Array,
+    y: int,
+    rotation: Float32Array,
+    a: Float32Array,
+    b: Float32Array,
+    c: Float32Array,
+) -> None:
+    """Fill the sums of p^4, p^3 q and p^2 q^2 of a row, from their angular harmonics."""
+    cos_2, sin_2, cos_4, sin_4 = rotation
+    constant, double_cos, double_sin = harmonics[0, y], harmonics[1, y], harmonics[2, y]
+    fourfold_cos, fourfold_sin = harmonics[3, y], harmonics[4, y]
+    half, quarter, eighth = np.float32(0.5), np.float32(0.25), np.float32(0.125)
+    for x in range(len(a)):
+        c2 = double_cos[x] * cos_2 + double_sin[x] * sin_2
+        s2 = double_sin[x] * cos_2 - double_cos[x] * sin_2
+        c4 = fourfold_cos[x] * cos_4 + fourfold_sin[x] * sin_4
+        s4 = fourfold_sin[x] * cos_4 - fourfold_cos[x] * sin_4
+        a[x] = (half - eighth) * constant[x] + half * c2 + eighth * c4
+        b[x] = quarter * s2 + eighth * s4
+        c[x] = eighth * (constant[x] - c4)
+
+
+@kernel()
+def update_strongest_pairs(
+    gradients: Gradients,
+    pairs: PairKernel,
+    spacing: float,
+    cells: IntArray,
+    strongest: FloatArray,
+    radius: FloatArray,
+) -> None:
+    """Update the strongest term of the scaled pairs about (n, 2) cells (x, y), and its radius."""
+    strength, cosine, sine = gradients
+    offsets, directions = pairs.offsets, pairs.directions
+    height, width = strength.shape
+    for n in range(len(cells)):
+        x, y = min(max(cells[n, 0], 0), width - 1), min(max(cells[n, 1], 0), height - 1)
+        room_x, room_y = min(x, width - 1 - x) - MARGIN, min(y, height - 1 - y) - MARGIN
+        for k in range(len(offsets)):
+            dx, dy = offsets[k]
+            if abs(dx) <= room_x and dy <= room_y:
+                i, j = (y + dy, x + dx), (y - dy, x - dx)
+                p = directions[k, 0] * (cosine[i] - cosine[j])
+                p += directions[k, 1] * (sine[i] - sine[j])
+                term = strength[i] * strength[j] * p * p
+                if term > strongest[n]:
+                    strongest[n] = term
+                    radius[n] = spacing * np.sqrt(float(dx * dx + dy * dy))
