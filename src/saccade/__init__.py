@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         SaccadeError,
     )
     from saccade.image import read_image
+    from saccade.keypoints.descriptor_config import DescriptorConfig
     from saccade.keypoints.matching import match
     from saccade.keypoints.must import Must
     from saccade.keypoints.must_config import MustConfig
@@ -65,6 +66,7 @@ _HOMES = {
     "saccade.attention.symmetric_pairs": ("symmetric_pairs",),
     "saccade.attention.symmetry": ("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
     "saccade.image": ("read_image",),
+    "saccade.keypoints.descriptor_config": ("DescriptorConfig",),
     "saccade.keypoints.matching": ("match",),
     "saccade.keypoints.must": ("Must",),
     "saccade.keypoints.must_config": ("MustConfig",),
@@ -92,6 +94,7 @@ __all__ = [
     "ConfigError",
     "ContrastConfig",
     "ContrastMaps",
+    "DescriptorConfig",
     "DriveError",
     "ImageError",
     "Keypoints",

@@ -4,6 +4,11 @@ Every message names the culprit (a file, a line or an argument), what was
 expected and what was found.
 """
 
+from dataclasses import fields
+from numbers import Integral, Real
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
+
 
 class SaccadeError(Exception):
     """Input that `saccade` cannot work with; the message is one line."""
@@ -37,3 +42,20 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
     """Raise `ConfigError` unless `holds`; `name` is the setting, `expected` its range."""
     if not holds:
         raise ConfigError(f"{name}: expected {expected}, found {found!r}")
+
+
+def require_types(config: Any) -> None:
+    """Raise `ConfigError` unless numbers and choices of a dataclass are of their declared types."""
+    for field in fields(config):
+        value, options = getattr(config, field.name), get_args(field.type)
+        optional = NoneType in options
+        kind = options[0] if optional else field.type
+        if optional and value is None:
+            continue
+        if kind is int:
+            require(isinstance(value, Integral), field.name, "a whole number", value)
+        elif kind is float:
+            require(isinstance(value, Real), field.name, "a number", value)
+        elif get_origin(kind) is Literal:
+            choices = get_args(kind)
+            require(value in choices, field.name, " or ".join(map(repr, choices)), value)

@@ -176,7 +176,7 @@ class Index:
         pairs = match(points, there, ratio=config.ratio)
         if len(pairs) < config.agreeing:
             return 0
-        return int(verify(points, there, pairs, least=config.agreeing).inliers.sum())
+        return int(verify(points, there, pairs, min_inliers=config.agreeing).inliers.sum())
 
 
 def _check(place: Path, told: dict[str, Any], places: npt.NDArray[Any], vectors: Any) -> None:

@@ -5,6 +5,7 @@ import inspect
 import textwrap
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 TITLES = {
@@ -94,7 +95,7 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
     },
     "must": {
         "contrast_threshold": (0, 0.5, 0.005),
-        "reach": (0.5, 6, 0.1),
+        "radius": (0.5, 6, 0.1),
         "falloff": (0.2, 6, 0.1),
         "max_keypoints": _COUNT,
         "gain": (1, 500, 1),
@@ -117,14 +118,16 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
         "gain": (1, 200, 1),
     },
 }
-"""From, to and step of the slider of each number; a step of 0 is a factor, the same everywhere."""
+"""From, to and step of the slider of each number; a step of 0 is a factor, the same everywhere.
+
+The lowest position of a setting that may be None stands for None."""
 FIRST = {
     "attention": ("contrast_weight", "symmetry_weight", "normalization"),
     "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
     "symmetry": ("kind", "outer", "sigma", "gain"),
     "scanpath": ("inhibition_sigma", "inhibition_time_constant"),
     "sift": ("contrast_threshold", "edge_ratio", "max_keypoints", "spread"),
-    "must": ("contrast_threshold", "reach", "falloff", "max_keypoints"),
+    "must": ("contrast_threshold", "radius", "falloff", "max_keypoints"),
     "symroid": ("seed_threshold", "growth_threshold", "relative_to", "max_keypoints"),
 }
 """Settings that are seen at once, in this order."""
@@ -182,7 +185,8 @@ def _input(kind: str, name: str, hint: Any) -> dict[str, Any]:
     """How a setting is changed."""
     if name in RANGES[kind]:
         low, high, step = RANGES[kind][name]
-        return {"input": "range", "low": low, "high": high, "step": step}
+        optional = NoneType in get_args(hint)
+        return {"input": "range", "low": low, "high": high, "step": step, "optional": optional}
     if get_origin(hint) is Literal:
         return {"input": "choice", "choices": list(get_args(hint))}
     return {"input": "check" if hint is bool else "list"}
@@ -190,11 +194,12 @@ def _input(kind: str, name: str, hint: Any) -> dict[str, Any]:
 
 def field_help(configuration: type) -> Mapping[str, str]:
     """What stands below each field of a class; nothing where its source is not installed."""
+    inherited = [field_help(parent) for parent in reversed(configuration.__bases__)]
+    found = {name: text for texts in inherited for name, text in texts.items()}
     try:
         tree = ast.parse(textwrap.dedent(inspect.getsource(configuration))).body[0]
     except (OSError, TypeError):
-        return {}
-    found: dict[str, str] = {}
+        return found
     name = ""
     for node in getattr(tree, "body", []):
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):

@@ -6,6 +6,7 @@ from typing import Any
 
 from saccade.attention.models import KINDS
 from saccade.serving.controls import changes
+from saccade.settings import NONE
 
 CALLS = {
     "both": "attention_saliency",
@@ -70,10 +71,10 @@ def _constructed(settings: Any) -> str:
 
 
 def _table(settings: Any) -> dict[str, Any]:
-    return {
-        name: _table(value) if is_dataclass(value) else value
-        for name, value in changes(settings).items()
-    }
+    table = {}
+    for name, value in changes(settings).items():
+        table[name] = _table(value) if is_dataclass(value) else NONE if value is None else value
+    return table
 
 
 def _with_file(command: str, name: str, words: str, kind: str, settings: Any) -> str:

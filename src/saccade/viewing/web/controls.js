@@ -25,20 +25,22 @@ function slider(field, heard) {
     type: "range", min: factor ? 0 : low, max: factor ? steps : high, step: factor ? 1 : step,
     oninput: () => {
       const at = Number(input.value);
-      const value = Number((factor ? low * (high / low) ** (at / steps) : at).toPrecision(3));
+      const number = Number((factor ? low * (high / low) ** (at / steps) : at).toPrecision(3));
+      const value = field.optional && number === low ? null : number;
       tell(value);
       heard(value);
     },
   });
   const words = make("span", { class: "value" });
   function tell(value) {
-    words.textContent = plain(value);
-    input.setAttribute("aria-valuetext", plain(value));
+    words.textContent = value === null ? "none" : plain(value);
+    input.setAttribute("aria-valuetext", words.textContent);
   }
   return {
     input, words,
     show(value) {
-      input.value = factor ? (steps * Math.log(value / low)) / Math.log(high / low) : value;
+      const number = value ?? low;
+      input.value = factor ? (steps * Math.log(number / low)) / Math.log(high / low) : number;
       tell(value);
     },
   };
