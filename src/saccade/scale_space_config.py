@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 
-from saccade.errors import require, require_types
+from saccade.errors import require, require_ranges, require_types
 from saccade.types import FloatArray, IntArray
 
 Grid: TypeAlias = Literal["centered", "shifted", "printed"]
@@ -47,26 +47,13 @@ class ScaleSpaceConfig:
 
     def __post_init__(self) -> None:
         require_types(self)
-        for name, low, high in (
-            ("first_octave", -1, 0),
-            ("intervals", 1, 16),
-            ("extra_intervals", 0, 16),
-            ("base_sigma", 0.5, 8),
-            ("camera_sigma", 0, 4),
-            ("kernel_radius", 1, 8),
-        ):
-            value = getattr(self, name)
-            require(low <= value <= high, name, f"{low} to {high}", value)
-        require(
-            self.octaves is None or self.octaves >= 1, "octaves", "1 or more, or None", self.octaves
-        )
+        require_ranges(self, first_octave=(-1, 0), intervals=(1, 16), extra_intervals=(0, 16))
+        require_ranges(self, base_sigma=(0.5, 8), camera_sigma=(0, 4), kernel_radius=(1, 8))
+        limit = self.octaves
+        require(limit is None or limit >= 1, "octaves", "1 or more, or None", limit)
         require(self.density in (0.5, 1), "density", "0.5 or 1", self.density)
-        require(
-            self.grid == "centered" or self.density == 1,
-            "grid",
-            "'centered' where density is 0.5",
-            self.grid,
-        )
+        centered = self.grid == "centered" or self.density == 1
+        require(centered, "grid", "'centered' where density is 0.5", self.grid)
 
     def sigma(self, level: Level) -> Level:
         """Blur of a plane so many intervals above the first, in samples of its octave."""

@@ -233,17 +233,8 @@ def gather_gradients(
 
     The rows are u and v, the position in the frame of the square, then the gradient in x and y.
     Samples lie `stride` apart, symmetrically about the one nearest to the keypoint, so that a
-    mirrored patch has the mirrored samples.
-
-    Args:
-        plane: (h, w).
-        x: of the keypoint, in samples.
-        y: likewise.
-        cosine: of the square's angle, by the samples to a unit of u and v.
-        sine: likewise.
-        radius: half a side of the square, in units of u and v.
-        stride: in samples.
-        out: takes the samples.
+    mirrored patch has the mirrored samples. `cosine` and `sine` of the square's angle are divided
+    by the samples to a unit of u and v, in which `radius` is half a side.
     """
     height, width = plane.shape
     middle, center = floor(y + 0.5), floor(x + 0.5)

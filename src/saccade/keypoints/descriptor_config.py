@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, Self
 
-from saccade.errors import require, require_types
+from saccade.errors import require, require_ranges, require_types
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,10 @@ class DescriptorConfig:
 
     def __post_init__(self) -> None:
         require_types(self)
-        require(0 <= self.smoothing <= 100, "smoothing", "0 to 100", self.smoothing)
+        require_ranges(self, smoothing=(0, 100), window_sigma=(0.1, 10))
         for name in ("orientation_spacing", "descriptor_spacing"):
             spacing = getattr(self, name)
             require(spacing is None or 0 < spacing <= 3, name, "above 0 to 3, or None", spacing)
-        require(0.1 <= self.window_sigma <= 10, "window_sigma", "0.1 to 10", self.window_sigma)
 
     @classmethod
     def lowe2004(cls) -> Self:

@@ -4,14 +4,12 @@ from functools import cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from saccade.image import as_gray
-from saccade.keypoints.detection import detect_keypoints
+from saccade.keypoints.detection import Response, ScaleSpaceDetector
 from saccade.keypoints.must_config import MustConfig
 from saccade.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
-from saccade.types import Float32Array, Image, Keypoints
-from saccade.workspace import Workspace, WorkspacePool
+from saccade.types import Float32Array
+from saccade.workspace import Workspace
 
 DENSE_SIGMA = 2.5
 """Scale in samples from which every second pair is left out: neighboring pairs are nearly alike."""
@@ -19,7 +17,7 @@ SOBEL_GAIN = 8
 """Response of Sobel's filters to a slope of 1 per sample."""
 
 
-class Must:
+class Must(ScaleSpaceDetector):
     """MUST as a callable: `Must(config)(image)` gives `Keypoints`.
 
     Args:
@@ -49,45 +47,20 @@ class Must:
       as symmetric as the next. The ratio may be larger than SIFT's, for the ends of pairs rather
       than the keypoint itself lie on edges.
     - *The finest base is coarser than SIFT's*: finer symmetry is that of noise and of edges.
+
+    Source: Kootstra, de Jong & Schomaker, *Using local symmetry for landmark selection*
+    (ICVS 2009).
     """
 
     def __init__(self, config: MustConfig | None = None, threads: int | None = None) -> None:
-        self.config = config or MustConfig()
-        self._workspaces = WorkspacePool(threads)
+        config = config or MustConfig()
+        super().__init__(config, config.sift(), threads)
 
-    def __repr__(self) -> str:
-        return f"Must({self.config})"
-
-    def __call__(
-        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
-    ) -> Keypoints:
-        """Detect interest points and describe them as SIFT's are.
-
-        Args:
-            image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
-            mask: (H, W), keypoints are kept where it is not zero; None keeps all.
-            describe: whether to compute descriptors.
-
-        Returns:
-            The keypoints, strongest first; the response is the symmetry at the maximum. A flat
-            image has none.
-
-        Raises:
-            ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
-                not have its shape.
-
-        Source: Kootstra, de Jong & Schomaker, *Using local symmetry for landmark selection*
-        (ICVS 2009).
-        """
-        gray, config, sift = as_gray(image), self.config, self.config.sift()
+    def _response(self, gray: Float32Array, workspace: Workspace) -> Response:
         contrast = float(gray.std(dtype=np.float64))
-        with self._workspaces.workspace() as workspace:
-
-            def response(octave: Float32Array, spacing: float) -> Float32Array:
-                return octave_symmetry(octave, spacing, config, contrast, workspace)
-
-            threshold = config.contrast_threshold
-            return detect_keypoints(gray, mask, sift, response, threshold, describe, workspace)
+        return lambda octave, spacing: octave_symmetry(
+            octave, spacing, self.config, contrast, workspace
+        )
 
 
 def octave_symmetry(

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 from typing import Literal, Self
 
-from saccade.errors import require
+from saccade.errors import require, require_ranges
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.sift_config import SiftConfig
 
@@ -51,16 +51,10 @@ class MustConfig:
     """How orientations are assigned and keypoints described."""
 
     def __post_init__(self) -> None:
-        require(0.1 <= self.radius <= 20, "radius", "0.1 to 20 scales", self.radius)
-        require(0.1 <= self.falloff <= 20, "falloff", "0.1 to 20 scales", self.falloff)
+        require_ranges(self, radius=(0.1, 20), falloff=(0.1, 20), scale_power=(-5, 5))
         require(0 < self.gain <= 1e6, "gain", "above 0, at most 1e6", self.gain)
-        require(-5 <= self.scale_power <= 5, "scale_power", "-5 to 5", self.scale_power)
-        require(
-            0 <= self.contrast_threshold < 1e3,
-            "contrast_threshold",
-            "at least 0 and under 1000",
-            self.contrast_threshold,
-        )
+        threshold = self.contrast_threshold
+        require(0 <= threshold < 1e3, "contrast_threshold", "at least 0 and under 1000", threshold)
         self.sift()  # checks the others
 
     @classmethod

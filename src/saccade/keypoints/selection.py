@@ -6,8 +6,8 @@ from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
 
 ROBUSTNESS = 0.9
 """A point is suppressed only by those of which this fraction exceeds its own response."""
-LEAF_SIZE = 256
-"""Points among which the nearest is found without a tree."""
+FIRST_NEIGHBORS = 8
+"""Neighbors that are queried of every point."""
 
 
 def spread_out(xy: FloatArray, response: Float32Array, count: int) -> BoolArray:
@@ -36,33 +36,25 @@ def spread_out(xy: FloatArray, response: Float32Array, count: int) -> BoolArray:
 def nearest_before(xy: FloatArray, ends: IntArray) -> FloatArray:
     """Distance of each point to the nearest of the first `ends` points.
 
-    The first points are divided into blocks of 2**k, like the binary digits of `ends`: every block
-    has one tree, which all points that need it query at once. That takes n log^2 n for any
-    responses.
+    More and more neighbors are queried of those points that have no such neighbor yet.
 
     Args:
         xy: (n, 2) positions.
-        ends: (n,) ascending, at most n.
+        ends: (n,) at most n.
 
     Returns:
         (n,) distances; infinite where `ends` is 0.
     """
     from scipy.spatial import cKDTree  # half a second that few detections need
-    from scipy.spatial.distance import cdist
 
-    n = len(xy)
-    nearest = np.full(n, np.inf)
-    size = LEAF_SIZE
-    while size <= n:
-        for start in range(0, n - size + 1, 2 * size):
-            query = slice(*np.searchsorted(ends, [start + size, start + 2 * size]))
-            if query.start < query.stop:
-                distance = cKDTree(xy[start : start + size]).query(xy[query])[0]
-                nearest[query] = np.minimum(nearest[query], distance)
-        size *= 2
-    for start in range(0, n, LEAF_SIZE):  # the lowest digits
-        query = slice(*np.searchsorted(ends, [start, start + LEAF_SIZE]))
-        distances = cdist(xy[query], xy[start : start + LEAF_SIZE])
-        distances[np.arange(start, min(start + LEAF_SIZE, n)) >= ends[query, None]] = np.inf
-        nearest[query] = np.minimum(nearest[query], distances.min(axis=1, initial=np.inf))
+    n, neighbors = len(xy), FIRST_NEIGHBORS
+    nearest, pending = np.full(n, np.inf), np.flatnonzero(ends)
+    tree = cKDTree(xy)
+    while len(pending):
+        ranks = np.arange(1, min(neighbors, n) + 1)
+        distance, index = map(np.asarray, tree.query(xy[pending], ranks))
+        before = index < ends[pending, None]
+        found, first = before.any(axis=1), before.argmax(axis=1)
+        nearest[pending[found]] = distance[found, first[found]]
+        pending, neighbors = pending[~found], 4 * neighbors
     return nearest

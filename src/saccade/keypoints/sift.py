@@ -3,66 +3,34 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from saccade.errors import ImageError
 from saccade.image import as_gray
 from saccade.keypoints.descriptor import describe_points
-from saccade.keypoints.detection import detect_keypoints
-from saccade.keypoints.orientation import assign_orientations
+from saccade.keypoints.detection import Response, ScaleSpaceDetector, oriented
 from saccade.keypoints.scale_space_points import check_keypoints, locate
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.scale_space import MIN_SIDE, difference_of_gaussians, gaussian_scale_space
 from saccade.types import Float32Array, Image, Keypoints
-from saccade.workspace import WorkspacePool
+from saccade.workspace import Workspace
 
 
-class Sift:
+class Sift(ScaleSpaceDetector):
     """SIFT as a callable: `Sift(config)(image)` gives `Keypoints`.
 
     Args:
         config: scale space, detector and descriptor.
-        threads: of a call; None for one per core. The keypoints do not depend on it. The
-            Gaussians are OpenCV's, which asks `cv2.setNumThreads`.
+        threads: of a call; None for one per core. The keypoints do not depend on it.
 
-    A detector keeps the memory that its largest image took, for the next.
+    Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
     """
 
     def __init__(self, config: SiftConfig | None = None, threads: int | None = None) -> None:
-        self.config = config or SiftConfig.recommended()
-        self._workspaces = WorkspacePool(threads)
+        config = config or SiftConfig.recommended()
+        super().__init__(config, config, threads)
 
-    def __repr__(self) -> str:
-        return f"Sift({self.config})"
-
-    def __call__(
-        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
-    ) -> Keypoints:
-        """Detect interest points and describe them.
-
-        Args:
-            image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
-            mask: (H, W), keypoints are kept where it is not zero; None keeps all.
-            describe: whether to compute descriptors.
-
-        Returns:
-            The keypoints, strongest first; of equally strong ones the upper left first. The
-            response is |D| at the extremum. An image of a few pixels has none.
-
-        Raises:
-            ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
-                not have its shape.
-
-        Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
-        """
-        gray, config = as_gray(image), self.config  # (H, W)
-        with self._workspaces.workspace() as workspace:
-
-            def response(octave: Float32Array, _spacing: float) -> Float32Array:
-                return difference_of_gaussians(octave, workspace)  # B.1
-
-            threshold = config.contrast_threshold
-            return detect_keypoints(gray, mask, config, response, threshold, describe, workspace)
+    def _response(self, gray: Float32Array, workspace: Workspace) -> Response:
+        return lambda octave, _spacing: difference_of_gaussians(octave, workspace)  # B.1
 
     def describe(self, image: Image, keypoints: Keypoints, *, orient: bool = False) -> Keypoints:
         """Describe keypoints from anywhere: another detector, a grid, an earlier image.
@@ -87,7 +55,7 @@ class Sift:
                 that is not finite, or fields of different lengths.
             ImageError: not an image, or too small an image.
         """
-        gray, config = as_gray(image), self.config
+        gray, config = as_gray(image), self._sift
         keypoints = check_keypoints(keypoints, gray.shape)
         with self._workspaces.workspace() as workspace:
             space = gaussian_scale_space(gray, config, workspace=workspace)
@@ -101,8 +69,7 @@ class Sift:
             if orient and config.upright:
                 points = points._replace(angle=np.zeros_like(points.angle))
             elif orient:
-                limit = config.max_orientations
-                index, angle = assign_orientations(space.octaves, points, config, limit, threads)
-                keypoints, points = keypoints[index], points.take(index)._replace(angle=angle)
+                points, index = oriented(points, space, config, threads)
+                keypoints = keypoints[index]
             descriptors = describe_points(space.octaves, points, config, threads)
         return replace(keypoints, angle=points.angle, descriptors=descriptors)

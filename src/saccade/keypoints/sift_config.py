@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
-from saccade.errors import require
+from saccade.errors import require, require_ranges
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.scale_space_config import ScaleSpaceConfig
 
@@ -47,28 +47,15 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
         ScaleSpaceConfig.__post_init__(self)
         DescriptorConfig.__post_init__(self)
         require(self.border >= 2, "border", "2 or more", self.border)
-        require(
-            0 <= self.contrast_threshold < 1,
-            "contrast_threshold",
-            "at least 0 and under 1",
-            self.contrast_threshold,
-        )
-        require(
-            0 <= self.candidate_fraction <= 1,
-            "candidate_fraction",
-            "0 to 1",
-            self.candidate_fraction,
-        )
+        threshold = self.contrast_threshold
+        require(0 <= threshold < 1, "contrast_threshold", "at least 0 and under 1", threshold)
+        require_ranges(self, candidate_fraction=(0, 1))
         require(self.edge_ratio >= 1, "edge_ratio", "1 or more", self.edge_ratio)
         for name in ("max_orientations", "max_keypoints"):
             number = getattr(self, name)
             require(number is None or number >= 1, name, "1 or more, or None", number)
-        require(
-            self.max_keypoints is not None or not self.spread,
-            "spread",
-            "max_keypoints with it",
-            self.max_keypoints,
-        )
+        limited = self.max_keypoints is not None
+        require(limited or not self.spread, "spread", "max_keypoints with it", self.max_keypoints)
 
     @classmethod
     def recommended(cls) -> Self:

@@ -23,12 +23,10 @@ from saccade.pair_sums import (
     pair_kernel,
 )
 from saccade.pyramid import cell_centers, halve, resize
-from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray, Keypoints, Regions
+from saccade.types import Float32Array, FloatArray, Image, IntArray, Keypoints, Regions
 
 Labels: TypeAlias = npt.NDArray[np.int32]
 
-WINDOW_RADIUS = 24
-"""Cells on either side of a seed in which it grows first; enlarged where a region leaves it."""
 PATCH_SIDE = 60
 """Pixels to a side of the square patch that a region is resampled to."""
 MAGNIFICATION = 1.25
@@ -166,15 +164,21 @@ def grow_regions(symmetry: Float32Array, config: SymRoidConfig) -> tuple[Labels,
         np.maximum.at(maxima, labels, symmetry)
         return labels, maxima[1:]
     responses: list[float] = []
+    filled = np.zeros((symmetry.shape[0] + 2, symmetry.shape[1] + 2), np.uint8)
+    flags = 4 | (1 << 8) | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE
     for row, column in seeds.tolist():
         if labels[row, column] == 0:
-            response = float(symmetry[row, column])
-            window, region = connected_region(
-                symmetry, row, column, config.growth_threshold * response
+            response = symmetry[row, column]
+            drop = float(response - np.float32(config.growth_threshold * float(response)))
+            *_, (left, top, width, height) = cv2.floodFill(
+                symmetry, filled, (column, row), 0, loDiff=drop, upDiff=maximum, flags=flags
             )
-            if not labels[window][region].any():
-                responses.append(response)
-                labels[window][region] = len(responses)
+            window = slice(top, top + height), slice(left, left + width)
+            region = filled[1:-1, 1:-1][window]
+            if not labels[window][region > 0].any():
+                responses.append(float(response))
+                labels[window][region > 0] = len(responses)
+            region[:] = 0
             if len(responses) == config.max_keypoints:
                 break
     return labels, np.array(responses)
@@ -185,28 +189,6 @@ def local_maxima(symmetry: Float32Array, threshold: float) -> IntArray:
     peaks = (symmetry == ndimage.maximum_filter(symmetry, 3)) & (symmetry >= threshold)
     cells = np.argwhere(peaks)
     return cells[np.argsort(-symmetry[peaks], kind="stable")]
-
-
-def connected_region(
-    symmetry: Float32Array, row: int, column: int, threshold: float
-) -> tuple[tuple[slice, slice], BoolArray]:
-    """The 4-connected cells about one that are not below a threshold.
-
-    Returns:
-        Rows and columns of a window, and the mask of the cells in it.
-    """
-    radius = WINDOW_RADIUS
-    while True:
-        top, left = max(row - radius, 0), max(column - radius, 0)
-        window = slice(top, row + radius + 1), slice(left, column + radius + 1)
-        low = (symmetry[window] < threshold).view(np.uint8)
-        filled = cv2.copyMakeBorder(low, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(1,))
-        flags = 4 | (2 << 8) | cv2.FLOODFILL_MASK_ONLY
-        cv2.floodFill(low, filled, (column - left, row - top), 0, flags=flags)
-        region = filled[1:-1, 1:-1] == 2
-        if region[1:-1, 1:-1].sum() == region.sum() or radius >= max(symmetry.shape):
-            return window, region
-        radius *= 4
 
 
 def bounding_boxes(

@@ -50,12 +50,8 @@ class SymRoidConfig:
         for name in ("seed_threshold", "growth_threshold"):
             value = getattr(self, name)
             require(0 < value <= 1, name, "above 0, at most 1", value)
-        require(
-            self.relative_to in ("seed", "maximum"),
-            "relative_to",
-            "'seed' or 'maximum'",
-            self.relative_to,
-        )
+        reference = self.relative_to
+        require(reference in ("seed", "maximum"), "relative_to", "'seed' or 'maximum'", reference)
         limit = self.max_keypoints
         require(limit is None or limit >= 1, "max_keypoints", "1 or more, or None", limit)
 
