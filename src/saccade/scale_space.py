@@ -31,7 +31,7 @@ class ScaleSpace:
     """Each (s + 3, h, w): plane i is blurred 2**(i / s) times as much as the first. The first
     octave may have more scales than the others."""
     origin: FloatArray
-    """(octaves, 2) image pixel (x, y) on which the first sample of each octave is said to lie."""
+    """(octaves, 2) image pixel (x, y) on which the first sample of each octave lies."""
     spacing: FloatArray
     """(octaves,) image pixels from one sample to the next."""
 

@@ -101,7 +101,7 @@ def is_extremum(dog: Float32Array, plane: int, row: int, column: int, neighbors:
     sign = 1 if value > 0 else -1
     before = sign * (dog[plane - 1, row, column] - value)
     after = sign * (dog[plane + 1, row, column] - value)
-    if neighbors < 26:  # where octaves meet each may see the extremum on the other's side
+    if neighbors < 26:  # where octaves meet each may have the extremum beyond its last plane
         slack = ADJACENT_OCTAVE_SLACK * abs(value)
         before -= slack if plane == 1 else np.float32(0)
         after -= slack if plane == len(dog) - 2 else np.float32(0)
