@@ -67,18 +67,6 @@ def test_of_equal_samples_the_first_is_the_extremum(dog):
     assert sorted(out[:count].tolist()) == as_lists(oracles.extrema(dog, 0, 1))
 
 
-@pytest.mark.kernel
-def test_candidates_are_counted_beyond_the_room_for_them():
-    dog = smooth(3)
-    expected = oracles.extrema(dog, 0, 2)
-    few, all_ = np.full((2, 3), -1, np.int64), np.zeros((len(expected), 3), np.int64)
-    last = dog.shape[1] - 2
-    assert _extrema_kernels.find_local_extrema(dog, 0.0, 2, 26, 2, last, few) == len(expected) > 2
-    _extrema_kernels.find_local_extrema(dog, 0.0, 2, 26, 2, last, all_)
-    np.testing.assert_array_equal(few, all_[:2])
-    assert sorted(all_.tolist()) == as_lists(expected)
-
-
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_seeds_are_found_in_all_rows(rng, threads):
     dog = ndimage.gaussian_filter(rng.standard_normal((5, 200, 40)), (0, 1, 1)).astype(np.float32)
@@ -88,7 +76,7 @@ def test_seeds_are_found_in_all_rows(rng, threads):
     assert sorted(found.tolist()) == as_lists(oracles.extrema(dog, 0, 2))
 
 
-def test_more_seeds_than_expected_are_found(rng):
+def test_a_grid_of_peaks_is_found(rng):
     row, column = np.indices((40, 40))
     dog = np.zeros((3, 40, 40), np.float32)
     dog[1] = np.where((row % 2 == 0) & (column % 2 == 0), 1, 0) + rng.random((40, 40)) / 9
@@ -270,8 +258,8 @@ def test_a_flat_octave_has_no_extrema():
     assert find(np.zeros((5, 20, 20), np.float32)).xy.shape == (0, 2)
 
 
-def test_more_extrema_than_expected_are_all_found():
-    """A checkerboard has one at every other sample: more than the first guess has room for."""
+def test_all_extrema_of_a_checkerboard_are_found():
+    """There is one at every other sample."""
     dog = np.full((3, 40, 40), -0.1, np.float32)
     dog[1, ::2, ::2] = 1
-    assert len(find(dog, border=2).xy) == 18 * 18 > dog.size // 256 + 64
+    assert len(find(dog, border=2).xy) == 18 * 18

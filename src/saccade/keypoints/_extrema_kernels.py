@@ -58,8 +58,7 @@ def find_local_extrema(
                     continue
                 for column in range(max(8 * word, border), min(8 * word + 8, width - border)):
                     if marks[column] and is_extremum(dog, plane, row, column, neighbors):
-                        if count < len(out):
-                            out[count, 0], out[count, 1], out[count, 2] = plane, row, column
+                        out[count, 0], out[count, 1], out[count, 2] = plane, row, column
                         count += 1
     return count
 

@@ -90,12 +90,10 @@ def find_candidates(
 
     def search(block: slice) -> None:
         rows = border + block.start, border + block.stop
-        out = np.empty(((rows[1] - rows[0]) * width // 32 + 64, 3), np.int64)
+        capacity = len(dog) * (block.stop - block.start) * width  # pages of it are used as needed
+        out = np.empty((capacity, 3), np.int64)
         count = find_local_extrema(dog, threshold, border, neighbors, *rows, out)
-        if count > len(out):
-            out = np.empty((count, 3), np.int64)
-            find_local_extrema(dog, threshold, border, neighbors, *rows, out)
-        found[block.start] = out[:count]
+        found[block.start] = out[:count].copy()
 
     threads.run_in_blocks(search, max(height - 2 * border, 0), ROW_BLOCK)
     return np.concatenate([np.empty((0, 3), np.int64), *(found[row] for row in sorted(found))])
