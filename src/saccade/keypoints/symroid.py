@@ -165,10 +165,12 @@ def grow_regions(symmetry: Float32Array, config: SymRoidConfig) -> tuple[Labels,
         return labels, maxima[1:]
     responses: list[float] = []
     filled = np.zeros((symmetry.shape[0] + 2, symmetry.shape[1] + 2), np.uint8)
-    flags = 4 | (1 << 8) | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE
+    connectivity, fill_value = 4, 1 << 8
+    flags = connectivity | fill_value | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE
     for row, column in seeds.tolist():
         if labels[row, column] == 0:
             response = symmetry[row, column]
+            # A difference from the seed; of values within a factor of two it is exact.
             drop = float(response - np.float32(config.growth_threshold * float(response)))
             *_, (left, top, width, height) = cv2.floodFill(
                 symmetry, filled, (column, row), 0, loDiff=drop, upDiff=maximum, flags=flags
