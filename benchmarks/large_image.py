@@ -34,7 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--megapixels", type=float, default=100)
     parser.add_argument("--preset", default="recommended")
-    parser.add_argument("--threads", type=int, default=0, help="0 for one to a core")
+    parser.add_argument("--threads", type=int, help="one per core unless given")
     parser.add_argument("--detect-only", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(options.threads or cv2.getNumberOfCPUs())

@@ -27,15 +27,17 @@ ALLOWED = {
     "textbook": {"types", "errors", "image"},
     "video": FOUNDATION | {"image"},
     "pyramid": {"types", "errors", "_jit"},
-    "scale_space": {"types", "errors", "_jit"},
+    "workspace": {"types", "errors"},
+    "scale_space_config": {"types", "errors"},
+    "scale_space": {"types", "errors", "workspace", "scale_space_config"},
     "_pair_sums_kernels": {"types", "_jit"},
     "pair_sums": {"types", "errors", "pyramid", "_pair_sums_kernels"},
     "attention": {
         *("types", "errors", "_jit", "image", "pyramid", "pair_sums", "_pair_sums_kernels")
     },
     "keypoints": {
-        *("types", "errors", "_jit", "image", "pyramid", "scale_space", "textbook"),
-        *("pair_sums", "_pair_sums_kernels"),
+        *("types", "errors", "_jit", "image", "pyramid", "pair_sums", "_pair_sums_kernels"),
+        *("workspace", "scale_space", "scale_space_config", "textbook"),
     },
     "slam": FOUNDATION | {"_jit"},
     "visual": FOUNDATION | {"_jit", "image", "pyramid", "attention", "keypoints", "slam"},

@@ -24,7 +24,7 @@ OF_KEYPOINTS = {
     "Coming from scikit-image": lambda names: (
         len(names["pairs"]) > 50 and names["described"].descriptors.any(axis=1).all()
     ),
-    "Points from elsewhere": lambda names: (
+    "External points": lambda names: (
         len(names["dense"]) == len(names["grid"]) < len(names["turned"])
     ),
     "Settings": lambda names: (

@@ -43,6 +43,10 @@ def at_least(low):
     return (low, low + 1), (low - 1,)
 
 
+def optional_count():
+    return (None, 1, 2), (0,)
+
+
 def above_0(high):
     return (ABOVE_0, high), (0.0, over(high), nan)
 
@@ -98,7 +102,7 @@ NUMBERS = {
     },
     SiftConfig: {
         "first_octave": whole(-1, 0),
-        "octaves": at_least(0),
+        "octaves": optional_count(),
         "intervals": whole(1, 16),
         "extra_intervals": whole(0, 16),
         "base_sigma": closed(0.5, 8),
@@ -111,14 +115,14 @@ NUMBERS = {
         "neighbors": ((10, 26), (9, 11, 25, 27)),
         "edge_ratio": ((1, OWN_INF), (under(1), nan)),
         "smoothing": whole(0, 100),
-        "max_orientations": at_least(0),
-        "orientation_spacing": closed(0, 3),
-        "descriptor_spacing": closed(0, 3),
+        "max_orientations": optional_count(),
+        "orientation_spacing": ((None, ABOVE_0, 3), (0.0, over(3), nan)),
+        "descriptor_spacing": ((None, ABOVE_0, 3), (0.0, over(3), nan)),
         "window_sigma": closed(0.1, 10),
-        "max_keypoints": at_least(0),
+        "max_keypoints": optional_count(),
     },
     MustConfig: {
-        "reach": closed(0.1, 20),
+        "radius": closed(0.1, 20),
         "falloff": closed(0.1, 20),
         "gain": above_0(1e6),
         "scale_power": closed(-5, 5),
@@ -131,7 +135,7 @@ NUMBERS = {
         "gain": above_0(1e6),
         "seed_threshold": above_0(1),
         "growth_threshold": above_0(1),
-        "max_keypoints": at_least(0),
+        "max_keypoints": optional_count(),
     },
     EkfConfig: {
         "gate": ((ABOVE_0, 0.9999), (0.0, 1.0, over(0.9999), nan)),

@@ -1,15 +1,24 @@
+import threading
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from saccade.errors import ConfigError
 from saccade.scale_space import (
-    Workspace,
     blurred,
     difference_of_gaussians,
-    double,
     gaussian_kernel,
     gaussian_scale_space,
+    upsampled,
 )
+from saccade.scale_space_config import ScaleSpaceConfig
+from saccade.workspace import Threads, Workspace, WorkspacePool
+
+
+def lowe(**changes):
+    settings = {"extra_intervals": 0, "base_sigma": 1.6, "density": 1.0, "camera_sigma": 0.5}
+    return ScaleSpaceConfig(**(settings | {"kernel_radius": 4.0} | changes))
 
 
 def blob(shape, x, y, sigma):
@@ -33,9 +42,7 @@ def test_every_plane_of_a_blob_is_a_blob(shape, first_octave):
     x, y, sigma = 80.3, 71.8, 5.0
     # Half the doubled samples are means of two pixels, of variance 1/4.
     doubling = 0.125 if first_octave < 0 else 0
-    space = gaussian_scale_space(
-        blob(shape, x, y, sigma), first_octave=first_octave, camera_sigma=0.5
-    )
+    space = gaussian_scale_space(blob(shape, x, y, sigma), lowe(first_octave=first_octave))
     assert len(space.octaves) == 6 + (first_octave < 0) - 1
     for octave, origin, spacing in zip(
         space.octaves[:3], space.origin, space.spacing, strict=False
@@ -54,9 +61,10 @@ def test_every_plane_of_a_blob_is_a_blob(shape, first_octave):
 @pytest.mark.parametrize("first_octave", [-1, 0])
 def test_a_mirrored_image_has_the_mirrored_scale_space(rng, shape, first_octave):
     image = rng.random(shape, np.float32)
-    space = gaussian_scale_space(image, first_octave=first_octave)
-    mirrored = gaussian_scale_space(image[:, ::-1].copy(), first_octave=first_octave)
-    turned = gaussian_scale_space(np.rot90(image).copy(), first_octave=first_octave)
+    config = lowe(first_octave=first_octave)
+    space = gaussian_scale_space(image, config)
+    mirrored = gaussian_scale_space(image[:, ::-1].copy(), config)
+    turned = gaussian_scale_space(np.rot90(image).copy(), config)
     assert len(space.octaves) >= 3
     for a, b, c in zip(space.octaves, mirrored.octaves, turned.octaves, strict=True):
         np.testing.assert_allclose(b[:, :, ::-1], a, atol=1e-5)
@@ -64,7 +72,7 @@ def test_a_mirrored_image_has_the_mirrored_scale_space(rng, shape, first_octave)
 
 
 def test_samples_lie_evenly_about_the_middle(rng):
-    space = gaussian_scale_space(rng.random((90, 131), np.float32))
+    space = gaussian_scale_space(rng.random((90, 131), np.float32), lowe())
     for octave, origin, spacing in zip(space.octaves, space.origin, space.spacing, strict=True):
         last = origin + spacing * (np.array(octave.shape[:0:-1]) - 1)
         np.testing.assert_allclose(origin + last, [130, 89])
@@ -72,14 +80,14 @@ def test_samples_lie_evenly_about_the_middle(rng):
 
 def test_doubling_keeps_every_pixel(rng):
     image = rng.random((7, 5), np.float32)
-    doubled = double(image)
+    doubled = upsampled(image)
     assert doubled.shape == (13, 9)
     np.testing.assert_array_equal(doubled[::2, ::2], image)
     np.testing.assert_allclose(doubled, ndimage.zoom(image, (13 / 7, 9 / 5), order=1), atol=1e-6)
 
 
 def test_shifted_grid_is_opencvs(rng):
-    space = gaussian_scale_space(rng.random((33, 50), np.float32), grid="shifted")
+    space = gaussian_scale_space(rng.random((33, 50), np.float32), lowe(grid="shifted"))
     assert [octave.shape[1:] for octave in space.octaves] == [
         (66, 100),
         (33, 50),
@@ -91,24 +99,25 @@ def test_shifted_grid_is_opencvs(rng):
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (3, 3), (4, 5)])
 def test_no_room_no_octaves(shape):
-    space = gaussian_scale_space(np.zeros(shape, np.float32))
+    space = gaussian_scale_space(np.zeros(shape, np.float32), lowe())
     assert space.octaves == ()
     assert space.origin.shape == (0, 2)
 
 
 def test_octaves_can_be_limited(rng):
     image = rng.random((64, 64), np.float32)
-    assert len(gaussian_scale_space(image, octaves=2).octaves) == 2
-    assert len(gaussian_scale_space(image, octaves=9).octaves) == 4
+    assert len(gaussian_scale_space(image, lowe(octaves=2)).octaves) == 2
+    assert len(gaussian_scale_space(image, lowe(octaves=9)).octaves) == 4
 
 
 def test_differences(rng):
-    workspace = Workspace()
-    for shape in ((6, 150, 8), (6, 75, 4)):
-        octave = rng.random(shape, np.float32)
-        for threads in (1, 3):
-            found = difference_of_gaussians(octave, workspace, threads)
-            np.testing.assert_array_equal(found, octave[1:] - octave[:-1])
+    for count in (1, 3):
+        with Threads(count) as threads:
+            workspace = Workspace(threads)
+            for shape in ((6, 350, 8), (6, 75, 4)):
+                octave = rng.random(shape, np.float32)
+                found = difference_of_gaussians(octave, workspace)
+                np.testing.assert_array_equal(found, octave[1:] - octave[:-1])
 
 
 def test_memory_is_used_again():
@@ -140,11 +149,9 @@ def test_half_as_many_samples_of_a_blob(first_octave, extra):
     image = blob((151, 172), x, y, sigma)
     space = gaussian_scale_space(
         image,
-        first_octave=first_octave,
-        extra_intervals=extra,
-        density=0.5,
-        base_sigma=1.7,
-        kernel_radius=3.0,
+        ScaleSpaceConfig(
+            first_octave=first_octave, extra_intervals=extra, base_sigma=1.7, camera_sigma=0.5
+        ),
     )
     for number, (octave, origin, spacing) in enumerate(
         zip(space.octaves[:2], space.origin, space.spacing, strict=False)
@@ -164,4 +171,47 @@ def test_threads_change_no_bit(rng, threads):
     plane = rng.random((300, 211), np.float32)
     for sigma in (0.6, 1.5, 2.4):
         alone = blurred(plane, sigma, 3.0)
-        np.testing.assert_array_equal(blurred(plane, sigma, 3.0, threads=threads), alone)
+        with Threads(threads) as pool:
+            np.testing.assert_array_equal(blurred(plane, sigma, 3.0, threads=pool), alone)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+@pytest.mark.parametrize(("items", "block_size"), [(0, 3), (1, 3), (7, 3), (9, 3)])
+def test_blocks_cover_all_items_once(count, items, block_size):
+    blocks = []
+    with Threads(count) as threads:
+        threads.run_in_blocks(blocks.append, items, block_size)
+    starts = range(0, items, block_size)
+    expected = [slice(start, min(start + block_size, items)) for start in starts]
+    assert sorted(blocks, key=lambda block: block.start) == expected
+
+
+def test_threads_end_with_the_computation():
+    before = set(threading.enumerate())
+    with WorkspacePool(3).workspace() as workspace:
+        workspace.threads.run_in_blocks(lambda block: None, 100, 1)
+        assert set(threading.enumerate()) - before
+    assert set(threading.enumerate()) <= before
+
+
+def test_an_error_in_a_thread_is_raised():
+    def work(block):
+        raise ValueError(block.start)
+
+    with pytest.raises(ValueError, match="0"), Threads(2) as threads:
+        threads.run_in_blocks(work, 10, 3)
+
+
+def test_workspaces_of_a_pool_share_memory_in_turn_only():
+    pool = WorkspacePool(1)
+    with pool.workspace() as first, pool.workspace() as second:
+        arrays = [each.array("a", 0, (5,)) for each in (first, second)]
+        assert not np.shares_memory(*arrays)
+    with pool.workspace() as again:
+        assert any(np.shares_memory(again.array("a", 0, (5,)), each) for each in arrays)
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_threads_are_a_positive_number(threads):
+    with pytest.raises(ConfigError, match="threads: expected 1 or more, or None, found"):
+        WorkspacePool(threads)

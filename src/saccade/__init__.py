@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from saccade.errors import OutputError as OutputError
     from saccade.errors import SaccadeError as SaccadeError
     from saccade.image import read_image as read_image
+    from saccade.keypoints.descriptor_config import DescriptorConfig as DescriptorConfig
     from saccade.keypoints.matching import match as match
     from saccade.keypoints.must import Must as Must
     from saccade.keypoints.must_config import MustConfig as MustConfig
@@ -63,6 +64,7 @@ _MODULES = {
         *("OutputError", "SaccadeError"),
     ),
     "image": ("read_image",),
+    "keypoints.descriptor_config": ("DescriptorConfig",),
     "keypoints.matching": ("match",),
     "keypoints.must": ("Must",),
     "keypoints.must_config": ("MustConfig",),

@@ -1,4 +1,4 @@
-"""The one decorator for hot loops, and what spreads them over threads; only here is Numba.
+"""The one decorator for hot loops; only here is Numba.
 
 A kernel and the kernels it calls share one package: what is cached on disk is compiled anew
 when a file of that package has changed.
@@ -11,7 +11,6 @@ import logging
 import os
 import warnings
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -115,32 +114,3 @@ def blas(name: str, *arguments: type) -> Callable[..., None]:
     """
     address = get_cython_function_address("scipy.linalg.cython_blas", name)
     return cast("Callable[..., None]", ctypes.CFUNCTYPE(None, *arguments)(address))
-
-
-def run_in_blocks(work: Callable[[slice], None], count: int, block: int, threads: int) -> None:
-    """Do `work` on slices of `block` items each, several at a time.
-
-    The slices are the same for any number of threads: as long as the work on one does not
-    look at what others write, so is the result.
-
-    Args:
-        work: gets a slice of the items; spends its time in kernels, which let others run.
-        count: of items.
-        block: items in a slice.
-        threads: how many at a time.
-    """
-    slices = [slice(start, min(start + block, count)) for start in range(0, count, block)]
-    if threads == 1 or len(slices) < 2:
-        for each in slices:
-            work(each)
-        return
-    list(_workers(threads, os.getpid()).map(work, slices))
-
-
-@cache
-def _workers(threads: int, process: int) -> ThreadPoolExecutor:
-    """Threads that stay: starting them for every step took a tenth of a detection.
-
-    A forked child has none of its parent's threads, but another `process`.
-    """
-    return ThreadPoolExecutor(threads, thread_name_prefix="saccade")

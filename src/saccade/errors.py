@@ -58,3 +58,10 @@ def require_types(config: Any) -> None:
         elif get_origin(kind) is Literal:
             choices = get_args(kind)
             require(value in choices, field.name, " or ".join(map(repr, choices)), value)
+
+
+def require_ranges(config: Any, **ranges: tuple[float, float]) -> None:
+    """Raise `ConfigError` unless settings, by name, lie between a minimum and a maximum."""
+    for name, (low, high) in ranges.items():
+        value = getattr(config, name)
+        require(low <= value <= high, name, f"{low} to {high}", value)

@@ -111,7 +111,7 @@ def saccade_sift(path):
 def test_other_settings_do_not_mix(folder, tmp_path):
     extract_here(folder, tmp_path)
     other = Job("sift", SiftConfig(max_keypoints=3))
-    with pytest.raises(ConfigError, match=r"settings\.max_keypoints 0, found 3 asked for"):
+    with pytest.raises(ConfigError, match=r"settings\.max_keypoints None, found 3 asked for"):
         extract_here(folder, tmp_path, other)
     assert extract_here(folder, tmp_path, other, redo=True).done == IMAGES
     assert all(len(rows) <= 6 for rows in check_whole(tmp_path).values())

@@ -141,7 +141,7 @@ def test_detect_spreads_points(run):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("detect", HALLWAY[0], "--spread"), "spread: expected max_keypoints over 0"),
+        (("detect", HALLWAY[0], "--spread"), "spread: expected max_keypoints with it"),
         (("detect", HALLWAY[0], "--format", "xml"), "'xml' is not one of 'npz', 'csv'"),
         (("match", *HALLWAY, "--geometry", "affine"), "'affine' is not one of 'fundamental'"),
         (("match", *HALLWAY, "--tolerance", "0"), "--tolerance"),

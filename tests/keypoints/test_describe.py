@@ -194,7 +194,7 @@ def test_fields_of_any_kind_of_array(rng):
     [
         (
             {"xy": [[3, 3], [-1, 5]]},
-            r"place in the image of 30 x 20 px, found \[-1.0, 5.0\] at poi",
+            r"position in the image of 30 x 20 px, found \[-1.0, 5.0\] at poi",
         ),
         ({"xy": [[3, 3], [5, 19.6]]}, r"found \[5.0, 19.6.*\] at point 1"),
         ({"xy": [[3, 3], [np.nan, 5]]}, r"found \[nan, 5.0\] at point 1"),
@@ -227,16 +227,13 @@ def test_a_point_lies_in_the_octave_of_its_size(first_octave):
     config = SiftConfig(first_octave=first_octave)
     space = gaussian_scale_space(
         np.zeros((200, 200), np.float32),
-        first_octave=first_octave,
-        extra_intervals=config.extra_intervals,
-        density=config.density,
-        base_sigma=config.base_sigma,
+        config,
     )
     sizes = np.geomspace(4.4, 60, 50)
     points = dataclasses.replace(
         Keypoints.at(np.full((50, 2), 90.0), sizes), octave=np.full(50, 99, np.int32)
     )
-    octave, plane, xy, sigma = locate(points, space, config)
+    octave, plane, xy, sigma, *_ = locate(points, space, config)
     np.testing.assert_allclose(sigma * space.spacing[octave], sizes / 2, rtol=1e-6)
     np.testing.assert_allclose(
         space.origin[octave] + xy * space.spacing[octave, None], 90, rtol=1e-6

@@ -5,21 +5,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from saccade.keypoints.descriptor import (
-    QUANTUM,
-    Frames,
-    describe_frames,
-    orientations,
-    room_for,
-    to_bytes,
-)
-from saccade.keypoints.gradients import (
+from saccade.keypoints import DescriptorConfig
+from saccade.keypoints._gradient_kernels import (
     fill_descriptors,
-    fill_orientation_bins,
+    fill_orientation_histograms,
     gather_gradients,
     normalize,
     weight_gradients,
 )
+from saccade.keypoints.descriptor import describe_points, quantized
+from saccade.keypoints.orientation import (
+    assign_orientations,
+    histogram_peaks,
+    max_samples,
+    orientation_histograms,
+)
+from saccade.keypoints.scale_space_points import Points
 from support import oracles_keypoints as oracles
 
 planes = st.integers(0, 2**32 - 1).map(
@@ -30,8 +31,20 @@ scales = st.floats(0.6, 1.5)
 angles = st.floats(-np.pi, np.pi)
 
 
-def frame(x, y, sigma, plane=1):
-    return Frames(np.array([plane]), np.array([[x, y]], np.float32), np.array([sigma], np.float32))
+def point(x, y, sigma, plane=0, angle=0.0):
+    single = np.array([[x, y, sigma, angle, 1]], np.float32)
+    zero = np.zeros(1, np.int64)
+    return Points(zero, zero + plane, single[:, :2], *single[:, 2:].T)
+
+
+def dense(**settings):
+    return DescriptorConfig(orientation_spacing=None, descriptor_spacing=None, **settings)
+
+
+def orientations(octave, points, **settings):
+    """Index, angle and relative height of the peaks."""
+    histograms = orientation_histograms(octave, points, dense(**settings))
+    return histogram_peaks(histograms, every_bin=False)
 
 
 def ramp(angle, shape=(41, 41)):
@@ -102,7 +115,7 @@ def test_gradients_along_the_axes(quarter):
 @given(planes, places, scales, st.booleans(), st.booleans(), st.sampled_from([0.0, 1.4, 2.5]))
 @settings(max_examples=40)
 def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel, spacing):
-    points = frame(*place, sigma)
+    points = point(*place, sigma, plane=1)
     x, y = points.xy[0].astype(float)
     scale = float(points.sigma[0])
     edges = [x, y, 4.5 * scale] if not subpixel else [x - 4.5 * scale, x + 4.5 * scale]
@@ -112,7 +125,7 @@ def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel
     if not away_from_ties([x, y, spacing * scale], 0.5):
         return
     bins = np.zeros((1, 36), np.float32)
-    fill_orientation_bins(octave, *points, spacing, linear, subpixel, 500, bins)
+    fill_orientation_histograms(octave, *points[1:4], spacing, linear, subpixel, 500, bins)
     expected = oracles.orientation_bins(
         octave[1].astype(float), x, y, scale, linear=linear, subpixel=subpixel, spacing=spacing
     )
@@ -133,14 +146,15 @@ def test_orientation_bins_meet_their_twin(octave, place, sigma, linear, subpixel
 )
 @settings(max_examples=40)
 def test_descriptor_meets_its_twin(octave, place, sigma, angle, subpixel, window_sigma, spacing):
-    points = frame(*place, sigma)
+    points = point(*place, sigma, plane=1)
     x, y = points.xy[0].astype(float)
     scale = float(points.sigma[0])
     if not away_from_ties([x, y, spacing * scale], 0.5):
         return
     out = np.full((1, 128), np.nan, np.float32)
     angle = np.float32(angle)
-    fill_descriptors(octave, *points, np.array([angle]), window_sigma, spacing, subpixel, 900, out)
+    angles = np.array([angle])
+    fill_descriptors(octave, *points[1:4], angles, window_sigma, spacing, subpixel, 900, out)
     expected = oracles.descriptor(
         octave[1].astype(float),
         x,
@@ -158,7 +172,7 @@ def test_descriptor_meets_its_twin(octave, place, sigma, angle, subpixel, window
 @pytest.mark.parametrize("sigma", [0.4, 0.9, 1.49, 1.51, 2.6, 9.0])
 def test_there_is_room_for_all_samples(sigma, spacing):
     sigmas = np.array([0.3, sigma], np.float32)
-    room = room_for(sigmas, 15.0, spacing)
+    room = max_samples(sigmas, 15.0, spacing)
     out, plane = np.empty((4, room), np.float32), np.zeros((401, 401), np.float32)
     for scale, angle, place in itertools.product(sigmas, (0.0, 0.1, np.pi / 4), (200.0, 200.4)):
         stride = max(int(spacing * scale + 0.5), 1)
@@ -170,9 +184,7 @@ def test_there_is_room_for_all_samples(sigma, spacing):
 @pytest.mark.parametrize("degrees", [0, 5, 33, 90, 135, 179.5, -45, -178])
 def test_a_ramp_points_where_it_rises(degrees, smoothing, tolerance):
     angle = np.radians(degrees)
-    index, found, height = orientations(
-        ramp(angle), frame(20, 20, 2, plane=0), linear=True, smoothing=smoothing, subpixel=True
-    )
+    index, found, height = orientations(ramp(angle), point(20, 20, 2), smoothing=smoothing)
     np.testing.assert_array_equal(index, [0])
     np.testing.assert_allclose(found, [angle], atol=np.radians(tolerance))
     np.testing.assert_allclose(height, 1)
@@ -180,43 +192,37 @@ def test_a_ramp_points_where_it_rises(degrees, smoothing, tolerance):
 
 def test_half_a_turn_is_plus_pi():
     falling = -np.tile(np.arange(41, dtype=np.float32), (41, 1))[None]
-    _, angle, _ = orientations(
-        falling, frame(20, 20, 2, plane=0), linear=True, smoothing=0, subpixel=True
-    )
+    _, angle, _ = orientations(falling, point(20, 20, 2), smoothing=0)
     np.testing.assert_array_equal(angle, [np.float32(np.pi)])
 
 
 def test_a_roof_has_two_orientations():
     _, column = np.indices((61, 61))
     roof = np.abs(column - 30).astype(np.float32)[None]
-    index, angle, height = orientations(
-        roof, frame(30, 30, 2, plane=0), linear=True, smoothing=2, subpixel=True
-    )
+    index, angle, height = orientations(roof, point(30, 30, 2), smoothing=2)
     np.testing.assert_array_equal(index, [0, 0])
     np.testing.assert_allclose(np.sort(np.abs(angle)), [0, np.pi], atol=1e-3)
     np.testing.assert_allclose(height, 1, rtol=1e-3)
+    both, _ = assign_orientations([roof], point(30, 30, 2), dense(smoothing=2))
+    one, _ = assign_orientations([roof], point(30, 30, 2), dense(smoothing=2), 1)
+    assert (len(both), len(one)) == (2, 1)
 
 
 def test_a_flat_place_has_no_orientation():
     index, angle, height = orientations(
         np.full((1, 20, 20), 0.3, np.float32),
-        frame(10, 10, 1, plane=0),
-        linear=True,
+        point(10, 10, 1),
         smoothing=2,
-        subpixel=True,
     )
     assert len(index) == len(angle) == len(height) == 0
 
 
-@pytest.mark.parametrize("root", [False, True])
-def test_a_flat_place_has_an_empty_descriptor(root):
-    found = describe_frames(
-        np.full((1, 30, 30), 0.3, np.float32),
-        frame(10, 10, 1, plane=0),
-        np.zeros(1, np.float32),
-        window_sigma=0.5,
-        subpixel=True,
-        root=root,
+@pytest.mark.parametrize("kind", ["sift", "root"])
+def test_a_flat_place_has_an_empty_descriptor(kind):
+    found = describe_points(
+        [np.full((1, 30, 30), 0.3, np.float32)],
+        point(10, 10, 1),
+        dense(window_sigma=0.5, descriptor=kind),
     )
     assert found.shape == (1, 128)
     assert found.dtype == np.uint8
@@ -225,46 +231,43 @@ def test_a_flat_place_has_an_empty_descriptor(root):
 
 def test_a_ramp_along_the_angle_fills_the_first_direction():
     angle = np.radians(25)
-    found = describe_frames(
-        ramp(angle, (81, 81)),
-        frame(40, 40, 2, plane=0),
-        np.array([angle], np.float32),
-        window_sigma=0.5,
-        subpixel=True,
-        root=False,
+    found = describe_points(
+        [ramp(angle, (81, 81))],
+        point(40, 40, 2, angle=angle),
+        dense(window_sigma=0.5, descriptor="sift"),
     ).reshape(4, 4, 8)
     assert (found[:, :, 0] > 60).all()
     assert found[:, :, 1:].max() <= 2
 
 
-def quantized(raw, *, root):
-    scaled = raw.copy()
-    normalize(scaled, root, QUANTUM)
-    return to_bytes(scaled)
+def as_bytes(raw, *, root):
+    vectors = raw.copy()
+    normalize(vectors, root)
+    return quantized(vectors)
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("root", [False, True])
 def test_entries_are_cut_and_quantized_as_the_field_does(rng, root):
     raw = rng.exponential(size=(50, 128)).astype(np.float32) ** 3
-    found = quantized(raw, root=root).astype(float)
+    found = as_bytes(raw, root=root).astype(float)
     assert np.abs(found - oracles.quantized(raw, root=root)).max() <= 0.5 + 1e-3
     spike = np.zeros((1, 128), np.float32)
     spike[0, 3] = 1
-    assert quantized(spike, root=root).max() == 255
-    assert not quantized(np.zeros((1, 128), np.float32), root=root).any()
+    assert as_bytes(spike, root=root).max() == 255
+    assert not as_bytes(np.zeros((1, 128), np.float32), root=root).any()
 
 
-@pytest.mark.parametrize("root", [False, True])
-def test_floats_are_of_unit_length_and_round_to_the_bytes(rng, root):
+@pytest.mark.parametrize("kind", ["sift", "root"])
+def test_floats_are_of_unit_length_and_round_to_the_bytes(rng, kind):
     plane = rng.random((1, 60, 60), np.float32)
-    frames = Frames(np.zeros(4, np.int64), np.full((4, 2), 30.2, np.float32), np.full(4, 2.5, "f4"))
-    angle = np.array([0.1, 1, 2, 3], np.float32)
+    index = np.zeros(4, np.int64)
+    points = point(30.2, 30.2, 2.5).take(index)._replace(angle=np.array([0.1, 1, 2, 3], np.float32))
     bytes_, floats = (
-        describe_frames(
-            plane, frames, angle, window_sigma=0.5, subpixel=True, root=root, as_float=as_float
+        describe_points(
+            [plane], points, dense(window_sigma=0.5, descriptor=kind, descriptor_dtype=dtype)
         )
-        for as_float in (False, True)
+        for dtype in ("uint8", "float32")
     )
     assert floats.dtype == np.float32
     np.testing.assert_allclose(np.linalg.norm(floats, axis=1), 1, rtol=1e-6)
@@ -276,5 +279,5 @@ def test_root_descriptors_have_the_hellinger_kernel(rng):
     """The inner product of root descriptors is the sum of sqrt(p q) of the distributions."""
     raw = rng.random((2, 128), np.float32)
     p, q = raw / raw.sum(axis=1, keepdims=True)
-    a, b = quantized(raw, root=True).astype(float) / 512
+    a, b = as_bytes(raw, root=True).astype(float) / 512
     assert a @ b == pytest.approx(np.sqrt(p * q).sum(), abs=2e-3)

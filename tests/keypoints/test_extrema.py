@@ -8,7 +8,8 @@ from scipy.interpolate import lagrange
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from saccade.keypoints import _refinement_kernels, extrema
+from saccade.keypoints import SiftConfig, _extrema_kernels, _refinement_kernels, extrema
+from saccade.workspace import Threads
 from support import oracles_keypoints as oracles
 
 seeds = st.integers(0, 2**32 - 1)
@@ -32,15 +33,17 @@ def bump(x, y, scale, shape=(5, 15, 17), sharpness=(0.11, 0.08, 0.1), twist=0.02
     return top.astype(np.float32)
 
 
-def find(dog, **changes):
-    settings = {
-        "border": 2,
-        "candidate_threshold": 0.0,
-        "contrast_threshold": 0.0,
-        "edge_ratio": 10.0,
-        "lagrange": False,
-    }
-    return extrema.find_extrema(dog, **(settings | changes))
+def config(**changes):
+    settings = {"border": 2, "candidate_fraction": 0.0, "neighbors": 26, "edge_ratio": 10.0}
+    return SiftConfig(**(settings | {"fit": "quadratic"} | changes))
+
+
+def find(dog, threshold=0.0, **changes):
+    return extrema.find_extrema(dog, config(**changes), threshold)
+
+
+def candidates(dog, threshold, **changes):
+    return extrema.find_candidates(dog, config(candidate_fraction=1.0, **changes), threshold)
 
 
 @pytest.mark.kernel
@@ -49,7 +52,8 @@ def find(dog, **changes):
 def test_candidates_meet_their_twin(seed, threshold, border, neighbors):
     dog = smooth(seed, (4, 16, 18))
     out = np.zeros((500, 3), np.int64)
-    count = extrema.find_candidates(dog, threshold, border, neighbors, border, 16 - border, out)
+    rows = border, 16 - border
+    count = _extrema_kernels.find_local_extrema(dog, threshold, border, neighbors, *rows, out)
     expected = oracles.extrema(dog, threshold, border, neighbors)
     assert sorted(out[:count].tolist()) == as_lists(expected)
 
@@ -59,37 +63,24 @@ def test_candidates_meet_their_twin(seed, threshold, border, neighbors):
 @settings(max_examples=60)
 def test_of_equal_samples_the_first_is_the_extremum(dog):
     out = np.zeros((60, 3), np.int64)
-    count = extrema.find_candidates(dog, 0.0, 1, 26, 1, 5, out)
+    count = _extrema_kernels.find_local_extrema(dog, 0.0, 1, 26, 1, 5, out)
     assert sorted(out[:count].tolist()) == as_lists(oracles.extrema(dog, 0, 1))
-
-
-@pytest.mark.kernel
-def test_candidates_are_counted_beyond_the_room_for_them():
-    dog = smooth(3)
-    expected = oracles.extrema(dog, 0, 2)
-    few, all_ = np.full((2, 3), -1, np.int64), np.zeros((len(expected), 3), np.int64)
-    last = dog.shape[1] - 2
-    assert extrema.find_candidates(dog, 0.0, 2, 26, 2, last, few) == len(expected) > 2
-    extrema.find_candidates(dog, 0.0, 2, 26, 2, last, all_)
-    np.testing.assert_array_equal(few, all_[:2])
-    assert sorted(all_.tolist()) == as_lists(expected)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
 def test_seeds_are_found_in_all_rows(rng, threads):
     dog = ndimage.gaussian_filter(rng.standard_normal((5, 200, 40)), (0, 1, 1)).astype(np.float32)
-    found = extrema.find_seeds(dog, 0.0, 2, 26, threads)
-    np.testing.assert_array_equal(found, extrema.find_seeds(dog, 0.0, 2, 26, 1))
+    with Threads(threads) as pool:
+        found = extrema.find_candidates(dog, config(), 0.0, pool)
+    np.testing.assert_array_equal(found, candidates(dog, 0.0))
     assert sorted(found.tolist()) == as_lists(oracles.extrema(dog, 0, 2))
 
 
-def test_more_seeds_than_expected_are_found(rng):
+def test_a_grid_of_peaks_is_found(rng):
     row, column = np.indices((40, 40))
     dog = np.zeros((3, 40, 40), np.float32)
     dog[1] = np.where((row % 2 == 0) & (column % 2 == 0), 1, 0) + rng.random((40, 40)) / 9
-    assert sorted(extrema.find_seeds(dog, 0.5, 2, 26, 1).tolist()) == as_lists(
-        oracles.extrema(dog, 0.5, 2)
-    )
+    assert sorted(candidates(dog, 0.5).tolist()) == as_lists(oracles.extrema(dog, 0.5, 2))
 
 
 @pytest.mark.kernel
@@ -100,7 +91,7 @@ def test_of_two_places_close_by_the_farther_is_marked(seed, radius):
     places = rng.random((60, 3)) * [3, 12, 12]
     places = places[np.argsort(places[:, 1])]
     distance, marked = rng.random(60), np.zeros(60, bool)
-    extrema.mark_farther(places, distance, radius, marked)
+    _extrema_kernels.mark_duplicates(places, distance, radius, marked)
     pairs = cKDTree(places).query_pairs(radius, p=np.inf)
     assert set(np.flatnonzero(marked)) == {max(p, key=lambda i: distance[i]) for p in pairs}
 
@@ -138,7 +129,7 @@ def test_the_top_of_a_quartic_is_found(x, y, s):
     top = 1 - 0.1 * dx**2 + 0.004 * dx**4 - 0.12 * dy**2 + 0.005 * dy**4 + 0.003 * dx**2 * dy**2
     dog = (top - 0.08 * (p - s) ** 2 + 0.02 * dx * (p - s)).astype(np.float32)
     start = _refinement_kernels.fit_quadratic(dog, 1, 4, 4)[0]
-    found = _refinement_kernels.refine_place(dog, 1, 4, 4, *start)
+    found = _refinement_kernels.refine_position(dog, 1, 4, 4, *start)
     np.testing.assert_allclose(found, (x, y, s), atol=5e-4)
 
 
@@ -153,7 +144,7 @@ def test_without_all_samples_around_a_place_stays_as_it_is():
     ]:
         hill = 100 - (rows - row - top[1]) ** 2 - (columns - column - top[0]) ** 2
         dog = np.stack([hill - 1, hill, hill - 1]).astype(np.float32)
-        found = _refinement_kernels.refine_place(dog, 1, row, column, *start)
+        found = _refinement_kernels.refine_position(dog, 1, row, column, *start)
         assert found == (pytest.approx(top, abs=1e-3) if moves else start)
 
 
@@ -163,18 +154,20 @@ def test_a_step_that_leads_away_is_not_followed():
     strayed = 0
     for _ in range(20):
         dog = rng.standard_normal((3, 9, 9)).astype(np.float32)
-        found = _refinement_kernels.refine_place(dog, 1, 4, 4, 0.1, -0.2, 0.3)
-        assert np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max() < _refinement_kernels.TRUSTED
+        found = _refinement_kernels.refine_position(dog, 1, 4, 4, 0.1, -0.2, 0.3)
+        assert (
+            np.abs(np.subtract(found, (0.1, -0.2, 0.3))).max() < _refinement_kernels.MAX_CORRECTION
+        )
         strayed += found == (0.1, -0.2, 0.3)
     assert strayed > 0
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("lagrange", [True, False])
+@pytest.mark.parametrize("fit", ["lagrange", "quadratic"])
 @given(st.floats(5, 10), st.floats(5, 9), st.floats(1.6, 2.4))
 @settings(max_examples=20)
-def test_the_top_of_a_quadratic_is_found(sign, lagrange, x, y, scale):
-    found = find(sign * bump(x, y, scale), lagrange=lagrange)
+def test_the_top_of_a_quadratic_is_found(sign, fit, x, y, scale):
+    found = find(sign * bump(x, y, scale), fit=fit)
     np.testing.assert_allclose(found.xy, [[x, y]], atol=1e-4)
     np.testing.assert_allclose(found.scale, [scale], atol=1e-4)
     np.testing.assert_allclose(found.value, [sign], atol=1e-5)
@@ -185,23 +178,24 @@ def test_every_extremum_lies_where_the_quadratic_at_its_nearest_sample_is_flat()
     for seed in range(4):
         dog = smooth(seed, (5, 60, 60))
         found = find(dog, edge_ratio=np.inf)
-        candidates = oracles.extrema(dog, 0, 2)
-        assert 10 < len(found.plane) <= len(candidates)
-        for plane, xy, scale, value in zip(*found, strict=True):
+        samples = oracles.extrema(dog, 0, 2)
+        assert 10 < len(found.xy) <= len(samples)
+        for xy, scale, value in zip(*found, strict=True):
             column, row = np.rint(xy).astype(int)
+            plane = round(scale)
             cube = dog[plane - 1 : plane + 2, row - 1 : row + 2, column - 1 : column + 2]
             (x, y, s), expected = oracles.quadratic(cube)[:2]
             np.testing.assert_allclose(xy, [column + x, row + y], atol=1e-3)
             np.testing.assert_allclose([scale, value], [plane + s, expected], atol=1e-3)
-            moved += (plane, row, column) not in candidates
+            moved += (plane, row, column) not in samples
     assert moved > 0
 
 
 def test_contrast_is_tested_at_the_extremum():
     dog = 0.03 * bump(8.4, 7.4, 2.0)  # samples reach 0.9 of it
     assert dog.max() < 0.0295
-    assert len(find(dog, contrast_threshold=0.0299).plane) == 1
-    assert len(find(dog, contrast_threshold=0.0301).plane) == 0
+    assert len(find(dog, threshold=0.0299).xy) == 1
+    assert len(find(dog, threshold=0.0301).xy) == 0
 
 
 @pytest.mark.parametrize(("ratio", "kept"), [(9.5, 1), (10.5, 0)])
@@ -209,8 +203,8 @@ def test_edges_are_left_out(ratio, kept):
     """Curvatures 1 to `ratio`; the threshold is 10."""
     sharp = 0.2
     dog = bump(8.1, 7.1, 2.0, sharpness=(sharp, sharp / ratio, 0.1), twist=0)
-    assert len(find(dog).plane) == kept
-    assert len(find(dog, edge_ratio=np.inf).plane) == 1
+    assert len(find(dog).xy) == kept
+    assert len(find(dog, edge_ratio=np.inf).xy) == 1
 
 
 def test_saddles_are_left_out():
@@ -218,9 +212,11 @@ def test_saddles_are_left_out():
     dog = np.zeros((3, 9, 9), np.float32)
     dog[1, 3:6, 3:6] = [[0.9, 0.95, -0.9], [0.95, 1, 0.95], [-0.9, 0.95, 0.9]]
     assert oracles.extrema(dog, 0.95, 2) == [(1, 4, 4)]
-    assert oracles.quadratic(dog[:, 3:6, 3:6])[-2] < 0
+    _, value, _, determinant, _ = oracles.quadratic(dog[:, 3:6, 3:6])
+    assert value > 0.95
+    assert determinant < 0
     for edge_ratio in (10.0, 1e6, np.inf):
-        assert len(find(dog, candidate_threshold=0.95, edge_ratio=edge_ratio).plane) == 0
+        assert len(find(dog, 0.95, candidate_fraction=1.0, edge_ratio=edge_ratio).xy) == 0
 
 
 def two_hills(p, r, c):
@@ -233,8 +229,8 @@ def two_hills(p, r, c):
 def test_a_hill_diagonally_under_a_higher_one_is_found_with_fewer_neighbors(sign):
     dog = (sign * two_hills(*np.indices((6, 15, 17)))).astype(np.float32)
     tops = [minimize(lambda v: -two_hills(*v), near).x for near in ([2, 7, 8], [3, 8, 9])]
-    assert len(find(dog, lagrange=True).plane) == 1
-    found = find(dog, lagrange=True, neighbors=10)
+    assert len(find(dog, fit="lagrange").xy) == 1
+    found = find(dog, fit="lagrange", neighbors=10)
     np.testing.assert_allclose(found.xy, [top[:0:-1] for top in tops], atol=0.08)
     np.testing.assert_allclose(found.scale, [top[0] for top in tops], atol=0.08)
 
@@ -244,8 +240,8 @@ def test_a_saddle_across_the_planes_is_left_out():
     dog = (1 - 0.2 * (c - 8.3 - p + 2.3) ** 2 - 0.1 * (r - 7) ** 2 + 0.02 * (p - 2.3) ** 2).astype(
         np.float32
     )
-    assert len(extrema.find_seeds(dog, 0.5, 2, 10, 1)) > 0
-    assert len(find(dog, neighbors=10, edge_ratio=np.inf).plane) == 0
+    assert len(candidates(dog, 0.5, neighbors=10)) > 0
+    assert len(find(dog, neighbors=10, edge_ratio=np.inf).xy) == 0
 
 
 def test_a_point_between_two_samples_is_found_once():
@@ -253,17 +249,17 @@ def test_a_point_between_two_samples_is_found_once():
     p, r, c = np.indices((5, 15, 17))
     for x in (8.5, 8.499, 8.49):
         dog = np.exp(-((c - x) ** 2 + (r - 7.5) ** 2 + (p - 2.2) ** 2) / 4).astype(np.float32)
-        found = find(dog, lagrange=True)
+        found = find(dog, fit="lagrange")
         np.testing.assert_allclose(found.xy, [[x, 7.5]], atol=0.02)
 
 
 def test_a_flat_octave_has_no_extrema():
-    assert len(find(np.zeros((5, 20, 20), np.float32)).plane) == 0
+    assert len(find(np.zeros((5, 20, 20), np.float32)).xy) == 0
     assert find(np.zeros((5, 20, 20), np.float32)).xy.shape == (0, 2)
 
 
-def test_more_extrema_than_expected_are_all_found():
-    """A checkerboard has one at every other sample: more than the first guess has room for."""
+def test_all_extrema_of_a_checkerboard_are_found():
+    """There is one at every other sample."""
     dog = np.full((3, 40, 40), -0.1, np.float32)
     dog[1, ::2, ::2] = 1
-    assert len(find(dog, border=2).plane) == 18 * 18 > dog.size // 256 + 64
+    assert len(find(dog, border=2).xy) == 18 * 18

@@ -107,7 +107,7 @@ def test_repeated_structure_fails_the_ratio_test(rng):
 
 def test_what_cannot_be_matched(rng):
     described = points(np.zeros((3, 128), np.uint8))
-    with pytest.raises(ConfigError, match=r"second: expected points with descriptors.*describe"):
+    with pytest.raises(ConfigError, match=r"second: expected keypoints with descriptors.*describe"):
         match(described, points(None))
     with pytest.raises(ConfigError, match=r"second: expected descriptors of length 128.*found 64"):
         match(described, points(np.zeros((3, 64), np.uint8)))

@@ -16,22 +16,22 @@ from saccade.evaluation.repeatability import Features
 from saccade.image import read_image
 from saccade.keypoints import SiftConfig
 from saccade.keypoints.matching import nearest_neighbors
-from saccade.keypoints.must import symmetry_of
+from saccade.keypoints.must import octave_symmetry
 from support import oracles_symmetry as oracles
 from support.symmetric_images import discs, texture
 
 
 @pytest.mark.parametrize("plane", [0, 4])
 @pytest.mark.parametrize("spacing", [1.0, 4.0])
-def test_the_symmetry_of_a_plane_is_that_of_the_papers(plane, spacing):
+def test_the_octave_symmetry_a_plane_is_that_of_the_papers(plane, spacing):
     """Of the pairs in a disc; where scale is wide, of those on the black squares of a board."""
     octave = np.random.default_rng(plane).random((6, 17, 19), np.float32)
-    config = MustConfig(reach=1.6, falloff=1.1, gain=30.0)
-    symmetry = symmetry_of(octave, spacing, config, contrast=0.3)
+    config = MustConfig(radius=1.6, falloff=1.1, gain=30.0)
+    symmetry = octave_symmetry(octave, spacing, config, contrast=0.3)
     assert symmetry.shape == (5, 17, 19)
     sigma = 0.5 * config.base_sigma * 2 ** (plane / 3)
-    reach, width = config.reach * sigma, 2 * 1.1 * sigma
-    ring = [(x, y) for x, y in oracles.half_ring(1, int(reach)) if np.hypot(x, y) <= reach]
+    radius, width = config.radius * sigma, 2 * 1.1 * sigma
+    ring = [(x, y) for x, y in oracles.half_ring(1, int(radius)) if np.hypot(x, y) <= radius]
     ring = [(x, y) for x, y in ring if plane == 0 or (x + y) % 2 == 0]
     gain = 30 * sigma / (8 * 0.3)
     expected = oracles.symmetry(
@@ -45,8 +45,8 @@ def test_the_symmetry_of_a_plane_is_that_of_the_papers(plane, spacing):
 
 def test_the_smallest_disc_of_pairs_holds_the_nearest():
     octave = np.random.default_rng(1).random((6, 17, 19), np.float32)
-    config = MustConfig(reach=0.1, falloff=0.1, base_sigma=0.5)
-    symmetry = symmetry_of(octave, 1.0, config, contrast=0.3)
+    config = MustConfig(radius=0.1, falloff=0.1, base_sigma=0.5)
+    symmetry = octave_symmetry(octave, 1.0, config, contrast=0.3)
     assert np.isfinite(symmetry).all()
     assert (symmetry.max(axis=(1, 2)) > 0).all()
 
@@ -138,14 +138,14 @@ def test_the_image_is_left_alone():
 @pytest.mark.parametrize(
     "broken",
     [
-        {"reach": 0.0},
+        {"radius": 0.0},
         {"falloff": np.nan},
         {"gain": 0.0},
         {"scale_power": 9.0},
         {"contrast_threshold": -1.0},
         {"edge_ratio": 0.5},
         {"intervals": 0},
-        {"spread": True, "max_keypoints": 0},
+        {"spread": True},
     ],
 )
 def test_a_broken_setting_is_named(broken):

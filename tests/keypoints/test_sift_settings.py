@@ -11,9 +11,14 @@ from saccade import Keypoints, Sift, SiftConfig
 from saccade.errors import ConfigError
 from support.sift_images import texture
 
-WHOLE = [field.name for field in dataclasses.fields(SiftConfig) if field.type is int]
-REAL = [field.name for field in dataclasses.fields(SiftConfig) if field.type is float]
-SWITCHES = [field.name for field in dataclasses.fields(SiftConfig) if field.type is bool]
+
+def settings_of(kind):
+    return [field.name for field in dataclasses.fields(SiftConfig) if field.type == kind]
+
+
+OPTIONAL_WHOLE, OPTIONAL_REAL = settings_of(int | None), settings_of(float | None)
+WHOLE, REAL = settings_of(int) + OPTIONAL_WHOLE, settings_of(float) + OPTIONAL_REAL
+SWITCHES = settings_of(bool)
 CHOICES = {
     "grid": ("centered", "shifted", "printed"),
     "neighbors": (10, 26),
@@ -35,7 +40,7 @@ whole = st.integers(-2, 6) | st.integers(-(2**70), 2**70)
 real = st.floats(0, 2) | st.floats(0, 20) | st.floats()
 valid = {
     "first_octave": st.sampled_from([-1, 0]),
-    "octaves": st.integers(0, 4),
+    "octaves": st.none() | st.integers(1, 4),
     "intervals": st.integers(1, 6) | st.integers(1, 16),
     "extra_intervals": st.integers(0, 4) | st.integers(0, 16),
     "base_sigma": st.floats(0.5, 8),
@@ -47,9 +52,9 @@ valid = {
     "candidate_fraction": st.floats(0, 1),
     "edge_ratio": st.floats(1, 20) | st.floats(min_value=1),
     "smoothing": st.integers(0, 8) | st.integers(0, 100),
-    "max_orientations": st.integers(0, 3) | st.integers(0, 2**62),
-    "orientation_spacing": st.floats(0, 3),
-    "descriptor_spacing": st.floats(0, 3),
+    "max_orientations": st.none() | st.integers(1, 3) | st.integers(1, 2**62),
+    "orientation_spacing": st.none() | st.floats(0, 3, exclude_min=True),
+    "descriptor_spacing": st.none() | st.floats(0, 3, exclude_min=True),
     "window_sigma": st.floats(0.1, 10),
     "max_keypoints": st.integers(1, 50) | st.integers(1, 2**62),
     **{name: st.booleans() for name in SWITCHES},
@@ -67,7 +72,7 @@ def detect_and_check(config, image):
     assert (found.xy >= -0.5).all()
     assert (found.xy <= [width - 0.5, height - 0.5]).all()
     assert (found.size > 0).all()
-    if config.max_keypoints:
+    if config.max_keypoints is not None:
         assert len(found) <= config.max_keypoints
     again = sift.describe(image, found)
     np.testing.assert_array_equal(again.descriptors, found.descriptors)
@@ -114,6 +119,8 @@ def test_any_numbers_give_points_or_one_line(values, image):
 @pytest.mark.parametrize("name", WHOLE)
 @pytest.mark.parametrize("value", [1.5, float("nan"), float("inf"), "3", None])
 def test_whole_numbers_are_whole(name, value):
+    if value is None and name in OPTIONAL_WHOLE:
+        return
     with pytest.raises(ConfigError, match=f"^{name}: expected .*found {value!r}"):
         SiftConfig(**{name: value})
 
@@ -121,5 +128,7 @@ def test_whole_numbers_are_whole(name, value):
 @pytest.mark.parametrize("name", REAL)
 @pytest.mark.parametrize("value", [float("nan"), -float("inf"), "3", None, 1j])
 def test_real_numbers_are_real(name, value):
+    if value is None and name in OPTIONAL_REAL:
+        return
     with pytest.raises(ConfigError, match=f"^{name}: expected .*found"):
         SiftConfig(**{name: value})

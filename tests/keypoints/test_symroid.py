@@ -13,10 +13,10 @@ from saccade import SymRoid, SymRoidConfig
 from saccade.errors import ConfigError
 from saccade.keypoints.symroid import (
     Level,
-    expand_to_pairs,
-    grow,
-    normalized,
-    radius_of_strongest,
+    bounding_boxes,
+    grow_regions,
+    resampled,
+    strongest_pair_radius,
     symmetry_levels,
 )
 from saccade.pair_sums import gradients_of, isotropic_sums, pair_kernel
@@ -37,7 +37,7 @@ def test_regions_of_the_source_in_a_plain_second_reading(seed, growth, threshold
     """Grown from every seed along the axes; what touches is one region."""
     symmetry = hills(seed)
     config = dataclasses.replace(SOURCE, growth_threshold=growth, seed_threshold=threshold)
-    labels, peaks = grow(symmetry, config)
+    labels, peaks = grow_regions(symmetry, config)
     highest = symmetry.max()
     seeds = (symmetry == ndimage.maximum_filter(symmetry, 3)) & (symmetry >= threshold * highest)
     grown = ndimage.label(symmetry >= growth * highest)[0]
@@ -53,8 +53,8 @@ def test_regions_of_the_source_in_a_plain_second_reading(seed, growth, threshold
 @given(st.integers(0, 1000), st.sampled_from([0.5, 0.8, 0.97]), st.sampled_from([3, 40]))
 def test_every_region_is_the_hill_of_its_seed(seed, growth, side):
     symmetry = hills(seed, (side, 90))
-    config = SymRoidConfig(growth_threshold=growth, seed_threshold=0.3, max_keypoints=0)
-    labels, peaks = grow(symmetry, config)
+    config = SymRoidConfig(growth_threshold=growth, seed_threshold=0.3, max_keypoints=None)
+    labels, peaks = grow_regions(symmetry, config)
     taken = np.zeros(symmetry.shape, bool)
     found = []
     seeds = np.argwhere(symmetry == ndimage.maximum_filter(symmetry, 3))
@@ -76,7 +76,7 @@ def test_the_strongest_pair_in_a_plain_second_reading():
     pairs = pair_kernel(1, 4, 6.0)
     level = Level(2.0, gradients, isotropic_sums([gradients], pairs))
     cells = np.array([(7, 9), (15, 12), (2, 2), (28, 20), (0, 0)])
-    radius = radius_of_strongest([level], pairs, 2 * (cells + 0.5) - 0.5)
+    radius = strongest_pair_radius([level], pairs, 2 * (cells + 0.5) - 0.5)
     theta = np.arctan2(gradients.sine, gradients.cosine)
     for (x, y), found in zip(cells, radius, strict=True):
         best = (0.0, 0.0)
@@ -99,7 +99,7 @@ def test_the_box_is_that_of_the_discs():
     levels = symmetry_levels(image, config, pairs)
     labels = np.zeros((40, 60), np.int64)
     labels[20, 20] = labels[20, 40] = 1
-    (xy,), ((left, top, right, bottom),) = expand_to_pairs(labels, levels, pairs, (40, 60))
+    (xy,), ((left, top, right, bottom),) = bounding_boxes(labels, levels, pairs, (40, 60))
     np.testing.assert_allclose(xy, (30, 20))
     radius = 20 - top
     assert radius == pytest.approx(6, abs=1)
@@ -121,7 +121,7 @@ def test_a_disc_is_a_region_about_its_center(config, radius):
 
 def test_regions_are_strong_first_and_no_more_than_asked_for():
     image = texture(3, (240, 320))
-    every = SymRoid(SymRoidConfig(max_keypoints=0))(image)
+    every = SymRoid(SymRoidConfig(max_keypoints=None))(image)
     few = SymRoid(SymRoidConfig(max_keypoints=7))(image)
     assert len(every) > len(few) == 7
     assert (np.diff(every.keypoints.response) <= 0).all()
@@ -137,7 +137,7 @@ def test_regions_are_found_and_told_apart_under_other_light(upright, least):
     image = texture(4, (240, 320))
     config = SymRoidConfig(upright=upright)
     here = SymRoid(config)(image)
-    dark = SymRoid(dataclasses.replace(config, max_keypoints=0))(0.6 * image)
+    dark = SymRoid(dataclasses.replace(config, max_keypoints=None))(0.6 * image)
     places = np.hypot(*(here.xy[:, None] - dark.xy[None]).transpose(2, 0, 1))
     assert (places.min(axis=1) < 3).all()
     distance = np.linalg.norm(
@@ -149,13 +149,13 @@ def test_regions_are_found_and_told_apart_under_other_light(upright, least):
 
 def test_a_box_is_brought_to_a_square():
     image = np.tile(np.linspace(0, 1, 200, dtype=np.float32), (100, 1))
-    patch = normalized(image, np.array([80, 40, 120, 50], np.float32))
+    patch = resampled(image, np.array([80, 40, 120, 50], np.float32))
     assert patch.shape == (60, 60)
     assert (np.diff(patch[30]) > 0).all()
     middle = patch[:, 29:31].mean() * 199
     assert middle == pytest.approx(100, abs=1)
     assert np.ptp(patch[:, 30]) < 1e-6
-    corner = normalized(image, np.array([-0.5, -0.5, 4, 4], np.float32))
+    corner = resampled(image, np.array([-0.5, -0.5, 4, 4], np.float32))
     assert np.isfinite(corner).all()
 
 
@@ -180,7 +180,7 @@ def test_a_flat_or_tiny_image_has_none(shape, config):
         {"seed_threshold": 0.0},
         {"growth_threshold": 1.1},
         {"relative_to": "mean"},
-        {"max_keypoints": -1},
+        {"max_keypoints": 0},
     ],
 )
 def test_a_broken_setting_is_named(broken):

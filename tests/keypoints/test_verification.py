@@ -79,7 +79,7 @@ def test_few_matches_say_nothing(rng, count, geometry, same):
     assert found.matrix is None
     assert found.inliers.shape == (count,)
     if not same and count in (8, 14):
-        assert verify(points, points, pairs, "homography", least=4).inliers.all()
+        assert verify(points, points, pairs, "homography", min_inliers=4).inliers.all()
 
 
 def test_neither_chance_nor_order_matters(rng):
@@ -134,7 +134,7 @@ def test_what_cannot_be_verified(rng):
     with pytest.raises(KeypointsError, match=r"pairs: expected whole numbers.*found float64"):
         verify(points, points, np.zeros((1, 2)))
     lost = Keypoints.at(np.full((5, 2), np.nan), 3)
-    with pytest.raises(KeypointsError, match="keypoints: expected finite places"):
+    with pytest.raises(KeypointsError, match="keypoints: expected finite positions"):
         verify(points, lost, np.zeros((1, 2), int))
     with pytest.raises(KeypointsError, match="pairs: expected indices below 5 and 5, found 0 to 5"):
         verify(points, points, np.array([[0, 5]]))

@@ -401,7 +401,7 @@ def test_every_slider_stays_where_the_configuration_allows(kind):
 
 
 def test_what_stands_below_a_field_is_its_help():
-    assert field_help(saccade.MustConfig)["upright"] == "Give every point the angle 0."
+    assert field_help(saccade.MustConfig)["upright"] == "Give every keypoint the angle 0."
     assert field_help(int) == {}
 
 

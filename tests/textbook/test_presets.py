@@ -1,6 +1,6 @@
 """The presets of the source against the textbook, which is written from the print alone."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import cv2
 import numpy as np
@@ -8,6 +8,7 @@ import pytest
 
 from saccade import (
     ContrastConfig,
+    DescriptorConfig,
     LandmarkLog,
     Must,
     MustConfig,
@@ -86,7 +87,11 @@ def test_must_and_symroid_use_the_descriptor_of_section_b2(rng):
     again = Sift(config.sift()).describe(image, points)
     np.testing.assert_array_equal(again.descriptors, points.descriptors)
     assert not np.array_equal(Must()(image).descriptors, points.descriptors)
-    assert config.descriptor == SymRoidConfig.kootstra2010().descriptor == SiftConfig.kootstra2010()
+    descriptor, sift = DescriptorConfig.kootstra2010(), SiftConfig.kootstra2010()
+    assert config.descriptor == SymRoidConfig.kootstra2010().descriptor == descriptor
+    assert all(
+        getattr(sift, each.name) == getattr(descriptor, each.name) for each in fields(descriptor)
+    )
 
 
 def printed_log(log):

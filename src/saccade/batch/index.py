@@ -183,7 +183,7 @@ class Index:
         pairs = match(points, candidate, ratio=ratio)
         if len(pairs) < min_inliers:
             return None
-        inliers = verify(points, candidate, pairs, least=min_inliers).inliers
+        inliers = verify(points, candidate, pairs, min_inliers=min_inliers).inliers
         return int(inliers.sum()) or None
 
 

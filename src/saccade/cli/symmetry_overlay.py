@@ -52,7 +52,7 @@ def as_must(find: Any, size: float) -> "SymmetryConfig":
         channels="gray",
         levels=(level,),
         level_weights=(1.0,),
-        outer=max(1, ceil(find.config.reach * sigma)),
+        outer=max(1, ceil(find.config.radius * sigma)),
         sigma=max(0.1, 2 * find.config.falloff * sigma),
         map_level=level,
         viewing_size=None,

@@ -1,9 +1,11 @@
-"""What to keep."""
+"""Keypoint detectors, descriptors, matching and geometric verification."""
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import saccade
+
 if TYPE_CHECKING:
+    from saccade.keypoints.descriptor_config import DescriptorConfig
     from saccade.keypoints.matching import match
     from saccade.keypoints.must import Must
     from saccade.keypoints.must_config import MustConfig
@@ -13,19 +15,8 @@ if TYPE_CHECKING:
     from saccade.keypoints.symroid_config import SymRoidConfig
     from saccade.keypoints.verification import Verification, verify
 
-_HOME_OF = {
-    "Must": "must",
-    "MustConfig": "must_config",
-    "Sift": "sift",
-    "SiftConfig": "sift_config",
-    "SymRoid": "symroid",
-    "SymRoidConfig": "symroid_config",
-    "Verification": "verification",
-    "match": "matching",
-    "verify": "verification",
-}
-
 __all__ = [
+    "DescriptorConfig",
     "Must",
     "MustConfig",
     "Sift",
@@ -39,9 +30,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load a detector when it is first used: one does not wait for the libraries of the others."""
-    if name not in _HOME_OF:
-        raise AttributeError(f"module 'saccade.keypoints' has no attribute {name!r}")
-    value = getattr(import_module(f"saccade.keypoints.{_HOME_OF[name]}"), name)
-    globals()[name] = value
-    return value
+    """Load a name when it is first used: one detector does not need the libraries of another."""
+    if name in __all__:
+        return getattr(saccade, name)
+    raise AttributeError(f"module 'saccade.keypoints' has no attribute {name!r}")

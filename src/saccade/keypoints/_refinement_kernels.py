@@ -1,24 +1,21 @@
-"""Where between the samples the extrema of the differences of Gaussians lie.
-
-The kernels of `extrema`.
-"""
+"""Sub-sample localization of extrema in the differences of Gaussians (B.4-B.10)."""
 
 import numpy as np
 
 from saccade._jit import kernel
 from saccade.types import Float32Array, FloatArray, IntArray
 
-REFITS = 5
-"""Moves to a neighboring sample before an extremum is given up."""
-BETWEEN = 1.5
+MAX_FITS = 5
+"""Fits of the quadratic at neighboring samples before an extremum is given up."""
+MAX_OVERSHOOT = 1.5
 """Samples by which the quadratic may overshoot an extremum halfway between two."""
-OVERLAP = 0.55
+OCTAVE_OVERLAP = 0.55
 """Planes by which an extremum may lie outside an octave: two octaves agree to about 0.02."""
-TRUSTED = 0.25
-"""Samples by which it may move what the quadratic has found."""
-REACH = 4
-"""Samples on either side of the nearest that refine a place."""
-NODES = np.arange(-REACH, REACH + 1)
+MAX_CORRECTION = 0.25
+"""Samples by which the polynomial may move the extremum of the quadratic."""
+RADIUS = 4
+"""Samples on either side of the nearest that the polynomial goes through."""
+NODES = np.arange(-RADIUS, RADIUS + 1)
 LAGRANGE = np.array(
     [
         np.poly(np.delete(NODES, i))[::-1] / np.prod(n - np.delete(NODES, i))
@@ -36,43 +33,56 @@ def fit_extrema(
     edge_ratio: float,
     lagrange: bool,
     refit: bool,
-    definite: bool,
-    seeds: IntArray,
+    reject_saddles: bool,
+    candidates: IntArray,
     offsets: FloatArray,
     values: FloatArray,
 ) -> None:
-    """Move each seed to the sample nearest its extremum; value 0 where there is none to keep.
+    """Localize the extremum of each candidate; value 0 where it is rejected.
 
-    Without `refit` it stays at its sample wherever the quadratic leads. Where it must be
-    `definite` it is none that only has no higher or lower sample beside it.
+    A candidate is moved to the sample nearest its extremum; without `refit` it stays.
+
+    Args:
+        dog: (s + 2, h, w) differences of Gaussians.
+        border: samples at the edge that no extremum may lie in.
+        contrast_threshold: tau_c (B.6).
+        edge_ratio: tau_r (B.10).
+        lagrange: refine by the polynomial through 9 samples each way, and keep extrema halfway
+            between two samples, of which the quadratics lead to each other.
+        refit: fit again at the neighboring sample while that is nearer to the extremum.
+        reject_saddles: reject extrema at which the quadratic has a saddle across the planes.
+        candidates: (n, 3) plane, row and column; changed.
+        offsets: (n, 3) takes x, y and plane from the sample.
+        values: (n,) takes D at the extremum.
     """
     planes, height, width = dog.shape
     edge = edge_ratio + 2 + 1 / edge_ratio  # (tau_r + 1)^2 / tau_r, and for an infinite ratio
-    for i in range(len(seeds)):
-        plane, row, column = seeds[i]
+    for i in range(len(candidates)):
+        plane, row, column = candidates[i]
         before = (plane, row, column)
         values[i] = 0
-        for attempt in range(REFITS):
-            (x, y, scale), value, trace, determinant, solid = fit_quadratic(dog, plane, row, column)
+        for attempt in range(MAX_FITS):
+            (x, y, scale), value, trace, determinant, determinant_3d = fit_quadratic(
+                dog, plane, row, column
+            )
             up = step(scale)
-            if lagrange and not 1 <= plane + up < planes - 1 and abs(scale) < OVERLAP:
+            if lagrange and not 1 <= plane + up < planes - 1 and abs(scale) < OCTAVE_OVERLAP:
                 up = 0
             after = (plane + up, row + step(y), column + step(x))
             # Halfway between two samples the quadratic at each may point to the other.
-            returned = after == before or attempt == REFITS - 1
-            between = returned and max(abs(x), abs(y), abs(scale)) < BETWEEN
-            if not refit or after == (plane, row, column) or (lagrange and between):
+            returned = after == before or attempt == MAX_FITS - 1
+            halfway = returned and max(abs(x), abs(y), abs(scale)) < MAX_OVERSHOOT
+            if not refit or after == (plane, row, column) or (lagrange and halfway):
                 strong = abs(value) >= contrast_threshold  # B.6
-                summit = not definite or max(trace * value, solid * value) < 0
-                if (
-                    strong and summit and determinant > 0 and trace * trace < edge * determinant
-                ):  # B.10
+                no_saddle = not reject_saddles or max(trace * value, determinant_3d * value) < 0
+                no_edge = determinant > 0 and trace * trace < edge * determinant  # B.10
+                if strong and no_saddle and no_edge:
                     if lagrange:
-                        rough = (x, y, scale)
-                        x, y, scale = refine_place(dog, plane, row, column, x, y, scale)
-                        if after != (plane, row, column) and (x, y, scale) == rough:
+                        quadratic = (x, y, scale)
+                        x, y, scale = refine_position(dog, plane, row, column, x, y, scale)
+                        if after != (plane, row, column) and (x, y, scale) == quadratic:
                             break
-                    seeds[i, 0], seeds[i, 1], seeds[i, 2] = plane, row, column
+                    candidates[i, 0], candidates[i, 1], candidates[i, 2] = plane, row, column
                     offsets[i, 0], offsets[i, 1], offsets[i, 2] = x, y, scale
                     values[i] = value
                 break
@@ -88,13 +98,13 @@ def fit_extrema(
 
 @kernel()
 def step(offset: float) -> int:
-    """Towards the neighbor that is nearer than this sample, if any."""
+    """The step to the sample nearest an offset, at most one."""
     return int(offset > 0.5) - int(offset < -0.5)
 
 
 @kernel()
-def halfway(offset: float) -> float:
-    """An offset, but at most half a sample."""
+def clip_to_half(offset: float) -> float:
+    """An offset, limited to half a sample."""
     return min(max(offset, -0.5), 0.5)
 
 
@@ -102,11 +112,11 @@ def halfway(offset: float) -> float:
 def fit_quadratic(
     dog: Float32Array, plane: int, row: int, column: int
 ) -> tuple[tuple[float, float, float], float, float, float, float]:
-    """Where the quadratic through a sample's neighbors is flat, and how it is shaped there.
+    """The stationary point of the quadratic through a sample's neighbors.
 
     Returns:
         Offset in x, y and plane (B.5), value (B.6), trace and determinant of the
-        spatial Hessian (B.8-B.9), determinant of the whole Hessian.
+        spatial Hessian (B.8-B.9), determinant of the 3x3 Hessian.
     """
     p, r, c = plane, row, column
     v = float(dog[p, r, c])
@@ -125,13 +135,13 @@ def fit_quadratic(
     ys = 0.25 * (
         dog[p + 1, r + 1, c] - dog[p + 1, r - 1, c] - dog[p - 1, r + 1, c] + dog[p - 1, r - 1, c]
     )
-    x, y, s, solid = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
+    x, y, s, determinant_3d = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
     value = v + 0.5 * (gx * x + gy * y + gs * s)
-    return (x, y, s), value, xx + yy, xx * yy - xy * xy, solid
+    return (x, y, s), value, xx + yy, xx * yy - xy * xy, determinant_3d
 
 
 @kernel()
-def refine_place(
+def refine_position(
     dog: Float32Array, plane: int, row: int, column: int, x: float, y: float, scale: float
 ) -> tuple[float, float, float]:
     """Where the polynomial through 3x9x9 samples is flat.
@@ -140,11 +150,11 @@ def refine_place(
     where not all of the samples lie in the octave.
     """
     height, width = dog.shape[1:]
-    if min(row, column, height - 1 - row, width - 1 - column) < REACH:
+    if min(row, column, height - 1 - row, width - 1 - column) < RADIUS:
         return x, y, scale
     weights_x, weights_y = np.empty((3, len(NODES))), np.empty((3, len(NODES)))
     columns = np.empty((3, len(NODES)))
-    start = halfway(x), halfway(y), halfway(scale)
+    start = clip_to_half(x), clip_to_half(y), clip_to_half(scale)
     u, v, t = start
     for _ in range(2):
         lagrange_weights(u, weights_x)
@@ -155,10 +165,10 @@ def refine_place(
             at, slope, bend = 0.5 * t * (t + side), t + 0.5 * side, 1.0
             if side == 0:
                 at, slope, bend = 1 - t * t, -2 * t, -2.0
-            around = dog[
-                plane + side, row - REACH : row + REACH + 1, column - REACH : column + REACH + 1
+            samples = dog[
+                plane + side, row - RADIUS : row + RADIUS + 1, column - RADIUS : column + RADIUS + 1
             ]
-            level, dx, dy, dxx, dxy, dyy = interpolate(around, weights_x, weights_y, columns)
+            level, dx, dy, dxx, dxy, dyy = interpolate(samples, weights_x, weights_y, columns)
             gx += at * dx
             gy += at * dy
             gs += slope * level
@@ -170,7 +180,7 @@ def refine_place(
             ys += slope * dy
         du, dv, dt, _ = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
         u, v, t = u + du, v + dv, t + dt
-        if not max(abs(u - start[0]), abs(v - start[1]), abs(t - start[2])) < TRUSTED:
+        if not max(abs(u - start[0]), abs(v - start[1]), abs(t - start[2])) < MAX_CORRECTION:
             return x, y, scale
     return u, v, t
 
@@ -179,11 +189,11 @@ def refine_place(
 def interpolate(
     samples: Float32Array, weights_x: FloatArray, weights_y: FloatArray, columns: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
-    """The value and the derivatives x, y, xx, xy and yy of what (n, n) samples hold.
+    """Value and derivatives x, y, xx, xy and yy of the polynomial through (n, n) samples.
 
     Args:
         samples: (n, n).
-        weights_x: (3, n) what they weigh along a row in value, slope and curvature.
+        weights_x: (3, n) weights of value, slope and curvature along a row.
         weights_y: (3, n) the same down a column.
         columns: (3, n) takes value, slope and curvature of every column.
     """
@@ -240,10 +250,10 @@ def newton_step(
     """
     cxx, cxy, cxs = yy * ss - ys * ys, xs * ys - xy * ss, xy * ys - xs * yy
     cyy, cys, css = xx * ss - xs * xs, xy * xs - xx * ys, xx * yy - xy * xy
-    whole = xx * cxx + xy * cxy + xs * cxs
+    determinant = xx * cxx + xy * cxy + xs * cxs
     return (
-        -(cxx * gx + cxy * gy + cxs * gs) / whole,
-        -(cxy * gx + cyy * gy + cys * gs) / whole,
-        -(cxs * gx + cys * gy + css * gs) / whole,
-        whole,
+        -(cxx * gx + cxy * gy + cxs * gs) / determinant,
+        -(cxy * gx + cyy * gy + cys * gs) / determinant,
+        -(cxs * gx + cys * gy + css * gs) / determinant,
+        determinant,
     )

@@ -1,4 +1,4 @@
-"""Nearest neighbors among descriptors, ratio test and mutual check."""
+"""Descriptor matching: nearest neighbors, ratio test and mutual check."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,29 +7,29 @@ from saccade.errors import ConfigError, require
 from saccade.types import Float32Array, IntArray, Keypoints
 
 BLOCK = 1 << 22
-"""Distances held at a time: 16 MB."""
+"""Distances in memory at a time: 16 MB."""
 
 
 def match(
     first: Keypoints, second: Keypoints, ratio: float | None = 0.8, mutual: bool = True
 ) -> IntArray:
-    """Pair the points of two images by their descriptors.
+    """Match the keypoints of two images by their descriptors.
 
     Args:
-        first: n points with descriptors.
-        second: k points with descriptors.
-        ratio: keep a pair if its distance is under this share of the distance to the
-            second nearest point of `second`; None keeps all. Where `second` has but one
-            point there is no other, and it is kept.
-        mutual: keep a pair only if each is the other's nearest.
+        first: n keypoints with descriptors.
+        second: k keypoints with descriptors.
+        ratio: keep a match if its distance is under this fraction of the distance to the
+            second nearest keypoint of `second`; None keeps all. Where `second` has only one
+            keypoint there is no other, and it is kept.
+        mutual: keep a match only if each is the other's nearest neighbor.
 
     Returns:
         (m, 2) indices into `first` and `second`, ascending in `first`. Distances are
-        Euclidean and exact; of equally near points the first is taken.
+        Euclidean and exact; of equally near keypoints the first is taken.
 
     Raises:
-        ConfigError: the ratio is not in (0, 1], or the points have no descriptors, or
-            descriptors of different lengths.
+        ConfigError: the ratio is not in (0, 1], or the keypoints have no descriptors,
+            or descriptors of different lengths.
 
     Source: Lowe (2004), section 7.1.
     """
@@ -37,17 +37,17 @@ def match(
     a, b = _descriptors(first, "first"), _descriptors(second, "second")
     if a.shape[1] != b.shape[1]:
         raise ConfigError(
-            f"second: expected descriptors of length {a.shape[1]} as in the first points, "
+            f"second: expected descriptors of length {a.shape[1]} as in the first keypoints, "
             f"found {b.shape[1]}"
         )
     if not len(a) or not len(b):
         return np.zeros((0, 2), np.int64)
-    nearest, distance, runner_up, back = nearest_neighbors(a, b)
+    nearest, distance, second_distance, reverse = nearest_neighbors(a, b)
     kept = np.ones(len(a), np.bool_)
     if ratio is not None:
-        kept &= distance < ratio**2 * runner_up
+        kept &= distance < ratio**2 * second_distance
     if mutual:
-        kept &= back[nearest] == np.arange(len(a))
+        kept &= reverse[nearest] == np.arange(len(a))
     index = np.flatnonzero(kept)
     return np.stack([index, nearest[index]], axis=1)
 
@@ -55,10 +55,10 @@ def match(
 def nearest_neighbors(
     a: npt.NDArray[np.uint8] | Float32Array, b: npt.NDArray[np.uint8] | Float32Array
 ) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
-    """Nearest rows by squared distance, both ways, from one pass over blocks of `a`.
+    """Nearest neighbors by squared distance, both ways, from one pass over blocks of `a`.
 
-    Any real descriptors will do. Of bytes sums of up to 128 products are whole numbers below
-    2**24, which float32 holds: their distances are exact in whatever order the library adds.
+    Sums of up to 128 products of bytes are integers below 2**24, exact in float32: their
+    distances do not depend on the order in which the library adds.
 
     Args:
         a: (n, d), n and k at least 1.
@@ -70,8 +70,8 @@ def nearest_neighbors(
     """
     n, k = len(a), len(b)
     nearest, distance = np.empty(n, np.int64), np.empty(n, np.float32)
-    runner_up = np.empty(n, np.float32)
-    back, back_distance = np.zeros(k, np.int64), np.full(k, np.inf, np.float32)
+    second_distance = np.empty(n, np.float32)
+    reverse, reverse_distance = np.zeros(k, np.int64), np.full(k, np.inf, np.float32)
     columns = np.ascontiguousarray(b.astype(np.float32).T)  # (d, k)
     column_norms = np.einsum("ij,ij->j", columns, columns)
     rows_at_once = max(BLOCK // k, 1)
@@ -81,24 +81,23 @@ def nearest_neighbors(
         block *= -2
         block += np.einsum("ij,ij->i", rows, rows)[:, None]
         block += column_norms
-        here, every = slice(start, start + len(rows)), np.arange(len(rows))
-
         closest = block.argmin(axis=0)
         closest_distance = block[closest, np.arange(k)]
-        closer = closest_distance < back_distance
-        back[closer] = closest[closer] + start
-        back_distance[closer] = closest_distance[closer]
+        closer = closest_distance < reverse_distance
+        reverse[closer] = closest[closer] + start
+        reverse_distance[closer] = closest_distance[closer]
 
-        nearest[here] = block.argmin(axis=1)
-        distance[here] = block[every, nearest[here]]
-        block[every, nearest[here]] = np.inf
-        runner_up[here] = block.min(axis=1)
-    return nearest, distance, runner_up, back
+        part = slice(start, start + len(rows))
+        minimum = np.arange(len(rows)), block.argmin(axis=1)
+        nearest[part], distance[part] = minimum[1], block[minimum]
+        block[minimum] = np.inf
+        second_distance[part] = block.min(axis=1)
+    return nearest, distance, second_distance, reverse
 
 
-def _descriptors(points: Keypoints, name: str) -> npt.NDArray[np.uint8] | npt.NDArray[np.float32]:
-    if points.descriptors is None:
+def _descriptors(keypoints: Keypoints, name: str) -> npt.NDArray[np.uint8] | Float32Array:
+    if keypoints.descriptors is None:
         raise ConfigError(
-            f"{name}: expected points with descriptors, found none; detect with describe=True"
+            f"{name}: expected keypoints with descriptors, found none; detect with describe=True"
         )
-    return points.descriptors
+    return keypoints.descriptors

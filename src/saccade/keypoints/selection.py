@@ -1,73 +1,60 @@
-"""Which points to keep where there are too many: those that are strong and far apart."""
-
-from typing import TypeAlias
+"""Adaptive non-maximal suppression: keypoints that are strong and cover the image."""
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade.types import Float32Array, FloatArray, IntArray
-
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
+from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
 
 ROBUSTNESS = 0.9
-"""A point gives way only to those of which this share is more than its own strength."""
-LEAF = 256
-"""Points among which a nearest one is found without a tree."""
+"""A point is suppressed only by those of which this fraction exceeds its own response."""
+FIRST_NEIGHBORS = 8
+"""Neighbors that are queried of every point."""
 
 
 def spread_out(xy: FloatArray, response: Float32Array, count: int) -> BoolArray:
-    """Which of some points to keep so that they are strong and cover the image.
+    """Keep the points with the largest suppression radii.
 
-    Each point has a radius: how far away the nearest point is that is clearly stronger. The
-    points with the greatest radii are kept, of equal ones those with lower indices. There
-    is no grid: a mirrored or turned image keeps the mirrored or turned points.
+    The radius of a point is its distance to the nearest point that is clearly stronger; of equal
+    radii those with lower indices are kept. There is no grid: a mirrored or rotated image keeps
+    the mirrored or rotated points.
 
     Args:
-        xy: (n, 2) places.
-        response: (n,) strengths, falling.
-        count: how many to keep.
+        xy: (n, 2) positions.
+        response: (n,) in falling order.
+        count: number of points to keep.
 
     Returns:
         (n,) true for `count` points, or for all if there are no more.
 
     Source: adaptive non-maximal suppression; Brown, Szeliski & Winder (2005), section 3.
     """
-    stronger = np.searchsorted(-ROBUSTNESS * response, -response)  # (n,) how many, from the first
+    stronger = np.searchsorted(-ROBUSTNESS * response, -response)  # (n,) number of stronger ones
     kept = np.zeros(len(xy), np.bool_)
     kept[np.argsort(-nearest_before(xy, stronger), kind="stable")[:count]] = True
     return kept
 
 
 def nearest_before(xy: FloatArray, ends: IntArray) -> FloatArray:
-    """How far each point is from the nearest of the first `ends` points.
+    """Distance of each point to the nearest of the first `ends` points.
 
-    The first of them are cut into blocks of 2**k points, as a number is into binary digits:
-    every block has one tree, and all points that need it ask it at once. That takes
-    n log^2 n, whatever the strengths are.
+    More and more neighbors are queried of those points that have no such neighbor yet.
 
     Args:
-        xy: (n, 2) places.
-        ends: (n,) ascending, at most n.
+        xy: (n, 2) positions.
+        ends: (n,) at most n.
 
     Returns:
         (n,) distances; infinite where `ends` is 0.
     """
     from scipy.spatial import cKDTree  # half a second that few detections need
-    from scipy.spatial.distance import cdist
 
-    n = len(xy)
-    nearest = np.full(n, np.inf)
-    size = LEAF
-    while size <= n:
-        for start in range(0, n - size + 1, 2 * size):
-            asking = slice(*np.searchsorted(ends, [start + size, start + 2 * size]))
-            if asking.start < asking.stop:
-                distance = cKDTree(xy[start : start + size]).query(xy[asking])[0]
-                nearest[asking] = np.minimum(nearest[asking], distance)
-        size *= 2
-    for start in range(0, n, LEAF):  # the lowest digits
-        asking = slice(*np.searchsorted(ends, [start, start + LEAF]))
-        distances = cdist(xy[asking], xy[start : start + LEAF])
-        distances[np.arange(start, min(start + LEAF, n)) >= ends[asking, None]] = np.inf
-        nearest[asking] = np.minimum(nearest[asking], distances.min(axis=1, initial=np.inf))
+    n, neighbors = len(xy), FIRST_NEIGHBORS
+    nearest, pending = np.full(n, np.inf), np.flatnonzero(ends)
+    tree = cKDTree(xy)
+    while len(pending):
+        ranks = np.arange(1, min(neighbors, n) + 1)
+        distance, index = map(np.asarray, tree.query(xy[pending], ranks))
+        before = index < ends[pending, None]
+        found, first = before.any(axis=1), before.argmax(axis=1)
+        nearest[pending[found]] = distance[found, first[found]]
+        pending, neighbors = pending[~found], 4 * neighbors
     return nearest

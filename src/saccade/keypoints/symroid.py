@@ -10,7 +10,9 @@ from scipy import ndimage
 
 from saccade._pair_sums_kernels import MARGIN, update_strongest_pairs
 from saccade.image import as_gray
-from saccade.keypoints.scale_space_points import Points, descriptors_of, directions
+from saccade.keypoints.descriptor import describe_points
+from saccade.keypoints.orientation import assign_orientations
+from saccade.keypoints.scale_space_points import Points
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.pair_sums import (
     Gradients,
@@ -23,20 +25,17 @@ from saccade.pyramid import cell_centers, halve, resize
 from saccade.types import Float32Array, FloatArray, Image, IntArray, Keypoints, Regions
 
 Labels: TypeAlias = npt.NDArray[np.int32]
-Mask: TypeAlias = npt.NDArray[np.bool_]
 
-WINDOW = 24
-"""Cells on either side of a seed in which it grows, as long as that is enough."""
-PATCH = 60
-"""Pixels to a side of the square that a region is brought to before it is described."""
-AROUND = 1.25
-"""Sides of the region's box that it shows: gradients on the outline count too."""
-SCALE = PATCH / AROUND / 12
-"""Of the point in its middle, whose descriptor is 12 scales wide, in the square's pixels."""
+PATCH_SIDE = 60
+"""Pixels to a side of the square patch that a region is resampled to."""
+MAGNIFICATION = 1.25
+"""Sides of the region's box that the patch covers: gradients on the outline count too."""
+PATCH_SIGMA = PATCH_SIDE / MAGNIFICATION / 12
+"""Scale of the patch's keypoint, whose descriptor is 12 scales wide, in its pixels."""
 
 
 class Level(NamedTuple):
-    """One scale at which pairs are sought."""
+    """A pyramid level and its symmetry."""
 
     spacing: float
     """Image pixels from one of its pixels to the next."""
@@ -49,7 +48,7 @@ class SymRoid:
     """SymRoID as a callable: `SymRoid(config)(image)` gives `Regions`.
 
     Args:
-        config: what to do.
+        config: levels, pairs, region growing and descriptor.
     """
 
     def __init__(self, config: SymRoidConfig | None = None) -> None:
@@ -72,8 +71,8 @@ class SymRoid:
             ImageError: not an image, empty, not finite, or outside [0, 1].
 
         Source: Kootstra & Schomaker, *Using symmetrical regions of interest to improve visual
-        SLAM* (IROS 2009). The descriptor of the regions is not known but for its manner: here it
-        is SIFT's, on the box brought to a square.
+        SLAM* (IROS 2009). It describes the descriptor of the regions in outline only: here it is
+        SIFT's, on the box resampled to a square.
         """
         gray, config = as_gray(image), self.config
         pairs = pair_kernel(config.inner, config.outer, config.sigma)
@@ -81,18 +80,16 @@ class SymRoid:
         if not levels:
             return Regions.none()
         height, width = levels[0].symmetry.shape
-        summed = np.zeros((height, width), np.float32)
+        symmetry = np.zeros((height, width), np.float32)
         for level in levels:
-            summed += resize(level.symmetry, (height, width))
-        labels, response = grow(summed, config)
-        strongest = np.argsort(-response, kind="stable")
-        if config.max_keypoints:
-            strongest = strongest[: config.max_keypoints]
+            symmetry += resize(level.symmetry, (height, width))
+        labels, response = grow_regions(symmetry, config)
+        strongest = np.argsort(-response, kind="stable")[: config.max_keypoints]
         if not len(strongest):
             return Regions.none()
-        kept = np.zeros(len(response) + 1, np.int64)
-        kept[1 + strongest] = 1 + np.arange(len(strongest))
-        xy, boxes = expand_to_pairs(kept[labels], levels, pairs, (gray.shape[0], gray.shape[1]))
+        rank = np.zeros(len(response) + 1, np.int64)
+        rank[1 + strongest] = 1 + np.arange(len(strongest))
+        xy, boxes = bounding_boxes(rank[labels], levels, pairs, (gray.shape[0], gray.shape[1]))
         keypoints = Keypoints(
             xy=xy.astype(np.float32),
             size=np.sqrt(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)).astype(np.float32),
@@ -104,33 +101,32 @@ class SymRoid:
 
 
 def described(gray: Float32Array, regions: Regions, config: SymRoidConfig) -> Regions:
-    """Regions with descriptors, and directions unless upright.
+    """Regions with descriptors, and orientations unless upright.
 
-    The squares that they are brought to are to SIFT the planes of an octave, with a point in the
-    middle of each.
+    SIFT takes their patches for the planes of an octave, with a keypoint in the middle of each.
     """
-    count, sift = len(regions), replace(config.descriptor, max_orientations=1)
-    squares = np.empty((count, PATCH, PATCH), np.float32)
-    for square, box in zip(squares, regions.boxes, strict=True):
-        cv2.GaussianBlur(normalized(gray, box), (0, 0), SCALE, dst=square)
+    count = len(regions)
+    patches = np.empty((count, PATCH_SIDE, PATCH_SIDE), np.float32)
+    for patch, box in zip(patches, regions.boxes, strict=True):
+        cv2.GaussianBlur(resampled(gray, box), (0, 0), PATCH_SIGMA, dst=patch)
     points = Points(
         octave=np.zeros(count, np.int64),
         plane=np.arange(count),
-        xy=np.full((count, 2), (PATCH - 1) / 2, np.float32),
-        sigma=np.full(count, SCALE, np.float32),
+        xy=np.full((count, 2), (PATCH_SIDE - 1) / 2, np.float32),
+        sigma=np.full(count, PATCH_SIGMA, np.float32),
         angle=np.zeros(count, np.float32),
         response=regions.keypoints.response,
     )
     if not config.upright:
-        index, angle = directions(squares, points, sift)
-        points.angle[index] = angle  # a flat square has none
-    descriptors = descriptors_of(squares, points, sift)
+        index, angle = assign_orientations([patches], points, config.descriptor, 1)
+        points.angle[index] = angle  # a flat patch has none
+    descriptors = describe_points([patches], points, config.descriptor)
     keypoints = replace(regions.keypoints, angle=points.angle, descriptors=descriptors)
     return Regions(keypoints, regions.boxes)
 
 
 def symmetry_levels(gray: Float32Array, config: SymRoidConfig, pairs: PairKernel) -> list[Level]:
-    """The levels on which a pair has room, and their isotropic symmetry."""
+    """The levels that are large enough for a pair, and their isotropic symmetry."""
     plane, levels = gray, []
     for number in range(config.levels[-1] + 1):
         if number > 0:
@@ -142,110 +138,93 @@ def symmetry_levels(gray: Float32Array, config: SymRoidConfig, pairs: PairKernel
     return levels
 
 
-def grow(symmetry: Float32Array, config: SymRoidConfig) -> tuple[Labels, FloatArray]:
-    """Regions about the local maxima of a map.
+def grow_regions(symmetry: Float32Array, config: SymRoidConfig) -> tuple[Labels, FloatArray]:
+    """Region growing from the local maxima of a map.
 
     Args:
         symmetry: (h, w), not negative.
         config: the thresholds.
 
     Returns:
-        (h, w) number of the region of each cell, from 1, 0 for none; (n,) the highest value of
-        each. Regions do not touch, not even at corners, unless each grew from its own seed.
+        (h, w) label of the region of each cell, from 1, 0 for none; (n,) the maximum of each.
+        Regions do not touch, not even at corners, unless each grew from its own seed.
     """
-    highest = float(symmetry.max(initial=0))
+    maximum = float(symmetry.max(initial=0))
     labels: Labels = np.zeros(symmetry.shape, np.int32)
-    if highest == 0:
+    if maximum == 0:
         return labels, np.zeros(0)
+    seeds = local_maxima(symmetry, config.seed_threshold * maximum)
     if config.relative_to == "maximum":
-        grown = (symmetry >= config.growth_threshold * highest).astype(np.uint8)
-        parts = np.asarray(cv2.connectedComponents(grown, connectivity=4)[1])
-        rows, columns = local_maxima(symmetry, config.seed_threshold * highest).T
-        seeded = np.isin(parts, parts[rows, columns]) & (parts > 0)
+        high = (symmetry >= config.growth_threshold * maximum).astype(np.uint8)
+        parts = np.asarray(cv2.connectedComponents(high, connectivity=4)[1])
+        seeded = np.isin(parts, parts[tuple(seeds.T)]) & (parts > 0)
         labels = np.asarray(cv2.connectedComponents(seeded.astype(np.uint8), connectivity=8)[1])
-        peaks = np.zeros(int(labels.max()) + 1)
-        np.maximum.at(peaks, labels, symmetry)
-        return labels, peaks[1:]
-    found: list[float] = []
-    for row, column in local_maxima(symmetry, config.seed_threshold * highest).tolist():
+        maxima = np.zeros(int(labels.max()) + 1)
+        np.maximum.at(maxima, labels, symmetry)
+        return labels, maxima[1:]
+    responses: list[float] = []
+    filled = np.zeros((symmetry.shape[0] + 2, symmetry.shape[1] + 2), np.uint8)
+    connectivity, fill_value = 4, 1 << 8
+    flags = connectivity | fill_value | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE
+    for row, column in seeds.tolist():
         if labels[row, column] == 0:
-            value = float(symmetry[row, column])
-            rows, columns, mine = connected_region(
-                symmetry, row, column, config.growth_threshold * value
+            response = symmetry[row, column]
+            # A difference from the seed; of values within a factor of two it is exact.
+            drop = float(response - np.float32(config.growth_threshold * float(response)))
+            *_, (left, top, width, height) = cv2.floodFill(
+                symmetry, filled, (column, row), 0, loDiff=drop, upDiff=maximum, flags=flags
             )
-            window = labels[rows, columns]
-            if not window[mine].any():
-                found.append(value)
-                window[mine] = len(found)
-            if len(found) == config.max_keypoints:
+            window = slice(top, top + height), slice(left, left + width)
+            region = filled[1:-1, 1:-1][window]
+            if not labels[window][region > 0].any():
+                responses.append(float(response))
+                labels[window][region > 0] = len(responses)
+            region[:] = 0
+            if len(responses) == config.max_keypoints:
                 break
-    return labels, np.array(found)
+    return labels, np.array(responses)
 
 
-def local_maxima(symmetry: Float32Array, least: float) -> IntArray:
-    """(n, 2) row and column of the cells that are highest of 3x3, the highest first."""
-    peaks = (symmetry == ndimage.maximum_filter(symmetry, 3)) & (symmetry >= least)
+def local_maxima(symmetry: Float32Array, threshold: float) -> IntArray:
+    """(n, 2) row and column of the maxima of 3x3 cells, the highest first."""
+    peaks = (symmetry == ndimage.maximum_filter(symmetry, 3)) & (symmetry >= threshold)
     cells = np.argwhere(peaks)
     return cells[np.argsort(-symmetry[peaks], kind="stable")]
 
 
-def connected_region(
-    symmetry: Float32Array, row: int, column: int, least: float
-) -> tuple[slice, slice, Mask]:
-    """The cells about one that hang together along the axes and have at least a value.
-
-    Returns:
-        Rows and columns of a window, and which of its cells they are.
-    """
-    height, width = symmetry.shape
-    reach = WINDOW
-    while True:
-        top, left = max(row - reach, 0), max(column - reach, 0)
-        window = slice(top, row + reach + 1), slice(left, column + reach + 1)
-        low = (symmetry[window] < least).view(np.uint8)
-        filled = cv2.copyMakeBorder(low, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(1,))
-        flags = 4 | (2 << 8) | cv2.FLOODFILL_MASK_ONLY
-        cv2.floodFill(low, filled, (column - left, row - top), 0, flags=flags)
-        mine = filled[1:-1, 1:-1] == 2
-        outline = mine[0].any() or mine[-1].any() or mine[:, 0].any() or mine[:, -1].any()
-        if not outline or reach >= max(height, width):
-            return *window, mine
-        reach *= 4
-
-
-def expand_to_pairs(
+def bounding_boxes(
     labels: IntArray, levels: list[Level], pairs: PairKernel, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
-    """Regions with the discs on which their strongest pairs lie.
+    """Centers of regions, and the boxes about the discs of their strongest pairs.
 
     Args:
-        labels: (h, w) number of the region of each cell, 1 to n, 0 for none.
-        levels: at which pairs were sought.
-        pairs: which count.
+        labels: (h, w) label of the region of each cell, 1 to n, 0 for none.
+        levels: of the symmetry.
+        pairs: pairs of a cell.
         shape: (H, W) of the image.
 
     Returns:
-        (n, 2) mean of the cells of each, and (n, 4) left, top, right and bottom of the box about
-        the discs, both in pixels.
+        (n, 2) mean of the cells of each, and (n, 4) left, top, right and bottom of its box, both
+        in pixels.
     """
     rows, columns = np.nonzero(labels)
-    number = labels[rows, columns] - 1
+    index = labels[rows, columns] - 1
     xy = cell_centers(rows, columns, labels.shape, shape)
-    radius = radius_of_strongest(levels, pairs, xy)[:, None]
-    count = int(number.max()) + 1
+    radius = strongest_pair_radius(levels, pairs, xy)[:, None]
+    count = int(index.max()) + 1
     total = np.zeros((count, 2))
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
-    np.add.at(total, number, xy)
-    np.minimum.at(low, number, xy - radius)
-    np.maximum.at(high, number, xy + radius)
+    np.add.at(total, index, xy)
+    np.minimum.at(low, index, xy - radius)
+    np.maximum.at(high, index, xy + radius)
     low, high = low.clip(-0.5), np.minimum(high, np.array(shape[::-1]) - 0.5)
-    return total / np.bincount(number)[:, None], np.hstack([low, high])
+    return total / np.bincount(index)[:, None], np.hstack([low, high])
 
 
-def radius_of_strongest(levels: list[Level], pairs: PairKernel, xy: FloatArray) -> FloatArray:
-    """Half the distance of the pair that contributes most to each of (n, 2) places.
+def strongest_pair_radius(levels: list[Level], pairs: PairKernel, xy: FloatArray) -> FloatArray:
+    """(n,) half the distance of the pair that contributes most to each of (n, 2) positions.
 
-    It is the strongest of all levels; (n,) in pixels, 0 where there is none.
+    It is the strongest of all levels; in pixels, 0 where there is none.
     """
     strongest, radius = np.zeros(len(xy)), np.zeros(len(xy))
     scaled = pairs.scaled()
@@ -255,12 +234,12 @@ def radius_of_strongest(levels: list[Level], pairs: PairKernel, xy: FloatArray) 
     return radius
 
 
-def normalized(gray: Float32Array, box: Float32Array) -> Float32Array:
-    """(PATCH, PATCH) what a box and a little around it show; borders go on beyond the image."""
-    middle, half = (box[:2] + box[2:]) / 2, AROUND * (box[2:] - box[:2]) / 2
+def resampled(gray: Float32Array, box: Float32Array) -> Float32Array:
+    """The (PATCH_SIDE, PATCH_SIDE) patch of a box; borders are replicated beyond the image."""
+    middle, half = (box[:2] + box[2:]) / 2, MAGNIFICATION * (box[2:] - box[:2]) / 2
     low, high = np.floor(middle - half + 0.5).astype(int), np.ceil(middle + half + 0.5).astype(int)
     rows, columns = (
         np.arange(low[axis], max(high[axis], low[axis] + 2)).clip(0, gray.shape[1 - axis] - 1)
         for axis in (1, 0)
     )
-    return resize(gray[np.ix_(rows, columns)], (PATCH, PATCH))
+    return resize(gray[np.ix_(rows, columns)], (PATCH_SIDE, PATCH_SIDE))

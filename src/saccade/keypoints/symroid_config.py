@@ -5,39 +5,38 @@ from itertools import pairwise
 from typing import Literal, Self
 
 from saccade.errors import require
-from saccade.keypoints.sift_config import SiftConfig
+from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.pyramid import MAX_LEVEL
 
 
 @dataclass(frozen=True)
 class SymRoidConfig:
-    """Which regions to take for landmarks; docs/symmetry.md says how the default was chosen."""
+    """Settings of the region detector; docs/symmetry.md says how the default was chosen."""
 
     levels: tuple[int, ...] = (1, 2, 3)
-    """Pyramid levels whose symmetry is added up; the image is level 0, and the map has the size
+    """Pyramid levels whose symmetry is summed; the image is level 0, and the map has the size
     of the first."""
     inner: int = 1
-    """The least distance of a pair from its middle, along x or y, in pixels of its level."""
+    """The smallest distance of a pair from its middle, along x or y, in pixels of its level."""
     outer: int = 7
     """The largest, likewise."""
     sigma: float = 8.0
-    """Of the normal density that weighs a pair by the distance between the two, likewise."""
+    """Of the normal density that weights a pair by the distance between the two, likewise."""
     gain: float = 60.0
-    """How soon a gradient is strong; see `SymmetryConfig`."""
+    """Of the logarithm of a gradient; see `SymmetryConfig`."""
     seed_threshold: float = 0.05
-    """The least symmetry of a seed, by the maximum of the map."""
+    """The smallest symmetry of a seed, as a fraction of the maximum of the map."""
     growth_threshold: float = 0.8
-    """Down to which a region grows, by what `relative_to` says."""
+    """The smallest symmetry of a region, as a fraction of what `relative_to` names."""
     relative_to: Literal["seed", "maximum"] = "seed"
-    """"maximum" of the map, as the source has it: its regions are few, and where threshold is low
-    they run together. By its own "seed" every region is a peak."""
+    """"maximum" of the map, as the source has it: regions are few, and merge where the threshold
+    is low. With "seed" every region is a peak."""
     upright: bool = False
-    """Describe regions as they stand; otherwise along the strongest direction of gradients."""
-    max_keypoints: int = 50
-    """Keep this many of the strongest: few, as landmarks should be; 0 keeps all."""
-    descriptor: SiftConfig = field(default_factory=SiftConfig)
-    """How the orientation of a region is assigned and the region described; nothing else of it
-    counts here, and a region has one orientation."""
+    """Describe regions upright; otherwise along the dominant orientation of their gradients."""
+    max_keypoints: int | None = 50
+    """Number of regions to keep, the strongest: few, as landmarks should be; None for all."""
+    descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)
+    """How the one orientation of a region is assigned and the region described."""
 
     def __post_init__(self) -> None:
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
@@ -51,13 +50,10 @@ class SymRoidConfig:
         for name in ("seed_threshold", "growth_threshold"):
             value = getattr(self, name)
             require(0 < value <= 1, name, "above 0, at most 1", value)
-        require(
-            self.relative_to in ("seed", "maximum"),
-            "relative_to",
-            "'seed' or 'maximum'",
-            self.relative_to,
-        )
-        require(self.max_keypoints >= 0, "max_keypoints", "0 or more", self.max_keypoints)
+        reference = self.relative_to
+        require(reference in ("seed", "maximum"), "relative_to", "'seed' or 'maximum'", reference)
+        limit = self.max_keypoints
+        require(limit is None or limit >= 1, "max_keypoints", "1 or more, or None", limit)
 
     @classmethod
     def kootstra2010(cls) -> Self:
@@ -75,6 +71,6 @@ class SymRoidConfig:
             growth_threshold=0.5,
             relative_to="maximum",
             upright=True,
-            max_keypoints=0,
-            descriptor=SiftConfig.kootstra2010(),
+            max_keypoints=None,
+            descriptor=DescriptorConfig.kootstra2010(),
         )

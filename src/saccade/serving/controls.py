@@ -95,7 +95,7 @@ RANGES: dict[str, dict[str, tuple[float, float, float]]] = {
     },
     "must": {
         "contrast_threshold": (0, 0.5, 0.005),
-        "reach": (0.5, 6, 0.1),
+        "radius": (0.5, 6, 0.1),
         "falloff": (0.2, 6, 0.1),
         "max_keypoints": _COUNT,
         "gain": (1, 500, 1),
@@ -127,7 +127,7 @@ FIRST = {
     "symmetry": ("kind", "outer", "sigma", "gain"),
     "scanpath": ("inhibition_sigma", "inhibition_time_constant"),
     "sift": ("contrast_threshold", "edge_ratio", "max_keypoints", "spread"),
-    "must": ("contrast_threshold", "reach", "falloff", "max_keypoints"),
+    "must": ("contrast_threshold", "radius", "falloff", "max_keypoints"),
     "symroid": ("seed_threshold", "growth_threshold", "relative_to", "max_keypoints"),
 }
 """Settings that are seen at once, in this order."""

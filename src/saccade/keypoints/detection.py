@@ -1,0 +1,132 @@
+"""Keypoint detection in a scale space: the loop over octaves that SIFT and MUST share."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.errors import ImageError
+from saccade.image import as_gray
+from saccade.keypoints.descriptor import describe_points
+from saccade.keypoints.extrema import find_extrema
+from saccade.keypoints.orientation import assign_orientations
+from saccade.keypoints.scale_space_points import Points, locate
+from saccade.keypoints.selection import spread_out
+from saccade.keypoints.sift_config import SiftConfig
+from saccade.scale_space import MIN_SIDE, ScaleSpace, gaussian_scale_space
+from saccade.types import Float32Array, Image, IntArray, Keypoints
+from saccade.workspace import Threads, Workspace, WorkspacePool
+
+Response: TypeAlias = Callable[[Float32Array, float], Float32Array]
+"""The (s + 2, h, w) response to the (s + 3, h, w) planes of an octave, from its spacing."""
+
+
+class ScaleSpaceDetector(ABC):
+    """A detector of the extrema of a response in scale space.
+
+    Args:
+        config: settings of the detector.
+        sift: those of its scale space, fit, orientations, selection and descriptors.
+        threads: of a call; None for one per core. The keypoints do not depend on it. The
+            Gaussians are OpenCV's, which asks `cv2.setNumThreads`.
+
+    A detector keeps the memory that its largest image took, for the next.
+    """
+
+    def __init__(self, config: Any, sift: SiftConfig, threads: int | None) -> None:
+        self.config = config
+        self._sift = sift
+        self._workspaces = WorkspacePool(threads)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.config})"
+
+    @abstractmethod
+    def _response(self, gray: Float32Array, workspace: Workspace) -> Response:
+        """The response of an (H, W) image whose extrema are keypoints."""
+
+    def __call__(
+        self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
+    ) -> Keypoints:
+        """Detect keypoints and describe them.
+
+        Args:
+            image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
+            mask: (H, W), keypoints are kept where it is not zero; None keeps all.
+            describe: whether to compute descriptors.
+
+        Returns:
+            The keypoints, strongest first; of equally strong ones the upper left first. The
+            response is that at the extremum: |D| of SIFT, the symmetry of MUST. A flat image, or
+            one of a few pixels, has none.
+
+        Raises:
+            ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
+                not have its shape.
+        """
+        gray, config = as_gray(image), self._sift  # (H, W)
+        inside = None if mask is None else np.asarray(mask) != 0
+        if inside is not None and inside.shape != gray.shape:
+            raise ImageError(f"mask: expected the image's shape {gray.shape}, found {inside.shape}")
+        with self._workspaces.workspace() as workspace:
+            threads = workspace.threads
+            min_side = max(MIN_SIDE, 2 * config.border + 1)
+            space = gaussian_scale_space(gray, config, min_side=min_side, workspace=workspace)
+            response, threshold = self._response(gray, workspace), self.config.contrast_threshold
+            octaves = enumerate(zip(space.octaves, space.spacing.tolist(), strict=True))
+            points = Points.concatenate(
+                scale_space_extrema(response(octave, spacing), number, config, threshold, threads)
+                for number, (octave, spacing) in octaves  # B.1, B.4-B.10
+            )
+            if inside is not None:
+                points = points.inside(inside, space)
+            if not config.upright:
+                points, _ = oriented(points, space, config, threads)  # B.11-B.12
+            points = points.take(strongest(points, space, config.max_keypoints, config.spread))
+            keypoints = points.keypoints(space, config.first_octave)
+            if not describe:
+                return keypoints
+            # From what is returned, so that it can be described again to the same bytes.
+            points = locate(keypoints, space, config)
+            descriptors = describe_points(space.octaves, points, config, threads)
+            return replace(keypoints, descriptors=descriptors)
+
+
+def scale_space_extrema(
+    responses: Float32Array, octave: int, config: SiftConfig, threshold: float, threads: Threads
+) -> Points:
+    """The extrema of an octave's (s + 2, h, w) responses that exceed a threshold (B.4-B.10)."""
+    found = find_extrema(responses, config, threshold, threads)
+    level = found.scale + config.extra_intervals * (octave > 0)
+    return Points(
+        octave=np.full(len(found.scale), octave),
+        # The refinement may have left the plane of the candidate.
+        plane=np.rint(found.scale).astype(np.int64).clip(0, len(responses)),
+        xy=found.xy,
+        sigma=config.sigma(level).astype(np.float32),
+        angle=np.zeros(len(found.scale), np.float32),
+        response=np.abs(found.value),
+    )
+
+
+def oriented(
+    points: Points, space: ScaleSpace, config: SiftConfig, threads: Threads
+) -> tuple[Points, IntArray]:
+    """Each point once for each of its dominant orientations, and (m,) its index (B.11-B.12)."""
+    limit = config.max_orientations
+    index, angle = assign_orientations(space.octaves, points, config, limit, threads)
+    return points.take(index)._replace(angle=angle), index
+
+
+def strongest(
+    points: Points, space: ScaleSpace, max_points: int | None = None, spread: bool = False
+) -> IntArray:
+    """Indices of the points to keep, by falling response, then row, column, size and angle."""
+    xy, sigma = points.image_coordinates(space)
+    order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -points.response))
+    if spread and max_points is not None:
+        order = order[spread_out(xy[order], points.response[order], max_points)]
+    return order[:max_points]

@@ -1,0 +1,65 @@
+"""The settings of a Gaussian scale space."""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, TypeVar
+
+import numpy as np
+
+from saccade.errors import require, require_ranges, require_types
+from saccade.types import FloatArray, IntArray
+
+Grid: TypeAlias = Literal["centered", "shifted", "printed"]
+Level = TypeVar("Level", float, FloatArray)
+
+
+@dataclass(frozen=True)
+class ScaleSpaceConfig:
+    """Octaves, intervals and sampling of a Gaussian scale space; the default is `Sift`'s."""
+
+    first_octave: int = -1
+    """-1 begins at the scales of a doubled image; 0 at those of the image: a quarter of the
+    keypoints."""
+    octaves: int | None = None
+    """Maximum number of octaves; None for as many as the image has room for."""
+    intervals: int = 3
+    """s, intervals per octave."""
+    extra_intervals: int = 2
+    """Additional intervals in the first octave. The later octaves begin at a wider blur and so
+    have denser samples: an octave that is halved as early as `density` 0.5 halves it is aliased,
+    and its keypoints are off by a fifth of a pixel under rotation or scaling."""
+    base_sigma: float = 1.8
+    """Blur of the first plane of the first octave, in samples of density 1."""
+    density: float = 0.5
+    """Samples to a side of an octave for each of Lowe's: 1 or 0.5. At 0.5 and `first_octave` -1
+    the octave of the doubled image has the image's own pixels: under its blur there is next to
+    nothing between them. It costs a quarter."""
+    camera_sigma: float = 0.0
+    """Assumed blur of the image, in pixels. 0 blurs it by all of `base_sigma`: the finest
+    keypoints, which the noise makes, are fewer, and more of the others are repeated."""
+    kernel_radius: float = 3.0
+    """Truncation of the Gaussian kernels, in sigmas."""
+    grid: Grid = "centered"
+    """"centered" lays the samples of every octave symmetrically about the middle of the image:
+    positions are unbiased, and a mirrored image has the mirrored keypoints. "shifted" samples as
+    OpenCV does: doubling shifts the image by a quarter pixel to the right and down, and every
+    octave starts at the upper left sample of the one before. "printed" does too, and keeps the
+    last sample of an odd side, which OpenCV drops."""
+
+    def __post_init__(self) -> None:
+        require_types(self)
+        require_ranges(self, first_octave=(-1, 0), intervals=(1, 16), extra_intervals=(0, 16))
+        require_ranges(self, base_sigma=(0.5, 8), camera_sigma=(0, 4), kernel_radius=(1, 8))
+        limit = self.octaves
+        require(limit is None or limit >= 1, "octaves", "1 or more, or None", limit)
+        require(self.density in (0.5, 1), "density", "0.5 or 1", self.density)
+        centered = self.grid == "centered" or self.density == 1
+        require(centered, "grid", "'centered' where density is 0.5", self.grid)
+
+    def sigma(self, level: Level) -> Level:
+        """Blur of a plane so many intervals above the first, in samples of its octave."""
+        return self.density * self.base_sigma * 2 ** (level / self.intervals)
+
+    def first_level(self, octave: IntArray) -> IntArray:
+        """Level of the first plane of octaves (numbers from 0), in intervals above `base_sigma`."""
+        level: IntArray = octave * self.intervals + np.where(octave > 0, self.extra_intervals, 0)
+        return level
