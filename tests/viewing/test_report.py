@@ -10,11 +10,12 @@ from fuzz.limits import PATIENCE
 from saccade.cli.report_builder import ReportBuilder
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
+from saccade.viewing.embedding import jpeg
 from saccade.viewing.page import Picture, Section
-from saccade.viewing.report import jpeg, report_page
+from saccade.viewing.report import report_page
 from saccade.viewing.report_image import image_part, match_part
 from saccade.viewing.report_map import (
-    Ground,
+    MapOverlays,
     ObservedLandmarks,
     innovation_charts,
     map_part,
@@ -106,7 +107,7 @@ def _map_page(name="a map"):
             np.array([0, 1, 1, 0, 0, 2, 1]),
         ),
         [*charts, *uncertainty_charts(estimate, estimate)],
-        Ground({"odometry": estimate, "truth": estimate}),
+        MapOverlays({"odometry": estimate, "truth": estimate}),
         lambda step: picture if step % 2 == 0 else None,
     )
     return report_page(name, name, [part])

@@ -38,7 +38,7 @@ from saccade.viewing import (
     region_figure,
     save_figure,
 )
-from saccade.viewing.attention import lit_by
+from saccade.viewing.attention import weighted_by
 from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.style import BLUE, ORANGE, RED
 
@@ -76,7 +76,7 @@ def test_every_map_has_a_panel_over_the_whole_photograph(count):
 def test_the_light_falls_where_the_map_is_high():
     values = np.zeros((6, 9), np.float32)
     values[:, 6:] = 3
-    lit = lit_by(np.ones((60, 90, 3), np.float32), values)
+    lit = weighted_by(np.ones((60, 90, 3), np.float32), values)
     assert lit[:, :40].max() < 0.2
     assert lit[:, 75:].min() == 1
 
@@ -235,7 +235,7 @@ def test_the_viewer_has_all_that_happens(tmp_path):
         Trajectory(np.arange(10.0), np.zeros((10, 3))),
     )
     found = _entities(path)
-    for entity in ("drive", "odometry", "in_sight", "landmarks", "robot", "landmarks/sigma"):
+    for entity in ("trajectory", "odometry", "observed", "landmarks", "robot", "landmarks/sigma"):
         assert f"/map/{entity}" in found
 
 
@@ -254,7 +254,7 @@ def _entities(path):
 def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
     rerun = pytest.importorskip("rerun")
     path = tmp_path / "live.rrd"
-    monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda self: self.save(path))
+    monkeypatch.setattr(rerun, "spawn", lambda recording, executable_path: recording.save(path))
     told = []
     monkeypatch.setattr(
         rerun.RecordingStream, "set_time", lambda self, line, **at: told.append((line, at))
@@ -265,17 +265,17 @@ def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
     show(snapshots)
     assert [at["sequence"] for line, at in told if line == "pose"] == [4, 9]
     del show
-    assert "/map/drive" in _entities(path)
+    assert "/map/trajectory" in _entities(path)
 
 
 @pytest.mark.peer
 def test_a_viewer_that_does_not_start_is_one_line(monkeypatch):
     rerun = pytest.importorskip("rerun")
 
-    def spawn(stream):
+    def spawn(recording, executable_path):
         raise RuntimeError("no display\nand much advice")
 
-    monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
+    monkeypatch.setattr(rerun, "spawn", spawn)
     with pytest.raises(ConfigError, match=r"cannot be started: no display$"):
         LiveMap("a drive", np.zeros(1), Trajectory(np.zeros(1), np.zeros((1, 3))))
 

@@ -53,7 +53,7 @@ class PhotoAnalyzer:
         """
         from saccade.image import decode_image, size_in_header
         from saccade.serving.snippets import read_python
-        from saccade.viewing.report_image import photograph
+        from saccade.viewing.embedding import photograph
 
         name = name[-MAX_NAME:]
         width, height = size_in_header(data, name)
@@ -163,7 +163,7 @@ class PhotoAnalyzer:
 
     def _maps_of(self, photo: Photo, attention: AttentionModel) -> "tuple[Float32Array, list[Any]]":
         """The saliency and all maps as pictures; those of last time where nothing changed."""
-        from saccade.viewing.report_image import heat
+        from saccade.viewing.embedding import heat
 
         if (
             self._last_maps is None

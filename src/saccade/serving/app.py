@@ -18,8 +18,8 @@ from starlette.routing import Route
 
 from saccade.errors import SaccadeError
 from saccade.serving.guard import Guard, TooLargeError, body_of
-from saccade.serving.page import policy_of, serve_page
-from saccade.viewing.report import as_json
+from saccade.serving.page import serve_page
+from saccade.viewing.embedding import as_json
 
 MAX_REQUEST = 100_000
 """Bytes of a request that is no photograph."""
@@ -161,7 +161,7 @@ def application(
         controls: what the page offers to change, for its script.
     """
     server = Server(analyzer, samples, max_bytes)
-    page = serve_page({**controls, "most": max_bytes, "samples": samples.names})
+    page, policy = serve_page({**controls, "most": max_bytes, "samples": samples.names})
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
@@ -180,7 +180,7 @@ def application(
             Route("/look", server.look, methods=["POST"]),
             Route("/points", server.find, methods=["POST"]),
         ],
-        middleware=[Middleware(Guard, port=port, policy=policy_of())],
+        middleware=[Middleware(Guard, port=port, policy=policy)],
         exception_handlers={HTTPException: _in_one_line, Exception: _surprise},
         lifespan=life,
     )

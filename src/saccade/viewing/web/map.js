@@ -31,7 +31,7 @@ class Snapshots {
   constructor(data) {
     this.data = data;
     this.first = starts(data.count);
-    this.firstSeen = starts(data.seen_count);
+    this.firstSeen = starts(data.observed_count);
     this.length = data.step.length;
   }
   landmark(row) {
@@ -40,12 +40,12 @@ class Snapshots {
   }
   rowOf(name, number) {
     const from = this.first[number], to = this.first[number + 1];
-    const row = from + lowerBound(this.data.name.subarray(from, to), name);
-    return row < to && this.data.name[row] === name ? row : -1;
+    const row = from + lowerBound(this.data.id.subarray(from, to), name);
+    return row < to && this.data.id[row] === name ? row : -1;
   }
   seen(number) {
     const from = this.firstSeen[number];
-    return Array.from(this.data.seen.subarray(from, this.firstSeen[number + 1]),
+    return Array.from(this.data.observed.subarray(from, this.firstSeen[number + 1]),
       (row) => row + this.first[number]);
   }
   at(time) {
@@ -61,7 +61,7 @@ function boxOf(data, snapshots) {
     box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
   };
   const end = data.snapshots.time[snapshots.length - 1] + 1e-4; // the truth may go on
-  for (const drive of data.drives.filter((each) => each.name !== "odometry")) {
+  for (const drive of data.trajectories.filter((each) => each.name !== "odometry")) {
     for (let i = 0; i < drive.time.length && drive.time[i] <= end; i++) add(drive.xy[2 * i], drive.xy[2 * i + 1]);
   }
   const last = snapshots.length - 1;
@@ -164,7 +164,7 @@ function drawPicture(canvas, entry, pixels, name, colors) {
   context.drawImage(entry.image, 0, 0, canvas.clientWidth, canvas.clientHeight);
   if (!pixels) return;
   for (let i = lowerBound(pixels.step, entry.step); pixels.step[i] === entry.step; i++) {
-    const chosen = pixels.name[i] === name;
+    const chosen = pixels.id[i] === name;
     context.strokeStyle = colors[KINDS_SEEN[pixels.kind[i]][1]];
     context.lineWidth = chosen ? 3 : 1.5;
     context.beginPath();
@@ -183,7 +183,7 @@ function pictureCanvas(entry, words) {
 
 /** Load the pictures; each is drawn once it is there. */
 function picturesOf(data, ready) {
-  return data.pictures.map(({ step, source }) => {
+  return data.images.map(({ step, source }) => {
     const entry = { step, source, image: new Image() };
     entry.image.addEventListener("load", () => ready(entry));
     entry.image.src = source.address;
@@ -194,7 +194,7 @@ function picturesOf(data, ready) {
 kinds.map = (element, data) => {
   const snapshots = new Snapshots(data.snapshots);
   const shown = { ellipses: true, sight: true, true: true };
-  for (const drive of data.drives) shown[drive.name] = true;
+  for (const drive of data.trajectories) shown[drive.name] = true;
   let number = snapshots.length - 1;
   let name = -1;
   const period = Math.max(20, Math.min(80, 12000 / snapshots.length));
@@ -210,14 +210,14 @@ kinds.map = (element, data) => {
   const pictures = picturesOf(data, () => drawCamera());
   const camera = pictures.length ? pictureCanvas(pictures[0], "What the camera saw") : null;
   const detail = make("div", { class: "detail", "aria-live": "polite" });
-  const runs = runsByName(data.runs);
+  const runs = runsByName(data.intervals);
   const list = make("select", { "aria-label": "Landmark", onchange: () => choose(Number(list.value)) },
     make("option", { value: -1 }, "none"),
     ...[...runs.keys()].sort((a, b) => a - b).map((each) => make("option", { value: each }, String(each))));
 
   function draw(context, view) {
     const colors = palette(), time = data.snapshots.time[number];
-    for (const drive of [...data.drives].reverse()) {
+    for (const drive of [...data.trajectories].reverse()) {
       if (shown[drive.name]) drawDrive(context, view, drive, time, colors);
     }
     if (data.truth && shown.true) {
@@ -232,8 +232,8 @@ kinds.map = (element, data) => {
       context.stroke();
     }
     const chosen = name < 0 ? -1 : snapshots.rowOf(name, number);
-    drawLandmarks(context, view, snapshots, number, shown, chosen, data.sigmas, colors);
-    drawRobot(context, view, data.snapshots.pose.subarray(6 * number, 6 * number + 6), data.sigmas, colors);
+    drawLandmarks(context, view, snapshots, number, shown, chosen, data.ellipse_scale, colors);
+    drawRobot(context, view, data.snapshots.pose.subarray(6 * number, 6 * number + 6), data.ellipse_scale, colors);
     drawScale(context, view, colors);
   }
 
@@ -242,7 +242,7 @@ kinds.map = (element, data) => {
     const step = data.snapshots.step[number];
     let entry = pictures[0];
     for (const each of pictures) if (each.step <= step) entry = each;
-    drawPicture(camera, entry, data.pixels, -1, palette());
+    drawPicture(camera, entry, data.image_points, -1, palette());
     for (const each of detail.querySelectorAll("canvas")) each.draw();
   }
 
@@ -268,7 +268,7 @@ kinds.map = (element, data) => {
       const apart = Math.hypot(place[0] - x, place[1] - y);
       if (apart < least) [best, least] = [row, apart];
     }
-    choose(best < 0 ? -1 : data.snapshots.name[best]);
+    choose(best < 0 ? -1 : data.snapshots.id[best]);
   }
   function choose(next) {
     name = next;
@@ -292,7 +292,7 @@ kinds.map = (element, data) => {
     if (row >= 0) {
       const [x, y, xx, xy, yy] = snapshots.landmark(row);
       const wide = Math.sqrt((xx + yy) / 2 + Math.hypot((xx - yy) / 2, xy));
-      words += ` At ${short(x)}, ${short(y)} m, ${data.sigmas} sigma ${short(data.sigmas * wide, 3)} m.`;
+      words += ` At ${short(x)}, ${short(y)} m, ${data.ellipse_label} ${short(data.ellipse_scale * wide, 3)} m.`;
     }
     detail.append(make("p", {}, words));
     const buttons = own.slice(0, MOST_BUTTONS).map(({ first, last, time }) => make(
@@ -305,11 +305,11 @@ kinds.map = (element, data) => {
     detail.append(gallery());
   }
   function gallery() {
-    const pixels = data.pixels;
+    const pixels = data.image_points;
     const box = make("div", { class: "gallery" });
     if (!pixels || !pictures.length) return box;
     const there = new Set();
-    for (let i = 0; i < pixels.step.length; i++) if (pixels.name[i] === name) there.add(pixels.step[i]);
+    for (let i = 0; i < pixels.step.length; i++) if (pixels.id[i] === name) there.add(pixels.step[i]);
     const all = pictures.filter((entry) => there.has(entry.step));
     const every = Math.max(1, Math.ceil(all.length / 6));
     for (const entry of all.filter((_, i) => i % every === 0)) {
@@ -329,10 +329,10 @@ kinds.map = (element, data) => {
 
   const redrawn = (key) => (on) => { shown[key] = on; ground.redraw(); };
   const layers = [
-    ...data.drives.map((each) => toggle(
+    ...data.trajectories.map((each) => toggle(
       { odometry: "odometry alone" }[each.name] || each.name, DRIVES[each.name][0], true,
       redrawn(each.name), DRIVES[each.name][3])),
-    toggle(`${data.sigmas} sigma`, "orange", true, redrawn("ellipses"), "ring"),
+    toggle(data.ellipse_label, "orange", true, redrawn("ellipses"), "ring"),
     toggle("in sight", "green", true, redrawn("sight"), "thin"),
   ];
   if (data.truth) layers.push(toggle("true landmarks", "green", true, redrawn("true"), "ring"));
@@ -363,7 +363,7 @@ kinds.map = (element, data) => {
 /** Of each landmark, the stretches in which it was seen. */
 function runsByName(runs) {
   const found = new Map();
-  runs.name.forEach((name, i) => {
+  runs.id.forEach((name, i) => {
     if (!found.has(name)) found.set(name, []);
     found.get(name).push({ first: runs.first[i], last: runs.last[i], count: runs.count[i], time: runs.time[i] });
   });
