@@ -1,9 +1,11 @@
 """Pictures hold what they are said to hold, and pages show every word as a word."""
 
+import os
 import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -254,13 +256,21 @@ def _entities(path):
 def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
     rerun = pytest.importorskip("rerun")
     path = tmp_path / "live.rrd"
-    monkeypatch.setattr(rerun, "spawn", lambda recording, executable_path: recording.save(path))
+    paths = [os.environ["PATH"]]
+
+    def spawn(stream):
+        paths.append(os.environ["PATH"])
+        stream.save(path)
+
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
     told = []
     monkeypatch.setattr(
         rerun.RecordingStream, "set_time", lambda self, line, **at: told.append((line, at))
     )
     snapshots = _growing_map()
     show = LiveMap("a drive", np.arange(10.0), Trajectory(np.arange(10.0), np.zeros((10, 3))))
+    assert paths[1] == os.pathsep.join([paths[0], str(Path(sys.executable).parent)])
+    assert os.environ["PATH"] == paths[0]
     show(snapshots[:1])
     show(snapshots)
     assert [at["sequence"] for line, at in told if line == "pose"] == [4, 9]
@@ -272,10 +282,10 @@ def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
 def test_a_viewer_that_does_not_start_is_one_line(monkeypatch):
     rerun = pytest.importorskip("rerun")
 
-    def spawn(recording, executable_path):
+    def spawn(stream):
         raise RuntimeError("no display\nand much advice")
 
-    monkeypatch.setattr(rerun, "spawn", spawn)
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
     with pytest.raises(ConfigError, match=r"cannot be started: no display$"):
         LiveMap("a drive", np.zeros(1), Trajectory(np.zeros(1), np.zeros((1, 3))))
 

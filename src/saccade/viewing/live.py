@@ -1,8 +1,9 @@
 """The map in the rerun viewer, live or from a file."""
 
-import shutil
+import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +37,9 @@ class LiveMap:
 
     def __init__(self, name: str, time: FloatArray, dead_reckoning: Trajectory) -> None:
         self._recording = _MapRecording(name, time, dead_reckoning)
-        # The viewer of the environment of this interpreter, which may not be on the PATH.
-        viewer = shutil.which("rerun", path=Path(sys.executable).parent)
         try:
-            self._recording.rerun.spawn(recording=self._recording.stream, executable_path=viewer)
+            with _interpreter_folder_on_path():
+                self._recording.stream.spawn()
         except (RuntimeError, OSError) as error:
             reason = str(error).splitlines()[0]
             raise ConfigError(f"rerun: its viewer cannot be started: {reason}") from error
@@ -161,6 +161,20 @@ class _MapRecording:
         radius = self.rerun.Radius.ui_points(1)
         lines3d = self.rerun.LineStrips3D(strips, colors=rgb_levels(color), radii=radius)
         self.stream.log(entity, lines3d)
+
+
+@contextmanager
+def _interpreter_folder_on_path() -> Iterator[None]:
+    """Lets rerun start its viewer from an environment that is not activated.
+
+    rerun looks for the executable on the PATH of this process only, which is restored.
+    """
+    path = os.environ.get("PATH", os.defpath)
+    os.environ["PATH"] = os.pathsep.join([path, str(Path(sys.executable).parent)])
+    try:
+        yield
+    finally:
+        os.environ["PATH"] = path
 
 
 def _thinned(path: FloatArray) -> FloatArray:
