@@ -1,38 +1,41 @@
 "use strict";
-/* A photograph is dropped, and what is found in it is shown and set. */
+/* The page of `saccade serve`: a photograph, its maps, scanpath and interest points, and their settings. */
 
-const PATIENCE = 700; // milliseconds after which an answer that is out of date is not waited for
+const MAX_OUTDATED_MS = 700; // a request that is out of date is aborted after this time
 const EMPTY = { xy: new Float32Array(0), time: new Float32Array(0), saliency: new Float32Array(0) };
 const NO_POINTS = {
   xy: new Float32Array(0), size: new Float32Array(0), angle: new Float32Array(0),
   response: new Float32Array(0), octave: new Int32Array(0),
 };
 
-/** What the server answers; its one line is the error's message. */
-async function asked(path, body, signal) {
-  let answer;
+/** Post a request; the message of an error is the one line of the server. */
+async function post(path, body, signal) {
+  let response;
   try {
-    answer = await fetch(path, { method: "POST", body, signal });
+    response = await fetch(path, { method: "POST", body, signal });
   } catch (error) {
     if (error.name === "AbortError") throw error;
     throw new Error("The server does not answer. Is it still running?");
   }
-  if (!answer.ok) throw Object.assign(new Error((await answer.text()).trim()), { status: answer.status });
-  return unpacked(await answer.json());
+  if (!response.ok) throw Object.assign(new Error((await response.text()).trim()), { status: response.status });
+  return unpacked(await response.json());
 }
 
-/** Asks for one thing at a time: of wishes that come meanwhile only the last is asked for. */
-function lane(path, wish, shown, failed, busy) {
-  let running = null, began = 0, waiting = false;
-  async function go() {
+/**
+ * Requests one result at a time; of requests made meanwhile only the last is sent. `settings()` gives
+ * the body, `received(result)`, `failed(error)` and `busy(on)` are called. Returns the function that
+ * requests; `immediately` aborts the running request.
+ */
+function requester(path, settings, received, failed, busy) {
+  let running = null, start = 0, pending = false;
+  async function run() {
     busy(true);
-    while (waiting) {
-      waiting = false;
+    while (pending) {
+      pending = false;
       running = new AbortController();
-      began = performance.now();
+      start = performance.now();
       try {
-        const found = await asked(path, JSON.stringify(wish()), running.signal);
-        shown(found);
+        received(await post(path, JSON.stringify(settings()), running.signal));
         failed(null);
       } catch (error) {
         if (error.name !== "AbortError") failed(error);
@@ -41,14 +44,14 @@ function lane(path, wish, shown, failed, busy) {
     running = null;
     busy(false);
   }
-  return (anew = false) => {
-    waiting = true;
-    if (!running) go();
-    else if (anew || performance.now() - began > PATIENCE) running.abort();
+  return (immediately = false) => {
+    pending = true;
+    if (!running) run();
+    else if (immediately || performance.now() - start > MAX_OUTDATED_MS) running.abort();
   };
 }
 
-/** Text to be copied. */
+/** Text with a button that copies it. */
 function snippet(title) {
   const text = make("pre", { tabindex: 0, "aria-label": title });
   const button = make("button", { type: "button", onclick: async () => {
@@ -63,27 +66,27 @@ function snippet(title) {
   } }, "Copy");
   return {
     element: make("figure", { class: "snippet" }, make("figcaption", {}, title, button), text),
-    set(words) { text.textContent = words; },
+    set(value) { text.textContent = value; },
   };
 }
 
-/** A choice that is seen as a whole: one of some words. */
-function segments(legend, names, chosen, heard) {
+/** A choice of one of some names, all of them visible. */
+function segments(legend, names, chosen, changed) {
   const group = `choice-${legend}`;
   return make("fieldset", { class: "segments" }, make("legend", {}, legend), ...names.map((name) => {
-    const radio = make("input", { type: "radio", name: group, value: name, onchange: () => heard(name) });
+    const radio = make("input", { type: "radio", name: group, value: name, onchange: () => changed(name) });
     radio.checked = name === chosen;
     return make("label", {}, radio, make("span", {}, name));
   }));
 }
 
 function serve(element, data) {
-  const wishes = { photo: null, model: "both", detector: "sift", fixations: 10 };
-  const said = { look: {}, points: {}, python: "" };
+  const request = { photo: null, model: "both", detector: "sift", fixations: 10 };
+  const results = { look: {}, points: {}, python: "" };
   const errors = { photo: null, look: null, points: null };
-  const working = { photo: false, look: false, points: false };
-  let looked = false;
-  let last = null; // the photograph as it was dropped, for a server that has forgotten it
+  const running = { photo: false, look: false, points: false };
+  let firstLook = true;
+  let last = null; // the photograph as it was dropped, for a server that has been restarted
 
   const alarm = make("p", { class: "alarm", role: "alert", hidden: true });
   const status = make("p", { class: "status", role: "status" });
@@ -91,89 +94,89 @@ function serve(element, data) {
     "Compiling for this machine. Only the first run does, and it takes up to a minute.");
   const python = snippet("The same in Python"), command = snippet("The same as a command");
 
-  const { all, elements } = settingsOf(data.groups, (kind) => (data.detectors.includes(kind) ? find() : look()));
+  const { values, elements } = settingsGroups(data.groups, (kind) => (data.detectors.includes(kind) ? detect() : look()));
   const groupOf = (kind) => elements.find((each) => each.dataset.kind === kind);
-  const own = (kinds) => Object.fromEntries(kinds.map((kind) => [kind, all[kind]]));
+  const valuesOf = (kinds) => Object.fromEntries(kinds.map((kind) => [kind, values[kind]]));
 
-  const look = lane("look", () => ({
-    photo: wishes.photo, model: wishes.model, fixations: wishes.fixations,
-    ...own([...data.models[wishes.model], "scanpath"]),
-  }), (found) => {
-    said.look = found;
-    view.change({ maps: found.maps, scanpath: found.scanpath, map: looked ? undefined : "saliency" });
-    looked = true;
-    tell();
+  const look = requester("look", () => ({
+    photo: request.photo, model: request.model, fixations: request.fixations,
+    ...valuesOf([...data.models[request.model], "scanpath"]),
+  }), (result) => {
+    results.look = result;
+    view.change({ maps: result.maps, scanpath: result.scanpath, map: firstLook ? "saliency" : undefined });
+    firstLook = false;
+    showStatus();
   }, failure("look"), busy("look"));
-  const find = lane("points", () => ({
-    photo: wishes.photo, detector: wishes.detector, ...own([wishes.detector]),
-  }), (found) => {
-    said.points = found;
-    view.change({ points: found.points });
-    tell();
+  const detect = requester("points", () => ({
+    photo: request.photo, detector: request.detector, ...valuesOf([request.detector]),
+  }), (result) => {
+    results.points = result;
+    view.change({ points: result.points });
+    showStatus();
   }, failure("points"), busy("points"));
 
   function failure(name) {
     return (error) => {
       if (error && error.status === 404 && last) return void open(...last);
       errors[name] = error && error.message;
-      const words = [...new Set(Object.values(errors).filter(Boolean))];
-      alarm.textContent = words.join(" · ");
-      alarm.hidden = words.length === 0;
-      tell();
+      const messages = [...new Set(Object.values(errors).filter(Boolean))];
+      alarm.textContent = messages.join(" · ");
+      alarm.hidden = messages.length === 0;
+      showStatus();
     };
   }
   function busy(name) {
     return (on) => {
-      working[name] = on;
-      element.dataset.busy = Object.values(working).some(Boolean);
-      tell();
+      running[name] = on;
+      element.dataset.busy = Object.values(running).some(Boolean);
+      showStatus();
     };
   }
-  function tell() {
-    element.dataset.fixations = said.look.scanpath ? said.look.scanpath.time.length : "";
-    element.dataset.found = said.points.found ?? "";
+  function showStatus() {
+    element.dataset.fixations = results.look.scanpath ? results.look.scanpath.time.length : "";
+    element.dataset.points = results.points.count ?? "";
     const parts = [];
-    if (said.look.ms !== undefined) parts.push(`${said.look.scanpath.time.length} fixations in ${short(said.look.ms, 0)} ms`);
-    if (said.points.ms !== undefined) {
-      const { found, points } = said.points, drawn = points.size.length;
-      const all_of = found === drawn ? "" : `, the strongest ${drawn} drawn`;
-      parts.push(`${found} points in ${short(said.points.ms, 0)} ms${all_of}`);
+    if (results.look.ms !== undefined) parts.push(`${results.look.scanpath.time.length} fixations in ${short(results.look.ms, 0)} ms`);
+    if (results.points.ms !== undefined) {
+      const { count, points } = results.points, drawn = points.size.length;
+      const limited = count === drawn ? "" : `, the strongest ${drawn} drawn`;
+      parts.push(`${count} points in ${short(results.points.ms, 0)} ms${limited}`);
     }
     status.textContent = parts.join(" · ");
-    const joined = (key) => [said.look[key], said.points[key]].filter(Boolean);
-    python.set([said.python, ...joined("python")].join("\n"));
+    const joined = (key) => [results.look[key], results.points[key]].filter(Boolean);
+    python.set([results.python, ...joined("python")].join("\n"));
     command.set(joined("command").join("\n"));
   }
 
-  let openings = 0;
+  let numOpened = 0;
   async function open(file, name) {
-    const own_turn = ++openings;
+    const number = ++numOpened;
     last = [file, name];
     busy("photo")(true);
     try {
-      if (file.size > data.most) {
-        throw new Error(`${name}: expected at most ${data.most / 1e6} MB, found ${short(file.size / 1e6, 1)} MB`);
+      if (file.size > data.max_bytes) {
+        throw new Error(`${name}: expected at most ${data.max_bytes / 1e6} MB, found ${short(file.size / 1e6, 1)} MB`);
       }
-      const found = await asked(`photo?name=${encodeURIComponent(name)}`, file);
-      if (own_turn !== openings) return;
-      wishes.photo = found.photo;
-      said.python = found.python;
-      said.look = said.points = {};
-      title.textContent = `${found.name} · ${found.size[0]} x ${found.size[1]} px`;
+      const opened = await post(`photo?name=${encodeURIComponent(name)}`, file);
+      if (number !== numOpened) return;
+      request.photo = opened.photo;
+      results.python = opened.python;
+      results.look = results.points = {};
+      title.textContent = `${opened.name} · ${opened.size[0]} x ${opened.size[1]} px`;
       stage.hidden = false;
-      view.change({ image: found.image, scanpath: EMPTY, points: NO_POINTS });
+      view.change({ image: opened.image, scanpath: EMPTY, points: NO_POINTS });
       failure("photo")(null);
       look(true);
-      find(true);
+      detect(true);
     } catch (error) {
-      if (own_turn === openings) failure("photo")(Object.assign(error, { status: 0 }));
+      if (number === numOpened) failure("photo")(Object.assign(error, { status: 0 }));
     } finally {
-      if (own_turn === openings) busy("photo")(false);
+      if (number === numOpened) busy("photo")(false);
     }
   }
   async function sample(name) {
-    const answer = await fetch(`samples/${encodeURIComponent(name)}`);
-    open(await answer.blob(), name);
+    const response = await fetch(`samples/${encodeURIComponent(name)}`);
+    open(await response.blob(), name);
   }
 
   const input = make("input", {
@@ -192,36 +195,36 @@ function serve(element, data) {
   const part = make("div", { class: "part" });
   const stage = make("section", { hidden: true }, title, part);
   const fixations = setting({ input: "range", name: "fixations", help: "Length of the scanpath.", low: 1, high: 40, step: 1 },
-    (value) => { wishes.fixations = value; look(); });
-  fixations.show(wishes.fixations);
+    (value) => { request.fixations = value; look(); });
+  fixations.show(request.fixations);
   element.append(drop, notice, alarm, stage);
   const view = kinds.image(part, {
     image: { address: "data:,", width: 4, height: 3 }, maps: [], scanpath: EMPTY, points: NO_POINTS,
   });
   view.layers.after(status, make("div", { class: "snippets" }, python.element, command.element));
 
-  const models = segments("Model", Object.keys(data.models), wishes.model, (name) => {
-    wishes.model = name;
-    sift_out();
+  const models = segments("Model", Object.keys(data.models), request.model, (name) => {
+    request.model = name;
+    showGroups();
     look();
   });
-  const detectors = segments("Interest points", data.detectors, wishes.detector, (name) => {
-    wishes.detector = name;
-    sift_out();
-    find();
+  const detectors = segments("Interest points", data.detectors, request.detector, (name) => {
+    request.detector = name;
+    showGroups();
+    detect();
   });
-  /** Show the settings that count. */
-  function sift_out() {
+  /** Show the settings of the chosen model and detector. */
+  function showGroups() {
     for (const each of elements) {
       const { kind } = each.dataset;
-      each.hidden = kind !== "scanpath" && kind !== wishes.detector && !data.models[wishes.model].includes(kind);
+      each.hidden = kind !== "scanpath" && kind !== request.detector && !data.models[request.model].includes(kind);
     }
   }
   const panel = make("section", { class: "controls", "aria-label": "Settings" }, models,
     ...["attention", "contrast", "symmetry", "scanpath"].map(groupOf), detectors, ...data.detectors.map(groupOf));
   groupOf("scanpath").querySelector(".presets").after(fixations.element);
   view.side.append(panel);
-  sift_out();
+  showGroups();
   groupOf("attention").open = groupOf("sift").open = true;
   view.showPoints();
 
@@ -237,16 +240,16 @@ function serve(element, data) {
     const [file] = event.clipboardData.files;
     if (file) open(file, file.name || "pasted.png");
   });
-  async function waitWarm(asked_before) {
+  async function waitUntilWarm(again) {
     let warm = false;
     try {
       ({ warm } = await (await fetch("state")).json());
-    } catch { /* it is asked again */ }
+    } catch { /* the next request may succeed */ }
     element.dataset.warm = warm;
-    notice.hidden = warm || !asked_before;
-    if (!warm) setTimeout(waitWarm, 700, true);
+    notice.hidden = warm || !again;
+    if (!warm) setTimeout(waitUntilWarm, 700, true);
   }
-  waitWarm(false);
+  waitUntilWarm(false);
   sample(data.samples.includes("rocket.jpg") ? "rocket.jpg" : data.samples[0]);
   document.documentElement.dataset.ready = "true";
 }
