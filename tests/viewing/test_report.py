@@ -158,7 +158,7 @@ def test_a_click_on_a_landmark_shows_when_it_was_seen(opened):
     canvas.click(position={"x": float(at[0]), "y": float(at[1])})
     detail = page.locator(".detail")
     assert detail.locator("h3").inner_text() == "Landmark 1"
-    assert "Seen 5 times. At 8.00, 4.00 m" in detail.inner_text()
+    assert "Observed 5 times. At 8.00, 4.00 m" in detail.inner_text()
     assert detail.locator(".run").all_inner_texts() == [f"0{TO}2", f"8{TO}9"]
     assert detail.locator(".thumb").all_inner_texts() == ["frame 0", "frame 2", "frame 8"]
     detail.get_by_role("button", name=f"0{TO}2").click()

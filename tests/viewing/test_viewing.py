@@ -116,7 +116,7 @@ def test_regions_are_boxes_about_their_centers():
 def test_with_pairs_comes_a_panel():
     figure = attention_figure(IMAGE, {"saliency": IMAGE[::4, ::4, 0]}, SCANPATH, [PAIRS, PAIRS])
     titles = [axes.get_title() for axes in figure.axes]
-    assert titles[-1] == "what is symmetric about the fixations"
+    assert titles[-1] == "symmetric pairs at the fixations"
     assert len(figure.axes[-1].collections) == 6
 
 
@@ -164,8 +164,10 @@ def test_ellipses_have_the_axes_of_the_covariance():
     (axes,) = map_figure(drive, landmarks).axes
     (ellipses,) = [each for each in axes.collections if isinstance(each, PolyCollection)]
     corners = (ellipses.get_paths()[0].vertices - np.array([1.0, 2.0])) @ tilt
-    np.testing.assert_allclose((corners**2 / [36, 9]).sum(1), 1)
-    np.testing.assert_allclose(np.abs(corners).max(0), [6, 3], rtol=1e-3)
+    squared_distance = (corners**2 / [4, 1]).sum(1)
+    np.testing.assert_allclose(chi2.cdf(squared_distance, 2), 0.9973, atol=1e-5)
+    radius = np.sqrt(chi2.ppf(0.9973, 2))
+    np.testing.assert_allclose(np.abs(corners).max(0), [2 * radius, radius], rtol=1e-3)
 
 
 def _growing_map(y=4.0, early=0.04):

@@ -45,11 +45,11 @@ def attention_figure(
         draw_panel(axes, values, title, **options)
     title, saliency = next(iter(maps.items()))
     weighted = weighted_by(image, saliency)
-    title = f"what {title} leaves in the light"
+    title = f"image weighted by {title}"
     draw_panel(panels[1 + len(maps)], weighted, title, interpolation="antialiased")
     if pairs:
         draw_pairs(panels[count - 1], image, pairs)
-        picture_axes(panels[count - 1], "what is symmetric about the fixations")
+        picture_axes(panels[count - 1], "symmetric pairs at the fixations")
     for axes in panels[count:]:
         axes.set_axis_off()
     return figure

@@ -16,7 +16,7 @@ CAMERA_WIDTH = 640
 """Pixels; the width of the camera image."""
 RADIUS = 4
 """Pixels, of the circle around a landmark."""
-KINDS = (("new", ORANGE), ("followed", GREEN), ("recognized", RED))
+KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
 """Label and color of each `ObservedLandmarks.kind`."""
 HEAT_OPACITY = 0.55
 """Opacity of the saliency map over the image."""

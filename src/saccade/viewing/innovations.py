@@ -43,7 +43,7 @@ def innovation_figure(
     heading = np.degrees(np.sqrt(covariance[:, 2, 2].clip(0)))
     elapsed = trajectory.time[: len(covariance)] - start
     for panel, sigma, title in (
-        (grid[1, :2], position, f"{SIGMAS:.0f} sigma of the place, where it is largest [m]"),
+        (grid[1, :2], position, f"{SIGMAS:.0f} sigma of the position, along its major axis [m]"),
         (grid[1, 2:], heading, f"{SIGMAS:.0f} sigma of the heading [degrees]"),
     ):
         axes = figure.add_subplot(panel)
@@ -92,7 +92,7 @@ def _draw_distribution(axes: Axes, nis: FloatArray, dof: int) -> None:
     axes.plot(x, chi_square_density(x, dof), color=GREEN, linewidth=1.6, label="consistent")
     axes.legend(loc="upper right", frameon=False, fontsize=9)
     axes.set_yticks([])
-    _finish(axes, "and how they are spread")
+    _finish(axes, "their distribution")
 
 
 def _finish(axes: Axes, title: str) -> None:

@@ -172,7 +172,7 @@ def _legend() -> list[Artist]:
         Line2D([], [], color=BLUE, linewidth=2, label="estimate"),
         Line2D([], [], color=GRAY, linewidth=1, label="odometry alone"),
         Patch(**ELLIPSE, label=f"landmarks, {ELLIPSE_LABEL}"),
-        Line2D([], [], color=GREEN, linewidth=1, label="in sight"),
+        Line2D([], [], color=GREEN, linewidth=1, label="observed"),
     ]
 
 

@@ -1,5 +1,6 @@
 """Figures of maps: trajectory, landmarks and their uncertainty."""
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -7,12 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from saccade.types import FloatArray, LandmarkMap, Trajectory
+from saccade.types import THREE_SIGMA_2D, FloatArray, LandmarkMap, Trajectory
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, quiet_axes
 
-ELLIPSE_SCALE = 3.0
-"""Semi-axes of an ellipse, in standard deviations."""
-ELLIPSE_LABEL = "3 sigma"
+ELLIPSE_SCALE = sqrt(THREE_SIGMA_2D)
+"""Semi-axes of an ellipse that holds 99.73 %, in standard deviations."""
+ELLIPSE_LABEL = "3 sigma (99.7 %)"
 CORNERS = 48
 """Of the polygon that approximates an ellipse."""
 LONG_SIDE = 8.8

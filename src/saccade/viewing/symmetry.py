@@ -29,8 +29,8 @@ def pair_figure(image: Float32Array, pairs: Sequence[SymmetricPairs]) -> Figure:
     figure = figure_for(image.shape[1], image.shape[0], columns=1, rows=1, panel=9)
     axes = figure.subplots()
     draw_pairs(axes, image, pairs)
-    points = "a place" if len(pairs) == 1 else f"{len(pairs)} places"
-    picture_axes(axes, f"what is symmetric about {points}")
+    points = "a point" if len(pairs) == 1 else f"{len(pairs)} points"
+    picture_axes(axes, f"symmetric pairs at {points}")
     return figure
 
 

@@ -145,7 +145,7 @@ def _orientation_figure(
     corners = _corners(point.grid)
     draw_panel(overview, image, "the keypoint and its patch")
     overview.plot(*(corners * spacing).T, color=ORANGE, linewidth=2)
-    draw_panel(closeup, L, "16 x 16 samples, turned", cmap="gray")
+    draw_panel(closeup, L, "16 x 16 samples, rotated", cmap="gray")
     margin = 1.5 * point.sigma
     low, high = corners.min(0) - margin, corners.max(0) + margin
     closeup.set_xlim(low[0], high[0])
