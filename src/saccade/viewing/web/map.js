@@ -330,7 +330,7 @@ kinds.map = (element, data) => {
   const redrawn = (key) => (on) => { shown[key] = on; ground.redraw(); };
   const layers = [
     ...data.trajectories.map((each) => toggle(
-      { odometry: "odometry alone" }[each.name] || each.name, TRAJECTORIES[each.name][0], true,
+      each.name, TRAJECTORIES[each.name][0], true,
       redrawn(each.name), TRAJECTORIES[each.name][3])),
     toggle(data.ellipse_label, "orange", true, redrawn("ellipses"), "ring"),
     toggle("observed", "green", true, redrawn("observed"), "thin"),
