@@ -4,14 +4,21 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Mapping
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from saccade.attention.models import KINDS, AttentionModel, layers_of
+from saccade.attention.scanpath import scanpath
 from saccade.errors import ConfigError, ImageError, require
+from saccade.image import decode_image, size_in_header
+from saccade.keypoints import Must, Sift, SymRoid
+from saccade.serving import snippets
 from saccade.serving.controls import DETECTORS, MODELS
-
-if TYPE_CHECKING:
-    from saccade.types import Float32Array
+from saccade.settings import settings_from
+from saccade.types import Float32Array
+from saccade.viewing.embedding import photograph
+from saccade.viewing.report_image import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
 """Photographs kept in memory, the most recently used."""
@@ -28,7 +35,7 @@ class Photo(NamedTuple):
     """A photograph and its name."""
 
     name: str
-    pixels: "Float32Array"
+    pixels: Float32Array
     """(H, W, 3) in [0, 1]."""
 
 
@@ -37,7 +44,7 @@ class _CachedMaps(NamedTuple):
 
     photo: Photo
     attention: AttentionModel
-    saliency: "Float32Array"
+    saliency: Float32Array
     maps: list[dict[str, str]]
     """As the page reads them."""
 
@@ -59,10 +66,6 @@ class PhotoAnalyzer:
         Raises:
             ImageError: it is no image, or too large or too small.
         """
-        from saccade.image import decode_image, size_in_header
-        from saccade.serving.snippets import read_python
-        from saccade.viewing.embedding import photograph
-
         name = name[-MAX_NAME:]
         width, height = size_in_header(data, name)
         if width * height > MAX_PIXELS:
@@ -76,7 +79,7 @@ class PhotoAnalyzer:
             "name": name,
             "size": [pixels.shape[1], pixels.shape[0]],
             "image": photograph(pixels),
-            "python": read_python(name),
+            "python": snippets.read_python(name),
         }
 
     def analyze(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,11 +92,6 @@ class PhotoAnalyzer:
             KeyError: the photograph is not in memory.
             SaccadeError: a setting outside its range.
         """
-        from saccade.attention.scanpath import scanpath
-        from saccade.serving.snippets import attention_command, attention_python
-        from saccade.settings import settings_from
-        from saccade.viewing.report_image import scanpath_data
-
         start = perf_counter()
         photo = self._photo(request)
         model = request.get("model", "both")
@@ -112,8 +110,8 @@ class PhotoAnalyzer:
             "maps": cached.maps,
             "scanpath": scanpath_data(path),
             "ms": 1000 * (perf_counter() - start),
-            "python": attention_python(*choices),
-            "command": attention_command(photo.name, *choices),
+            "python": snippets.attention_python(*choices),
+            "command": snippets.attention_command(photo.name, *choices),
         }
 
     def detect(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,11 +124,6 @@ class PhotoAnalyzer:
             KeyError: the photograph is not in memory.
             SaccadeError: a setting outside its range.
         """
-        from saccade.keypoints import Must, Sift, SymRoid
-        from saccade.serving.snippets import detection_command, detection_python
-        from saccade.settings import settings_from
-        from saccade.viewing.report_image import points_data
-
         start = perf_counter()
         photo = self._photo(request)
         name = request.get("detector", "sift")
@@ -143,14 +136,12 @@ class PhotoAnalyzer:
             "points": points_data(points[:MAX_POINTS]),
             "count": len(points),
             "ms": 1000 * (perf_counter() - start),
-            "python": detection_python(name, settings),
-            "command": detection_command(photo.name, name, settings),
+            "python": snippets.detection_python(name, settings),
+            "command": snippets.detection_command(photo.name, name, settings),
         }
 
     def warm_up(self) -> None:
         """Compile everything, so that the first photograph does not wait for it."""
-        import numpy as np
-
         noise = np.random.default_rng(1).random((160, 160, 3), np.float32)
         analyzer = PhotoAnalyzer()
         token = analyzer._keep(Photo("", noise))
@@ -175,8 +166,6 @@ class PhotoAnalyzer:
 
     def _maps(self, photo: Photo, attention: AttentionModel) -> _CachedMaps:
         """The maps of a photograph; computed only if photograph or settings changed."""
-        from saccade.viewing.report_image import maps_data
-
         cached = self._cache
         if cached is None or cached.photo is not photo or cached.attention != attention:
             try:

@@ -4,6 +4,8 @@ import shlex
 from dataclasses import fields, is_dataclass
 from typing import Any
 
+import tomli_w
+
 from saccade.attention.models import KINDS
 from saccade.settings import NONE
 
@@ -80,8 +82,6 @@ def _toml_value(value: Any) -> Any:
 
 def _command(command: str, name: str, options: list[str], kind: str, settings: Any) -> str:
     """A command, after the file of settings that it needs."""
-    import tomli_w
-
     photo = shlex.quote(f"./{name}" if name.startswith("-") else name)
     line = " ".join(("saccade", command, photo, *options))
     table = _toml_value(settings)

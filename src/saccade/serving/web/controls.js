@@ -73,9 +73,21 @@ function slider(field, changed) {
 }
 
 function numberField(field, changed) {
-  const read = () => (Number.isNaN(input.valueAsNumber) ? 0 : input.valueAsNumber);
-  const input = make("input", { type: "number", step: "any", onchange: () => changed(read()) });
-  return { input, read, show(value) { input.value = value; } };
+  const input = make("input", {
+    type: "number", step: "any", onchange: () => {
+      const valid = !Number.isNaN(input.valueAsNumber);
+      input.setAttribute("aria-invalid", !valid);
+      if (valid) changed(input.valueAsNumber);
+    },
+  });
+  return {
+    input,
+    read: () => input.valueAsNumber || 1,
+    show(value) {
+      input.removeAttribute("aria-invalid");
+      input.value = value;
+    },
+  };
 }
 
 function choices(field, changed) {
