@@ -31,92 +31,78 @@ MODELS = {
 }
 """The configurations of each attention model, the one that holds the others first."""
 
-_WEIGHT, _LEVEL, _CELLS, _SIDE = (0, 2, 0.05), (1, 7, 1), (0, 5, 0.25), (0, 3200, 100)
-_COUNT = (0, 10_000, 50)
-_SYMMETRY = {"outer": (1, 15, 1), "inner": (1, 10, 1), "sigma": (0.5, 32, 0.5), "gain": (1, 200, 1)}
-_SCALE_SPACE = {
-    "max_keypoints": _COUNT,
+_WEIGHT = (0, 2, 0.05)
+RANGES: dict[str, Range] = {
+    "contrast_weight": (0.05, 2, 0.05),
+    "symmetry_weight": (0.05, 2, 0.05),
+    "intensity_weight": _WEIGHT,
+    "color_weight": _WEIGHT,
+    "orientation_weight": _WEIGHT,
+    "sharpening": (0.25, 4, 0.25),
+    "smoothing": (0, 5, 0.25),
+    "map_level": (1, 7, 1),
+    "center_prior": (0, 1, 0.05),
+    "dark": (0, 0.5, 0.01),
+    "gabor_period": (2, 20, 0.5),
+    "gabor_sigma": (0.5, 8, 0.1),
+    "gabor_size": (3, 31, 2),
+    "maxima_threshold": (0, 1, 0.05),
+    "maxima_radius": (0, 0.5, 0.01),
+    "iterations": (1, 10, 1),
+    "viewing_size": (0, 3200, 100),
+    "outer": (1, 15, 1),
+    "inner": (1, 10, 1),
+    "sigma": (0.5, 32, 0.5),
+    "gain": (1, 200, 1),
+    "inhibition_sigma": (0.01, 0.3, 0.005),
+    "inhibition_time_constant": (0.05, 5, 0.05),
+    "time_limit": (0.5, 20, 0.5),
+    "peak": (0, 5, 0.1),
+    "time_step": (1e-5, 1e-3, 0),
+    "drive": (1e-3, 1, 0),
+    "background": (1e-7, 1e-2, 0),
+    "map_time_constant": (0.05, 2, 0.05),
+    "winner_time_constant": (0.02, 1, 0.01),
+    "threshold": (1e-4, 1e-2, 0),
+    "reset": (-0.1, 0, 0.005),
+    "inhibition_strength": (1e4, 1e8, 0),
+    "inhibition_surround": (0, 0.01, 1e-4),
+    "contrast_threshold": (0, 0.1, 0.001),
+    "edge_ratio": (1, 50, 0.5),
+    "max_keypoints": (0, 10_000, 50),
+    "base_sigma": (0.5, 4, 0.1),
     "intervals": (1, 8, 1),
     "octaves": (0, 10, 1),
     "first_octave": (-1, 0, 1),
+    "extra_intervals": (0, 6, 1),
+    "density": (0.5, 1, 0.5),
+    "camera_sigma": (0, 2, 0.1),
+    "kernel_radius": (1, 8, 0.5),
     "border": (2, 20, 1),
+    "candidate_fraction": (0, 1, 0.05),
     "max_orientations": (0, 8, 1),
+    "orientation_spacing": (0, 3, 0.1),
+    "descriptor_spacing": (0, 3, 0.1),
+    "window_sigma": (0.1, 3, 0.1),
+    "reach": (0.5, 6, 0.1),
+    "falloff": (0.2, 6, 0.1),
+    "scale_power": (-1, 2, 0.05),
+    "seed_threshold": (0.01, 1, 0.01),
+    "growth_threshold": (0.05, 1, 0.05),
 }
-RANGES: dict[str, dict[str, Range]] = {
-    "attention": {"contrast_weight": (0.05, 2, 0.05), "symmetry_weight": (0.05, 2, 0.05)},
-    "contrast": {
-        "intensity_weight": _WEIGHT,
-        "color_weight": _WEIGHT,
-        "orientation_weight": _WEIGHT,
-        "sharpening": (0.25, 4, 0.25),
-        "smoothing": _CELLS,
-        "map_level": _LEVEL,
-        "center_prior": (0, 1, 0.05),
-        "dark": (0, 0.5, 0.01),
-        "gabor_period": (2, 20, 0.5),
-        "gabor_sigma": (0.5, 8, 0.1),
-        "gabor_size": (3, 31, 2),
-        "maxima_threshold": (0, 1, 0.05),
-        "maxima_radius": (0, 0.5, 0.01),
-        "iterations": (1, 10, 1),
-        "viewing_size": _SIDE,
-    },
-    "symmetry": {
-        **_SYMMETRY,
-        "sharpening": (0.25, 4, 0.25),
-        "map_level": _LEVEL,
-        "smoothing": _CELLS,
-        "viewing_size": _SIDE,
-    },
-    "scanpath": {
-        "inhibition_sigma": (0.01, 0.3, 0.005),
-        "inhibition_time_constant": (0.05, 5, 0.05),
-        "time_limit": (0.5, 20, 0.5),
-        "peak": (0, 5, 0.1),
-        "time_step": (1e-5, 1e-3, 0),
-        "drive": (1e-3, 1, 0),
-        "background": (1e-7, 1e-2, 0),
-        "map_time_constant": (0.05, 2, 0.05),
-        "gain": (0.5, 50, 0),
-        "winner_time_constant": (0.02, 1, 0.01),
-        "threshold": (1e-4, 1e-2, 0),
-        "reset": (-0.1, 0, 0.005),
-        "inhibition_strength": (1e4, 1e8, 0),
-        "inhibition_surround": (0, 0.01, 1e-4),
-    },
-    "sift": {
-        **_SCALE_SPACE,
-        "contrast_threshold": (0, 0.1, 0.001),
-        "edge_ratio": (1, 50, 0.5),
-        "base_sigma": (0.5, 4, 0.1),
-        "extra_intervals": (0, 6, 1),
-        "density": (0.5, 1, 0.5),
-        "camera_sigma": (0, 2, 0.1),
-        "kernel_radius": (1, 8, 0.5),
-        "candidate_fraction": (0, 1, 0.05),
-        "smoothing": (0, 20, 1),
-        "orientation_spacing": (0, 3, 0.1),
-        "descriptor_spacing": (0, 3, 0.1),
-        "window_sigma": (0.1, 3, 0.1),
-    },
+"""Minimum, maximum and step of the slider of a number; a step of 0 makes it logarithmic."""
+KIND_RANGES: dict[str, dict[str, Range]] = {
+    "scanpath": {"gain": (0.5, 50, 0)},
+    "sift": {"smoothing": (0, 20, 1)},
     "must": {
-        **_SCALE_SPACE,
         "contrast_threshold": (0, 0.5, 0.005),
-        "reach": (0.5, 6, 0.1),
-        "falloff": (0.2, 6, 0.1),
-        "gain": (1, 500, 1),
-        "scale_power": (-1, 2, 0.05),
         "edge_ratio": (1, 100, 1),
         "base_sigma": (0.5, 6, 0.1),
+        "gain": (1, 500, 1),
     },
-    "symroid": {
-        **_SYMMETRY,
-        "seed_threshold": (0.01, 1, 0.01),
-        "growth_threshold": (0.05, 1, 0.05),
-        "max_keypoints": (0, 500, 1),
-    },
+    "symroid": {"max_keypoints": (0, 500, 1)},
 }
-"""Minimum, maximum and step of each slider; a step of 0 makes it logarithmic."""
+"""Those of a kind where they differ."""
 SHOWN_FIRST = {
     "attention": ("contrast_weight", "symmetry_weight", "normalization"),
     "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
@@ -185,7 +171,7 @@ def _group(kind: str, title: str) -> dict[str, Any]:
         "title": title,
         "first": len(first),
         "presets": presets,
-        "fields": setting_controls(type(settings), RANGES[kind], first),
+        "fields": setting_controls(type(settings), RANGES | KIND_RANGES.get(kind, {}), first),
     }
 
 
@@ -215,7 +201,7 @@ def _control(hint: Any, limits: Range | None) -> dict[str, Any]:
             low, high, step = limits
             limits = low or step, high, step  # 0 is not a value of its own beside None
         return {**_control(inner, limits), "optional": True}
-    if limits is not None:
+    if limits is not None and hint in (int, float):
         low, high, step = limits
         return {"input": "range", "low": low, "high": high, "step": step}
     if get_origin(hint) is Literal:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.textbook.ekf_slam import f, g, h
 from saccade.types import FloatArray, LandmarkLog
 
 MAX_SCANS = 8
@@ -68,8 +69,7 @@ def trace_filter(log: LandmarkLog, ekf_slam: Any, max_scans: int = MAX_SCANS) ->
         for i in observations:
             state, landmark = _state(ekf), int(log.landmark[i])
             z, R = log.observation[i], log.observation_covariance[i]
-            bearing = ekf.x[2] + z[1]
-            observed = np.array(ekf.x[:2] + z[0] * np.array([np.cos(bearing), np.sin(bearing)]))
+            observed = g(ekf.x, z)
             if landmark in index_of:
                 ekf.update(index_of[landmark], z, R)
                 update = Transition(state, _state(ekf), observed)
@@ -94,17 +94,15 @@ def simulated_log() -> LandmarkLog:
     u = np.tile([1.6, 2 * np.pi / 7], (7, 1))
     U, R = np.diag([0.08, 0.06]) ** 2, np.diag([0.15, 0.05]) ** 2
     poses = [np.zeros(3)]
-    for d, phi in u:
-        x, y, theta = poses[-1]
-        theta += phi
-        poses.append(np.array([x + d * np.cos(theta), y + d * np.sin(theta), theta]))
-    observations = []
-    for pose, (x, y, theta) in enumerate(poses):
-        for landmark, (dx, dy) in enumerate(landmarks - (x, y)):
-            r, bearing = np.hypot(dx, dy), np.angle(np.exp(1j * (np.arctan2(dy, dx) - theta)))
-            if r < 3.2 and abs(bearing) < 1.6:
-                observations.append((pose, landmark, r, bearing))
-    pose_of, landmark_of, *z = np.array(observations).T
+    for control in u:
+        poses.append(f(poses[-1], control))
+    observations = [
+        (pose, landmark, *z)
+        for pose, x in enumerate(poses)
+        for landmark, m in enumerate(landmarks)
+        if (z := h(x, m))[0] < 3.2 and abs(z[1]) < 1.6
+    ]
+    pose_of, landmark_of, *z_of = np.array(observations).T
     return LandmarkLog(
         name="small world",
         start=np.zeros(3),
@@ -113,7 +111,7 @@ def simulated_log() -> LandmarkLog:
         control=u + rng.multivariate_normal(np.zeros(2), U, len(u)),
         control_covariance=np.tile(U, (len(u), 1, 1)),
         observation_pose=pose_of.astype(np.int64),
-        observation=np.transpose(z) + rng.multivariate_normal(np.zeros(2), R, len(observations)),
+        observation=np.transpose(z_of) + rng.multivariate_normal(np.zeros(2), R, len(observations)),
         observation_covariance=np.tile(R, (len(observations), 1, 1)),
         landmark=landmark_of.astype(np.int64),
     )
