@@ -15,7 +15,7 @@ class Picture:
     source: str
     """Path relative to the page, or a data URI."""
     alternative: str
-    """What a reader who cannot see it should know."""
+    """Alternative text."""
     caption: str
     wide: bool = False
     """Whether it is of no use when small: on a narrow screen it scrolls sideways."""
@@ -48,7 +48,7 @@ def html_page(title: str, lead: str, sections: Sequence[Section]) -> str:
 def standalone_page(
     title: str, lead: str, body: str, styles: Sequence[str], scripts: Sequence[str] = ()
 ) -> str:
-    """A page that holds all it shows; its Content-Security-Policy lets it load nothing.
+    """A self-contained page, whose Content-Security-Policy lets it load nothing.
 
     Args:
         title: of the page.

@@ -1,4 +1,4 @@
-"""The report: one HTML page that holds all it shows, interactive, without network."""
+"""The report: one self-contained, interactive HTML page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

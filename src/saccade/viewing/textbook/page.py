@@ -29,7 +29,7 @@ _CODE_OR_LINK = re.compile(r"`([^`]+)`|\[([^\]]+)\]\([^)]+\)")
 
 @dataclass(frozen=True)
 class Equation:
-    """A formula and where its code is found."""
+    """A formula, and how to look up its code."""
 
     number: str
     """As in print; empty where it has none."""

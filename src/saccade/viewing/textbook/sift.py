@@ -33,7 +33,7 @@ OUTCOMES = {
 }
 """Color and marker of a candidate by the first test it failed."""
 MAX_STRONGEST = 60
-"""Of so many of the strongest keypoints the largest is shown that is inside and visibly rotated."""
+"""Strongest keypoints of which the largest is shown that is inside and visibly rotated."""
 MIN_ROTATION = 0.5
 """Absolute sine of twice its orientation."""
 PATCH = 160
