@@ -4,9 +4,14 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import saccade
-from saccade.cli.textbook_source import Chapter
-from saccade.cli.textbook_steps import made_of, small_world
-from saccade.viewing.steps import Equation, equations_html, save_step, step_table
+from saccade.viewing.textbook import (
+    Implementation,
+    equations_html,
+    load_steps,
+    run_appendix,
+    save_webp,
+    simulated_log,
+)
 
 PHOTO = "coffee.jpg"
 
@@ -15,23 +20,19 @@ def draw(appendix: str, folder: Path) -> None:
     """Draw the pictures of the steps of an appendix."""
     with as_file(files("saccade") / "data" / PHOTO) as path:
         image = saccade.read_image(path)
-    figures, _ = made_of(appendix, Chapter.of_textbook(appendix).offer, image, small_world())
+    figures, _ = run_appendix(Implementation.of_textbook(appendix), image, simulated_log())
     for name, figure in figures.items():
-        save_step(figure, folder / f"appendix-{name}.webp")
+        save_webp(figure, folder / f"appendix-{name}.webp")
 
 
 def steps_markdown(appendix: str) -> str:
     """The steps of an appendix, with the code as it stands in the textbook now."""
-    code = Chapter.of_textbook(appendix).code
+    code = Implementation.of_textbook(appendix).code
     parts = []
-    for step in (each for each in step_table() if each["appendix"] == appendix):
-        equations = [
-            Equation(number, tex, code.get(*function or [number]))
-            for number, tex, *function in step["equations"]
-        ]
-        picture = f"![{step['alt']}](pictures/appendix-{step['name']}.webp){{ .wide }}"
-        parts += [f"### {step['title']}", step["text"], equations_html(equations), picture]
-        parts.append(f"*{step['caption']}*")
-        if "print" in step:
-            parts.append(f'!!! info "Where the default differs"\n    {step["print"]}')
+    for step in load_steps(appendix):
+        picture = f"![{step.alt}](pictures/appendix-{step.name}.webp){{ .wide }}"
+        equations = equations_html(step.equations, code, code)
+        parts += [f"### {step.title}", step.text, equations, picture, f"*{step.caption}*"]
+        if step.default:
+            parts.append(f'!!! info "Where the default differs"\n    {step.default}')
     return "\n\n".join(parts)

@@ -41,7 +41,7 @@ def story() -> Figure:
     panels[0].imshow(image)
     draw_scanpath(panels[0], path)
     picture_axes(panels[0], "an image, and where to look")
-    lit = viewing.attention.lit_by(image, maps.saliency)
+    lit = viewing.attention.weighted_by(image, maps.saliency)
     panels[1].imshow(lit)
     picture_axes(panels[1], "what attention leaves in the light")
     panels[2].imshow(image)
@@ -244,7 +244,7 @@ def _draw_descriptor(axes: Axes, image: np.ndarray, point: "saccade.Keypoints") 
     patch = cv2.warpAffine(
         image, np.c_[turn, shift], (side, side), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
-    axes.imshow(viewing.symmetry.faded(patch), cmap="gray", vmin=0, vmax=1)
+    axes.imshow(viewing.style.faded(patch), cmap="gray", vmin=0, vmax=1)
     rays = descriptor_rays(point.descriptors[0], side)
     axes.add_collection(LineCollection([*rays], colors=ORANGE, linewidths=2, capstyle="round"))
     for line in range(1, 4):

@@ -9,14 +9,16 @@ from pathlib import Path
 
 from latex2mathml.converter import convert
 
-from saccade.viewing.steps import step_table
+from saccade.viewing.textbook import load_steps
 
 FORMULAS = Path(str(files("saccade.viewing") / "web" / "formulas.json"))
 
 
 def formulas_json() -> str:
     """Every formula of the steps by its TeX."""
-    formulas = [equation[1] for step in step_table() for equation in step["equations"]]
+    formulas = [
+        equation.tex for each in "ABC" for step in load_steps(each) for equation in step.equations
+    ]
     table = {tex: mathml_of(tex) for tex in formulas}
     return json.dumps(table, indent=1, ensure_ascii=False) + "\n"
 

@@ -22,6 +22,9 @@ Float32Array: TypeAlias = npt.NDArray[np.float32]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
+THREE_SIGMA_2D = 11.829
+"""Squared Mahalanobis distance on the plane within which 99.73 % of a Gaussian lie: 3 sigma."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Keypoints:

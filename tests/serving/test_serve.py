@@ -12,25 +12,24 @@ import sys
 import threading
 import tomllib
 import zlib
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from importlib.resources import files
 from pathlib import Path
-from types import NoneType
-from typing import get_args
+from typing import Literal, get_type_hints
 
 import numpy as np
 import pytest
 from PIL import Image as Pillow
 
 import saccade
+from support.limits import TIMEOUT
 from saccade.cli.attention_models import Model
 from saccade.errors import ConfigError, ImageError
 from saccade.extras import install_command
 from saccade.serving import snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
-from saccade.serving.controls import RANGES, TITLES, controls, field_help
-from saccade.settings import load_settings, preset_names, settings_from
-from support.limits import TIMEOUT
+from saccade.serving.controls import KIND_RANGES, TITLES, controls, field_help, setting_controls
+from saccade.settings import NONE, load_settings, preset_names, settings_from
 
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 from starlette.testclient import TestClient
@@ -39,11 +38,11 @@ from saccade.serving.app import Samples, application
 
 PORT = 8014
 HOME = f"http://127.0.0.1:{PORT}"
-MOST = 200_000
+MAX_BYTES = 200_000
 PHOTO = files("saccade") / "data" / "horse.jpg"
 
 
-class _Bench:
+class _StubAnalyzer:
     """Counts what it is asked."""
 
     def __init__(self):
@@ -55,11 +54,11 @@ class _Bench:
         self.done.append((name, len(data)))
         return {"photo": "1"}
 
-    def analyze(self, wishes):
+    def analyze(self, request):
         self.hold.wait(5)
-        self.done.append(wishes)
-        if "fail" in wishes:
-            raise {"key": KeyError, "setting": ConfigError, "own": RuntimeError}[wishes["fail"]](
+        self.done.append(request)
+        if "fail" in request:
+            raise {"key": KeyError, "setting": ConfigError, "own": RuntimeError}[request["fail"]](
                 "why"
             )
         return {"maps": []}
@@ -71,13 +70,13 @@ class _Bench:
 
 
 @pytest.fixture
-def bench():
-    return _Bench()
+def analyzer():
+    return _StubAnalyzer()
 
 
 @pytest.fixture
-def client(bench):
-    app = application(bench, Samples(("a.jpg",), lambda _: b"jpeg"), PORT, MOST, {})
+def client(analyzer):
+    app = application(analyzer, Samples(("a.jpg",), lambda _: b"jpeg"), PORT, MAX_BYTES, {})
     with TestClient(app, base_url=HOME, raise_server_exceptions=False) as client:
         yield client
 
@@ -103,14 +102,14 @@ def test_this_machine_gets_the_page(client, host):
         f"0.0.0.0:{PORT}",
     ],
 )
-def test_a_name_of_another_host_is_refused(client, bench, host):
+def test_a_name_of_another_host_is_refused(client, analyzer, host):
     for answer in (
         client.get("/", headers={"Host": host}),
         client.post("/look", json={}, headers={"Host": host}),
     ):
         assert answer.status_code == 403
         assert answer.text == "refused: this server answers to its own name only\n"
-    assert not bench.done
+    assert not analyzer.done
 
 
 @pytest.mark.parametrize(
@@ -127,12 +126,12 @@ def test_a_name_of_another_host_is_refused(client, bench, host):
         "http://[evil",
     ],
 )
-def test_a_request_of_another_page_is_refused(client, bench, origin):
+def test_a_request_of_another_page_is_refused(client, analyzer, origin):
     for path in ("/photo", "/look", "/points"):
         answer = client.post(path, content=b"{}", headers={"Origin": origin})
         assert (answer.status_code, answer.text) == (403, "refused: another page asked\n")
     assert client.get("/state", headers={"Origin": origin}).status_code == 403
-    assert not bench.done
+    assert not analyzer.done
 
 
 def test_what_a_browser_says_of_the_asking_page_counts(client):
@@ -166,16 +165,16 @@ def test_the_page_may_do_nothing_but_ask_its_server(client):
         assert "Access-Control-Allow-Origin" not in headers
 
 
-def test_too_much_is_refused_in_one_line(client, bench):
-    answer = client.post("/photo?name=x", content=b"x" * (MOST + 1))
+def test_too_much_is_refused_in_one_line(client, analyzer):
+    answer = client.post("/photo?name=x", content=b"x" * (MAX_BYTES + 1))
     assert (answer.status_code, answer.text) == (413, "too large: expected at most 0.2 MB\n")
     assert client.post("/look", content=b" " * 100_001).status_code == 413
-    assert not bench.done
-    assert client.post("/photo?name=x", content=b"x" * MOST).status_code == 200
-    assert bench.done == [("x", MOST)]
+    assert not analyzer.done
+    assert client.post("/photo?name=x", content=b"x" * MAX_BYTES).status_code == 200
+    assert analyzer.done == [("x", MAX_BYTES)]
 
 
-def test_too_much_is_refused_where_its_length_is_not_told(client, bench):
+def test_too_much_is_refused_where_its_length_is_not_told(client, analyzer):
     sent = []
 
     def chunks():
@@ -184,7 +183,7 @@ def test_too_much_is_refused_where_its_length_is_not_told(client, bench):
             yield b"x" * 10_000
 
     assert client.post("/photo", content=chunks()).status_code == 413
-    assert not bench.done
+    assert not analyzer.done
     for said in ("-1", "1e9", "\u0663", "9" * 5000):
         headers = {"Content-Length": said.encode()}
         assert client.post("/photo", content=b"x", headers=headers).status_code in (200, 413)
@@ -194,12 +193,12 @@ def test_too_much_is_refused_where_its_length_is_not_told(client, bench):
     "body",
     [b"", b"{", b"[]", b"3", b'{"a": NaN}', b"[" * 50_000, b"\xff\xfe", b'{"a": ' + b"9" * 9999],
 )
-def test_what_is_no_wish_is_refused(client, bench, body):
+def test_what_is_no_request_is_refused(client, analyzer, body):
     answer = client.post("/look", content=body)
     assert answer.status_code == 400
     assert answer.text.startswith("expected")
     assert answer.text.count("\n") == 1
-    assert not bench.done
+    assert not analyzer.done
 
 
 @pytest.mark.parametrize(
@@ -222,8 +221,8 @@ def test_other_paths_and_methods_are_not_there(client):
     assert client.put("/photo", content=b"").status_code == 405
 
 
-def test_more_than_a_few_do_not_wait(client, bench):
-    bench.hold.clear()
+def test_more_than_a_few_do_not_wait(client, analyzer):
+    analyzer.hold.clear()
     statuses = []
     threads = [
         threading.Thread(target=lambda: statuses.append(client.post("/look", json={}).status_code))
@@ -233,7 +232,7 @@ def test_more_than_a_few_do_not_wait(client, bench):
         each.start()
     while len(statuses) < 4:
         threads[0].join(0.01)
-    bench.hold.set()
+    analyzer.hold.set()
     for each in threads:
         each.join()
     assert sorted(statuses) == [200] * 16 + [503] * 4
@@ -274,28 +273,30 @@ def test_what_is_no_photograph_is_refused(data):
 
 
 def test_only_the_last_photographs_are_held():
-    bench = PhotoAnalyzer()
-    tokens = [bench.open(PHOTO.read_bytes(), "horse.jpg")["photo"] for _ in range(MAX_PHOTOS + 1)]
+    analyzer = PhotoAnalyzer()
+    tokens = [
+        analyzer.open(PHOTO.read_bytes(), "horse.jpg")["photo"] for _ in range(MAX_PHOTOS + 1)
+    ]
     assert len(set(tokens)) == MAX_PHOTOS + 1
     with pytest.raises(KeyError, match="not held any more"):
-        bench.analyze({"photo": tokens[0]})
-    bench.analyze({"photo": tokens[1], "model": "contrast", "fixations": 1})
+        analyzer.analyze({"photo": tokens[0]})
+    analyzer.analyze({"photo": tokens[1], "model": "contrast", "fixations": 1})
 
 
 def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
     """Where memory is used again a photograph may lie where another one lay."""
-    bench, coffee = PhotoAnalyzer(), files("saccade") / "data" / "coffee.jpg"
-    wishes = {"model": "contrast", "fixations": 1}
+    analyzer, coffee = PhotoAnalyzer(), files("saccade") / "data" / "coffee.jpg"
+    request = {"model": "contrast", "fixations": 1}
 
     def opened(photo):
-        return {"photo": bench.open(photo.read_bytes(), photo.name)["photo"], **wishes}
+        return {"photo": analyzer.open(photo.read_bytes(), photo.name)["photo"], **request}
 
-    right = bench.analyze(opened(coffee))["maps"]
+    right = analyzer.analyze(opened(coffee))["maps"]
     for _ in range(3):
-        bench.analyze(opened(PHOTO))
+        analyzer.analyze(opened(PHOTO))
         for _ in range(MAX_PHOTOS + 1):
             last = opened(coffee)
-        assert bench.analyze(last)["maps"] == right
+        assert analyzer.analyze(last)["maps"] == right
 
 
 CHANGED = {
@@ -312,30 +313,30 @@ def test_what_is_shown_is_what_the_copied_python_computes(model, monkeypatch, tm
     name = 'it\'s \N{SNOWMAN} "1".jpg'
     monkeypatch.chdir(tmp_path)
     Path(name).write_bytes(PHOTO.read_bytes())
-    bench = PhotoAnalyzer()
-    opened = bench.open(PHOTO.read_bytes(), name)
-    wishes = {
+    analyzer = PhotoAnalyzer()
+    opened = analyzer.open(PHOTO.read_bytes(), name)
+    request = {
         "photo": opened["photo"],
         "model": model,
         "fixations": 4,
         "detector": "must",
         **CHANGED,
     }
-    looked, found = bench.analyze(wishes), bench.detect(wishes)
+    looked, found = analyzer.analyze(request), analyzer.detect(request)
     space = {}
     exec("\n".join([opened["python"], looked["python"], found["python"]]), space)
     assert np.array_equal(space["path"].xy.ravel(), looked["scanpath"]["xy"])
     assert len(space["path"]) == 4
     assert np.array_equal(space["points"].descriptors.ravel(), found["points"]["descriptor"])
-    assert len(space["points"]) == found["found"] > 0
+    assert len(space["points"]) == found["count"] > 0
 
 
 def test_the_copied_command_says_what_was_set(tmp_path):
     name = "-it's $(touch no) `1`.jpg"
-    bench = PhotoAnalyzer()
-    opened = bench.open(PHOTO.read_bytes(), name)
-    wishes = {"photo": opened["photo"], "model": "both", **CHANGED, "fixations": 3}
-    command = bench.analyze(wishes)["command"]
+    analyzer = PhotoAnalyzer()
+    opened = analyzer.open(PHOTO.read_bytes(), name)
+    request = {"photo": opened["photo"], "model": "both", **CHANGED, "fixations": 3}
+    command = analyzer.analyze(request)["command"]
     stub = tmp_path / "saccade"
     stub.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > said\n")
     stub.chmod(0o755)
@@ -347,7 +348,7 @@ def test_the_copied_command_says_what_was_set(tmp_path):
     assert words == ["look", f"./{name}", "--fixations", "3", "--config", "attention.toml"]
     set_so = load_settings("attention", path=tmp_path / "attention.toml")
     inner = {kind: CHANGED[kind] for kind in ("contrast", "symmetry")}
-    assert set_so == settings_from("attention", CHANGED["attention"] | inner, "wishes")
+    assert set_so == settings_from("attention", CHANGED["attention"] | inner, "request")
     assert command.startswith("# the settings of the scanpath: in Python only\n")
     assert not (tmp_path / "no").exists()
 
@@ -379,25 +380,83 @@ def test_every_setting_is_on_the_page_and_every_preset_in_its_range():
         for values in group["presets"].values():
             for name, value in values[kind].items():
                 field = next(each for each in group["fields"] if each["name"] == name)
-                if field["input"] == "range" and not (field["optional"] and value is None):
+                if value is None:
+                    assert field["optional"], (kind, name)
+                elif field["input"] == "range":
                     assert field["low"] <= value <= field["high"], (kind, name, value)
                 if field["input"] == "choice":
                     assert value in field["choices"]
-    assert set(RANGES) == set(TITLES)
+    assert set(KIND_RANGES) < set(TITLES)
     assert json.dumps(controls())
 
 
-@pytest.mark.parametrize("kind", TITLES)
-def test_every_slider_stays_where_the_configuration_allows(kind):
-    for name, (low, high, step) in RANGES[kind].items():
-        whole = isinstance(getattr(load_settings(kind), name), int)
-        assert not whole or step == int(step) >= 1
-        default = next(each for each in fields(load_settings(kind)) if each.name == name)
-        optional = NoneType in get_args(default.type)
-        for value in (None if optional else low, high):
+@pytest.mark.parametrize("group", controls()["groups"], ids=lambda group: group["kind"])
+def test_every_slider_stays_where_the_configuration_allows(group):
+    kind = group["kind"]
+    hints = get_type_hints(type(load_settings(kind)))
+    for field in group["fields"]:
+        if field["input"] != "range":
+            continue
+        name, step = field["name"], field["step"]
+        assert hints[name] not in (int, int | None) or step == int(step) >= 1
+        for value in (field["low"], field["high"]):
             free = {"outer": 20, "inner": 1} if kind in ("symmetry", "symroid") else {}
             free |= {"grid": "centered"} if kind == "sift" else {}
             settings_from(kind, free | {name: value}, kind)
+        assert not field.get("optional") or settings_from(kind, {name: None}, kind)
+
+
+@dataclass(frozen=True)
+class _Inner:
+    a: int = 1
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Has a setting of each type."""
+
+    count: int = 3
+    """How many."""
+    limit: int | None = None
+    """At most, or None."""
+    factor: float | None = 2.0
+    weight: float = 1.0
+    flag: bool = False
+    mode: Literal["a", "b"] = "a"
+    border: Literal["c", "d"] | None = None
+    levels: tuple[int, ...] | None = None
+    inner: _Inner = _Inner()
+    other: _Inner | None = None
+
+
+def test_a_control_follows_from_the_type_of_its_setting():
+    ranges = {"count": (0, 9, 1), "limit": (0, 900, 50), "factor": (0.5, 8, 0)}
+    by_name = {each["name"]: each for each in setting_controls(_Sample, ranges, ("weight",))}
+    assert list(by_name)[:2] == ["weight", "count"]
+    assert by_name["count"] == {
+        **{"name": "count", "help": "How many."},
+        **{"input": "range", "low": 0, "high": 9, "step": 1},
+    }
+    assert by_name["limit"] == {
+        **{"name": "limit", "help": "At most, or None.", "optional": True},
+        **{"input": "range", "low": 50, "high": 900, "step": 50},
+    }
+    kinds = {name: (each["input"], each.get("optional", False)) for name, each in by_name.items()}
+    assert kinds == {
+        **{"weight": ("number", False), "count": ("range", False), "limit": ("range", True)},
+        **{"factor": ("range", True), "flag": ("check", False), "mode": ("choice", False)},
+        **{"border": ("choice", True), "levels": ("list", True)},
+    }
+    assert by_name["border"]["choices"] == ["c", "d"]
+
+
+def test_a_setting_of_none_is_copied_as_none():
+    sample = _Sample(factor=None, limit=4)
+    assert snippets.changes(sample) == {"factor": None, "limit": 4}
+    assert "saccade._Sample(limit=4, factor=None)" in snippets.detection_python("sift", sample)
+    command = snippets.detection_command("a.jpg", "sift", sample)
+    table = tomllib.loads(command.split("<<'END'\n")[1].split("END\n")[0])
+    assert table == {"limit": 4, "factor": NONE}
 
 
 def test_what_stands_below_a_field_is_its_help():
@@ -406,7 +465,7 @@ def test_what_stands_below_a_field_is_its_help():
 
 
 @pytest.mark.parametrize(
-    ("wishes", "words"),
+    ("change", "words"),
     [
         ({"model": "none"}, "model: expected one of both, contrast, symmetry, found 'none'"),
         ({"model": ["both"]}, "model: expected one of"),
@@ -421,11 +480,11 @@ def test_what_stands_below_a_field_is_its_help():
         ({"photo": ["x"]}, "not held any more"),
     ],
 )
-def test_a_wish_that_cannot_be_granted_is_told(wishes, words):
-    bench = PhotoAnalyzer()
-    token = bench.open(PHOTO.read_bytes(), "a")["photo"]
+def test_a_request_that_cannot_be_granted_is_one_line(change, words):
+    analyzer = PhotoAnalyzer()
+    token = analyzer.open(PHOTO.read_bytes(), "a")["photo"]
     with pytest.raises((ConfigError, KeyError), match=re.escape(words)):
-        bench.analyze({"photo": token, **wishes})
+        analyzer.analyze({"photo": token, **change})
 
 
 def test_a_port_that_is_taken_is_told_in_one_line(run):

@@ -1,6 +1,7 @@
 """The local page in a real browser: drop, slide, switch, play, copy, and what goes wrong."""
 
 import base64
+import json
 import re
 import socket
 import threading
@@ -21,7 +22,7 @@ from saccade.serving.app import Samples, application  # noqa: E402
 
 expect = playwright.expect
 DATA = files("saccade") / "data"
-MOST = 400_000
+MAX_BYTES = 400_000
 DROP = """([bytes, name]) => {
   const data = new DataTransfer();
   const letters = atob(bytes);
@@ -41,10 +42,10 @@ class _Counting(PhotoAnalyzer):
         self.looks, self._may_look = 0, threading.Event()
         self._may_look.set()
 
-    def analyze(self, wishes):
+    def analyze(self, request):
         self.looks += 1
         self._may_look.wait(TIMEOUT)
-        return super().analyze(wishes)
+        return super().analyze(request)
 
     @contextmanager
     def held(self, address):
@@ -64,16 +65,16 @@ class _Counting(PhotoAnalyzer):
 
 @pytest.fixture(scope="module")
 def served():
-    """A running server: its bench and its address."""
-    bench = _Counting()
+    """A running server: its analyzer and its address."""
+    analyzer = _Counting()
     samples = Samples(("horse.jpg", "coffee.jpg"), lambda name: (DATA / name).read_bytes())
     with _listening(0) as listener:
         port = listener.getsockname()[1]
-        app = application(bench, samples, port, MOST, controls())
+        app = application(analyzer, samples, port, MAX_BYTES, controls())
         server = uvicorn.Server(uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=1))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
-        yield bench, f"http://127.0.0.1:{port}/"
+        yield analyzer, f"http://127.0.0.1:{port}/"
         server.should_exit = True
         thread.join(TIMEOUT)
 
@@ -107,7 +108,7 @@ def opened(browser, served):
 
 
 def _settle(page):
-    page.wait_for_selector("#serve[data-busy=false]:not([data-found=''])")
+    page.wait_for_selector("#serve[data-busy=false]:not([data-points=''])")
 
 
 def _drop(page, data, name, script=DROP):
@@ -132,10 +133,10 @@ def test_a_photograph_is_dropped_set_and_copied(opened):
     pre = page.locator("pre")
     assert "onerror=alert(1)" in pre.first.inner_text()
 
-    before = int(serve.get_attribute("data-found"))
+    before = int(serve.get_attribute("data-points"))
     _slide(page, "contrast_threshold", 0.05)
     expect(pre.first).to_contain_text("contrast_threshold=0.05")
-    assert 0 < int(serve.get_attribute("data-found")) < before
+    assert 0 < int(serve.get_attribute("data-points")) < before
     assert "saccade.Sift(saccade.SiftConfig(contrast_threshold=0.05))" in pre.first.inner_text()
     assert "contrast_threshold = 0.05" in pre.last.inner_text()
     sift = page.locator("[data-kind=sift]")
@@ -143,7 +144,7 @@ def test_a_photograph_is_dropped_set_and_copied(opened):
     sift.get_by_label("Preset").select_option("kootstra2010")
     expect(pre.first).to_contain_text("octaves=3")
     sift.get_by_role("button", name="Reset").click()
-    expect(serve).to_have_attribute("data-found", str(before))
+    expect(serve).to_have_attribute("data-points", str(before))
     assert "points = saccade.Sift()(image)" in pre.first.inner_text()
     assert sift.get_by_role("button", name="Reset").is_disabled()
     copy = page.locator(".snippet button").first
@@ -190,13 +191,13 @@ def test_the_scanpath_is_played_and_lengthened(opened):
 
 
 def test_what_nobody_waits_for_any_more_is_not_begun(served):
-    bench, address = served
+    analyzer, address = served
     place = ("127.0.0.1", int(address.rsplit(":", 1)[1].strip("/")))
-    photo = bench.open((DATA / "horse.jpg").read_bytes(), "horse.jpg")["photo"]
+    photo = analyzer.open((DATA / "horse.jpg").read_bytes(), "horse.jpg")["photo"]
     body = f'{{"photo": "{photo}", "fixations": 1, "model": "contrast"}}'
     words = f"POST /look HTTP/1.1\r\nHost: {place[0]}:{place[1]}\r\nContent-Length: {len(body)}"
     with socket.create_connection(place) as first, socket.create_connection(place) as last:
-        with bench.held(address):
+        with analyzer.held(address):
             first.sendall(f"{words}\r\n\r\n{body}".encode())
             for _ in range(6):
                 with socket.create_connection(place) as gone:
@@ -204,27 +205,27 @@ def test_what_nobody_waits_for_any_more_is_not_begun(served):
             last.sendall(f"{words}\r\n\r\n{body}".encode())
         answers = [each.recv(12) for each in (first, last)]
     assert answers == [b"HTTP/1.1 200"] * 2
-    assert bench.looks == 2
+    assert analyzer.looks == 2
 
 
 def test_a_slider_that_moves_quickly_is_not_followed_everywhere(opened, served):
-    bench, address = served
+    analyzer, address = served
     page = opened()
-    with bench.held(address):
+    with analyzer.held(address):
         for i in range(40):
             _slide(page, "contrast_weight", 0.05 * (1 + i))
     expect(page.locator("pre").first).to_contain_text("contrast_weight=2.0")
     _settle(page)
-    assert 1 <= bench.looks < 25
+    assert 1 <= analyzer.looks < 25
 
 
 def test_what_cannot_be_looked_at_is_told_and_the_page_goes_on(opened, served):
-    bench, _ = served
+    analyzer, _ = served
     page = opened()
     alarm = page.locator(".alarm")
     assert alarm.is_hidden()
     for data, name, words in (
-        (b"x" * (MOST + 1), "big.jpg", "big.jpg: expected at most 0.4 MB, found 0.4 MB"),
+        (b"x" * (MAX_BYTES + 1), "big.jpg", "big.jpg: expected at most 0.4 MB, found 0.4 MB"),
         (
             b"not an image",
             "notes.txt",
@@ -249,7 +250,7 @@ def test_what_cannot_be_looked_at_is_told_and_the_page_goes_on(opened, served):
     expect(alarm).to_contain_text("levels: expected rising levels")
     symmetry.get_by_role("button", name="Reset").click()
     alarm.wait_for(state="hidden")
-    bench._photos.clear()  # a server that was started anew
+    analyzer._photos.clear()  # a server that was started anew
     _slide(page, "edge_ratio", 5)
     expect(page.locator("pre").first).to_contain_text("edge_ratio=5")
     assert alarm.is_hidden()
@@ -278,4 +279,46 @@ def test_while_it_compiles_the_page_says_so(browser, served):
     page.get_by_text("Compiling for this machine").wait_for()
     page.unroute("**/state")
     page.get_by_text("Compiling for this machine").wait_for(state="hidden")
+    page.close()
+
+
+SETTING = """(field) => {
+  const values = { sample: { ...field.start } };
+  const presets = { default: { sample: field.start } };
+  window.last = undefined;
+  const sample = { kind: "sample", title: "Sample", first: 9, presets, fields: field.fields };
+  const changed = () => { window.last = JSON.stringify(group.values.sample); };
+  const group = settingsGroups([sample], changed);
+  document.body.replaceChildren(...group.elements);
+  document.querySelector("details").open = true;
+}"""
+
+
+def test_an_optional_setting_is_switched_off_and_on(browser):
+    page = browser.new_page()
+    for package, name in (("viewing", "report.js"), ("serving", "controls.js")):
+        page.add_script_tag(content=(files("saccade") / package / "web" / name).read_text("utf-8"))
+    field = {"input": "range", "low": 50, "high": 900, "step": 50, "help": "", "optional": True}
+    fields = [
+        {**field, "name": "limit"},
+        {"name": "mode", "input": "choice", "choices": ["a", "b"], "help": "", "optional": True},
+        {"name": "weight", "input": "number", "help": ""},
+    ]
+    start = {"limit": None, "mode": "b", "weight": 2}
+    page.evaluate(SETTING, {"fields": fields, "start": start})
+    slider, none = page.get_by_role("slider", name="limit"), page.get_by_text("none").first
+    assert slider.is_disabled()
+    assert none.is_visible()
+    page.get_by_role("checkbox", name="limit").check()
+    assert slider.is_enabled()
+    assert none.is_hidden()
+    slider.fill("200")
+    assert json.loads(page.evaluate("last")) == {"limit": 200, "mode": "b", "weight": 2}
+    page.get_by_role("checkbox", name="mode").uncheck()
+    page.get_by_role("spinbutton", name="weight").fill("3.5")
+    page.get_by_role("spinbutton", name="weight").press("Enter")
+    assert json.loads(page.evaluate("last")) == {"limit": 200, "mode": None, "weight": 3.5}
+    page.get_by_role("button", name="Reset").click()
+    assert json.loads(page.evaluate("last")) == start
+    assert slider.is_disabled()
     page.close()

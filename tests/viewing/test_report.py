@@ -9,11 +9,12 @@ import pytest
 from saccade.cli.report_builder import ReportBuilder
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
+from saccade.viewing.embedding import jpeg
 from saccade.viewing.page import Picture, Section
-from saccade.viewing.report import jpeg, report_page
+from saccade.viewing.report import report_page
 from saccade.viewing.report_image import image_part, match_part
 from saccade.viewing.report_map import (
-    Ground,
+    MapOverlays,
     ObservedLandmarks,
     innovation_charts,
     map_part,
@@ -106,7 +107,7 @@ def _map_page(name="a map"):
             np.array([0, 1, 1, 0, 0, 2, 1]),
         ),
         [*charts, *uncertainty_charts(estimate, estimate)],
-        Ground({"odometry": estimate, "truth": estimate}),
+        MapOverlays({"odometry": estimate, "truth": estimate}),
         lambda step: picture if step % 2 == 0 else None,
     )
     return report_page(name, name, [part])
@@ -157,7 +158,7 @@ def test_a_click_on_a_landmark_shows_when_it_was_seen(opened):
     canvas.click(position={"x": float(at[0]), "y": float(at[1])})
     detail = page.locator(".detail")
     assert detail.locator("h3").inner_text() == "Landmark 1"
-    assert "Seen 5 times. At 8.00, 4.00 m" in detail.inner_text()
+    assert "Observed 5 times. At 8.00, 4.00 m" in detail.inner_text()
     assert detail.locator(".run").all_inner_texts() == [f"0{TO}2", f"8{TO}9"]
     assert detail.locator(".thumb").all_inner_texts() == ["frame 0", "frame 2", "frame 8"]
     detail.get_by_role("button", name=f"0{TO}2").click()

@@ -75,7 +75,7 @@ def _map(rng):
     )
     frame = rng.integers(0, 255, (280, 280, 3), np.uint8)
     return map_part(
-        SECTION, drive, grown, seen, uncertainty_charts(drive, drive), picture=lambda _: frame
+        SECTION, drive, grown, seen, uncertainty_charts(drive, drive), image_at=lambda _: frame
     )
 
 
@@ -84,7 +84,7 @@ def _map(rng):
     [
         (_image, ""),
         (_match, " Of 10,001 matches one in 3 is on this page."),
-        (_map, r" Of 300 states of the map one in \d+ is on this page. Of [\d,]+ stretches .*"),
+        (_map, r" Of 300 states of the map one in \d+ is on this page. Of [\d,]+ intervals .*"),
     ],
 )
 def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
@@ -117,9 +117,9 @@ def test_a_map_keeps_how_often_a_landmark_was_seen():
         np.array([7]),
     )
     seen = ObservedLandmarks(np.array([1, 2, 2, 4, 4, 9, 19]), np.array([7, 7, 7, 7, 3, 7, 7]))
-    runs = map_part(SECTION, drive, [snapshot], seen, []).data["runs"]
-    assert {name: list(values) for name, values in runs.items()} == {
-        "name": [3, 7, 7, 7],
+    intervals = map_part(SECTION, drive, [snapshot], seen, []).data["intervals"]
+    assert {name: list(values) for name, values in intervals.items()} == {
+        "id": [3, 7, 7, 7],
         "first": [4, 1, 9, 19],
         "last": [4, 4, 9, 19],
         "count": [1, 3, 1, 1],

@@ -17,9 +17,10 @@ import pytest
 import saccade
 from saccade import textbook
 from saccade.cli import main
-from saccade.cli.textbook_source import Chapter, code_of
-from saccade.cli.textbook_steps import filter_trace, small_world
-from saccade.viewing.steps import mathml, step_table
+from saccade.viewing.textbook import Implementation, load_steps, simulated_log
+from saccade.viewing.textbook.ekf_trace import trace_filter
+from saccade.viewing.textbook.equation_code import equation_code
+from saccade.viewing.textbook.page import mathml
 from support.paths import ROOT
 
 DATA = files("saccade") / "data"
@@ -55,8 +56,12 @@ def changed(tmp_path_factory):
 
 def test_the_page_shows_a_changed_equation_and_what_it_changes(changed):
     photo, result, messages, page = changed
-    assert result["taken"]["contrast_saliency"].endswith("my_contrast.py")
-    assert result["taken"]["sift"] == result["taken"]["EkfSlam"] == "saccade.textbook"
+    assert result["implementations"]["contrast_saliency"].endswith("my_contrast.py")
+    assert (
+        result["implementations"]["sift"]
+        == result["implementations"]["EkfSlam"]
+        == "saccade.textbook"
+    )
     assert "contrast_saliency is that of" in messages
     assert f"-    {LINE}  # A.14\n+    {CHANGED}  # A.14" in unescape(page)
     marked = {number: unescape(code) for number, mark, code in ROW.findall(page) if mark}
@@ -65,10 +70,10 @@ def test_the_page_shows_a_changed_equation_and_what_it_changes(changed):
     usual = textbook.contrast_saliency(saccade.read_image(photo))
     maps = {name: each.map for name, each in usual.conspicuity.items()}
     saliency = (maps["intensity"] + 2 * maps["color"] + maps["orientation"]) / 4
-    told = result["facts"]["A"]["conspicuity"]["mean of the saliency"]
+    told = result["results"]["A"]["conspicuity"]["mean of the saliency"]
     assert told == f"{saliency.mean():.3f} (textbook: {usual.saliency.mean():.3f})"
     assert told in page
-    assert "(textbook:" not in str(result["facts"]["A"]["normalization"])  # before the change
+    assert "(textbook:" not in str(result["results"]["A"]["normalization"])  # before the change
 
 
 def test_the_page_holds_every_equation_with_its_code_and_every_picture(changed):
@@ -77,7 +82,9 @@ def test_the_page_holds_every_equation_with_its_code_and_every_picture(changed):
     assert [number for number in shown if "." in number] == NUMBERS
     assert "No line cites it" not in page
     assert page.count("<math") == len(shown)
-    assert page.count('src="data:image/webp;base64,') == len(step_table())
+    assert page.count('src="data:image/webp;base64,') == sum(
+        len(load_steps(each)) for each in "ABC"
+    )
     assert not re.search(r'(src|href)="(?!data:)|<script| style="', page)
     assert len(page) < 5e6
 
@@ -100,7 +107,7 @@ def test_everyone_can_read_it(changed, browser, scheme, width):
         ("import nonsense\n", "line 1: ModuleNotFoundError"),
         ("x = 1\n", "expected a definition of contrast_saliency or sift or EkfSlam, found none"),
         ("def contrast_saliency(image):\n    return 1 / 0\n", "line 2: ZeroDivisionError"),
-        ("def contrast_saliency(image):\n    return image\n", "what it returns cannot be shown"),
+        ("def contrast_saliency(image):\n    return image\n", "its result cannot be shown"),
         ("from saccade.textbook import sift\n", "expected a definition"),
         (None, "cannot be read"),
     ],
@@ -109,7 +116,7 @@ def test_a_mistake_in_the_file_is_one_line(run, tmp_path, text, said):
     photo = str(DATA / "chelsea.jpg")
     if text is not None:
         (tmp_path / "mine.py").write_text(text, encoding="utf-8")
-    code, out, err = run("textbook", photo, "--longest", 64, "--module", "mine.py")
+    code, out, err = run("textbook", photo, "--max-side", 64, "--module", "mine.py")
     (*_, last) = err.splitlines()
     assert (code, out) == (2, "")
     assert last.startswith("saccade: mine.py")
@@ -120,7 +127,7 @@ def test_a_mistake_in_the_file_is_one_line(run, tmp_path, text, said):
 def test_a_log_is_walked_through_by_appendix_c(run, tmp_path):
     code, out, _ = run("textbook", DATA / "victoria_park.txt", "--json")
     assert code == 0
-    assert json.loads(out)["taken"] == {"EkfSlam": "saccade.textbook"}
+    assert json.loads(out)["implementations"] == {"EkfSlam": "saccade.textbook"}
     page = (tmp_path / "saccade-textbook" / "report.html").read_text(encoding="utf-8")
     assert {number[0] for number, _, _ in ROW.findall(page)} == {"C"}
     (tmp_path / "mine.py").write_text("def sift(image): ...\n", encoding="utf-8")
@@ -132,7 +139,7 @@ def test_a_log_is_walked_through_by_appendix_c(run, tmp_path):
 def test_a_control_that_drives_before_it_turns_is_taken_exactly():
     """Two of appendix C's lead to the pose of dead reckoning."""
     log = saccade.datasets.load("auto", DATA / "victoria_park.txt")
-    ekf = filter_trace(log, textbook.EkfSlam, scans=1).scans[0][1]
+    ekf = trace_filter(log, textbook.EkfSlam, max_scans=1).scans[0][1]
     steps = int(log.observation_pose[0])
     x, y, theta = log.start
     for forward, left, turn in log.control[:steps]:
@@ -142,12 +149,12 @@ def test_a_control_that_drives_before_it_turns_is_taken_exactly():
     np.testing.assert_allclose(ekf.s[:3], [x, y, theta], atol=1e-12)
 
 
-def test_the_small_world_shows_all_three_steps():
-    trace = filter_trace(small_world(), textbook.EkfSlam)
-    assert trace.steps.keys() == {"predict", "update", "augment"}
-    before, after, _ = trace.steps["augment"]
+def test_the_simulated_log_shows_all_three_steps():
+    trace = trace_filter(simulated_log(), textbook.EkfSlam)
+    assert trace.transitions.keys() == {"predict", "update", "augment"}
+    before, after, _ = trace.transitions["augment"]
     assert len(after.s) == len(before.s) + 2
-    before, after, _ = trace.steps["update"]
+    before, after, _ = trace.transitions["update"]
     assert np.linalg.eigvalsh(before.P - after.P).min() > -1e-12  # an update takes away
 
 
@@ -166,7 +173,7 @@ def f(x):
 def g(x):
     return f(x)  # C.3-C.5
 '''
-    code = code_of(source, "mine.py")
+    code = equation_code(source, "mine.py")
     assert code.keys() == {"f", "g", "C.1", "C.2", "C.3", "C.4", "C.5"}
     assert code["C.1"].text == "a, b = x"
     assert code["C.3"].text == "c = a * 2\nd = (\n    b + c\n)"  # not g, which cites three
@@ -176,12 +183,11 @@ def g(x):
 
 @pytest.mark.parametrize("appendix", "ABC")
 def test_the_textbook_cites_each_equation_of_the_steps(appendix):
-    code = Chapter.of_textbook(appendix).code
-    for step in step_table():
-        for number, tex, *function in step["equations"]:
-            assert mathml(tex).startswith("<math")
-            if step["appendix"] == appendix:
-                assert (*function, number)[0] in code
+    code = Implementation.of_textbook(appendix).code
+    for step in load_steps(appendix):
+        for equation in step.equations:
+            assert mathml(equation.tex).startswith("<math")
+            assert equation.code_in(code) is not None
 
 
 def test_the_formulas_are_those_of_the_steps():

@@ -1,9 +1,11 @@
 """Pictures hold what they are said to hold, and pages show every word as a word."""
 
+import os
 import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +39,7 @@ from saccade.viewing import (
     region_figure,
     save_figure,
 )
-from saccade.viewing.attention import lit_by
+from saccade.viewing.attention import weighted_by
 from saccade.viewing.live import LiveMap, save_rrd
 from saccade.viewing.style import BLUE, ORANGE, RED
 from support.limits import TIMEOUT
@@ -76,7 +78,7 @@ def test_every_map_has_a_panel_over_the_whole_photograph(count):
 def test_the_light_falls_where_the_map_is_high():
     values = np.zeros((6, 9), np.float32)
     values[:, 6:] = 3
-    lit = lit_by(np.ones((60, 90, 3), np.float32), values)
+    lit = weighted_by(np.ones((60, 90, 3), np.float32), values)
     assert lit[:, :40].max() < 0.2
     assert lit[:, 75:].min() == 1
 
@@ -114,7 +116,7 @@ def test_regions_are_boxes_about_their_centers():
 def test_with_pairs_comes_a_panel():
     figure = attention_figure(IMAGE, {"saliency": IMAGE[::4, ::4, 0]}, SCANPATH, [PAIRS, PAIRS])
     titles = [axes.get_title() for axes in figure.axes]
-    assert titles[-1] == "what is symmetric about the fixations"
+    assert titles[-1] == "symmetric pairs at the fixations"
     assert len(figure.axes[-1].collections) == 6
 
 
@@ -162,8 +164,10 @@ def test_ellipses_have_the_axes_of_the_covariance():
     (axes,) = map_figure(drive, landmarks).axes
     (ellipses,) = [each for each in axes.collections if isinstance(each, PolyCollection)]
     corners = (ellipses.get_paths()[0].vertices - np.array([1.0, 2.0])) @ tilt
-    np.testing.assert_allclose((corners**2 / [36, 9]).sum(1), 1)
-    np.testing.assert_allclose(np.abs(corners).max(0), [6, 3], rtol=1e-3)
+    squared_distance = (corners**2 / [4, 1]).sum(1)
+    np.testing.assert_allclose(chi2.cdf(squared_distance, 2), 0.9973, atol=1e-5)
+    radius = np.sqrt(chi2.ppf(0.9973, 2))
+    np.testing.assert_allclose(np.abs(corners).max(0), [2 * radius, radius], rtol=1e-3)
 
 
 def _growing_map(y=4.0, early=0.04):
@@ -235,7 +239,7 @@ def test_the_viewer_has_all_that_happens(tmp_path):
         Trajectory(np.arange(10.0), np.zeros((10, 3))),
     )
     found = _entities(path)
-    for entity in ("drive", "odometry", "in_sight", "landmarks", "robot", "landmarks/sigma"):
+    for entity in ("trajectory", "odometry", "observed", "landmarks", "robot", "landmarks/sigma"):
         assert f"/map/{entity}" in found
 
 
@@ -254,18 +258,26 @@ def _entities(path):
 def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
     rerun = pytest.importorskip("rerun")
     path = tmp_path / "live.rrd"
-    monkeypatch.setattr(rerun.RecordingStream, "spawn", lambda self: self.save(path))
+    paths = [os.environ["PATH"]]
+
+    def spawn(stream):
+        paths.append(os.environ["PATH"])
+        stream.save(path)
+
+    monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
     told = []
     monkeypatch.setattr(
         rerun.RecordingStream, "set_time", lambda self, line, **at: told.append((line, at))
     )
     snapshots = _growing_map()
     show = LiveMap("a drive", np.arange(10.0), Trajectory(np.arange(10.0), np.zeros((10, 3))))
+    assert paths[1] == os.pathsep.join([paths[0], str(Path(sys.executable).parent)])
+    assert os.environ["PATH"] == paths[0]
     show(snapshots[:1])
     show(snapshots)
     assert [at["sequence"] for line, at in told if line == "pose"] == [4, 9]
     del show
-    assert "/map/drive" in _entities(path)
+    assert "/map/trajectory" in _entities(path)
 
 
 @pytest.mark.peer

@@ -100,6 +100,7 @@ def write_film(
     from saccade.files import atomic_write
     from saccade.video import video_writer
     from saccade.viewing.drive_film import drive_frames
+    from saccade.viewing.report_map import ObservedLandmarks
 
     def attention(image: "Image") -> "Float32Array":
         if settings.selection == "contrast":
@@ -109,9 +110,9 @@ def write_film(
         return attention_saliency(image).saliency
 
     seen = result.observations
-    sighting = (seen.frame, seen.kind, seen.xy)
+    observed = ObservedLandmarks(seen.frame, seen.landmark, seen.xy, seen.kind)
     frames = drive_frames(
-        snapshots, drive.time, result.odometry, pictures_of(drive), attention, sighting
+        snapshots, drive.time, result.odometry, pictures_of(drive), attention, observed
     )
     files = {"film": path, "still": path.with_suffix(".png")}
     with video_writer(path, FILM_RATE) as write:

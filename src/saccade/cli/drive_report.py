@@ -27,13 +27,18 @@ def drive_part(
     """
     from saccade.cli.drive_files import pictures_of
     from saccade.viewing.page import Section
-    from saccade.viewing.report_map import Ground, ObservedLandmarks, map_part, uncertainty_charts
+    from saccade.viewing.report_map import (
+        MapOverlays,
+        ObservedLandmarks,
+        map_part,
+        uncertainty_charts,
+    )
 
     drives = {"odometry": result.odometry}
     drives |= {} if drive.truth is None else {"truth": drive.truth}
     seen = result.observations
     text = (
-        "The ellipses enclose three standard deviations. Scrub through the drive or play it; "
+        "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; "
         "click a landmark to see the frames in which it was seen; click a chart to go to that time."
     )
     return map_part(
@@ -42,7 +47,7 @@ def drive_part(
         snapshots,
         ObservedLandmarks(seen.frame, seen.landmark, seen.xy, seen.kind),
         [*_innovations(result), *uncertainty_charts(result.trajectory, drive.truth)],
-        Ground(drives),
+        MapOverlays(drives),
         pictures_of(drive),
     )
 

@@ -212,8 +212,8 @@ def _write_page(
 ) -> None:
     """All of it as a page, the figure among it; None writes nothing."""
     from saccade.cli.report_builder import SORT_HINT, ReportBuilder
+    from saccade.viewing.embedding import png_file
     from saccade.viewing.page import Picture, Section
-    from saccade.viewing.report import png_file
     from saccade.viewing.report_table import table_part
 
     if path is None:
@@ -253,7 +253,7 @@ def _drawn(path: Path, tables: "dict[str, FloatArray]", axes: Axes) -> Path:
 
     from saccade.evaluation.selection import means
     from saccade.viewing import save_figure
-    from saccade.viewing.selection import Panel, choice_figure
+    from saccade.viewing.selection import Panel, selection_figure
 
     panels = [
         Panel(TITLES[name], factor * means(tables[name]), 100.0 if factor == 100 else np.inf)
@@ -261,5 +261,5 @@ def _drawn(path: Path, tables: "dict[str, FloatArray]", axes: Axes) -> Path:
     ]
     order = [axes.choice.index(row["choice"]) for row in _overall(tables, axes.choice)]
     usual = axes.choice.index(REFERENCE) if REFERENCE in axes.choice else None
-    figure = choice_figure(panels, axes.drive, axes.budget, axes.choice, order, usual)
+    figure = selection_figure(panels, axes.drive, axes.budget, axes.choice, order, usual)
     return save_figure(figure, path)

@@ -36,7 +36,7 @@ class ReportBuilder:
             self._left_out += 1
             return
         part = make()
-        letters = part.letters
+        letters = len(part.html)
         if self._parts and self._letters + letters > MAX_LENGTH:
             self._left_out += 1
             return

@@ -61,7 +61,7 @@ def slam_part(
     from saccade.slam.consistency import chi_square_band
     from saccade.viewing.page import Section
     from saccade.viewing.report_map import (
-        Ground,
+        MapOverlays,
         ObservedLandmarks,
         innovation_charts,
         map_part,
@@ -83,7 +83,7 @@ def slam_part(
         window,
     )
     text = (
-        "The ellipses enclose three standard deviations. Scrub through the drive or play it; "
+        "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; "
         "click a landmark to see from where it was seen; click a chart to go to that time."
     )
     return map_part(
@@ -95,7 +95,7 @@ def slam_part(
             _names_at_the_end(result.map, snapshots[-1])[result.association[used]],
         ),
         [*charts, *uncertainty_charts(result.trajectory, truth)],
-        Ground(drives, log.landmark_truth),
+        MapOverlays(drives, log.landmark_truth),
     )
 
 

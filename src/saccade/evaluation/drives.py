@@ -7,10 +7,8 @@ import numpy.typing as npt
 
 from saccade.evaluation.trajectory import position_rmse
 from saccade.frames import steps_between
-from saccade.types import FloatArray, IntArray, Trajectory
+from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, Trajectory
 
-WITHIN = 11.829
-"""Squared Mahalanobis distance on the plane that 99.73 % stay under: three sigma."""
 SAME_PLACE = 0.1
 """Metres, and a tenth of it for each metre of range, by which two sightings of one place may be
 apart besides their deviations."""
@@ -76,7 +74,7 @@ def same_places(
     axes = np.stack([ray * sigma[:, :1], across * z[:, :1] * sigma[:, 1:]], 1)
     spread = axes.transpose(0, 2, 1) @ axes
     _, first, which = np.unique(landmark, return_index=True, return_inverse=True)
-    alike = SAME_PLACE * (1 + z[:, 0] / 10) / np.sqrt(WITHIN)
+    alike = SAME_PLACE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_2D)
     spread = spread + spread[first][which] + np.square(alike)[:, None, None] * np.eye(2)
     return _are_within(place - place[first][which], spread)
 
@@ -90,4 +88,6 @@ def _inside(apart: FloatArray, covariance: FloatArray | None) -> float:
 
 def _are_within(apart: FloatArray, spread: FloatArray) -> npt.NDArray[np.bool_]:
     """(n,) whether what is apart by (n, 2) is inside three sigma of covariances (n, 2, 2)."""
-    return np.asarray((apart * np.linalg.solve(spread, apart[..., None])[..., 0]).sum(1) < WITHIN)
+    return np.asarray(
+        (apart * np.linalg.solve(spread, apart[..., None])[..., 0]).sum(1) < THREE_SIGMA_2D
+    )

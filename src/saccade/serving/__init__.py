@@ -1,1 +1,1 @@
-"""A local page: a photograph is dropped on it, and what is found in it is shown."""
+"""Local web page that analyzes a photograph: saliency, scanpath and interest points."""

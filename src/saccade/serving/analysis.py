@@ -1,60 +1,71 @@
-"""What looks at the photographs of `saccade serve`."""
+"""Analyzes the photographs of `saccade serve`: saliency, scanpath and interest points."""
 
 import secrets
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from saccade.attention.models import KINDS, AttentionModel
+from saccade.attention.scanpath import scanpath
 from saccade.errors import ConfigError, ImageError, require
+from saccade.image import decode_image, size_in_header
+from saccade.keypoints import Must, Sift, SymRoid
+from saccade.serving import snippets
 from saccade.serving.controls import DETECTORS, MODELS
-
-if TYPE_CHECKING:
-    from saccade.types import Float32Array
+from saccade.settings import settings_from
+from saccade.types import Float32Array
+from saccade.viewing.embedding import photograph
+from saccade.viewing.report_image import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
-"""Photographs that are kept in memory, those that were used last."""
+"""Photographs kept in memory, the most recently used."""
 MAX_PIXELS = 40_000_000
 """Of a photograph."""
 MAX_FIXATIONS = 100
 MAX_POINTS = 2000
 """Interest points that are drawn."""
 MAX_NAME = 200
-"""Letters of a name that are kept."""
+"""Characters of a name that are kept."""
 
 
-@dataclass(frozen=True)
-class Photo:
-    """A photograph and what it is called."""
+class Photo(NamedTuple):
+    """A photograph and its name."""
 
     name: str
-    pixels: "Float32Array"
+    pixels: Float32Array
     """(H, W, 3) in [0, 1]."""
 
 
+class _CachedMaps(NamedTuple):
+    """The maps of the last request."""
+
+    photo: Photo
+    attention: AttentionModel
+    saliency: Float32Array
+    maps: list[dict[str, str]]
+    """As the page reads them."""
+
+
 class PhotoAnalyzer:
-    """Holds the last few photographs, and looks at them; see `saccade.serving.app.Analyzer`."""
+    """Keeps the most recent photographs in memory and analyzes them."""
 
     def __init__(self) -> None:
         self._photos: OrderedDict[str, Photo] = OrderedDict()
-        self._last_maps: tuple[Photo, AttentionModel, Any] | None = None
+        self._cache: _CachedMaps | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
-        """Hold a photograph.
+        """Keep a photograph.
 
         Args:
             data: of its file.
             name: of its file.
 
         Raises:
-            ImageError: it is none, is too large, or too small to look at.
+            ImageError: it is no image, or too large or too small.
         """
-        from saccade.image import decode_image, size_in_header
-        from saccade.serving.snippets import read_python
-        from saccade.viewing.report_image import photograph
-
         name = name[-MAX_NAME:]
         width, height = size_in_header(data, name)
         if width * height > MAX_PIXELS:
@@ -63,96 +74,88 @@ class PhotoAnalyzer:
                 f"found {width} x {height}"
             )
         pixels = decode_image(data, name)
-        token = secrets.token_urlsafe(12)
-        self._photos[token] = Photo(name, pixels)
-        while len(self._photos) > MAX_PHOTOS:
-            self._photos.popitem(last=False)
         return {
-            "photo": token,
+            "photo": self._keep(Photo(name, pixels)),
             "name": name,
             "size": [pixels.shape[1], pixels.shape[0]],
             "image": photograph(pixels),
-            "python": read_python(name),
+            "python": snippets.read_python(name),
         }
 
     def analyze(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Where a photograph draws the eye.
+        """Saliency maps and scanpath of a photograph.
 
         Args:
-            request: "photo", "model", "fixations", and by kind the settings that count.
+            request: "photo", "model", "fixations", and the settings by kind.
 
         Raises:
-            KeyError: the photograph is not held.
-            SaccadeError: a wish that cannot be granted.
+            KeyError: the photograph is not in memory.
+            SaccadeError: a setting outside its range.
         """
-        from saccade.attention.scanpath import scanpath
-        from saccade.serving.snippets import attention_command, attention_python
-        from saccade.settings import settings_from
-        from saccade.viewing.report_image import scanpath_data
-
-        began = perf_counter()
+        start = perf_counter()
         photo = self._photo(request)
         model = request.get("model", "both")
         require(model in list(MODELS), "model", f"one of {', '.join(MODELS)}", model)
         fixations = request.get("fixations", 10)
-        fits = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
-        require(fits, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
-        outer, *inner = MODELS[model]
-        table = _table(request, outer) | {kind: _table(request, kind) for kind in inner}
-        attention = AttentionModel(model, settings_from(KINDS[model], table, outer))
+        is_valid = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
+        require(is_valid, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
+        kind, *held = MODELS[model]
+        table = _table(request, kind) | {each: _table(request, each) for each in held}
+        attention = AttentionModel(model, settings_from(KINDS[model], table, kind))
         config = settings_from("scanpath", _table(request, "scanpath"), "scanpath")
-        saliency, maps = self._maps_of(photo, attention)
-        path = scanpath(saliency, photo.pixels.shape, fixations, config)
-        of = (attention.model, attention.settings, config, fixations)
+        cached = self._maps(photo, attention)
+        path = scanpath(cached.saliency, photo.pixels.shape, fixations, config)
+        choices = (attention.model, attention.settings, config, fixations)
         return {
-            "maps": maps,
+            "maps": cached.maps,
             "scanpath": scanpath_data(path),
-            "ms": 1000 * (perf_counter() - began),
-            "python": attention_python(*of),
-            "command": attention_command(photo.name, *of),
+            "ms": 1000 * (perf_counter() - start),
+            "python": snippets.attention_python(*choices),
+            "command": snippets.attention_command(photo.name, *choices),
         }
 
     def detect(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Interest points of a photograph.
 
         Args:
-            request: "photo", "detector", and the settings of that.
+            request: "photo", "detector", and its settings.
 
         Raises:
-            KeyError: the photograph is not held.
-            SaccadeError: a wish that cannot be granted.
+            KeyError: the photograph is not in memory.
+            SaccadeError: a setting outside its range.
         """
-        from saccade.keypoints import Must, Sift, SymRoid
-        from saccade.serving.snippets import detection_command, detection_python
-        from saccade.settings import settings_from
-        from saccade.viewing.report_image import points_data
-
-        began = perf_counter()
+        start = perf_counter()
         photo = self._photo(request)
         name = request.get("detector", "sift")
         require(name in DETECTORS, "detector", f"one of {', '.join(DETECTORS)}", name)
         settings = settings_from(name, _table(request, name), name)
         detector: Any = {"sift": Sift, "must": Must, "symroid": SymRoid}[name]
-        found = detector(settings)(photo.pixels)
-        points = found.keypoints if name == "symroid" else found
+        detected = detector(settings)(photo.pixels)
+        points = detected.keypoints if name == "symroid" else detected
         return {
             "points": points_data(points[:MAX_POINTS]),
-            "found": len(points),
-            "ms": 1000 * (perf_counter() - began),
-            "python": detection_python(name, settings),
-            "command": detection_command(photo.name, name, settings),
+            "count": len(points),
+            "ms": 1000 * (perf_counter() - start),
+            "python": snippets.detection_python(name, settings),
+            "command": snippets.detection_command(photo.name, name, settings),
         }
 
     def warm_up(self) -> None:
-        """Compile what all of it needs."""
-        import numpy as np
-
-        held = Photo("", np.random.default_rng(1).random((160, 160, 3), np.float32))
-        other = PhotoAnalyzer()
-        other._photos[""] = held
-        other.analyze({"photo": ""})
+        """Compile everything, so that the first photograph does not wait for it."""
+        noise = np.random.default_rng(1).random((160, 160, 3), np.float32)
+        analyzer = PhotoAnalyzer()
+        token = analyzer._keep(Photo("", noise))
+        analyzer.analyze({"photo": token})
         for detector in DETECTORS:
-            other.detect({"photo": "", "detector": detector})
+            analyzer.detect({"photo": token, "detector": detector})
+
+    def _keep(self, photo: Photo) -> str:
+        """Keep a photograph in place of the least recently used; returns its token."""
+        token = secrets.token_urlsafe(12)
+        self._photos[token] = photo
+        while len(self._photos) > MAX_PHOTOS:
+            self._photos.popitem(last=False)
+        return token
 
     def _photo(self, request: Mapping[str, Any]) -> Photo:
         token = request.get("photo")
@@ -161,23 +164,17 @@ class PhotoAnalyzer:
         self._photos.move_to_end(token)
         return self._photos[token]
 
-    def _maps_of(self, photo: Photo, attention: AttentionModel) -> "tuple[Float32Array, list[Any]]":
-        """The saliency and all maps as pictures; those of last time where nothing changed."""
-        from saccade.viewing.report_image import heat
-
-        if (
-            self._last_maps is None
-            or self._last_maps[0] is not photo
-            or self._last_maps[1] != attention
-        ):
+    def _maps(self, photo: Photo, attention: AttentionModel) -> _CachedMaps:
+        """The maps of a photograph; computed only if photograph or settings changed."""
+        cached = self._cache
+        if cached is None or cached.photo is not photo or cached.attention != attention:
             try:
                 layers = attention.maps(photo.pixels).layers
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
-            pictures = [{"name": name, "address": heat(each)} for name, each in layers.items()]
-            self._last_maps = (photo, attention, (layers["saliency"], pictures))
-        found: tuple[Float32Array, list[Any]] = self._last_maps[2]
-        return found
+            cached = _CachedMaps(photo, attention, layers["saliency"], maps_data(layers))
+            self._cache = cached
+        return cached
 
 
 def _table(request: Mapping[str, Any], kind: str) -> dict[str, Any]:

@@ -1,13 +1,14 @@
-"""The page that is served; its policy allows what it holds, and to ask the server that it is of."""
+"""The page of `saccade serve` and its Content-Security-Policy."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from saccade.viewing.page import web_file, whole_page
-from saccade.viewing.report import hashes, script_data
+from saccade.viewing.embedding import json_element
+from saccade.viewing.page import html_document, security_policy, web_file
 
-STYLES = ("page.css", "report.css", "serve.css")
-SCRIPTS = ("report.js", "photo.js", "image.js", "controls.js", "serve.js")
+VIEWING_SCRIPTS = ("report.js", "photo.js", "image.js")
+SCRIPTS = ("controls.js", "serve.js")
+PACKAGE = "saccade.serving"
 TITLE = "saccade"
 LEAD = (
     "Where a photograph draws the eye, and what in it can be found again. "
@@ -15,26 +16,18 @@ LEAD = (
 )
 
 
-def serve_page(data: Mapping[str, Any]) -> str:
-    """The page as the text of one HTML file.
+def serve_page(data: Mapping[str, Any]) -> tuple[str, str]:
+    """The page as the text of one HTML file, and its Content-Security-Policy.
 
     Args:
-        data: what its script is given.
+        data: the input of its script.
     """
-    head = '<meta name="color-scheme" content="light dark">\n'
-    head += '<link rel="icon" href="data:,">\n'
-    head += "\n".join(f"<style>{web_file(name)}</style>" for name in STYLES)
-    body = f'<div id="serve"><script type="application/json">{script_data(data)}</script></div>\n'
-    body += "<noscript><p>This page needs JavaScript.</p></noscript>\n"
-    body += "\n".join(f"<script>{web_file(name)}</script>" for name in SCRIPTS)
-    return whole_page(TITLE, LEAD, body, head)
-
-
-def policy_of() -> str:
-    """The Content-Security-Policy of that page."""
-    return (
-        "default-src 'none'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; "
-        "form-action 'none'; frame-ancestors 'none'; "
-        f"style-src {hashes([web_file(name) for name in STYLES])}; "
-        f"script-src {hashes([web_file(name) for name in SCRIPTS])}"
-    )
+    styles = [web_file("page.css"), web_file("report.css"), web_file("serve.css", PACKAGE)]
+    scripts = [web_file(name) for name in VIEWING_SCRIPTS]
+    scripts += [web_file(name, PACKAGE) for name in SCRIPTS]
+    body = f'<div id="serve">{json_element(data)}</div>\n'
+    body += "<noscript><p>This page needs JavaScript.</p></noscript>"
+    icon = '<link rel="icon" href="data:,">\n'
+    page = html_document(TITLE, LEAD, body, styles, scripts, icon)
+    sources = ("img-src 'self' data:", "connect-src 'self'", "frame-ancestors 'none'")
+    return page, security_policy(styles, scripts, *sources)

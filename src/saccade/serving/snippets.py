@@ -1,11 +1,12 @@
-"""What was set on the page of `saccade serve`, in Python and as a command."""
+"""The settings of the page of `saccade serve` as Python and as a command."""
 
 import shlex
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import Any
 
+import tomli_w
+
 from saccade.attention.models import KINDS
-from saccade.serving.controls import changes
 from saccade.settings import NONE
 
 CALLS = {
@@ -14,7 +15,7 @@ CALLS = {
     "symmetry": "symmetry_saliency",
 }
 FIXATIONS = 10
-"""Of a scanpath that is not told otherwise."""
+"""Default length of a scanpath."""
 CLASSES = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
 
 
@@ -24,66 +25,66 @@ def read_python(name: str) -> str:
 
 
 def attention_python(model: str, settings: Any, path: Any, fixations: int) -> str:
-    """The lines that look at it."""
-    more = f", fixations={fixations}" if fixations != FIXATIONS else ""
+    """The lines that compute its saliency and scanpath."""
+    config = f", {_constructor(settings)}" if changes(settings) else ""
+    options = f", fixations={fixations}" if fixations != FIXATIONS else ""
     if changes(path):
-        more += f", config={_constructed(path)}"
+        options += f", config={_constructor(path)}"
     return (
-        f"maps = saccade.{CALLS[model]}(image{_argument(settings)})\n"
-        f"path = saccade.scanpath(maps.saliency, image.shape{more})"
+        f"maps = saccade.{CALLS[model]}(image{config})\n"
+        f"path = saccade.scanpath(maps.saliency, image.shape{options})"
     )
 
 
 def detection_python(detector: str, settings: Any) -> str:
-    """The lines that find its interest points."""
-    inside = _constructed(settings) if changes(settings) else ""
-    return f"points = saccade.{CLASSES[detector]}({inside})(image)"
+    """The lines that detect its interest points."""
+    config = _constructor(settings) if changes(settings) else ""
+    return f"points = saccade.{CLASSES[detector]}({config})(image)"
 
 
 def attention_command(name: str, model: str, settings: Any, path: Any, fixations: int) -> str:
-    """The command that looks at it."""
-    words = f"--model {model}" if model != "both" else ""
-    if fixations != FIXATIONS:
-        words += f" --fixations {fixations}"
-    command = _with_file("look", name, words.strip(), KINDS[model], settings)
+    """The command that computes its saliency and scanpath."""
+    options = ["--model", model] if model != "both" else []
+    options += ["--fixations", str(fixations)] if fixations != FIXATIONS else []
+    command = _command("look", name, options, KINDS[model], settings)
     if changes(path):
         command = f"# the settings of the scanpath: in Python only\n{command}"
     return command
 
 
 def detection_command(name: str, detector: str, settings: Any) -> str:
-    """The command that finds its interest points."""
-    words = "" if detector == "sift" else f"--detector {detector}"
-    return _with_file("detect", name, words, detector, settings)
+    """The command that detects its interest points."""
+    options = [] if detector == "sift" else ["--detector", detector]
+    return _command("detect", name, options, detector, settings)
 
 
-def _argument(settings: Any) -> str:
-    return f", {_constructed(settings)}" if changes(settings) else ""
+def changes(settings: Any) -> dict[str, Any]:
+    """The settings of a configuration that differ from their defaults."""
+    default = type(settings)()
+    values = ((each.name, getattr(settings, each.name)) for each in fields(settings))
+    return {name: value for name, value in values if value != getattr(default, name)}
 
 
-def _constructed(settings: Any) -> str:
-    """A configuration as Python that makes it."""
+def _constructor(settings: Any) -> str:
+    """A configuration as the Python expression that makes it."""
     arguments = ", ".join(
-        f"{name}={_constructed(value) if is_dataclass(value) else repr(value)}"
+        f"{name}={_constructor(value) if is_dataclass(value) else repr(value)}"
         for name, value in changes(settings).items()
     )
     return f"saccade.{type(settings).__name__}({arguments})"
 
 
-def _table(settings: Any) -> dict[str, Any]:
-    table = {}
-    for name, value in changes(settings).items():
-        table[name] = _table(value) if is_dataclass(value) else NONE if value is None else value
-    return table
+def _toml_value(value: Any) -> Any:
+    if is_dataclass(value):
+        return {name: _toml_value(each) for name, each in changes(value).items()}
+    return NONE if value is None else value
 
 
-def _with_file(command: str, name: str, words: str, kind: str, settings: Any) -> str:
+def _command(command: str, name: str, options: list[str], kind: str, settings: Any) -> str:
     """A command, after the file of settings that it needs."""
-    import tomli_w
-
     photo = shlex.quote(f"./{name}" if name.startswith("-") else name)
-    line = " ".join(word for word in ("saccade", command, photo, words) if word)
-    table = _table(settings)
+    line = " ".join(("saccade", command, photo, *options))
+    table = _toml_value(settings)
     if not table:
         return line
     return f"cat > {kind}.toml <<'END'\n{tomli_w.dumps(table)}END\n{line} --config {kind}.toml"

@@ -1,6 +1,7 @@
-"""Pictures of attention: where the model looks, and why."""
+"""Figures of attention: saliency maps and scanpaths."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from saccade.types import Float32Array, Image, Scanpath, SymmetricPairs
-from saccade.viewing.style import HEAT, ORANGE, figure_for, picture_axes
+from saccade.viewing.style import HEAT, ORANGE, draw_panel, figure_for, picture_axes
 from saccade.viewing.symmetry import draw_pairs
 
 _OUTLINE = [patheffects.withStroke(linewidth=3, foreground="black")]
@@ -22,13 +23,13 @@ def attention_figure(
     path: Scanpath,
     pairs: Sequence[SymmetricPairs] = (),
 ) -> Figure:
-    """The photo with its scanpath, each map as heat, and the photo lit by the first map.
+    """The image with its scanpath, each map as heat, and the image weighted by the first map.
 
     Args:
         image: (H, W, 3) in [0, 1].
         maps: by title; each (h, w), the first is the saliency map. Drawn from 0 to its maximum.
         path: fixations in image pixels, numbered in their order.
-        pairs: what makes each fixation symmetric; with them comes a panel that shows it.
+        pairs: symmetric pairs of each fixation, drawn in a panel of their own.
     """
     height, width = image.shape[:2]
     count = 2 + len(maps) + bool(pairs)
@@ -36,34 +37,33 @@ def attention_figure(
     rows = -(-count // columns)
     figure = figure_for(width, height, columns, rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    panels[0].imshow(image, interpolation="antialiased")
-    picture_axes(panels[0], f"scanpath, {len(path)} fixations")
+    draw_panel(panels[0], image, f"scanpath, {len(path)} fixations", interpolation="antialiased")
     draw_scanpath(panels[0], path)
+    extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     for axes, (title, values) in zip(panels[1:], maps.items(), strict=False):
-        extent = (-0.5, width - 0.5, height - 0.5, -0.5)
-        axes.imshow(values, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
-        picture_axes(axes, title)
-    title, salient = next(iter(maps.items()))
-    lit = panels[1 + len(maps)]
-    lit.imshow(lit_by(image, salient), interpolation="antialiased")
-    picture_axes(lit, f"what {title} leaves in the light")
+        options = {"cmap": HEAT, "vmin": 0, "extent": extent, "interpolation": "bilinear"}
+        draw_panel(axes, values, title, **options)
+    title, saliency = next(iter(maps.items()))
+    weighted = weighted_by(image, saliency)
+    title = f"image weighted by {title}"
+    draw_panel(panels[1 + len(maps)], weighted, title, interpolation="antialiased")
     if pairs:
         draw_pairs(panels[count - 1], image, pairs)
-        picture_axes(panels[count - 1], "what is symmetric about the fixations")
+        picture_axes(panels[count - 1], "symmetric pairs at the fixations")
     for axes in panels[count:]:
         axes.set_axis_off()
     return figure
 
 
-def lit_by(image: Float32Array, values: Float32Array) -> Float32Array:
-    """The photo, dark where a map is low; (H, W, 3).
+def weighted_by(image: Float32Array, values: Float32Array) -> Float32Array:
+    """(H, W, 3) the image, dark where a map is low.
 
     Args:
         image: (H, W, 3) in [0, 1].
         values: (h, w), not negative.
     """
-    light = np.sqrt(cv2.resize(values / max(float(values.max()), 1e-12), image.shape[1::-1]))
-    return np.asarray(image * (0.15 + 0.85 * light[:, :, None]), np.float32)
+    weight = np.sqrt(cv2.resize(values / max(float(values.max()), 1e-12), image.shape[1::-1]))
+    return np.asarray(image * (0.15 + 0.85 * weight[:, :, None]), np.float32)
 
 
 def heat_beside(frame: Image, values: Float32Array) -> npt.NDArray[np.uint8]:
@@ -75,15 +75,19 @@ def heat_beside(frame: Image, values: Float32Array) -> npt.NDArray[np.uint8]:
     """
     levels = values * (255 / max(float(values.max()), 1e-12))
     large = cv2.resize(levels.astype(np.uint8), frame.shape[1::-1])
-    heat = cv2.applyColorMap(large, cv2.COLORMAP_CIVIDIS)[:, :, ::-1]
-    return np.hstack([frame, heat]).astype(np.uint8)
+    return np.hstack([frame, heat_colors(large)]).astype(np.uint8)
+
+
+def heat_colors(levels: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """(h, w, 3) RGB of levels (h, w)."""
+    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS)[:, :, ::-1], np.uint8)
 
 
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:
-    """Number the fixations in their order and join them."""
+    """Fixations numbered in their order, joined by lines."""
     axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=_OUTLINE)
     for number, (x, y) in enumerate(path.xy, start=1):
-        first = number == 1
+        color = "white" if number == 1 else ORANGE
         axes.text(
             x,
             y,
@@ -92,10 +96,6 @@ def draw_scanpath(axes: Axes, path: Scanpath) -> None:
             fontsize=8,
             ha="center",
             va="center",
-            bbox={
-                "boxstyle": "circle,pad=0.25",
-                "facecolor": "white" if first else ORANGE,
-                "edgecolor": "black",
-            },
-            in_layout=False,  # a number at the border is seen whole, and moves no panel
+            bbox={"boxstyle": "circle,pad=0.25", "facecolor": color, "edgecolor": "black"},
+            in_layout=False,  # a number at the border is not clipped, and moves no panel
         )

@@ -1,4 +1,4 @@
-"""What the camera sees at the left, the map that grows of it at the right."""
+"""Film of a drive: the camera image with its landmarks beside the map over time."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -6,104 +6,99 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.types import Float32Array, FloatArray, Image, IntArray, MapSnapshot, Trajectory
+from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Trajectory
+from saccade.viewing.attention import heat_colors
 from saccade.viewing.map_film import HEIGHT, map_frames
+from saccade.viewing.report_map import ObservedLandmarks
+from saccade.viewing.style import GREEN, ORANGE, RED, rgb_levels
 
-LEFT = 640
-"""Pixels; the width of what the camera sees."""
+CAMERA_WIDTH = 640
+"""Pixels; the width of the camera image."""
 RADIUS = 4
-LANDMARK, REIDENTIFIED, NEW = (0, 158, 115), (213, 94, 0), (230, 159, 0)
-"""RGB of landmarks that are followed, met again and taken in."""
-COLORS = (NEW, LANDMARK, REIDENTIFIED)
-WORDS = ("new", "followed", "recognized")
-SHADE = 0.55
-"""Weight of the attention map over the photograph."""
+"""Pixels, of the circle around a landmark."""
+KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
+"""Label and color of each `ObservedLandmarks.kind`."""
+HEAT_OPACITY = 0.55
+"""Opacity of the saliency map over the image."""
+_GRAY = (51, 51, 51)
 
 
 def drive_frames(
     snapshots: Sequence[MapSnapshot],
     time: FloatArray,
     odometry: Trajectory,
-    image: Callable[[int], Image | None],
+    image_at: Callable[[int], Image | None],
     attention: Callable[[Image], Float32Array] | None,
-    sighting: tuple[IntArray, IntArray, FloatArray],
+    observed: ObservedLandmarks,
 ) -> Iterator[npt.NDArray[np.uint8]]:
-    """One frame for each snapshot, the last one held.
+    """One frame for each snapshot, the last one repeated.
 
     Args:
         snapshots: of the map, in order.
         time: (n,) of each frame of the drive.
-        odometry: the same drive from odometry alone.
-        image: gives the picture of a frame, or None.
-        attention: gives the saliency of a picture; None draws none.
-        sighting: frame (k,), ascending, kind (k,) and pixel (k, 2) of every landmark seen.
+        odometry: dead reckoning.
+        image_at: gives the image of a frame, or None.
+        attention: gives the saliency map of an image; None draws none.
+        observed: landmarks with pixels and kinds.
 
     Yields:
         Frames (720, 1920, 3) in RGB.
     """
-    left = np.zeros((HEIGHT, LEFT, 3), np.uint8)
-    frames = map_frames(snapshots, time, odometry)
-    for number, ground in enumerate(frames):
+    camera = np.zeros((HEIGHT, CAMERA_WIDTH, 3), np.uint8)
+    for number, map_frame in enumerate(map_frames(snapshots, time, odometry)):
         if number < len(snapshots):
-            left = _seen(snapshots[number].step, image, attention, sighting)
-        yield np.concatenate([left, ground], 1)
+            step = snapshots[number].step
+            camera = _camera_panel(image_at(step), step, attention, observed)
+        yield np.concatenate([camera, map_frame], 1)
 
 
-def _seen(
+def _camera_panel(
+    image: Image | None,
     step: int,
-    image: Callable[[int], Image | None],
     attention: Callable[[Image], Float32Array] | None,
-    sighting: tuple[IntArray, IntArray, FloatArray],
+    observed: ObservedLandmarks,
 ) -> npt.NDArray[np.uint8]:
-    """The picture with its landmarks, and below it where attention is drawn."""
-    panel = np.full((HEIGHT, LEFT, 3), 255, np.uint8)
-    picture = image(step)
-    if picture is None:
+    """The image with its landmarks, and below it with its saliency map."""
+    panel = np.full((HEIGHT, CAMERA_WIDTH, 3), 255, np.uint8)
+    if image is None:
         return panel
-    gray = picture if picture.ndim == 3 else np.repeat(picture[:, :, None], 3, 2)
-    height, width = gray.shape[:2]
-    scale = min(LEFT / width, (HEIGHT / 2 - 30) / height)
+    rgb = image if image.ndim == 3 else np.repeat(image[:, :, None], 3, 2)
+    height, width = rgb.shape[:2]
+    scale = min(CAMERA_WIDTH / width, (HEIGHT / 2 - 30) / height)
     size = (round(width * scale), round(height * scale))
-    small = cv2.resize(np.ascontiguousarray(gray[:, :, :3]), size, interpolation=cv2.INTER_AREA)
-    shown = np.asarray(small, np.uint8)
-    marked = shown.copy()
-    frame, kind, xy = sighting
-    rows = slice(*np.searchsorted(frame, [step, step + 1]))
-    for which, place in zip(kind[rows].tolist(), xy[rows], strict=True):
-        x, y = (round(float(each) * 16) for each in (place + 0.5) * scale - 0.5)
-        cv2.circle(marked, (x, y), RADIUS * 16, COLORS[which], 2, cv2.LINE_AA, 4)
-    _put(panel, marked, 0, "landmarks", True)
+    resized = cv2.resize(np.ascontiguousarray(rgb[:, :, :3]), size, interpolation=cv2.INTER_AREA)
+    small = np.asarray(resized, np.uint8)
+    marked = small.copy()
+    if observed.xy is not None and observed.kind is not None:
+        rows = slice(*np.searchsorted(observed.step, [step, step + 1]))
+        for kind, xy in zip(observed.kind[rows].tolist(), observed.xy[rows], strict=True):
+            x, y = (round(float(each) * 16) for each in (xy + 0.5) * scale - 0.5)
+            color = rgb_levels(KINDS[kind][1])
+            cv2.circle(marked, (x, y), RADIUS * 16, color, 2, cv2.LINE_AA, 4)
+    left = _insert(panel, marked, 0, "landmarks")
+    for column, (label, color_name) in enumerate(KINDS):
+        _write(panel, label, left + 130 + 120 * column, 0, rgb_levels(color_name))
     if attention is not None:
-        _put(panel, _heated(shown, attention(picture)), HEIGHT // 2, "attention", False)
+        saliency = cv2.resize(attention(image), size, interpolation=cv2.INTER_LINEAR).clip(0, 1)
+        heat = heat_colors(np.asarray((saliency * 255).round(), np.uint8))
+        blended = cv2.addWeighted(small, 1 - HEAT_OPACITY, heat, HEAT_OPACITY, 0)
+        _insert(panel, np.asarray(blended, np.uint8), HEIGHT // 2, "attention")
     return panel
 
 
-def _put(
-    panel: npt.NDArray[np.uint8],
-    picture: npt.NDArray[np.uint8],
-    top: int,
-    title: str,
-    legend: bool,
-) -> None:
-    """A picture under its title."""
-    height, width = picture.shape[:2]
-    left = (LEFT - width) // 2
-    panel[top + 26 : top + 26 + height, left : left + width] = picture
-    _write(panel, title, (left + 4, top + 18), (51, 51, 51))
-    for column, (word, color) in enumerate(zip(WORDS, COLORS, strict=True)):
-        if legend:
-            _write(panel, word, (left + 130 + 120 * column, top + 18), color)
+def _insert(
+    panel: npt.NDArray[np.uint8], image: npt.NDArray[np.uint8], top: int, title: str
+) -> int:
+    """Draw an image under its title; returns its left edge."""
+    height, width = image.shape[:2]
+    left = int(CAMERA_WIDTH - width) // 2
+    panel[top + 26 : top + 26 + height, left : left + width] = image
+    _write(panel, title, left + 4, top, _GRAY)
+    return left
 
 
 def _write(
-    panel: npt.NDArray[np.uint8], word: str, at: tuple[int, int], color: tuple[int, int, int]
+    panel: npt.NDArray[np.uint8], text: str, left: int, top: int, color: tuple[int, int, int]
 ) -> None:
-    cv2.putText(panel, word, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)
-
-
-def _heated(picture: npt.NDArray[np.uint8], saliency: Float32Array) -> npt.NDArray[np.uint8]:
-    size = (picture.shape[1], picture.shape[0])
-    strong = cv2.resize(saliency, size, interpolation=cv2.INTER_LINEAR).clip(0, 1)
-    levels = np.asarray((strong * 255).round(), np.uint8)
-    heat = cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS)[:, :, ::-1]
-    return np.asarray(cv2.addWeighted(picture, 1 - SHADE, heat, SHADE, 0), np.uint8)
+    origin = (left, top + 18)
+    cv2.putText(panel, text, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)

@@ -1,4 +1,4 @@
-"""Pictures of whether a filter is as sure as it may be."""
+"""Figure of a filter's consistency: normalized innovations and standard deviations."""
 
 from math import gamma
 
@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from saccade.types import FloatArray, Trajectory
-from saccade.viewing.maps import SIGMAS, quiet_axes
-from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE
+from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, SIGMAS, quiet_axes
 
 MAX_DOTS = 20_000
-"""Observations that are drawn one by one."""
+"""Observations drawn as dots."""
 
 
 def innovation_figure(
@@ -22,15 +21,15 @@ def innovation_figure(
     band: tuple[float, float],
     trajectory: Trajectory,
 ) -> Figure:
-    """Normalized innovations over the drive, their distribution, and the filter's own doubt.
+    """Normalized innovations over time and their distribution; standard deviations of the pose.
 
     Args:
         time: (k,) of each observation, ascending.
-        nis: (k,) normalized innovation squared; NaN where an observation corrected nothing.
+        nis: (k,) normalized innovation squared; NaN for an observation without update.
         dof: degrees of freedom of each.
         window: observations in the running mean.
-        band: where 95 % of the running means of a consistent filter lie.
-        trajectory: with covariance, for the doubt about place and heading.
+        band: 95 % interval of the running mean of a consistent filter.
+        trajectory: with covariance, for position and heading.
     """
     used = np.isfinite(nis)
     start = trajectory.time[0] if len(trajectory) else 0.0
@@ -39,21 +38,34 @@ def innovation_figure(
     grid = figure.add_gridspec(2, 4, height_ratios=(1.3, 1))
     _draw_nis(figure.add_subplot(grid[0, :3]), time, nis, window, band)
     _draw_distribution(figure.add_subplot(grid[0, 3]), nis, dof)
-    doubt = np.empty((0, 3, 3)) if trajectory.covariance is None else trajectory.covariance
-    place = np.sqrt(np.linalg.eigvalsh(doubt[:, :2, :2])[:, -1].clip(0))
-    heading = np.degrees(np.sqrt(doubt[:, 2, 2].clip(0)))
+    covariance = np.empty((0, 3, 3)) if trajectory.covariance is None else trajectory.covariance
+    position = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1].clip(0))
+    heading = np.degrees(np.sqrt(covariance[:, 2, 2].clip(0)))
+    elapsed = trajectory.time[: len(covariance)] - start
     for panel, sigma, title in (
-        (grid[1, :2], place, f"{SIGMAS:.0f} sigma of the place, where it is largest [m]"),
+        (grid[1, :2], position, f"{SIGMAS:.0f} sigma of the position, along its major axis [m]"),
         (grid[1, 2:], heading, f"{SIGMAS:.0f} sigma of the heading [degrees]"),
     ):
         axes = figure.add_subplot(panel)
-        since = trajectory.time[: len(sigma)] - start
-        axes.fill_between(since, SIGMAS * sigma, color=ORANGE, alpha=0.3, linewidth=0)
-        axes.plot(since, SIGMAS * sigma, color=ORANGE, linewidth=1.0)
+        axes.fill_between(elapsed, SIGMAS * sigma, color=ORANGE, alpha=0.3, linewidth=0)
+        axes.plot(elapsed, SIGMAS * sigma, color=ORANGE, linewidth=1.0)
         axes.set_ylim(bottom=0)
         axes.set_xlabel("time since the start")
         _finish(axes, title)
     return figure
+
+
+def running_mean(values: FloatArray, window: int) -> FloatArray:
+    """(k - window + 1,) means of `window` successive values (k,); empty where there are fewer."""
+    if len(values) < window:
+        return np.empty(0)
+    return np.convolve(values, np.full(window, 1 / window), "valid")
+
+
+def chi_square_density(x: FloatArray, dof: int) -> FloatArray:
+    """Density of the chi-square distribution with `dof` degrees of freedom at `x` above 0."""
+    scale = 2 ** (dof / 2) * gamma(dof / 2)
+    return np.asarray(x ** (dof / 2 - 1) * np.exp(-x / 2) / scale)
 
 
 def _draw_nis(
@@ -62,8 +74,7 @@ def _draw_nis(
     step = len(nis) // MAX_DOTS + 1
     axes.semilogy(time[::step], nis[::step].clip(1e-3), ".", color=GRAY, markersize=2, alpha=0.4)
     axes.axhspan(*band, color=GREEN, alpha=0.35, linewidth=0, label="95 % of a consistent filter")
-    if len(nis) >= window:
-        mean = np.convolve(nis, np.full(window, 1 / window), "valid")
+    if len(mean := running_mean(nis, window)):
         axes.plot(time[window - 1 :], mean, color=BLUE, linewidth=1.4, label=f"mean of {window}")
     axes.minorticks_off()
     axes.set_ylim(1e-3, max(30.0, 2 * float(nis.max(initial=1.0))))
@@ -81,13 +92,7 @@ def _draw_distribution(axes: Axes, nis: FloatArray, dof: int) -> None:
     axes.plot(x, chi_square_density(x, dof), color=GREEN, linewidth=1.6, label="consistent")
     axes.legend(loc="upper right", frameon=False, fontsize=9)
     axes.set_yticks([])
-    _finish(axes, "and how they are spread")
-
-
-def chi_square_density(x: FloatArray, dof: int) -> FloatArray:
-    """Of a chi-square variable of `dof` degrees of freedom at values `x` above 0."""
-    scale = 2 ** (dof / 2) * gamma(dof / 2)
-    return np.asarray(x ** (dof / 2 - 1) * np.exp(-x / 2) / scale)
+    _finish(axes, "their distribution")
 
 
 def _finish(axes: Axes, title: str) -> None:

@@ -1,5 +1,6 @@
-"""Pictures of maps: where the robot drove, where the landmarks are, how sure that is."""
+"""Figures of maps: trajectory, landmarks and their uncertainty."""
 
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -7,16 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from saccade.types import FloatArray, LandmarkMap, Trajectory
-from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED
+from saccade.types import THREE_SIGMA_2D, FloatArray, LandmarkMap, Trajectory
+from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, quiet_axes
 
-SIGMAS = 3.0
-"""The ellipses enclose this many standard deviations."""
+ELLIPSE_SCALE = sqrt(THREE_SIGMA_2D)
+"""Semi-axes of an ellipse that holds 99.73 %, in standard deviations."""
+ELLIPSE_LABEL = "3 sigma (99.7 %)"
 CORNERS = 48
-"""Of the polygon that stands for an ellipse."""
-LONGER = 8.8
+"""Of the polygon that approximates an ellipse."""
+LONG_SIDE = 8.8
 """Inches, of the map's longer side."""
-SHORTEST = 4.2
+MIN_SHORT_SIDE = 4.2
 """Inches, of its shorter side at least."""
 ELLIPSE: dict[str, Any] = {
     "facecolor": (ORANGE, 0.18),
@@ -24,7 +26,7 @@ ELLIPSE: dict[str, Any] = {
     "linewidth": 0.9,
     "zorder": 3,
 }
-"""How an ellipse of uncertainty is drawn."""
+"""Style of the covariance ellipses of landmarks."""
 
 
 def map_figure(
@@ -37,74 +39,60 @@ def map_figure(
 ) -> Figure:
     """The map from above; x to the right, y up, in metres.
 
-    The picture is as large as the map; odometry that goes astray leaves it.
+    The axes enclose everything but dead reckoning, which may leave them.
 
     Args:
         trajectory: the estimate.
-        landmarks: with covariance, to see their ellipses.
-        dead_reckoning: the same drive from odometry alone, for comparison.
-        truth: where the robot really was, in the same frame.
-        landmark_truth: where the landmarks really are, in the same frame.
-        filtered: the drive as it was believed on the way, where the estimate is smoothed.
+        landmarks: drawn with ellipses where they have covariances.
+        dead_reckoning: from odometry alone, for comparison.
+        truth: of the trajectory, in the same frame.
+        landmark_truth: of the landmarks, in the same frame.
+        filtered: the trajectory of the filter, where the estimate is smoothed.
     """
     outlines = ellipse_outlines(landmarks.xy, landmarks.covariance)
-    inside = [trajectory.pose[:, :2], landmarks.xy, outlines.reshape(-1, 2)]
-    inside += [] if truth is None else [truth.pose[:, :2]]
-    inside += [] if landmark_truth is None else [landmark_truth.xy]
-    box = bounds(np.concatenate(inside))
+    enclosed = [trajectory.pose[:, :2], landmarks.xy, outlines.reshape(-1, 2)]
+    enclosed += [] if truth is None else [truth.pose[:, :2]]
+    enclosed += [] if landmark_truth is None else [landmark_truth.xy]
+    box = bounds(np.concatenate(enclosed))
     figure = Figure(figsize=_size(box), layout="constrained", dpi=110)
     axes = figure.subplots()
     map_axes(axes, box)
-    if dead_reckoning is not None:
-        _draw_drive(axes, dead_reckoning, "odometry alone", GRAY, (0, (4, 3)), 0.8)
-    if truth is not None:
-        _draw_drive(axes, truth, "truth", GREEN, "-", 2.6, alpha=0.45)
-    if filtered is not None:
-        _draw_drive(axes, filtered, "filter", BLUE, "-", 0.7, alpha=0.4)
+    dashed = (0, (4, 3))
+    _draw(axes, dead_reckoning, "odometry alone", color=GRAY, linestyle=dashed, linewidth=0.8)
+    _draw(axes, truth, "truth", color=GREEN, linewidth=2.6, alpha=0.45)
+    _draw(axes, filtered, "filter", color=BLUE, linewidth=0.7, alpha=0.4)
     label = "estimate" if filtered is None else "smoothed"
-    _draw_drive(axes, trajectory, label, BLUE, "-", 1.3)
+    _draw(axes, trajectory, label, color=BLUE, linewidth=1.3)
     if len(trajectory):
         axes.plot(*trajectory.pose[0, :2], "s", color=RED, markersize=6, label="start", zorder=4)
     if landmark_truth is not None:
-        axes.scatter(
-            landmark_truth.xy[:, 0],
-            landmark_truth.xy[:, 1],
-            s=60,
-            facecolors="none",
-            edgecolors=GREEN,
-            zorder=4,
-            label="true landmarks",
-        )
+        circle: dict[str, Any] = {"facecolors": "none", "edgecolors": GREEN, "s": 60, "zorder": 4}
+        axes.scatter(*landmark_truth.xy.T, **circle, label="true landmarks")
     axes.add_collection(PolyCollection([*outlines], **ELLIPSE), autolim=False)
-    axes.plot(
-        *landmarks.xy.T,
-        ".",
-        color="black",
-        markersize=4,
-        zorder=5,
-        label=f"{len(landmarks)} landmarks, {SIGMAS:.0f} sigma",
-    )
+    label = f"{len(landmarks)} landmarks, {ELLIPSE_LABEL}"
+    axes.plot(*landmarks.xy.T, ".", color="black", markersize=4, zorder=5, label=label)
     columns = int(figure.get_figwidth() / 1.85)
     figure.legend(loc="outside lower center", ncols=columns, frameon=False, handlelength=1.6)
     return figure
 
 
 def ellipse_outlines(
-    centers: FloatArray, covariance: FloatArray | None, sigmas: float = SIGMAS
+    centers: FloatArray, covariance: FloatArray | None, magnification: float = 1
 ) -> FloatArray:
-    """The ellipses of covariances as polygons (n, `CORNERS`, 2); none without covariances.
+    """Covariance ellipses as polygons (n, `CORNERS`, 2); none without covariances.
 
     Args:
         centers: (n, 2).
         covariance: (n, 2, 2).
-        sigmas: standard deviations that they enclose.
+        magnification: factor on the axes.
     """
     if covariance is None:
         return np.empty((0, CORNERS, 2))
     values, vectors = np.linalg.eigh(covariance)
     roots = vectors * np.sqrt(values.clip(0))[:, None, :]  # (n, 2, 2)
     angle = np.arange(CORNERS) * (2 * np.pi / CORNERS)
-    circle = sigmas * np.stack([np.cos(angle), np.sin(angle)])  # (2, CORNERS)
+    scale = ELLIPSE_SCALE * magnification
+    circle = scale * np.stack([np.cos(angle), np.sin(angle)])  # (2, CORNERS)
     return np.asarray(centers[:, None] + (roots @ circle).transpose(0, 2, 1))
 
 
@@ -114,12 +102,12 @@ def bounds(points: FloatArray, margin: float = 0.04) -> FloatArray:
     if len(points) == 0:
         return np.array([[-1.0, -1.0], [1.0, 1.0]])
     low, high = points.min(0), points.max(0)
-    wide = margin * max(float((high - low).max()), 1.0)
-    return np.array([low - wide, high + wide])
+    border = margin * max(float((high - low).max()), 1.0)
+    return np.array([low - border, high + border])
 
 
 def map_axes(axes: Axes, box: FloatArray) -> None:
-    """Axes in metres that show a box (2, 2), both directions alike."""
+    """Axes in metres that show a box (2, 2) at equal scales."""
     axes.set_xlim(*box[:, 0])
     axes.set_ylim(*box[:, 1])
     axes.set_aspect("equal", adjustable="box")
@@ -128,35 +116,12 @@ def map_axes(axes: Axes, box: FloatArray) -> None:
     quiet_axes(axes)
 
 
-def quiet_axes(axes: Axes) -> None:
-    """A light grid behind, and no box around."""
-    axes.grid(color="0.92", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(color="0.7", labelcolor="0.3", labelsize=9)
-    for side in axes.spines.values():
-        side.set_visible(False)
-
-
 def _size(box: FloatArray) -> tuple[float, float]:
-    wide, high = (box[1] - box[0]).tolist()
-    scale = LONGER / max(wide, high)
-    return max(wide * scale, SHORTEST) + 0.6, max(high * scale, SHORTEST) + 0.9
+    width, height = (box[1] - box[0]).tolist()
+    scale = LONG_SIDE / max(width, height)
+    return max(width * scale, MIN_SHORT_SIDE) + 0.6, max(height * scale, MIN_SHORT_SIDE) + 0.9
 
 
-def _draw_drive(
-    axes: Axes,
-    drive: Trajectory,
-    label: str,
-    color: str,
-    style: Any,
-    width: float,
-    alpha: float = 1.0,
-) -> None:
-    axes.plot(
-        *drive.pose[:, :2].T,
-        linestyle=style,
-        color=color,
-        linewidth=width,
-        label=label,
-        alpha=alpha,
-    )
+def _draw(axes: Axes, trajectory: Trajectory | None, label: str, **style: Any) -> None:
+    if trajectory is not None:
+        axes.plot(*trajectory.pose[:, :2].T, label=label, **style)

@@ -1,5 +1,7 @@
-"""One plain page that shows pictures and figures; opens from disk, needs no network."""
+"""HTML pages that open from disk and need no network; every text on them is escaped."""
 
+import base64
+import hashlib
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,15 +10,15 @@ from importlib.resources import files
 
 @dataclass(frozen=True)
 class Picture:
-    """An image file beside the page."""
+    """An image on a page."""
 
     source: str
-    """Path relative to the page."""
+    """Path relative to the page, or a data URI."""
     alternative: str
-    """What a reader who cannot see it should know."""
+    """Alternative text."""
     caption: str
     wide: bool = False
-    """Whether it is no use when small: where there is no room for it, it scrolls sideways."""
+    """Whether it is of no use when small: on a narrow screen it scrolls sideways."""
 
 
 @dataclass(frozen=True)
@@ -32,20 +34,46 @@ class Section:
 
 
 def html_page(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """The page as text; every word of it is escaped."""
-    body = "\n".join(section_html(section) for section in sections)
-    return whole_page(title, lead, body, f"<style>{web_file('page.css')}</style>")
-
-
-def whole_page(title: str, lead: str, body: str, head: str) -> str:
-    """A page around HTML.
+    """A page of sections, with images beside it on disk.
 
     Args:
-        title: to be escaped.
-        lead: the first paragraph, to be escaped.
-        body: what follows it.
-        head: what stands in the head beside the title.
+        title: of the page.
+        lead: its first paragraph.
+        sections: in their order.
     """
+    body = "\n".join(section_html(section) for section in sections)
+    return html_document(title, lead, body, [web_file("page.css")])
+
+
+def standalone_page(
+    title: str, lead: str, body: str, styles: Sequence[str], scripts: Sequence[str] = ()
+) -> str:
+    """A self-contained page, whose Content-Security-Policy lets it load nothing.
+
+    Args:
+        title: of the page.
+        lead: its first paragraph.
+        body: HTML.
+        styles: CSS.
+        scripts: JavaScript, run at the end of the page.
+    """
+    policy = security_policy(styles, scripts, "img-src data:")
+    head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+    return html_document(title, lead, body, styles, scripts, head)
+
+
+def html_document(
+    title: str,
+    lead: str,
+    body: str,
+    styles: Sequence[str],
+    scripts: Sequence[str] = (),
+    head: str = "",
+) -> str:
+    """A whole HTML file; as for `standalone_page`, `head` is more HTML for its head."""
+    head += '<meta name="color-scheme" content="light dark">\n'
+    head += "\n".join(f"<style>{style}</style>" for style in styles)
+    body += "".join(f"\n<script>{script}</script>" for script in scripts)
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -55,20 +83,30 @@ def whole_page(title: str, lead: str, body: str, head: str) -> str:
     )
 
 
+def security_policy(styles: Sequence[str], scripts: Sequence[str], *directives: str) -> str:
+    """The Content-Security-Policy that allows these styles and scripts, and `directives`."""
+    rules = ["default-src 'none'", "base-uri 'none'", "form-action 'none'", *directives]
+    for name, texts in (("style-src", styles), ("script-src", scripts)):
+        digests = (hashlib.sha256(text.encode()).digest() for text in texts)
+        sources = " ".join(f"'sha256-{base64.b64encode(each).decode()}'" for each in digests)
+        rules += [f"{name} {sources}"] if sources else []
+    return "; ".join(rules)
+
+
 def escape(text: str) -> str:
-    """Words as HTML; what of a file's name is no text is shown as a question mark."""
+    """Text as HTML; bytes of a file name that are not text become question marks."""
     return html.escape(text.encode(errors="replace").decode())
 
 
-def web_file(name: str) -> str:
-    """The text of a style or a script that ships with the package."""
-    return (files("saccade.viewing") / "web" / name).read_text(encoding="utf-8")
+def web_file(name: str, package: str = "saccade.viewing") -> str:
+    """The text of a style or a script that ships with a package, in its folder `web`."""
+    return (files(package) / "web" / name).read_text(encoding="utf-8")
 
 
-def section_html(section: Section, inside: str = "") -> str:
-    """A section as HTML, with more HTML behind its text."""
+def section_html(section: Section, content: str = "") -> str:
+    """A section as HTML, with more HTML after its text."""
     parts = [
-        f"<section>\n<h2>{escape(section.heading)}</h2>\n<p>{escape(section.text)}</p>{inside}",
+        f"<section>\n<h2>{escape(section.heading)}</h2>\n<p>{escape(section.text)}</p>{content}",
         *map(picture_html, section.pictures),
     ]
     if section.facts:
@@ -84,7 +122,7 @@ def section_html(section: Section, inside: str = "") -> str:
 
 
 def picture_html(picture: Picture) -> str:
-    """A picture with its caption; a wide one scrolls where there is no room for it."""
+    """A picture with its caption."""
     image = f'<img src="{escape(picture.source)}" alt="{escape(picture.alternative)}">'
     if picture.wide:
         image = (

@@ -1,18 +1,18 @@
-"""A table that can be sorted, as a part of a report."""
+"""Part of a report: a sortable table."""
 
 from collections.abc import Sequence
 
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part, with_notes
 
-MAX_LETTERS = 3_000_000
+MAX_CHARACTERS = 3_000_000
 """Of all cells."""
 
 
 def table_part(
     section: Section, columns: Sequence[str], rows: Sequence[Sequence[str]], first: str = "name"
 ) -> Part:
-    """A table of words and numbers.
+    """A table of text and numbers.
 
     Args:
         section: heading, text, facts and links.
@@ -20,9 +20,9 @@ def table_part(
         rows: one cell for each column; the first names the row.
         first: the heading of the first column where it has none.
     """
-    rows = [list(row) for row in rows]
-    letters = sum(len(cell) + 3 for row in rows for cell in row)
-    stride = -(-letters // MAX_LETTERS) or 1
-    section, rows = with_notes(section, {"rows": (len(rows), stride)}), rows[::stride]
-    data = {"title": section.heading, "columns": list(columns), "rows": rows, "first": first}
+    characters = sum(len(cell) + 3 for row in rows for cell in row)
+    stride = -(-characters // MAX_CHARACTERS) or 1
+    section = with_notes(section, {"rows": (len(rows), stride)})
+    cells = [list(row) for row in rows[::stride]]
+    data = {"title": section.heading, "columns": list(columns), "rows": cells, "first": first}
     return Part(section, "table", data)

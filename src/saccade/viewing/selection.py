@@ -1,4 +1,4 @@
-"""Choices compared side by side: each score of each, with its interval, at several budgets."""
+"""Figure of landmark selections: scores with confidence intervals at several budgets."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,59 +11,66 @@ from matplotlib.figure import Figure
 from saccade.types import FloatArray
 from saccade.viewing.style import GRAY, HEAT
 
-ROW = 0.36
-"""Inches of a choice."""
+ROW_HEIGHT = 0.36
+"""Inches of a selection."""
 LEGEND = "new landmarks per frame; bars are 95 % intervals of the mean"
 
 
 class Panel(NamedTuple):
-    """One score of all choices."""
+    """One score of all selections."""
 
     title: str
     table: FloatArray
-    """(worlds, budgets, choices, 3) mean, lower and upper end of its interval; NaN for none."""
-    most: float = np.inf
-    """The largest that the score can be."""
+    """(drives, budgets, selections, 3) mean, lower and upper end of its interval; NaN for none."""
+    limit: float = np.inf
+    """The largest possible score."""
 
 
-def choice_figure(
+def selection_figure(
     panels: Sequence[Panel],
-    worlds: Sequence[str],
+    drives: Sequence[str],
     budgets: Sequence[int],
-    choices: Sequence[str],
+    selections: Sequence[str],
     order: Sequence[int],
     reference: int | None,
 ) -> Figure:
-    """A row of panels for each world, in each a line for each choice, on it a dot per budget.
+    """A row of panels for each drive, in each a line for each selection with a dot per budget.
 
     Args:
         panels: the scores.
-        worlds: names of the first axis of their tables.
+        drives: names of the first axis of their tables.
         budgets: of the second.
-        choices: of the third.
-        order: indices of the choices, from the top.
-        reference: index of the choice whose mean over the budgets is marked, if any.
+        selections: of the third.
+        order: indices of the selections, from the top.
+        reference: index of the selection whose mean over the budgets is marked, if any.
     """
-    size = (2.5 + 2.15 * len(panels), 1.1 + len(worlds) * (ROW * len(choices) + 0.5))
+    size = (2.5 + 2.15 * len(panels), 1.1 + len(drives) * (ROW_HEIGHT * len(selections) + 0.5))
     figure = Figure(figsize=size, layout="constrained", dpi=130)
-    grid = figure.subplots(len(worlds), len(panels), squeeze=False, sharey=True)
+    grid = figure.subplots(len(drives), len(panels), squeeze=False, sharey=True)
     colors = colormaps[HEAT](np.linspace(0.05, 0.9, len(budgets)))
-    for w, world in enumerate(worlds):
-        for p, panel in enumerate(panels):
-            axes: Axes = grid[w, p]
-            for b, color in enumerate(colors):
-                _draw_dots(axes, panel.table[w, b, list(order)], b, len(budgets), tuple(color))
-            if reference is not None:
-                _draw_usual(axes, panel.table[w, :, reference, 0])
-            _limit(axes, panel.most)
-            _finish(axes, panel.title if w == 0 else "", len(choices))
-        grid[w, 0].set_yticks(range(len(choices)), [choices[i] for i in order])
-        grid[w, 0].set_ylabel(world, fontsize=11, fontweight="bold", labelpad=10)
-    handles, _ = grid[0, 0].get_legend_handles_labels()
+    offsets = 0.6 * ((np.arange(len(budgets)) + 0.5) / len(budgets) - 0.5)
+    for (d, p), axes in np.ndenumerate(grid):
+        table = panels[p].table[d]
+        for scores, offset, budget, color in zip(table, offsets, budgets, colors, strict=True):
+            mean, low, high = scores[list(order)].T
+            y = np.arange(len(order)) + offset
+            axes.hlines(y, low, high, color=color, linewidth=1.6, alpha=0.75)
+            axes.plot(mean, y, "o", color=color, markersize=4.2, label=str(budget))
+        if reference is not None:
+            means = table[:, reference, 0]
+            if np.isfinite(means).any():
+                style = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 0.5}
+                axes.axvline(np.nanmean(means), **style)
+        _finish(axes, panels[p].title if d == 0 else "", len(selections), panels[p].limit)
+    for axes, drive in zip(grid[:, 0], drives, strict=True):
+        axes.set_yticks(range(len(selections)), [selections[i] for i in order])
+        axes.set_ylabel(drive, fontsize=11, fontweight="bold", labelpad=10)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    dashed = "" if reference is None else f"; dashed: {selections[reference]} over all"
     figure.legend(
         handles,
-        list(map(str, budgets)),
-        title=LEGEND if reference is None else f"{LEGEND}; dashed: {choices[reference]} over all",
+        labels,
+        title=LEGEND + dashed,
         loc="outside lower center",
         title_fontsize=10,
         ncols=len(budgets),
@@ -72,35 +79,13 @@ def choice_figure(
     return figure
 
 
-def _draw_dots(
-    axes: Axes, scores: FloatArray, budget: int, budgets: int, color: tuple[float, ...]
-) -> None:
-    """Scores (choices, 3) at one budget."""
-    offset = 0.6 * ((budget + 0.5) / budgets - 0.5)
-    y = np.arange(len(scores)) + offset
-    mean, low, high = scores.T
-    axes.hlines(y, low, high, color=color, linewidth=1.6, alpha=0.75)
-    axes.plot(mean, y, "o", color=color, markersize=4.2, label=str(budget))
-
-
-def _draw_usual(axes: Axes, scores: FloatArray) -> None:
-    """A line at the mean of the scores (budgets,)."""
-    found = scores[np.isfinite(scores)]
-    if len(found):
-        axes.axvline(found.mean(), color=GRAY, linewidth=1.0, linestyle=(0, (4, 3)), zorder=0.5)
-
-
-def _limit(axes: Axes, most: float) -> None:
-    """Show nothing beyond the largest value that there can be, and not too little before it."""
+def _finish(axes: Axes, title: str, rows: int, limit: float) -> None:
     low, high = axes.get_xlim()
-    if high >= most:
-        axes.set_xlim(min(low, 0.9 * most), 1.005 * most)
-
-
-def _finish(axes: Axes, title: str, choices: int) -> None:
+    if high >= limit:
+        axes.set_xlim(min(low, 0.9 * limit), 1.005 * limit)
     axes.set_title(title, fontsize=11, pad=8)
-    axes.set_ylim(choices - 0.5, -0.5)
-    for i in range(0, choices, 2):
+    axes.set_ylim(rows - 0.5, -0.5)
+    for i in range(0, rows, 2):
         axes.axhspan(i - 0.5, i + 0.5, color=GRAY, alpha=0.09, linewidth=0)
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", labelsize=8.5)

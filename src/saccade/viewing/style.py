@@ -1,23 +1,63 @@
-"""The colors and the manner of every figure; safe for color-blind readers."""
+"""Colors and axes of every figure; safe for color-blind readers."""
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from saccade.files import atomic_write
 
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
-"""After Okabe & Ito (2008), told apart under every common color-vision deficiency."""
+"""After Okabe & Ito (2008), distinguishable under every common color-vision deficiency."""
 GRAY = "#7f7f7f"
 HEAT = "cividis"
-"""Perceptually even, and the same to readers with and without red-green deficiency."""
+"""Perceptually uniform, and the same to readers with and without red-green deficiency."""
+DIVERGING = "PuOr_r"
+"""Colors of negative values, zero and positive values."""
+SIGMAS = 3.0
+"""Half-width of the bands of one variable in standard deviations: 99.73 %."""
+
+
+def rgb_levels(color: str) -> tuple[int, int, int]:
+    """A color as three levels of 0 to 255."""
+    red, green, blue = (round(255 * part) for part in to_rgb(color))
+    return red, green, blue
 
 
 def picture_axes(axes: Axes, title: str) -> None:
     """Leave only the title: a photograph needs no ticks."""
     axes.set_title(title, fontsize=10)
     axes.set_axis_off()
+
+
+def draw_panel(axes: Axes, image: npt.NDArray[Any], title: str, **options: Any) -> None:
+    """An image or a map under its title; options are those of `Axes.imshow`."""
+    axes.imshow(image, **options)
+    picture_axes(axes, title)
+
+
+def hide_ticks(axes: Axes) -> None:
+    """Leave only title and label: no ticks and no frame."""
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.spines[:].set_visible(False)
+
+
+def quiet_axes(axes: Axes) -> None:
+    """A light grid behind, and no frame."""
+    axes.grid(color="0.92", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(color="0.7", labelcolor="0.3", labelsize=9)
+    axes.spines[:].set_visible(False)
+
+
+def faded(image: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """(H, W) pale gray, a background for drawings; `image` is (H, W, 3) in [0, 1]."""
+    return np.asarray(0.35 + 0.65 * image.mean(axis=2), np.float32)
 
 
 def figure_for(width: int, height: int, columns: int, rows: int, panel: float = 4.0) -> Figure:

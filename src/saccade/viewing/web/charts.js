@@ -3,19 +3,19 @@
 
 const CHART_HEIGHT = 190;
 
-/** A chart in its figure; `picked` hears of a time that is clicked, `mark` shows one. */
-function chart(data, picked) {
-  const place = make("div", { class: "plot" });
+/** A chart in its figure; `clicked(time)` is called on clicks, `mark` shows a time. */
+function chart(data, clicked) {
+  const container = make("div", { class: "plot" });
   const caption = make("figcaption", {}, data.unit ? `${data.title} [${data.unit}]` : data.title);
-  const keys = make("span", { class: "keys" });
-  caption.append(keys);
-  const figure = make("figure", { class: "chart" }, caption, place);
+  const legend = make("span", { class: "keys" });
+  caption.append(legend);
+  const figure = make("figure", { class: "chart" }, caption, container);
   let plot = null;
-  let now = null;
+  let marked = null;
 
   function drawMark(drawn) {
-    if (now === null) return;
-    const x = Math.round(drawn.valToPos(now, "x", true));
+    if (marked === null) return;
+    const x = Math.round(drawn.valToPos(marked, "x", true));
     const { left, top, width, height } = drawn.bbox;
     if (x < left || x > left + width) return;
     drawn.ctx.save();
@@ -26,49 +26,49 @@ function chart(data, picked) {
 
   function build() {
     const colors = palette();
-    const { columns, series, bands } = linesOf(data, colors);
+    const { columns, series, bands } = plotData(data, colors);
     const axis = {
       stroke: colors.soft, grid: { stroke: colors.line, width: 1 }, ticks: { show: false },
       font: "12px system-ui, sans-serif",
     };
-    const whole = (_, ticks) => (data.logarithmic ? ticks.map(decade) : ticks);
+    const decades = (_, ticks) => (data.logarithmic ? ticks.map(decade) : ticks);
     if (plot) plot.destroy();
     plot = new uPlot({
-      width: Math.max(200, place.clientWidth), height: CHART_HEIGHT, series, bands,
+      width: Math.max(200, container.clientWidth), height: CHART_HEIGHT, series, bands,
       scales: { x: { time: false }, y: { distr: data.logarithmic ? 3 : 1 } },
       axes: [
         { ...axis, size: 28, values: (_, ticks) => ticks.map((each) => `${tick(each)} s`) },
-        { ...axis, size: 54, values: (_, ticks) => ticks.map(tick), filter: whole,
-          grid: { ...axis.grid, filter: whole } },
+        { ...axis, size: 54, values: (_, ticks) => ticks.map(tick), filter: decades,
+          grid: { ...axis.grid, filter: decades } },
       ],
       legend: { show: false }, cursor: { y: false, points: { show: false }, drag: { x: true, y: false } },
       hooks: { draw: [drawMark] },
-    }, columns, place);
+    }, columns, container);
     plot.over.addEventListener("click", () => {
       const { left } = plot.cursor;
-      if (left >= 0 && plot.select.width < 3) picked(plot.posToVal(left, "x"));
+      if (left >= 0 && plot.select.width < 3) clicked(plot.posToVal(left, "x"));
     });
-    keys.replaceChildren(...keysOf(data));
+    legend.replaceChildren(...legendOf(data));
   }
 
   new ResizeObserver(() => {
     if (!plot) build();
-    else if (plot.width !== place.clientWidth) {
-      plot.setSize({ width: Math.max(200, place.clientWidth), height: CHART_HEIGHT });
+    else if (plot.width !== container.clientWidth) {
+      plot.setSize({ width: Math.max(200, container.clientWidth), height: CHART_HEIGHT });
     }
-  }).observe(place);
+  }).observe(container);
   onTheme(build);
   return {
     figure,
     mark(time) {
-      now = time;
+      marked = time;
       if (plot) plot.redraw(false);
     },
   };
 }
 
-/** The columns and series of a chart as uPlot wants them. */
-function linesOf(data, colors) {
+/** The columns and series of a chart for uPlot. */
+function plotData(data, colors) {
   const column = (values) => Array.from(values, (value) => (Number.isNaN(value) ? null : value));
   const columns = [column(data.time)];
   const series = [{}];
@@ -92,9 +92,9 @@ function linesOf(data, colors) {
   return { columns, series, bands };
 }
 
-function keysOf(data) {
-  const key = (word, color, shape) => make("span", { class: "key" },
-    make("span", { class: `swatch ${shape} ${color}`, "aria-hidden": "true" }), word);
+function legendOf(data) {
+  const key = (label, color, shape) => make("span", { class: "key" },
+    make("span", { class: `swatch ${shape} ${color}`, "aria-hidden": "true" }), label);
   const keys = [];
   if (data.name && data.name !== data.band_name) {
     keys.push(key(data.name, data.dots ? "grey" : "blue", data.dots ? "dot" : "line"));
@@ -104,7 +104,7 @@ function keysOf(data) {
   return keys;
 }
 
-/** A power of ten, null for what is between two. */
+/** A power of ten; null for other values. */
 function decade(value) {
   return Math.abs(Math.log10(value) % 1) < 1e-6 ? value : null;
 }

@@ -1,18 +1,18 @@
 "use strict";
 /* A plane seen from above that is panned and zoomed by mouse, finger or key. */
 
-const REACH = 14; // pixels within which a click finds something
+const CLICK_RADIUS = 14; // pixels within which a click selects
 
 /**
- * Let a canvas show a plane, x to the right and y up.
+ * A canvas that shows a plane, x to the right and y up.
  * `box` is [left, bottom, right, top] in metres; `draw(context, view)` draws it;
- * `clicked(x, y, reach)` hears of clicks, in metres.
+ * `clicked(x, y, radius)` is called on clicks, in metres.
  */
 function plane(canvas, box, draw, clicked) {
   let scale = 1;
   let center = [0, 0];
-  let asked = false;
-  const held = new Map();
+  let requested = false;
+  const pointers = new Map();
   let moved = 0;
 
   const view = {
@@ -28,61 +28,61 @@ function plane(canvas, box, draw, clicked) {
   ];
 
   function redraw() {
-    if (asked) return;
-    asked = true;
+    if (requested) return;
+    requested = true;
     requestAnimationFrame(() => {
-      asked = false;
+      requested = false;
       draw(sized(canvas), view);
     });
   }
   function fit() {
-    const wide = Math.max(box[2] - box[0], 1), high = Math.max(box[3] - box[1], 1);
-    scale = 0.92 * Math.min(canvas.clientWidth / wide, canvas.clientHeight / high);
+    const boxWidth = Math.max(box[2] - box[0], 1), boxHeight = Math.max(box[3] - box[1], 1);
+    scale = 0.92 * Math.min(canvas.clientWidth / boxWidth, canvas.clientHeight / boxHeight);
     center = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
     redraw();
   }
   function zoom(factor, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
-    const there = metres(x, y);
+    const before = metres(x, y);
     scale *= factor;
-    const now = metres(x, y);
-    center = [center[0] + there[0] - now[0], center[1] + there[1] - now[1]];
+    const after = metres(x, y);
+    center = [center[0] + before[0] - after[0], center[1] + before[1] - after[1]];
     redraw();
   }
   function pan(x, y) {
     center = [center[0] - x / scale, center[1] + y / scale];
     redraw();
   }
-  const at = (event) => placeIn(canvas, event);
+  const position = (event) => positionIn(canvas, event);
 
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
-    if (held.size === 0) moved = 0;
-    held.set(event.pointerId, at(event));
+    if (pointers.size === 0) moved = 0;
+    pointers.set(event.pointerId, position(event));
   });
   canvas.addEventListener("pointermove", (event) => {
-    const before = held.get(event.pointerId);
+    const before = pointers.get(event.pointerId);
     if (!before) return;
-    const here = at(event);
-    const other = [...held].find(([id]) => id !== event.pointerId);
+    const current = position(event);
+    const other = [...pointers].find(([id]) => id !== event.pointerId);
     if (other) {
-      const apart = (a) => Math.max(1, Math.hypot(a[0] - other[1][0], a[1] - other[1][1]));
-      zoom(apart(here) / apart(before), (here[0] + other[1][0]) / 2, (here[1] + other[1][1]) / 2);
-      pan((here[0] - before[0]) / 2, (here[1] - before[1]) / 2);
-      moved = REACH;
+      const distance = (a) => Math.max(1, Math.hypot(a[0] - other[1][0], a[1] - other[1][1]));
+      zoom(distance(current) / distance(before), (current[0] + other[1][0]) / 2, (current[1] + other[1][1]) / 2);
+      pan((current[0] - before[0]) / 2, (current[1] - before[1]) / 2);
+      moved = CLICK_RADIUS;
     } else {
-      moved += Math.hypot(here[0] - before[0], here[1] - before[1]);
-      if (moved > 3) pan(here[0] - before[0], here[1] - before[1]);
+      moved += Math.hypot(current[0] - before[0], current[1] - before[1]);
+      if (moved > 3) pan(current[0] - before[0], current[1] - before[1]);
     }
-    held.set(event.pointerId, here);
+    pointers.set(event.pointerId, current);
   });
   canvas.addEventListener("pointerup", (event) => {
-    if (held.delete(event.pointerId) && moved <= 3) clicked(...metres(...at(event)), REACH / scale);
+    if (pointers.delete(event.pointerId) && moved <= 3) clicked(...metres(...position(event)), CLICK_RADIUS / scale);
   });
-  canvas.addEventListener("pointercancel", (event) => held.delete(event.pointerId));
+  canvas.addEventListener("pointercancel", (event) => pointers.delete(event.pointerId));
   canvas.addEventListener("wheel", (event) => {
     if (!event.ctrlKey && !event.metaKey && document.activeElement !== canvas) return;
     event.preventDefault();
-    zoom(Math.exp(-event.deltaY / 400), ...at(event));
+    zoom(Math.exp(-event.deltaY / 400), ...position(event));
   }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
     const keys = {
@@ -105,31 +105,31 @@ function plane(canvas, box, draw, clicked) {
   return { redraw, fit, zoom, get scale() { return scale; } };
 }
 
-/** Draw the ellipse of a covariance; the path is begun and stroked by who calls. */
-function addEllipse(context, view, x, y, xx, xy, yy, sigmas) {
+/** Add the ellipse of a covariance to the path, its axes `ellipseScale` standard deviations. */
+function addEllipse(context, view, x, y, xx, xy, yy, ellipseScale) {
   const mean = (xx + yy) / 2;
-  const apart = Math.hypot((xx - yy) / 2, xy);
-  const a = sigmas * Math.sqrt(Math.max(0, mean + apart)) * view.scale;
-  const b = sigmas * Math.sqrt(Math.max(0, mean - apart)) * view.scale;
+  const deviation = Math.hypot((xx - yy) / 2, xy); // of the eigenvalues from their mean
+  const a = ellipseScale * Math.sqrt(Math.max(0, mean + deviation)) * view.scale;
+  const b = ellipseScale * Math.sqrt(Math.max(0, mean - deviation)) * view.scale;
   const angle = Math.atan2(2 * xy, xx - yy) / 2;
   const left = view.x(x), top = view.y(y);
   context.moveTo(left + a * Math.cos(angle), top - a * Math.sin(angle));
   context.ellipse(left, top, a, b, -angle, 0, 2 * Math.PI);
 }
 
-/** A bar that says how long some metres are. */
+/** A scale bar. */
 function drawScale(context, view, colors) {
-  const rough = 110 / view.scale;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const length = [5, 2, 1].find((each) => each * power <= rough) * power;
-  const wide = length * view.scale, x = 16, y = view.height - 16;
+  const maxLength = 110 / view.scale;
+  const power = 10 ** Math.floor(Math.log10(maxLength));
+  const length = [5, 2, 1].find((each) => each * power <= maxLength) * power;
+  const width = length * view.scale, x = 16, y = view.height - 16;
   context.strokeStyle = context.fillStyle = colors.soft;
   context.lineWidth = 1.5;
   context.beginPath();
   context.moveTo(x, y - 5);
   context.lineTo(x, y);
-  context.lineTo(x + wide, y);
-  context.lineTo(x + wide, y - 5);
+  context.lineTo(x + width, y);
+  context.lineTo(x + width, y - 5);
   context.stroke();
   context.font = "12px system-ui, sans-serif";
   context.fillText(`${Number(length.toPrecision(1))} m`, x + 6, y - 6);

@@ -1,32 +1,32 @@
 "use strict";
 /* A photograph with layers: maps, the scanpath played in time, interest points. */
 
-const SLOWER = 4; // times that a scanpath is played slower than the model
+const SLOWDOWN = 4; // of a scanpath that is played, against the model
 
-/** The point nearest to a place, -1 where none is near. */
-function nearest(xy, x, y, reach) {
-  let best = -1, least = reach;
+/** Index of the point nearest to a position, -1 where none is within a radius. */
+function nearest(xy, x, y, radius) {
+  let best = -1, minDistance = radius;
   for (let i = 0; i < xy.length; i += 2) {
-    const apart = Math.hypot(xy[i] - x, xy[i + 1] - y);
-    if (apart < least) [best, least] = [i / 2, apart];
+    const distance = Math.hypot(xy[i] - x, xy[i + 1] - y);
+    if (distance < minDistance) [best, minDistance] = [i / 2, distance];
   }
   return best;
 }
 
-function drawScanpath(context, path, upTo, scale) {
-  const at = (i) => [path.xy[2 * i] * scale, path.xy[2 * i + 1] * scale];
+function drawScanpath(context, path, count, scale) {
+  const position = (i) => [path.xy[2 * i] * scale, path.xy[2 * i + 1] * scale];
   context.lineJoin = "round";
   outlined(context, ON_PHOTO.path, 2, () => {
-    for (let i = 0; i < upTo; i++) context.lineTo(...at(i));
+    for (let i = 0; i < count; i++) context.lineTo(...position(i));
   });
   context.font = "600 12px system-ui, sans-serif";
   context.textAlign = "center";
   context.textBaseline = "middle";
-  for (let i = 0; i < upTo; i++) {
-    const [x, y] = at(i);
+  for (let i = 0; i < count; i++) {
+    const [x, y] = position(i);
     context.beginPath();
     context.arc(x, y, 10, 0, 2 * Math.PI);
-    context.fillStyle = i === upTo - 1 ? "#fff" : ON_PHOTO.path;
+    context.fillStyle = i === count - 1 ? "#fff" : ON_PHOTO.path;
     context.fill();
     context.strokeStyle = "#000";
     context.lineWidth = 1.5;
@@ -52,19 +52,19 @@ function drawPoints(context, points, chosen, scale) {
 }
 
 /**
- * Where a descriptor is drawn: of each of its 128 entries x, y of both ends of a ray. There are 4 x 4
+ * The rays of a descriptor: x, y of both ends for each of its 128 entries. There are 4 x 4
  * cells of 8 directions, which turn from y towards x; the x axis is the angle of the point.
  */
 function descriptorRays(values, cell) {
-  const most = Math.max(1, ...values);
+  const largest = Math.max(1, ...values);
   return Array.from(values, (value, i) => {
-    const bin = i >> 3, angle = (-(i & 7) * Math.PI) / 4, length = (0.48 * cell * value) / most;
+    const bin = i >> 3, angle = (-(i & 7) * Math.PI) / 4, length = (0.48 * cell * value) / largest;
     const x = ((bin & 3) + 0.5) * cell, y = ((bin >> 2) + 0.5) * cell;
     return [x, y, x + length * Math.cos(angle), y + length * Math.sin(angle)];
   });
 }
 
-/** A descriptor as its histograms: 4 x 4 places, 8 directions in each. */
+/** A descriptor as its histograms: 4 x 4 cells of 8 directions. */
 function drawDescriptor(canvas, values, colors) {
   const context = sized(canvas), cell = canvas.clientWidth / 4;
   context.strokeStyle = colors.line;
@@ -87,10 +87,10 @@ function drawDescriptor(canvas, values, colors) {
   context.stroke();
 }
 
-/** What is said of a point. */
+/** The properties of a point, and its descriptor. */
 function pointFacts(points, index) {
-  const facts = factsOf([
-    ["place", `${short(points.xy[2 * index], 1)}, ${short(points.xy[2 * index + 1], 1)} px`],
+  const facts = definitionList([
+    ["position", `${short(points.xy[2 * index], 1)}, ${short(points.xy[2 * index + 1], 1)} px`],
     ["size", `${short(points.size[index], 1)} px`],
     ["angle", `${short((points.angle[index] * 180) / Math.PI, 0)}°`],
     ["octave", String(points.octave[index])],
@@ -106,21 +106,21 @@ function pointFacts(points, index) {
   return [facts, star];
 }
 
-/** Which map is laid over the photograph, and how strongly. */
+/** The choice of the map that overlays the photograph, and its opacity. */
 function mapChoice(element, heat) {
   const group = `map-${Math.random().toString(36).slice(2)}`;
-  const strength = make("input", {
+  const opacity = make("input", {
     type: "range", min: 10, max: 100, value: 75,
-    oninput: () => { heat.style.opacity = strength.value / 100; },
+    oninput: () => { heat.style.opacity = opacity.value / 100; },
   });
   heat.style.opacity = 0.75;
   const box = make("fieldset");
   let shown = "none", maps = [];
   function show(name) {
-    const found = maps.find((each) => each.name === name);
-    shown = found ? name : "none";
-    heat.hidden = !found;
-    if (found) heat.src = found.address;
+    const map = maps.find((each) => each.name === name);
+    shown = map ? name : "none";
+    heat.hidden = !map;
+    if (map) heat.src = map.address;
     element.dataset.map = shown;
   }
   const choice = (name) => {
@@ -129,24 +129,24 @@ function mapChoice(element, heat) {
   };
   return {
     element: box,
-    /** Offer these maps; the one that is shown stays shown. */
-    renew(next, wanted = shown) {
+    /** Replace the maps; the one that is shown stays shown. */
+    replace(next, name = shown) {
       const names = (all) => all.map((each) => each.name).join();
       if (!box.hasChildNodes() || names(next) !== names(maps)) {
         box.replaceChildren(make("legend", {}, "Map"), choice("none"),
           ...next.map((each) => choice(each.name)),
-          make("label", { class: "toggle" }, "strength ", strength));
+          make("label", { class: "toggle" }, "opacity ", opacity));
       }
       maps = next;
-      show(wanted);
+      show(name);
       for (const radio of box.querySelectorAll("input[type=radio]")) radio.checked = radio.value === shown;
     },
   };
 }
 
 /**
- * Shows `data.image`, its `maps`, `scanpath` and, if there are any, `points`; `data.map` is the map
- * to begin with. What it returns can change all of them, and has a side to put more into.
+ * Shows `data.image`, its `maps`, `scanpath` and `points`, if any; `data.map` is shown first. What it
+ * returns can change all of them, and has a side panel for more elements.
  */
 kinds.image = (element, data) => {
   let { image, scanpath: path, points } = data;
@@ -160,11 +160,11 @@ kinds.image = (element, data) => {
 
   function draw() {
     const context = sized(canvas);
-    if (points && shown.points) drawPoints(context, points, found.chosen, scale());
+    if (points && shown.points) drawPoints(context, points, selected.chosen, scale());
     if (shown.path) drawScanpath(context, path, fixation, scale());
   }
   const play = player("Fixation", path.time.length + 1,
-    (step) => 1000 * SLOWER * (step < path.time.length ? path.time[step] - (path.time[step - 1] || 0) : 0.1), show);
+    (step) => 1000 * SLOWDOWN * (step < path.time.length ? path.time[step] - (path.time[step - 1] || 0) : 0.1), show);
   function show(step) {
     fixation = step;
     play.set(step, step === 0 ? "before the first fixation"
@@ -174,25 +174,25 @@ kinds.image = (element, data) => {
   }
   const maps = mapChoice(element, heat);
   const pointBox = toggle("interest points", "orange", false, (on) => { shown.points = on; draw(); }, "ring");
-  const found = points && selection(element, "Point", points.size.length,
+  const selected = points && selection(element, "Point", points.size.length,
     "Point at an interest point to see its descriptor.", (index) => pointFacts(points, index), () => {
-      if (found.chosen >= 0) showPoints();
+      if (selected.chosen >= 0) showPoints();
       draw();
     });
   function showPoints() {
     if (!shown.points) pointBox.querySelector("input").click();
   }
   if (points) {
-    const find = (event) => {
+    const chooseAt = (event) => {
       if (!shown.points) return;
-      const [x, y] = placeIn(canvas, event);
-      const index = nearest(points.xy, x / scale(), y / scale(), FOUND / scale());
-      if (index >= 0 && index !== found.chosen) found.choose(index);
+      const [x, y] = positionIn(canvas, event);
+      const index = nearest(points.xy, x / scale(), y / scale(), POINTER_RADIUS / scale());
+      if (index >= 0 && index !== selected.chosen) selected.choose(index);
     };
-    box.addEventListener("pointermove", find);
-    box.addEventListener("pointerdown", find);
+    box.addEventListener("pointermove", chooseAt);
+    box.addEventListener("pointerdown", chooseAt);
   }
-  const side = make("div", { class: "side" }, maps.element, ...(points ? found.nodes : []));
+  const side = make("div", { class: "side" }, maps.element, ...(points ? selected.nodes : []));
   const layers = make("div", { class: "layers" },
     toggle("scanpath", "orange", true, (on) => { shown.path = on; draw(); }), ...(points ? [pointBox] : []));
   element.append(make("div", { class: "stage" }, make("div", { class: "main" }, box, play.element, layers), side));
@@ -203,16 +203,16 @@ kinds.image = (element, data) => {
       photo.src = image.address;
       box.style.setProperty("--ratio", image.width / image.height);
     }
-    if (next.maps) maps.renew(next.maps, next.map);
+    if (next.maps) maps.replace(next.maps, next.map);
     if (next.points) {
       points = next.points;
-      found.renew(points.size.length);
+      selected.replace(points.size.length);
     }
     if (next.scanpath) {
-      const all = fixation === path.time.length;
+      const atEnd = fixation === path.time.length;
       path = next.scanpath;
-      play.renew(path.time.length + 1);
-      fixation = all ? path.time.length : Math.min(fixation, path.time.length);
+      play.setCount(path.time.length + 1);
+      fixation = atEnd ? path.time.length : Math.min(fixation, path.time.length);
     }
     show(fixation);
   }

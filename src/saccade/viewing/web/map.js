@@ -1,14 +1,14 @@
 "use strict";
-/* A map while it grows: the ground, what the camera saw, one landmark, and charts over time. */
+/* A map over time: trajectories and landmarks, camera images, one landmark, and charts. */
 
-const DRIVES = {
+const TRAJECTORIES = {
   estimate: ["blue", 2, [], "line"], odometry: ["grey", 1.25, [5, 4], "dashed"],
   truth: ["green", 4, [], "thick"], smoothed: ["ink", 1.25, [], "thin"],
 };
-const KINDS_SEEN = [["new", "orange"], ["followed", "green"], ["recognized", "red"]];
-const MOST_BUTTONS = 40;
+const KINDS = [["new", "orange"], ["tracked", "green"], ["re-identified", "red"]];
+const MAX_BUTTONS = 40;
 
-/** First index in ascending numbers that is not below a value. */
+/** Index of the first of ascending numbers that is not below a value. */
 function lowerBound(values, value) {
   let low = 0, high = values.length;
   while (low < high) {
@@ -19,33 +19,33 @@ function lowerBound(values, value) {
   return low;
 }
 
-/** Where the parts of a table begin, from how many rows each has. */
-function starts(counts) {
+/** First row of each part of a table, from the number of rows of each. */
+function firstRows(counts) {
   const sums = [0];
   for (const count of counts) sums.push(sums[sums.length - 1] + count);
   return sums;
 }
 
-/** The landmarks of a snapshot: their rows in the table, found by name. */
+/** Snapshots of the map: the rows of their landmarks in one table. */
 class Snapshots {
   constructor(data) {
     this.data = data;
-    this.first = starts(data.count);
-    this.firstSeen = starts(data.seen_count);
+    this.first = firstRows(data.count);
+    this.firstObserved = firstRows(data.observed_count);
     this.length = data.step.length;
   }
   landmark(row) {
     const from = 5 * row;
     return this.data.landmark.subarray(from, from + 5);
   }
-  rowOf(name, number) {
+  rowOf(id, number) {
     const from = this.first[number], to = this.first[number + 1];
-    const row = from + lowerBound(this.data.name.subarray(from, to), name);
-    return row < to && this.data.name[row] === name ? row : -1;
+    const row = from + lowerBound(this.data.id.subarray(from, to), id);
+    return row < to && this.data.id[row] === id ? row : -1;
   }
-  seen(number) {
-    const from = this.firstSeen[number];
-    return Array.from(this.data.seen.subarray(from, this.firstSeen[number + 1]),
+  observed(number) {
+    const from = this.firstObserved[number];
+    return Array.from(this.data.observed.subarray(from, this.firstObserved[number + 1]),
       (row) => row + this.first[number]);
   }
   at(time) {
@@ -53,16 +53,16 @@ class Snapshots {
   }
 }
 
-/** What the map shows when it is fitted: the estimate, and the landmarks as they end. */
-function boxOf(data, snapshots) {
+/** Bounds of the fitted map: the trajectories but dead reckoning, and the final landmarks. */
+function boundsOf(data, snapshots) {
   const box = [Infinity, Infinity, -Infinity, -Infinity];
   const add = (x, y) => {
     box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y);
     box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
   };
-  const end = data.snapshots.time[snapshots.length - 1] + 1e-4; // the truth may go on
-  for (const drive of data.drives.filter((each) => each.name !== "odometry")) {
-    for (let i = 0; i < drive.time.length && drive.time[i] <= end; i++) add(drive.xy[2 * i], drive.xy[2 * i + 1]);
+  const end = data.snapshots.time[snapshots.length - 1] + 1e-4; // the truth may be longer
+  for (const trajectory of data.trajectories.filter((each) => each.name !== "odometry")) {
+    for (let i = 0; i < trajectory.time.length && trajectory.time[i] <= end; i++) add(trajectory.xy[2 * i], trajectory.xy[2 * i + 1]);
   }
   const last = snapshots.length - 1;
   for (let row = snapshots.first[last]; row < snapshots.first[last + 1]; row++) {
@@ -72,18 +72,18 @@ function boxOf(data, snapshots) {
   return box;
 }
 
-function drawDrive(context, view, drive, time, colors) {
-  const [color, width, dash] = DRIVES[drive.name];
-  const end = lowerBound(drive.time, time + 1e-4);
+function drawTrajectory(context, view, trajectory, time, colors) {
+  const [color, width, dash] = TRAJECTORIES[trajectory.name];
+  const end = lowerBound(trajectory.time, time + 1e-4);
   context.strokeStyle = colors[color];
   context.lineWidth = width;
   context.lineJoin = "round";
   context.setLineDash(dash);
-  for (const [from, to, alpha] of [[0, drive.time.length, 0.22], [0, end, drive.name === "truth" ? 0.55 : 1]]) {
+  for (const [from, to, alpha] of [[0, trajectory.time.length, 0.22], [0, end, trajectory.name === "truth" ? 0.55 : 1]]) {
     context.globalAlpha = alpha;
     context.beginPath();
     for (let i = from; i < to; i++) {
-      context.lineTo(view.x(drive.xy[2 * i]), view.y(drive.xy[2 * i + 1]));
+      context.lineTo(view.x(trajectory.xy[2 * i]), view.y(trajectory.xy[2 * i + 1]));
     }
     context.stroke();
   }
@@ -91,12 +91,12 @@ function drawDrive(context, view, drive, time, colors) {
   context.setLineDash([]);
 }
 
-function drawRobot(context, view, pose, sigmas, colors) {
+function drawRobot(context, view, pose, ellipseScale, colors) {
   const [x, y, heading, xx, xy, yy] = pose;
   context.strokeStyle = colors.blue;
   context.lineWidth = 1.5;
   context.beginPath();
-  addEllipse(context, view, x, y, xx, xy, yy, sigmas);
+  addEllipse(context, view, x, y, xx, xy, yy, ellipseScale);
   context.stroke();
   context.save();
   context.translate(view.x(x), view.y(y));
@@ -112,16 +112,16 @@ function drawRobot(context, view, pose, sigmas, colors) {
   context.restore();
 }
 
-/** The landmarks of one snapshot, those in sight joined with the robot. */
-function drawLandmarks(context, view, snapshots, number, shown, chosen, sigmas, colors) {
+/** The landmarks of one snapshot, with lines from the robot to those it observes. */
+function drawLandmarks(context, view, snapshots, number, shown, chosen, ellipseScale, colors) {
   const from = snapshots.first[number], to = snapshots.first[number + 1];
   const robot = snapshots.data.pose.subarray(6 * number, 6 * number + 2);
-  if (shown.sight) {
+  if (shown.observed) {
     context.strokeStyle = colors.green;
     context.lineWidth = 1;
     context.globalAlpha = 0.7;
     context.beginPath();
-    for (const row of snapshots.seen(number)) {
+    for (const row of snapshots.observed(number)) {
       const [x, y] = snapshots.landmark(row);
       context.moveTo(view.x(robot[0]), view.y(robot[1]));
       context.lineTo(view.x(x), view.y(y));
@@ -131,7 +131,7 @@ function drawLandmarks(context, view, snapshots, number, shown, chosen, sigmas, 
   }
   if (shown.ellipses) {
     context.beginPath();
-    for (let row = from; row < to; row++) addEllipse(context, view, ...snapshots.landmark(row), sigmas);
+    for (let row = from; row < to; row++) addEllipse(context, view, ...snapshots.landmark(row), ellipseScale);
     context.fillStyle = `${colors.orange}2e`;
     context.fill();
     context.strokeStyle = colors.orange;
@@ -157,35 +157,35 @@ function drawLandmarks(context, view, snapshots, number, shown, chosen, sigmas, 
   }
 }
 
-/** A picture of the camera on a canvas with the landmarks that it shows. */
-function drawPicture(canvas, entry, pixels, name, colors) {
+/** A camera image with its landmarks; where `id` is not negative, only that one. */
+function drawImage(canvas, entry, points, id, colors) {
   const context = sized(canvas);
   const scale = canvas.clientWidth / entry.source.width;
   context.drawImage(entry.image, 0, 0, canvas.clientWidth, canvas.clientHeight);
-  if (!pixels) return;
-  for (let i = lowerBound(pixels.step, entry.step); pixels.step[i] === entry.step; i++) {
-    const chosen = pixels.name[i] === name;
-    context.strokeStyle = colors[KINDS_SEEN[pixels.kind[i]][1]];
+  if (!points) return;
+  for (let i = lowerBound(points.step, entry.step); points.step[i] === entry.step; i++) {
+    const chosen = points.id[i] === id;
+    context.strokeStyle = colors[KINDS[points.kind[i]][1]];
     context.lineWidth = chosen ? 3 : 1.5;
     context.beginPath();
-    context.arc((pixels.xy[2 * i] + 0.5) * scale, (pixels.xy[2 * i + 1] + 0.5) * scale,
+    context.arc((points.xy[2 * i] + 0.5) * scale, (points.xy[2 * i + 1] + 0.5) * scale,
       chosen ? 8 : 3.5, 0, 2 * Math.PI);
-    if (chosen || name < 0) context.stroke();
+    if (chosen || id < 0) context.stroke();
   }
 }
 
-/** A canvas for a picture that keeps its shape. */
-function pictureCanvas(entry, words) {
-  const canvas = make("canvas", { class: "seen", role: "img", "aria-label": words });
+/** A canvas with the aspect ratio of a camera image. */
+function imageCanvas(entry, label) {
+  const canvas = make("canvas", { class: "seen", role: "img", "aria-label": label });
   canvas.style.aspectRatio = `${entry.source.width} / ${entry.source.height}`;
   return canvas;
 }
 
-/** Load the pictures; each is drawn once it is there. */
-function picturesOf(data, ready) {
-  return data.pictures.map(({ step, source }) => {
+/** Load the camera images; `loaded` is called for each. */
+function loadImages(data, loaded) {
+  return data.images.map(({ step, source }) => {
     const entry = { step, source, image: new Image() };
-    entry.image.addEventListener("load", () => ready(entry));
+    entry.image.addEventListener("load", () => loaded(entry));
     entry.image.src = source.address;
     return entry;
   });
@@ -193,10 +193,10 @@ function picturesOf(data, ready) {
 
 kinds.map = (element, data) => {
   const snapshots = new Snapshots(data.snapshots);
-  const shown = { ellipses: true, sight: true, true: true };
-  for (const drive of data.drives) shown[drive.name] = true;
+  const shown = { ellipses: true, observed: true, true: true };
+  for (const trajectory of data.trajectories) shown[trajectory.name] = true;
   let number = snapshots.length - 1;
-  let name = -1;
+  let id = -1; // of the chosen landmark
   const period = Math.max(20, Math.min(80, 12000 / snapshots.length));
 
   const canvas = make("canvas", {
@@ -204,21 +204,21 @@ kinds.map = (element, data) => {
     "aria-label": "Map. Arrow keys move it, plus and minus zoom, 0 shows all; landmarks can also "
       + "be chosen from the list below.",
   });
-  const ground = plane(canvas, boxOf(data, snapshots), draw, pick);
+  const ground = plane(canvas, boundsOf(data, snapshots), draw, chooseAt);
   const play = player("Time", snapshots.length, () => period, show);
   const charts = data.charts.map((each) => chart(each, (time) => showTime(time)));
-  const pictures = picturesOf(data, () => drawCamera());
-  const camera = pictures.length ? pictureCanvas(pictures[0], "What the camera saw") : null;
+  const images = loadImages(data, () => drawCamera());
+  const camera = images.length ? imageCanvas(images[0], "Camera image") : null;
   const detail = make("div", { class: "detail", "aria-live": "polite" });
-  const runs = runsByName(data.runs);
+  const intervals = intervalsById(data.intervals);
   const list = make("select", { "aria-label": "Landmark", onchange: () => choose(Number(list.value)) },
     make("option", { value: -1 }, "none"),
-    ...[...runs.keys()].sort((a, b) => a - b).map((each) => make("option", { value: each }, String(each))));
+    ...[...intervals.keys()].sort((a, b) => a - b).map((each) => make("option", { value: each }, String(each))));
 
   function draw(context, view) {
     const colors = palette(), time = data.snapshots.time[number];
-    for (const drive of [...data.drives].reverse()) {
-      if (shown[drive.name]) drawDrive(context, view, drive, time, colors);
+    for (const trajectory of [...data.trajectories].reverse()) {
+      if (shown[trajectory.name]) drawTrajectory(context, view, trajectory, time, colors);
     }
     if (data.truth && shown.true) {
       context.strokeStyle = colors.green;
@@ -231,18 +231,18 @@ kinds.map = (element, data) => {
       }
       context.stroke();
     }
-    const chosen = name < 0 ? -1 : snapshots.rowOf(name, number);
-    drawLandmarks(context, view, snapshots, number, shown, chosen, data.sigmas, colors);
-    drawRobot(context, view, data.snapshots.pose.subarray(6 * number, 6 * number + 6), data.sigmas, colors);
+    const chosen = id < 0 ? -1 : snapshots.rowOf(id, number);
+    drawLandmarks(context, view, snapshots, number, shown, chosen, data.ellipse_scale, colors);
+    drawRobot(context, view, data.snapshots.pose.subarray(6 * number, 6 * number + 6), data.ellipse_scale, colors);
     drawScale(context, view, colors);
   }
 
   function drawCamera() {
     if (!camera) return;
     const step = data.snapshots.step[number];
-    let entry = pictures[0];
-    for (const each of pictures) if (each.step <= step) entry = each;
-    drawPicture(camera, entry, data.pixels, -1, palette());
+    let entry = images[0];
+    for (const each of images) if (each.step <= step) entry = each;
+    drawImage(camera, entry, data.image_points, -1, palette());
     for (const each of detail.querySelectorAll("canvas")) each.draw();
   }
 
@@ -261,60 +261,60 @@ kinds.map = (element, data) => {
     show(snapshots.at(time));
   }
 
-  function pick(x, y, reach) {
-    let best = -1, least = reach;
+  function chooseAt(x, y, radius) {
+    let best = -1, minDistance = radius;
     for (let row = snapshots.first[number]; row < snapshots.first[number + 1]; row++) {
-      const place = snapshots.landmark(row);
-      const apart = Math.hypot(place[0] - x, place[1] - y);
-      if (apart < least) [best, least] = [row, apart];
+      const [landmarkX, landmarkY] = snapshots.landmark(row);
+      const distance = Math.hypot(landmarkX - x, landmarkY - y);
+      if (distance < minDistance) [best, minDistance] = [row, distance];
     }
-    choose(best < 0 ? -1 : data.snapshots.name[best]);
+    choose(best < 0 ? -1 : data.snapshots.id[best]);
   }
   function choose(next) {
-    name = next;
-    list.value = runs.has(name) ? name : -1;
-    element.dataset.landmark = name;
-    tell();
+    id = next;
+    list.value = intervals.has(id) ? id : -1;
+    element.dataset.landmark = id;
+    showDetail();
     ground.redraw();
   }
-  function tell() {
+  function showDetail() {
     detail.replaceChildren();
-    if (name < 0) {
-      detail.append(make("p", { class: "hint" }, "Click a landmark to see when it was seen."));
+    if (id < 0) {
+      detail.append(make("p", { class: "hint" }, "Click a landmark to see when it was observed."));
       return;
     }
-    const own = runs.get(name) || [];
-    const count = own.reduce((sum, each) => sum + each.count, 0);
-    const row = snapshots.rowOf(name, number);
+    const ofLandmark = intervals.get(id) || [];
+    const count = ofLandmark.reduce((sum, each) => sum + each.count, 0);
+    const row = snapshots.rowOf(id, number);
     const times = count === 1 ? "once" : `${count} times`;
-    detail.append(make("h3", {}, `Landmark ${name}`));
-    let words = own.length ? `Seen ${times}.` : "Not in the map at the end: what was seen of it is not kept.";
+    detail.append(make("h3", {}, `Landmark ${id}`));
+    let text = ofLandmark.length ? `Observed ${times}.` : "Not in the final map: its observations are not kept.";
     if (row >= 0) {
       const [x, y, xx, xy, yy] = snapshots.landmark(row);
-      const wide = Math.sqrt((xx + yy) / 2 + Math.hypot((xx - yy) / 2, xy));
-      words += ` At ${short(x)}, ${short(y)} m, ${data.sigmas} sigma ${short(data.sigmas * wide, 3)} m.`;
+      const sigma = Math.sqrt((xx + yy) / 2 + Math.hypot((xx - yy) / 2, xy));
+      text += ` At ${short(x)}, ${short(y)} m; ${data.ellipse_label}: up to ${short(data.ellipse_scale * sigma, 3)} m.`;
     }
-    detail.append(make("p", {}, words));
-    const buttons = own.slice(0, MOST_BUTTONS).map(({ first, last, time }) => make(
+    detail.append(make("p", {}, text));
+    const buttons = ofLandmark.slice(0, MAX_BUTTONS).map(({ first, last, time }) => make(
       "button", { type: "button", class: "run", onclick: () => showTime(time) },
       first === last ? String(first) : `${first}–${last}`));
     if (buttons.length) {
-      detail.append(make("p", { class: "label" }, pictures.length ? "In the frames" : "From the poses"), make("div", { class: "runs" }, ...buttons));
+      detail.append(make("p", { class: "label" }, images.length ? "In the frames" : "From the poses"), make("div", { class: "runs" }, ...buttons));
     }
-    if (own.length > MOST_BUTTONS) detail.append(make("p", {}, `and ${own.length - MOST_BUTTONS} times more`));
+    if (ofLandmark.length > MAX_BUTTONS) detail.append(make("p", {}, `and ${ofLandmark.length - MAX_BUTTONS} times more`));
     detail.append(gallery());
   }
   function gallery() {
-    const pixels = data.pixels;
+    const points = data.image_points;
     const box = make("div", { class: "gallery" });
-    if (!pixels || !pictures.length) return box;
-    const there = new Set();
-    for (let i = 0; i < pixels.step.length; i++) if (pixels.name[i] === name) there.add(pixels.step[i]);
-    const all = pictures.filter((entry) => there.has(entry.step));
+    if (!points || !images.length) return box;
+    const steps = new Set();
+    for (let i = 0; i < points.step.length; i++) if (points.id[i] === id) steps.add(points.step[i]);
+    const all = images.filter((entry) => steps.has(entry.step));
     const every = Math.max(1, Math.ceil(all.length / 6));
     for (const entry of all.filter((_, i) => i % every === 0)) {
-      const small = pictureCanvas(entry, `Landmark ${name} in frame ${entry.step}`);
-      small.draw = () => drawPicture(small, entry, pixels, name, palette());
+      const small = imageCanvas(entry, `Landmark ${id} in frame ${entry.step}`);
+      small.draw = () => drawImage(small, entry, points, id, palette());
       const button = make("button", {
         type: "button", class: "thumb", onclick: () => {
           play.stop();
@@ -329,21 +329,21 @@ kinds.map = (element, data) => {
 
   const redrawn = (key) => (on) => { shown[key] = on; ground.redraw(); };
   const layers = [
-    ...data.drives.map((each) => toggle(
-      { odometry: "odometry alone" }[each.name] || each.name, DRIVES[each.name][0], true,
-      redrawn(each.name), DRIVES[each.name][3])),
-    toggle(`${data.sigmas} sigma`, "orange", true, redrawn("ellipses"), "ring"),
-    toggle("in sight", "green", true, redrawn("sight"), "thin"),
+    ...data.trajectories.map((each) => toggle(
+      each.name, TRAJECTORIES[each.name][0], true,
+      redrawn(each.name), TRAJECTORIES[each.name][3])),
+    toggle(data.ellipse_label, "orange", true, redrawn("ellipses"), "ring"),
+    toggle("observed", "green", true, redrawn("observed"), "thin"),
   ];
   if (data.truth) layers.push(toggle("true landmarks", "green", true, redrawn("true"), "ring"));
   const zooms = make("div", { class: "zooms" },
     ...[["+", "Zoom in", () => ground.zoom(1.4)], ["−", "Zoom out", () => ground.zoom(1 / 1.4)],
-      ["⤢", "Show all", () => ground.fit()]].map(([sign, words, act]) => make(
-      "button", { type: "button", "aria-label": words, title: words, onclick: act }, sign)));
+      ["⤢", "Show all", () => ground.fit()]].map(([sign, label, act]) => make(
+      "button", { type: "button", "aria-label": label, title: label, onclick: act }, sign)));
   const side = make("div", { class: "side" });
   if (camera) {
     side.append(make("figure", { class: "camera" }, camera, make("figcaption", {},
-      ...KINDS_SEEN.map(([word, color]) => make("span", { class: "key" },
+      ...KINDS.map(([word, color]) => make("span", { class: "key" },
         make("span", { class: `swatch ring ${color}`, "aria-hidden": "true" }), word)))));
   }
   side.append(make("label", { class: "choose" }, "Landmark ", list), detail);
@@ -356,16 +356,16 @@ kinds.map = (element, data) => {
   );
   new ResizeObserver(drawCamera).observe(element);
   onTheme(() => { drawCamera(); });
-  tell();
+  showDetail();
   show(number);
 };
 
-/** Of each landmark, the stretches in which it was seen. */
-function runsByName(runs) {
-  const found = new Map();
-  runs.name.forEach((name, i) => {
-    if (!found.has(name)) found.set(name, []);
-    found.get(name).push({ first: runs.first[i], last: runs.last[i], count: runs.count[i], time: runs.time[i] });
+/** The intervals in which each landmark was observed. */
+function intervalsById({ id, first, last, count, time }) {
+  const byId = new Map();
+  id.forEach((each, i) => {
+    if (!byId.has(each)) byId.set(each, []);
+    byId.get(each).push({ first: first[i], last: last[i], count: count[i], time: time[i] });
   });
-  return found;
+  return byId;
 }

@@ -1,15 +1,15 @@
 "use strict";
-/* What every part of a report needs. */
+/* Shared by all parts of a report. */
 
 const ARRAYS = {
   float32: Float32Array, int32: Int32Array, int16: Int16Array, uint16: Uint16Array,
   uint8: Uint8Array,
 };
 
-/** What shows each kind of part: a function of its element and its data. */
+/** The function that shows each kind of part in its element, from its data. */
 const kinds = {};
 
-/** Data as the page holds it, its arrays as typed arrays. */
+/** The data of a page, its packed arrays as typed arrays. */
 function unpacked(value) {
   if (Array.isArray(value)) return value.map(unpacked);
   if (value === null || typeof value !== "object") return value;
@@ -32,7 +32,7 @@ function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-/** The colors of the page, as light or dark as its reader likes. */
+/** The colors of the page, in light or dark mode. */
 function palette() {
   const style = getComputedStyle(document.documentElement);
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -41,12 +41,12 @@ function palette() {
       name, of(name)]));
 }
 
-/** Hear of a change between light and dark. */
-function onTheme(heard) {
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", heard);
+/** Call a function when light and dark mode change. */
+function onTheme(changed) {
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
 }
 
-/** Let a canvas have as many pixels as the screen shows of it; returns its context, in CSS pixels. */
+/** Clear a canvas at the resolution of the screen; returns its context, in CSS pixels. */
 function sized(canvas) {
   const ratio = window.devicePixelRatio || 1;
   const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
@@ -61,29 +61,29 @@ function sized(canvas) {
   return context;
 }
 
-/** Where on an element an event was, in CSS pixels. */
-function placeIn(element, event) {
+/** Position of an event on an element, in CSS pixels. */
+function positionIn(element, event) {
   const edge = element.getBoundingClientRect();
   return [event.clientX - edge.left, event.clientY - edge.top];
 }
 
-/** A switch with a swatch of the color that it stands for. */
-function toggle(word, color, on, heard, shape = "line") {
-  const box = make("input", { type: "checkbox", onchange: () => heard(box.checked) });
+/** A checkbox with a swatch of its color. */
+function toggle(label, color, on, changed, shape = "line") {
+  const box = make("input", { type: "checkbox", onchange: () => changed(box.checked) });
   box.checked = on;
   const swatch = make("span", { class: `swatch ${shape} ${color}`, "aria-hidden": "true" });
-  return make("label", { class: "toggle" }, box, swatch, word);
+  return make("label", { class: "toggle" }, box, swatch, label);
 }
 
-/** A slider through steps and a button that plays them. */
-function player(name, count, period, shown) {
+/** A slider through steps and a button that plays them; `period(step)` is in milliseconds. */
+function player(name, count, period, show) {
   let timer = null;
   const slider = make("input", {
     type: "range", min: 0, max: count - 1, step: 1, "aria-label": name,
-    oninput: () => { stop(); shown(Number(slider.value)); },
+    oninput: () => { stop(); show(Number(slider.value)); },
   });
   const button = make("button", { type: "button", class: "play", onclick: () => (timer ? stop() : play()) });
-  const words = make("output", { class: "now" });
+  const status = make("output", { class: "now" });
   function label() {
     button.textContent = timer ? "❚❚" : "▶";
     button.setAttribute("aria-label", timer ? "Pause" : "Play");
@@ -93,32 +93,32 @@ function player(name, count, period, shown) {
     timer = null;
     label();
   }
-  function go() {
+  function advance() {
     const next = Number(slider.value) + 1;
     if (next >= count) return stop();
     slider.value = next;
-    shown(next);
-    timer = setTimeout(go, period(next));
+    show(next);
+    timer = setTimeout(advance, period(next));
   }
   function play() {
     if (Number(slider.value) >= count - 1) {
       slider.value = 0;
-      shown(0);
+      show(0);
     }
-    timer = setTimeout(go, period(Number(slider.value)));
+    timer = setTimeout(advance, period(Number(slider.value)));
     label();
   }
   label();
   return {
-    element: make("div", { class: "player" }, button, slider, words),
+    element: make("div", { class: "player" }, button, slider, status),
     set(step, text) {
       slider.value = step;
       slider.setAttribute("aria-valuetext", text);
-      words.textContent = text;
+      status.textContent = text;
     },
     stop,
-    /** There are as many steps as this. */
-    renew(next) {
+    /** Change the number of steps. */
+    setCount(next) {
       stop();
       count = next;
       slider.max = count - 1;
@@ -126,7 +126,7 @@ function player(name, count, period, shown) {
   };
 }
 
-/** A number as short as it may be. */
+/** A number with few digits. */
 function short(value, digits = 2) {
   return Number.isFinite(value) ? value.toFixed(digits) : "–";
 }

@@ -1,9 +1,9 @@
 "use strict";
-/* A table that is sorted by the column whose heading is clicked. */
+/* A table that is sorted by a click on a heading. */
 
 kinds.table = (element, data) => {
   let sorted = -1;
-  let upwards = false;
+  let ascending = false;
   const body = make("tbody");
   const heads = data.columns.map((name, i) => make("th", { scope: "col" },
     make("button", { type: "button", onclick: () => sort(i) }, name || data.first)));
@@ -21,14 +21,14 @@ kinds.table = (element, data) => {
       make("th", { scope: "row" }, row[0]), ...row.slice(1).map((cell) => make("td", {}, cell)))));
   }
   function sort(column) {
-    upwards = column === sorted ? !upwards : column === 0;
+    ascending = column === sorted ? !ascending : column === 0;
     sorted = column;
     heads.forEach((head, i) => {
-      if (i === sorted) head.setAttribute("aria-sort", upwards ? "ascending" : "descending");
+      if (i === sorted) head.setAttribute("aria-sort", ascending ? "ascending" : "descending");
       else head.removeAttribute("aria-sort");
     });
     const rows = [...data.rows].sort(compare);
-    fill(upwards ? rows : rows.reverse());
+    fill(ascending ? rows : rows.reverse());
   }
   fill(data.rows);
   element.append(make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": data.title },

@@ -1,4 +1,4 @@
-"""The steps of the Scale-Invariant Feature Transform as pictures (appendix B)."""
+"""Figures and results of the steps of the Scale-Invariant Feature Transform (appendix B)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,64 +10,90 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from saccade.types import FloatArray, Image
-from saccade.viewing.contrast_steps import SIGNED, bare
 from saccade.viewing.keypoints import draw_keypoints
-from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, figure_for, picture_axes
-from saccade.viewing.symmetry import faded
+from saccade.viewing.style import (
+    BLUE,
+    DIVERGING,
+    GRAY,
+    GREEN,
+    ORANGE,
+    RED,
+    draw_panel,
+    faded,
+    figure_for,
+    hide_ticks,
+    picture_axes,
+)
 
-FATES = {
+OUTCOMES = {
     "low contrast": (GRAY, "."),
     "edge": (RED, "x"),
     "unstable": (BLUE, "s"),
     "kept": (GREEN, "o"),
 }
-"""Color and marker of a candidate by what became of it."""
-CHOICE = 60
-"""Of so many of the strongest keypoints the largest is shown that is inside and visibly turned."""
-TURNED = 0.5
-"""Least absolute sine of twice its orientation."""
+"""Color and marker of a candidate by the first test it failed."""
+MAX_STRONGEST = 60
+"""Strongest keypoints of which the largest is shown that is inside and visibly rotated."""
+MIN_ROTATION = 0.5
+"""Absolute sine of twice its orientation."""
 PATCH = 160
-"""Pixels of the turned patch to a side."""
+"""Pixels on a side of the rotated patch."""
 
 
 def sift_figures(image: Image, result: Any) -> dict[str, Figure]:
-    """The steps from an image to its keypoints, by name; those of a keypoint if there is any.
+    """The figures of the steps from an image to its keypoints, by name.
+
+    Those of a single keypoint are left out where there is none.
 
     Args:
         image: (H, W, 3) in [0, 1].
         result: the `SiftResult` of the textbook.
     """
     figures = {
-        "scale-space": _scale_space(result.scale_space, result.differences),
-        "candidates": _candidates(image, result),
+        "scale-space": _scale_space_figure(result.scale_space, result.differences),
+        "candidates": _candidate_figure(image, result),
     }
-    point = _shown_point(result)
+    point = _example(result)
     if point is not None:
         candidate = result.candidates[point.candidate]
         octave = result.scale_space[candidate.octave]
         scale = round(candidate.i + candidate.offset[2])
         L = octave[min(max(scale, 0), len(octave) - 1)]
-        same = [each.angle for each in result.descriptions if each.candidate == point.candidate]
-        figures["orientation"] = _orientation(image, point, L, 2**candidate.octave, same)
-        figures["descriptor"] = _descriptor(point, L)
+        angles = [each.angle for each in result.descriptions if each.candidate == point.candidate]
+        spacing = 2**candidate.octave
+        figures["orientation"] = _orientation_figure(image, point, L, spacing, angles)
+        figures["descriptor"] = _descriptor_figure(point, L)
     return figures
 
 
-def _shown_point(result: Any) -> Any:
+def sift_results(result: Any) -> dict[str, dict[str, str]]:
+    """The results of the steps of SIFT, by step and name."""
+    outcomes = [candidate.status for candidate in result.candidates]
+    kept = outcomes.count("kept")
+    ratio = f", {len(result.keypoints) / kept:.2f} for each candidate kept" if kept else ""
+    return {
+        "candidates": {"candidates": str(len(outcomes))}
+        | {name: str(outcomes.count(name)) for name in OUTCOMES},
+        "orientation": {"keypoints": f"{len(result.keypoints)}{ratio}"},
+    }
+
+
+def _example(result: Any) -> Any:
     """The description of one keypoint; None where no patch is inside the image."""
     inside = []
-    for each in result.descriptions[:CHOICE]:
+    for each in result.descriptions[:MAX_STRONGEST]:
         octave = result.candidates[each.candidate].octave
         height, width = result.scale_space[octave][0].shape
         if (each.grid >= 0).all() and (each.grid <= (width - 1, height - 1)).all():
-            inside.append((abs(np.sin(2 * each.angle)) > TURNED, each.sigma * 2**octave, each))
+            rotated = abs(np.sin(2 * each.angle)) > MIN_ROTATION
+            inside.append((rotated, each.sigma * 2**octave, each))
     return max(inside, key=lambda each: each[:2])[2] if inside else None
 
 
-def _scale_space(
+def _scale_space_figure(
     gaussians: Sequence[Sequence[FloatArray]], differences: Sequence[Sequence[FloatArray]]
 ) -> Figure:
-    """Two rows an octave: L, and below it D."""
+    """Two rows for each octave: L, and below it D."""
     height, width = gaussians[0][0].shape
     columns, rows = len(gaussians[0]), 2 * len(gaussians)
     figure = figure_for(width, height, columns, rows, panel=2.1)
@@ -77,62 +103,62 @@ def _scale_space(
         for i, (axes, L) in enumerate(zip(upper, smoothed, strict=True)):
             axes.imshow(L, cmap="gray", vmin=0, vmax=1)
             axes.set_title(rf"$\sigma = {2**octave if octave else ''} k^{i} \sigma_0$", fontsize=9)
-        most = max(float(np.abs(D).max()) for D in subtracted) or 1.0
+        limit = max(float(np.abs(D).max()) for D in subtracted) or 1.0
         for axes, D in zip(lower, subtracted, strict=False):
-            axes.imshow(D, cmap=SIGNED, vmin=-most, vmax=most)
+            axes.imshow(D, cmap=DIVERGING, vmin=-limit, vmax=limit)
         for axes in (*upper, *lower):
-            bare(axes)
+            hide_ticks(axes)
         h, w = smoothed[0].shape
         upper[0].set_ylabel(f"octave {octave + 1}: L\n{w} x {h}", fontsize=9)
-        lower[0].set_ylabel(f"D, to ±{most:.2f}", fontsize=9)
+        lower[0].set_ylabel(f"D, to ±{limit:.2f}", fontsize=9)
     return figure
 
 
-def _candidates(image: Image, result: Any) -> Figure:
+def _candidate_figure(image: Image, result: Any) -> Figure:
     """Every candidate by the first test it failed, and the keypoints that remain."""
     height, width = image.shape[:2]
     figure = figure_for(width, height, columns=1, rows=1, panel=11)
     axes = figure.subplots()
     axes.imshow(faded(np.asarray(image, np.float32)), cmap="gray", vmin=0, vmax=1)
-    for name, (color, marker) in FATES.items():
-        there = [each for each in result.candidates if each.status == name]
-        x = [each.column * 2**each.octave for each in there]
-        y = [each.row * 2**each.octave for each in there]
+    for name, (color, marker) in OUTCOMES.items():
+        candidates = [each for each in result.candidates if each.status == name]
+        x = [each.column * 2**each.octave for each in candidates]
+        y = [each.row * 2**each.octave for each in candidates]
         size = 3 if marker == "." else 5
-        axes.plot(x, y, marker, color=color, markersize=size, label=f"{len(there)} {name}")
+        label = f"{len(candidates)} {name}"
+        axes.plot(x, y, marker, color=color, markersize=size, label=label)
     draw_keypoints(axes, result.keypoints)
     axes.set_axis_off()
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
-    figure.legend(loc="outside lower center", ncols=len(FATES), frameon=False, markerscale=1.6)
+    legend = {"ncols": len(OUTCOMES), "frameon": False, "markerscale": 1.6}
+    figure.legend(loc="outside lower center", **legend)
     return figure
 
 
-def _orientation(
+def _orientation_figure(
     image: Image, point: Any, L: FloatArray, spacing: int, dominant: Sequence[float]
 ) -> Figure:
     """The patch of a keypoint, its grid of samples in L, and its histogram of directions."""
     figure = Figure(figsize=(11.5, 3.6), layout="compressed", dpi=110)
-    whole, close, bars = figure.subplots(1, 3, width_ratios=(1.35, 1, 1.35))
+    overview, closeup, bars = figure.subplots(1, 3, width_ratios=(1.35, 1, 1.35))
     corners = _corners(point.grid)
-    whole.imshow(image)
-    whole.plot(*(corners * spacing).T, color=ORANGE, linewidth=2)
-    picture_axes(whole, "the keypoint and its patch")
-    close.imshow(L, cmap="gray")
+    draw_panel(overview, image, "the keypoint and its patch")
+    overview.plot(*(corners * spacing).T, color=ORANGE, linewidth=2)
+    draw_panel(closeup, L, "16 x 16 samples, rotated", cmap="gray")
     margin = 1.5 * point.sigma
     low, high = corners.min(0) - margin, corners.max(0) + margin
-    close.set_xlim(low[0], high[0])
-    close.set_ylim(high[1], low[1])
-    close.plot(*point.grid.reshape(-1, 2).T, ".", color=BLUE, markersize=3)
+    closeup.set_xlim(low[0], high[0])
+    closeup.set_ylim(high[1], low[1])
+    closeup.plot(*point.grid.reshape(-1, 2).T, ".", color=BLUE, markersize=3)
     a, b, c, d, _ = corners
     for t in (0, 0.25, 0.5, 0.75, 1):  # the borders of the subregions
-        close.plot(*np.array([a + (b - a) * t, d + (c - d) * t]).T, color=ORANGE, linewidth=1.2)
-        close.plot(*np.array([a + (d - a) * t, b + (c - b) * t]).T, color=ORANGE, linewidth=1.2)
+        for border in ((a + (b - a) * t, d + (c - d) * t), (a + (d - a) * t, b + (c - b) * t)):
+            closeup.plot(*np.array(border).T, color=ORANGE, linewidth=1.2)
     length = 6 * point.sigma
     tip = point.x + length * np.cos(point.angle), point.y + length * np.sin(point.angle)
     arrow = {"color": RED, "width": 2, "headwidth": 9}
-    close.annotate("", tip, (point.x, point.y), arrowprops=arrow)
-    picture_axes(close, "16 x 16 samples, turned")
+    closeup.annotate("", tip, (point.x, point.y), arrowprops=arrow)
     fraction = point.histogram / (float(point.histogram.max()) or 1.0)
     bars.bar(np.arange(36) * 10 + 5, fraction, width=9, color=np.where(fraction > 0.8, BLUE, GRAY))
     bars.axhline(0.8, color="black", linestyle="--", linewidth=1)
@@ -144,20 +170,20 @@ def _orientation(
     return figure
 
 
-def _descriptor(point: Any, L: FloatArray) -> Figure:
-    """The gradients in the turned patch, and the descriptor as stars and as bars."""
+def _descriptor_figure(point: Any, L: FloatArray) -> Figure:
+    """The gradients in the rotated patch, and the descriptor as stars and as bars."""
     figure = Figure(figsize=(11.5, 3.6), layout="compressed", dpi=110)
     left, middle, right = figure.subplots(1, 3, width_ratios=(1, 1, 1.6))
     x, y = np.meshgrid(np.arange(16) + 0.5, np.arange(16) + 0.5)
     lengths = point.magnitudes * point.weights
-    row, column, bin_ = (each.ravel() for each in np.indices((4, 4, 8)))
-    _show_patch(left, point.grid, L)
+    _draw_patch(left, point.grid, L)
     _draw_arrows(left, (x, y), lengths, point.orientations, 1.4, width=0.007)
     picture_axes(left, "gradients, weighted")
-    centers, directions = (4 * column + 2, 4 * row + 2), bin_ * np.pi / 4
+    row, column, direction = (each.ravel() for each in np.indices((4, 4, 8)))
+    centers, angles = (4 * column + 2, 4 * row + 2), direction * np.pi / 4
     rays = {"width": 0.012, "headwidth": 1, "headlength": 0}
-    _show_patch(middle, point.grid, L)
-    _draw_arrows(middle, centers, point.vector, directions, 2.2, **rays)
+    _draw_patch(middle, point.grid, L)
+    _draw_arrows(middle, centers, point.vector, angles, 2.2, **rays)
     picture_axes(middle, "4 x 4 histograms of 8 directions")
     right.bar(np.arange(128), point.vector, width=1.0, color=BLUE)
     right.set_xlim(-0.5, 127.5)
@@ -167,12 +193,12 @@ def _descriptor(point: Any, L: FloatArray) -> Figure:
     return figure
 
 
-def _show_patch(axes: Axes, grid: FloatArray, L: FloatArray) -> None:
-    """L as the point sees it: turned upright, 16 samples a side, pale, with its subregions."""
-    across, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
+def _draw_patch(axes: Axes, grid: FloatArray, L: FloatArray) -> None:
+    """L in the frame of the keypoint, 16 samples on a side, pale, with its subregions."""
+    along_x, along_y = _spacings(grid)
     u = (np.arange(PATCH) + 0.5) * (16 / PATCH) - 0.5  # in samples from the first
-    places = grid[0, 0] + u[:, None, None] * down + u[:, None] * across  # (PATCH, PATCH, 2)
-    x, y = (np.ascontiguousarray(places[..., i], np.float32) for i in (0, 1))
+    xy = grid[0, 0] + u[:, None, None] * along_y + u[:, None] * along_x  # (PATCH, PATCH, 2)
+    x, y = (np.ascontiguousarray(xy[..., i], np.float32) for i in (0, 1))
     border = cv2.BORDER_REPLICATE
     patch = cv2.remap(np.asarray(L, np.float32), x, y, cv2.INTER_LINEAR, borderMode=border)
     low, high = float(patch.min()), float(patch.max())
@@ -185,17 +211,22 @@ def _show_patch(axes: Axes, grid: FloatArray, L: FloatArray) -> None:
 
 
 def _draw_arrows(
-    axes: Axes, at: Any, length: FloatArray, angle: Any, longest: float, **style: float
+    axes: Axes, tails: Any, length: FloatArray, angle: Any, max_length: float, **style: float
 ) -> None:
-    """Arrows of lengths and angles, the longest as long as is said."""
-    step = length * (longest / (float(length.max()) or 1.0))
+    """Arrows of these lengths and angles, scaled so that the longest has `max_length`."""
+    scaled = length * (max_length / (float(length.max()) or 1.0))
     options: Any = {"angles": "xy", "scale_units": "xy", "scale": 1, "color": BLUE, **style}
-    axes.quiver(*at, step * np.cos(angle), step * np.sin(angle), **options)
+    axes.quiver(*tails, scaled * np.cos(angle), scaled * np.sin(angle), **options)
+
+
+def _spacings(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Vectors from a sample to its neighbors in a row and in a column."""
+    return grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
 
 
 def _corners(grid: FloatArray) -> FloatArray:
     """(5, 2) the closed outline of the samples, half a spacing beyond the outermost."""
-    across, down = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
+    along_x, along_y = _spacings(grid)
     signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
-    middle = grid.reshape(-1, 2).mean(0)
-    return np.asarray(middle + 8 * (signs[:, :1] * across + signs[:, 1:] * down))
+    center = grid.reshape(-1, 2).mean(0)
+    return np.asarray(center + 8 * (signs[:, :1] * along_x + signs[:, 1:] * along_y))

@@ -1,0 +1,144 @@
+"""Figures and results of the steps of EKF-SLAM (appendix C): ellipses and correlations."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from saccade.types import FloatArray
+from saccade.viewing.maps import (
+    ELLIPSE_LABEL,
+    ELLIPSE_SCALE,
+    bounds,
+    ellipse_outlines,
+    map_axes,
+)
+from saccade.viewing.style import BLUE, DIVERGING, GRAY, ORANGE, RED, hide_ticks
+from saccade.viewing.textbook.ekf_trace import FilterTrace, State, Transition
+
+MIN_ELLIPSE_FRACTION = 0.08
+"""Of the width of the map: smaller ellipses are magnified until the largest has this width."""
+MAX_LABELS = 6
+"""Landmarks whose rows are labeled beside a matrix."""
+
+
+def filter_figures(trace: FilterTrace) -> dict[str, Figure]:
+    """The figures of the steps of a filter, by name."""
+    figures = {name: _transition_figure(each) for name, each in trace.transitions.items()}
+    return {"state": _correlation_figure(trace.scans), **figures}
+
+
+def filter_results(trace: FilterTrace) -> dict[str, dict[str, str]]:
+    """The results of the steps of a filter, by step and name."""
+    state = trace.scans[-1][1]
+    x, y, theta = state.s[:3]
+    sigma = np.sqrt(np.diagonal(state.P)[:3])
+    return {
+        "state": {
+            f"pose after {len(trace.scans)} scans": f"x = {x:.3f} ± {sigma[0]:.3f} m, "
+            f"y = {y:.3f} ± {sigma[1]:.3f} m, heading {np.degrees(theta):.2f} "
+            f"± {np.degrees(sigma[2]):.2f}°",
+        }
+    }
+
+
+def _transition_figure(transition: Transition) -> Figure:
+    """The map, and the correlations before and after a step of the filter."""
+    before, after, observed = transition
+    figure = Figure(figsize=(11.5, 4.3), layout="compressed", dpi=110)
+    ground, left, right = figure.subplots(1, 3, width_ratios=(1.35, 1, 1))
+    magnification = _magnification(transition)
+    points = [
+        _draw_state(ground, before, GRAY, GRAY, magnification),
+        _draw_state(ground, after, BLUE, ORANGE, magnification),
+    ]
+    if observed is not None:
+        points.append(observed[None])
+        ground.plot(*np.array([before.s[:2], observed]).T, "--", color="black", linewidth=1)
+        ground.plot(*observed, "x", color="black", markersize=7)
+    map_axes(ground, bounds(np.concatenate(points), 0.06))
+    magnified = "" if magnification == 1 else f", drawn {magnification} times as large"
+    ground.set_title(f"{ELLIPSE_LABEL}{magnified}", fontsize=10)
+    size = len(after.s)
+    _draw_correlations(left, before.P, size, "correlations before")
+    _draw_correlations(right, after.P, size, "and after")
+    if size > len(before.s):
+        low = len(before.s) - 0.5
+        new = Rectangle((-0.5, low), size, 2, fill=False, edgecolor=RED, linewidth=2, clip_on=False)
+        right.add_patch(new)
+    return figure
+
+
+def _correlation_figure(scans: Sequence[tuple[str, State]]) -> Figure:
+    """The correlations after each scan, all on one grid."""
+    columns = min(len(scans), 4)
+    rows = -(-len(scans) // columns)
+    figure = Figure(figsize=(2.9 * columns, 3.1 * rows), layout="compressed", dpi=110)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(scans) :]:
+        axes.set_axis_off()
+    size = max(len(state.s) for _, state in scans)
+    for axes, (title, state) in zip(panels, scans, strict=False):
+        _draw_correlations(axes, state.P, size, title)
+    return figure
+
+
+def _draw_correlations(axes: Axes, P: FloatArray, size: int, title: str) -> None:
+    """The correlation matrix of a covariance, in the corner of a size x size grid."""
+    sigma = np.sqrt(np.diagonal(P).clip(1e-300))
+    correlation = P / sigma / sigma[:, None]
+    correlation[:, np.diagonal(P) <= 0] = 0
+    axes.imshow(correlation, cmap=DIVERGING, vmin=-1, vmax=1, interpolation="nearest")
+    axes.set_xlim(-0.5, size - 0.5)
+    axes.set_ylim(size - 0.5, -0.5)
+    hide_ticks(axes)
+    axes.add_patch(Rectangle((-0.5, -0.5), len(P), len(P), fill=False, edgecolor="0.3"))
+    for line in range(3, len(P), 2):
+        axes.plot([line - 0.5] * 2, [-0.5, len(P) - 0.5], color="0.6", linewidth=0.5)
+        axes.plot([-0.5, len(P) - 0.5], [line - 0.5] * 2, color="0.6", linewidth=0.5)
+    if size <= 3 + 2 * MAX_LABELS:
+        landmarks = (len(P) - 3) // 2
+        axes.set_yticks([1, *(3.5 + 2 * i for i in range(landmarks))])
+        axes.set_yticklabels(["pose", *(f"m{i + 1}" for i in range(landmarks))], fontsize=8)
+        axes.tick_params(length=0)
+    axes.set_title(title, fontsize=10, loc="left")
+
+
+def _draw_state(
+    axes: Axes, state: State, robot: str, landmark: str, magnification: int
+) -> FloatArray:
+    """Pose and landmarks with their ellipses; returns the points (k, 2) that must be visible."""
+    xy = _positions(state)
+    outlines = ellipse_outlines(xy, _covariances(state), magnification)
+    for color, shapes in ((robot, outlines[:1]), (landmark, outlines[1:])):
+        style: Any = {"facecolor": (color, 0.15), "edgecolor": (color, 0.95), "linewidth": 1.2}
+        axes.add_collection(PolyCollection([*shapes], **style), autolim=False)
+    axes.plot(*xy[1:].T, ".", color=landmark, markersize=5)
+    axes.plot(*xy[0], marker=(3, 0, np.degrees(state.s[2]) - 90), color=robot, markersize=11)
+    return np.concatenate([xy, outlines.reshape(-1, 2)])
+
+
+def _positions(state: State) -> FloatArray:
+    """(N + 1, 2) positions of robot and landmarks."""
+    return np.concatenate([state.s[None, :2], state.s[3:].reshape(-1, 2)])
+
+
+def _covariances(state: State) -> FloatArray:
+    """(N + 1, 2, 2) covariances of those positions."""
+    return np.array([state.P[i : i + 2, i : i + 2] for i in (0, *range(3, len(state.s), 2))])
+
+
+def _magnification(transition: Transition) -> int:
+    """How many times larger the ellipses are drawn, so that the largest is legible."""
+    before, after, observed = transition
+    points = [_positions(before), _positions(after)]
+    points += [] if observed is None else [observed[None]]
+    width = float(np.ptp(np.concatenate(points), axis=0).max())
+    covariances = np.concatenate([_covariances(before), _covariances(after)])
+    largest = 2 * ELLIPSE_SCALE * float(np.sqrt(np.linalg.eigvalsh(covariances).max().clip(1e-300)))
+    factor = MIN_ELLIPSE_FRACTION * width / largest
+    return next((each for each in (1, 2, 5, 10, 20, 50, 100) if each >= factor), 100)
