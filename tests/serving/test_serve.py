@@ -22,7 +22,6 @@ import pytest
 from PIL import Image as Pillow
 
 import saccade
-from support.limits import TIMEOUT
 from saccade.cli.attention_models import Model
 from saccade.errors import ConfigError, ImageError
 from saccade.extras import install_command
@@ -30,6 +29,7 @@ from saccade.serving import snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
 from saccade.serving.controls import KIND_RANGES, TITLES, controls, field_help, setting_controls
 from saccade.settings import NONE, load_settings, preset_names, settings_from
+from support.limits import TIMEOUT
 
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 from starlette.testclient import TestClient
