@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saccade import datasets, visual
-from saccade.datasets.drives.odometry_increments import OdometryIncrements, composed
+from saccade.datasets.drives.odometry_increments import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import same_places, score_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
@@ -175,7 +175,9 @@ def test_a_camera_that_drops_out_leaves_an_honest_map(drive):
     """Odometry alone leads round 3 s; what it has wrong all the time must be in the ellipse."""
     ring = simulate_drive(DriveConfig(frames=64))
     kept = np.concatenate([np.arange(30), np.arange(60, 64)])
-    steps = composed(OdometryIncrements(ring.control, ring.control_covariance), kept, "odometry")
+    steps = compose_increments(
+        OdometryIncrements(ring.control, ring.control_covariance), kept, "odometry"
+    )
     gone = replace(
         ring,
         time=ring.time[kept],

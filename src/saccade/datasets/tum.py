@@ -19,10 +19,9 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
         OutputError: the file cannot be written.
     """
     x, y, theta = trajectory.pose.T
-    nothing = np.zeros(len(trajectory))
-    half = theta / 2
+    zero = np.zeros(len(trajectory))
     rows = np.stack(
-        [trajectory.time, x, y, nothing, nothing, nothing, np.sin(half), np.cos(half)], 1
+        [trajectory.time, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], 1
     )
     with atomic_write(path) as temporary:
         np.savetxt(temporary, rows, fmt="%.9f")

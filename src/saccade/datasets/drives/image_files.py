@@ -1,102 +1,35 @@
-"""Images of a drive: which there are, and each read when it is wanted."""
+"""Image files of a drive: listed, numbered, and read on demand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-import numpy as np
-
-from saccade.datasets.drives.undistortion import Lens
+from saccade.datasets.drives.frame_loader import SourceImage
 from saccade.errors import DriveError, ImageError
-from saccade.frames import Camera, Frame
 from saccade.image import find_images, read_stored
-from saccade.types import FloatArray, Image, IntArray
-
-NO_DEPTH = 0
-"""What a depth image has where it knows nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles:
-    """Reads frame i of a drive from its files; what `Drive.load` is."""
+    """Reads image i from its file; an `ImageSource`."""
 
-    camera: Camera
-    """Without the distortion."""
-    time: FloatArray
-    """(n,) seconds."""
-    left: Sequence[Path | None]
-    """(n,) of the (left) camera."""
-    right: Sequence[Path | None] = ()
-    """(n,) of the right one, or nothing."""
-    depth: Sequence[Path | None] = ()
-    """(n,) depth images, or nothing."""
-    depth_unit: float = 0.001
-    """Metres of one step in them."""
-    lens: Lens | None = None
-    """Of the left camera and of the depth; None where the images are straight already."""
-    right_lens: Lens | None = None
-    """Of the right camera."""
+    paths: Sequence[Path | None]
+    """(n,) None where there is no image."""
+    unit: float = 1.0
+    """Metres per step, of depth images."""
 
-    def __call__(self, i: int) -> Frame:
-        """Frame i.
+    def __call__(self, i: int) -> SourceImage | None:
+        """Image i.
 
         Raises:
-            ImageError: a file is missing or broken, or has another size than the calibration.
+            ImageError: the file is missing or broken.
         """
-        return Frame(
-            time=float(self.time[i]),
-            image=self._image(self.left, self.lens, i),
-            right=self._image(self.right, self.right_lens, i),
-            depth=self._metres(i),
-        )
-
-    def _image(self, paths: Sequence[Path | None], lens: Lens | None, i: int) -> Image | None:
-        path = paths[i] if paths else None
-        return None if path is None else undistort(read_stored(path), self.camera, lens, str(path))
-
-    def _metres(self, i: int) -> FloatArray | None:
-        path = self.depth[i] if self.depth else None
-        if path is None:
-            return None
-        steps = read_stored(path)
-        return metres(steps, self.depth_unit, self.camera, self.lens, str(path))
+        path = self.paths[i]
+        return None if path is None else SourceImage(read_stored(path), str(path), self.unit)
 
 
-def undistort(pixels: Image, camera: Camera, lens: Lens | None, name: str) -> Image:
-    """An image without the distortion of its lens.
-
-    Raises:
-        ImageError: it has another size than the calibration; `name` is in the message.
-    """
-    _check_size(pixels, camera, name)
-    return pixels if lens is None else lens.undistort(pixels)
-
-
-def _check_size(pixels: Image, camera: Camera, name: str) -> None:
-    height, width = pixels.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise ImageError(
-            f"{name}: expected {camera.width} x {camera.height} px as the calibration, "
-            f"found {width} x {height}"
-        )
-
-
-def metres(steps: Image, unit: float, camera: Camera, lens: Lens | None, name: str) -> FloatArray:
-    """A depth image in metres, NaN where it is not known.
-
-    Raises:
-        ImageError: it has colours, or another size than the calibration.
-    """
-    if steps.ndim != 2:
-        raise ImageError(f"{name}: expected depth, one number a pixel, found a colour image")
-    _check_size(steps, camera, name)
-    steps = steps if lens is None else lens.undistort(steps, cv2.INTER_NEAREST)
-    return np.where(np.nan_to_num(steps) == NO_DEPTH, np.nan, steps * np.float64(unit))
-
-
-def images_of(folder: Path) -> list[Path]:
-    """The images of a folder in the order of their names.
+def list_images(folder: Path) -> list[Path]:
+    """The images of a folder, sorted by name.
 
     Raises:
         DriveError: there is no such folder, or none in it.
@@ -109,20 +42,23 @@ def images_of(folder: Path) -> list[Path]:
         raise DriveError(str(error)) from error
 
 
-def numbered(paths: Sequence[Path], count: int) -> dict[int, Path]:
-    """Images by the number of their frame: that in their names, or else their order.
+def are_numbered(paths: Sequence[Path]) -> bool:
+    """Whether all file names are numbers."""
+    return all(path.stem.isascii() and path.stem.isdecimal() for path in paths)
+
+
+def index_images(paths: Sequence[Path], count: int) -> dict[int, Path]:
+    """Images by frame number: the number in the file name, or else the position in the list.
 
     Args:
-        paths: in the order of their names.
-        count: how many frames there are.
+        paths: sorted by name.
+        count: number of frames.
 
     Raises:
-        DriveError: a number that no frame has.
+        DriveError: a number beyond the frames.
     """
-    if not all(path.stem.isascii() and path.stem.isdecimal() for path in paths):
-        frames = dict(enumerate(paths))
-    else:
-        frames = {int(path.stem): path for path in paths}
+    numbers = [int(path.stem) for path in paths] if are_numbered(paths) else range(len(paths))
+    frames = dict(zip(numbers, paths, strict=True))
     if frames and max(frames) >= count:
         raise DriveError(
             f"{frames[max(frames)]}: expected one of {count} frames as there are times, "
@@ -131,7 +67,7 @@ def numbered(paths: Sequence[Path], count: int) -> dict[int, Path]:
     return frames
 
 
-def size_of(path: Path) -> tuple[int, int]:
+def image_size(path: Path) -> tuple[int, int]:
     """Width and height of an image.
 
     Raises:
@@ -142,30 +78,3 @@ def size_of(path: Path) -> tuple[int, int]:
     except ImageError as error:
         raise DriveError(str(error)) from error
     return width, height
-
-
-def in_time(time: FloatArray, name: str) -> tuple[IntArray, tuple[str, ...]]:
-    """Which frames to take, in the order of their times; of those at the same time the first.
-
-    Args:
-        time: (n,) seconds of the frames as their files have them.
-        name: of the file, for the remarks.
-
-    Returns:
-        (k,) numbers of frames, and what had to be mended.
-    """
-    order = np.argsort(time, kind="stable")
-    new = np.diff(time[order], prepend=-np.inf) > 0
-    back = np.flatnonzero(np.diff(time) < 0)
-    remarks = []
-    if len(back):
-        remarks.append(
-            f"{name}: time goes back {len(back)} times, first at frame {back[0] + 1}; "
-            "the frames are sorted by it"
-        )
-    if not new.all():
-        remarks.append(
-            f"{name}: times that come twice: {int((~new).sum())}, first at frame "
-            f"{order[~new].min()}; of each only the first frame is taken"
-        )
-    return np.asarray(order[new], np.int64), tuple(remarks)

@@ -1,17 +1,18 @@
 """Landmarks with their covariance as CSV."""
 
-import csv
 from pathlib import Path
 
-from saccade.files import atomic_write
-from saccade.types import LandmarkMap
+import numpy as np
 
-HEADER = ("id", "x", "y", "cov_xx", "cov_xy", "cov_yy", "sightings")
-"""Identity; metres; square metres (empty where unknown); observations (empty where unknown)."""
+from saccade.datasets.table import write_table
+from saccade.types import LandmarkMap
 
 
 def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
-    """Write one line per landmark, under `HEADER`.
+    """Write one row per landmark: id, x, y, cov_xx, cov_xy, cov_yy, sightings.
+
+    Metres and square metres; "sightings" counts the observations. Cells are empty where the
+    covariance or the count is not known.
 
     Args:
         path: the file; replaced if it exists.
@@ -20,14 +21,19 @@ def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(HEADER)
-        for i in range(len(landmarks)):
-            spread: list[float | str] = ["", "", ""]
-            if landmarks.covariance is not None:
-                C = landmarks.covariance[i]
-                spread = [float(C[0, 0]), float(C[0, 1]), float(C[1, 1])]
-            count = "" if landmarks.observations is None else int(landmarks.observations[i])
-            x, y = landmarks.xy[i].tolist()
-            writer.writerow([int(landmarks.id[i]), x, y, *spread, count])
+    unknown = np.full(len(landmarks), np.nan)
+    covariance = landmarks.covariance
+    if covariance is None:
+        covariance = np.full((len(landmarks), 2, 2), np.nan)
+    write_table(
+        path,
+        {
+            "id": landmarks.id,
+            "x": landmarks.xy[:, 0],
+            "y": landmarks.xy[:, 1],
+            "cov_xx": covariance[:, 0, 0],
+            "cov_xy": covariance[:, 0, 1],
+            "cov_yy": covariance[:, 1, 1],
+            "sightings": unknown if landmarks.observations is None else landmarks.observations,
+        },
+    )
