@@ -1,6 +1,5 @@
 """Reads and writes recorded data, in the data types of `saccade.types` and `saccade.frames`."""
 
-from saccade.datasets.covariances import symmetric_columns
 from saccade.datasets.drives.loading import DriveKind, load_drive
 from saccade.datasets.drives.writing import save_drive
 from saccade.datasets.logs.dlr import read_dlr
@@ -16,7 +15,7 @@ from saccade.datasets.logs.pose_graph import (
 )
 from saccade.datasets.logs.victoria_park import read_victoria_park
 from saccade.datasets.odometry import OdometryNoise, integrate
-from saccade.datasets.table import write_table
+from saccade.datasets.table import symmetric_columns, write_table
 from saccade.datasets.tum import write_tum
 
 __all__ = [

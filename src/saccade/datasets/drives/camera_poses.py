@@ -32,11 +32,7 @@ class Poses:
 
 
 def read_tum_poses(path: Path) -> Poses:
-    """Lines of `time x y z qx qy qz qw`; `#` begins a comment.
-
-    Raises:
-        LogError: the file is missing or broken, names the line; or has no pose.
-    """
+    """Lines of `time x y z qx qy qz qw`; `#` begins a comment."""
     table = read_table(path, TUM_COLUMNS)
     if len(table) == 0:
         raise LogError(f"{path}: expected poses, found none")
@@ -49,9 +45,6 @@ def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
     Args:
         path: the file.
         time: (n,) seconds of the frames, one for each line.
-
-    Raises:
-        LogError: the file is missing or broken, or does not have as many poses as there are times.
     """
     rows = [row.require_cells(12, "numbers").numbers() for row in read_rows(path)]
     if len(rows) != len(time):
@@ -61,11 +54,7 @@ def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
 
 
 def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
-    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w, which are normalized.
-
-    Raises:
-        LogError: a length under 0.5; `name` is in the message.
-    """
+    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w, which are normalized."""
     length = np.linalg.norm(quaternion, axis=1)
     if (length < 0.5).any():
         row = int(np.argmin(length))

@@ -21,9 +21,8 @@ import numpy as np
 
 from saccade.datasets.drives.camera_file import Calibration
 from saccade.datasets.drives.camera_poses import Poses, rotation_matrices
-from saccade.datasets.drives.frame_loader import FrameLoader
 from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import ImageFiles
+from saccade.datasets.drives.image_files import FrameLoader, ImageFiles
 from saccade.datasets.drives.odometry_increments import (
     OdometryIncrements,
     SpeedNoise,
@@ -78,11 +77,7 @@ class _Sensor:
 
 
 def read_euroc_drive(path: Path) -> Drive:
-    """A drive from the folder that holds mav0, or from mav0.
-
-    Raises:
-        DriveError, LogError: a file is missing, broken or inconsistent with the others; names it.
-    """
+    """A drive from the folder that holds mav0, or from mav0."""
     top = path / "mav0" if (path / "mav0").is_dir() else path
     stamps, files = _images(top / "cam0")
     zero = int(stamps.min())
@@ -121,11 +116,7 @@ def read_euroc_drive(path: Path) -> Drive:
 
 
 def read_stamped(path: Path, columns: int) -> tuple[IntArray, FloatArray]:
-    """Nanoseconds (n,) and numbers (n, columns) of an ASL data.csv; further columns are ignored.
-
-    Raises:
-        LogError: the file is missing, or a line is broken; names it.
-    """
+    """Nanoseconds (n,) and numbers (n, columns) of an ASL data.csv; further columns are ignored."""
     stamps, table = [], []
     for row in read_rows(path, delimiter=","):
         if len(row.cells) < columns + 1:

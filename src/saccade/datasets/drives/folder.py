@@ -16,9 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from saccade.datasets.drives.camera_file import CAMERA_FILE, read_calibration
-from saccade.datasets.drives.frame_loader import FrameLoader, SourceImage
 from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import ImageFiles, are_numbered, list_images
+from saccade.datasets.drives.image_files import (
+    FrameLoader,
+    ImageFiles,
+    SourceImage,
+    are_numbered,
+    list_images,
+)
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.drives.undistortion import Lens
 from saccade.datasets.text import read_table
@@ -42,11 +47,7 @@ class _VideoImages:
 
 
 def read_folder_drive(path: Path) -> Drive:
-    """A drive from a folder of images.
-
-    Raises:
-        DriveError, LogError: a file is missing, broken or inconsistent with the others; names it.
-    """
+    """A drive from a folder of images."""
     folder = path / "images" if (path / "images").is_dir() else path
     calibration = read_calibration(path / CAMERA_FILE)
     images = list_images(folder)
@@ -66,11 +67,7 @@ def read_folder_drive(path: Path) -> Drive:
 
 
 def read_video_drive(path: Path) -> Drive:
-    """A drive from a video.
-
-    Raises:
-        DriveError, LogError, ImageError: a file is missing, broken or inconsistent with the others.
-    """
+    """A drive from a video."""
     calibration = read_calibration(path.parent / CAMERA_FILE)
     video = VideoFrames(path)
     frames = _frame_times(path.parent, len(video), video.rate)

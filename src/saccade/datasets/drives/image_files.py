@@ -1,12 +1,89 @@
-"""Image files of a drive: listed, numbered, and read on demand."""
+"""Images of a drive: files are listed and numbered, read and undistorted on demand."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple, TypeAlias
 
-from saccade.datasets.drives.frame_loader import SourceImage
+import cv2
+import numpy as np
+
+from saccade.datasets.drives.undistortion import Lens
 from saccade.errors import DriveError, ImageError
+from saccade.frames import Camera, Frame
 from saccade.image import find_images, read_stored
+from saccade.types import FloatArray, Image
+
+NO_DEPTH = 0
+"""Value of a depth image where the depth is not known."""
+
+
+class SourceImage(NamedTuple):
+    """An image as it was recorded."""
+
+    pixels: Image
+    name: str
+    """For error messages."""
+    unit: float = 1.0
+    """Metres per step, of a depth image."""
+
+
+ImageSource: TypeAlias = Callable[[int], SourceImage | None]
+"""Reads image i of one camera; None where it has none. Raises `ImageError`."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameLoader:
+    """Loads frame i; the `load` of a `Drive`."""
+
+    camera: Camera
+    """The pinhole camera of the undistorted images."""
+    time: FloatArray
+    """(n,) seconds."""
+    left: ImageSource
+    """Of the (left) camera."""
+    right: ImageSource | None = None
+    """Of the right one."""
+    depth: ImageSource | None = None
+    """Depth of the left one."""
+    lens: Lens | None = None
+    """Of the left camera and of the depth; None where the images have no distortion."""
+    right_lens: Lens | None = None
+    """Of the right camera; None where it is `lens`."""
+
+    def __call__(self, i: int) -> Frame:
+        """Frame i."""
+        return Frame(
+            time=float(self.time[i]),
+            image=self._image(self.left, self.lens, i),
+            right=self._image(self.right, self.right_lens or self.lens, i),
+            depth=self._depth(i),
+        )
+
+    def _image(self, source: ImageSource | None, lens: Lens | None, i: int) -> Image | None:
+        image = None if source is None else source(i)
+        return None if image is None else self._undistort(image, lens, cv2.INTER_LINEAR)
+
+    def _depth(self, i: int) -> FloatArray | None:
+        """Depth in metres, NaN where it is not known."""
+        depth = None if self.depth is None else self.depth(i)
+        if depth is None:
+            return None
+        if depth.pixels.ndim != 2:
+            raise ImageError(
+                f"{depth.name}: expected depth, one number per pixel, found a color image"
+            )
+        steps = self._undistort(depth, self.lens, cv2.INTER_NEAREST)
+        return np.where(np.nan_to_num(steps) == NO_DEPTH, np.nan, steps * np.float64(depth.unit))
+
+    def _undistort(self, image: SourceImage, lens: Lens | None, interpolation: int) -> Image:
+        height, width = image.pixels.shape[:2]
+        if (width, height) != (self.camera.width, self.camera.height):
+            raise ImageError(
+                f"{image.name}: expected {self.camera.width} x {self.camera.height} px as the "
+                f"calibration, found {width} x {height}"
+            )
+        return image.pixels if lens is None else lens.undistort(image.pixels, interpolation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,21 +96,13 @@ class ImageFiles:
     """Metres per step, of depth images."""
 
     def __call__(self, i: int) -> SourceImage | None:
-        """Image i.
-
-        Raises:
-            ImageError: the file is missing or broken.
-        """
+        """Image i."""
         path = self.paths[i]
         return None if path is None else SourceImage(read_stored(path), str(path), self.unit)
 
 
 def list_images(folder: Path) -> list[Path]:
-    """The images of a folder, sorted by name.
-
-    Raises:
-        DriveError: there is no such folder, or none in it.
-    """
+    """The images of a folder, sorted by name."""
     if not folder.is_dir():
         raise DriveError(f"{folder}: expected a folder of images, found none")
     try:
@@ -53,9 +122,6 @@ def index_images(paths: Sequence[Path], count: int) -> dict[int, Path]:
     Args:
         paths: sorted by name.
         count: number of frames.
-
-    Raises:
-        DriveError: a number beyond the frames.
     """
     numbers = [int(path.stem) for path in paths] if are_numbered(paths) else range(len(paths))
     frames = dict(zip(numbers, paths, strict=True))
@@ -68,11 +134,7 @@ def index_images(paths: Sequence[Path], count: int) -> dict[int, Path]:
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Width and height of an image.
-
-    Raises:
-        DriveError: it cannot be read.
-    """
+    """Width and height of an image."""
     try:
         height, width = read_stored(path).shape[:2]
     except ImageError as error:

@@ -19,9 +19,14 @@ import numpy as np
 
 from saccade.datasets.archive import Archive
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
-from saccade.datasets.drives.frame_loader import FrameLoader
 from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import ImageFiles, image_size, index_images, list_images
+from saccade.datasets.drives.image_files import (
+    FrameLoader,
+    ImageFiles,
+    image_size,
+    index_images,
+    list_images,
+)
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.drives.undistortion import Lens, pinhole
 from saccade.datasets.text import read_rows, read_table
@@ -50,11 +55,7 @@ PAIRS = (
 
 
 def read_kitti_drive(path: Path) -> Drive:
-    """A drive from a folder.
-
-    Raises:
-        DriveError, LogError: a file is missing, broken or inconsistent with the others; names it.
-    """
+    """A drive from a folder."""
     pair = next((pair for pair in PAIRS if (path / pair.left).is_dir()), PAIRS[0])
     recorded = read_table(path / "times.txt", ("seconds",))[:, 0]
     left = index_images(list_images(path / pair.left), len(recorded))
@@ -80,11 +81,7 @@ def read_kitti_drive(path: Path) -> Drive:
 
 
 def read_projections(path: Path) -> dict[str, FloatArray]:
-    """The (3, 4) matrices of a calib.txt by their names.
-
-    Raises:
-        LogError: the file is missing, or a line is no such matrix.
-    """
+    """The (3, 4) matrices of a calib.txt by their names."""
     matrices = {}
     for row in read_rows(path):
         name = row.cells[0]
@@ -101,9 +98,6 @@ def read_extrinsics(archive: Archive) -> dict[str, FloatArray]:
 
     Its `cam_T_imu` has the rotation from the frame of the inertial unit to that of the camera, but
     its translation is the position of the camera in the frame of the unit. The height is KITTI's.
-
-    Raises:
-        LogError: the matrix is missing, or not of this shape.
     """
     matrix = archive.array("cam_T_imu", (4, 4)).astype(np.float64)
     position = np.array([matrix[0, 3], matrix[1, 3], KITTI_HEIGHT])

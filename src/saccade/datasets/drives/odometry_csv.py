@@ -13,11 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.covariances import (
-    covariance_names,
-    from_upper_triangle,
-    symmetric_columns,
-)
 from saccade.datasets.drives.frame_times import FrameTimes
 from saccade.datasets.drives.odometry_increments import (
     WHEELS,
@@ -26,7 +21,12 @@ from saccade.datasets.drives.odometry_increments import (
     compose_increments,
     increments_from_speeds,
 )
-from saccade.datasets.table import write_table
+from saccade.datasets.table import (
+    covariance_names,
+    from_upper_triangle,
+    symmetric_columns,
+    write_table,
+)
 from saccade.datasets.text import Row, read_rows, require_ascending
 from saccade.errors import DriveError
 
@@ -46,10 +46,6 @@ def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
     Args:
         path: a file of one of the three kinds.
         frames: of the drive.
-
-    Raises:
-        LogError: the file is missing, or a row is broken; names the line.
-        DriveError: another header, or too few rows.
     """
     rows = read_rows(path, delimiter=",")
     header = tuple(next(rows, Row(path, 1, [])).cells)
@@ -79,10 +75,6 @@ def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
 
 
 def write_increments(path: Path, increments: OdometryIncrements) -> None:
-    """Write increments with every digit.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Write increments with every digit."""
     columns = dict(zip(INCREMENT_COLUMNS[:3], increments.control.T, strict=True))
     write_table(path, columns | symmetric_columns(_MOTION, increments.covariance))

@@ -74,19 +74,14 @@ def increments_from_speeds(
 
 
 def increments_from_poses(
-    poses: Trajectory, frame_time: FloatArray, name: str, noise: SpeedNoise = WHEELS
+    poses: Trajectory, frame_time: FloatArray, name: str
 ) -> OdometryIncrements:
-    """Increments between frames, from poses by dead reckoning.
+    """Increments between frames, from poses by the dead reckoning of wheels.
 
     Args:
         poses: by odometry, in any frame.
         frame_time: (m + 1,) times of the frames, ascending; the poses must cover them.
         name: of the file, for the message.
-        noise: of the odometry.
-
-    Raises:
-        DriveError: the poses begin more than one frame interval after the first frame, or end as
-            early before the last.
     """
     slack = float(np.diff(frame_time).max(initial=0.0))
     begin, end = float(poses.time[0]), float(poses.time[-1])
@@ -96,7 +91,7 @@ def increments_from_poses(
             f"frames, found {begin:.3f} to {end:.3f} s"
         )
     control = steps_between(poses.at(frame_time))
-    return OdometryIncrements(control, _covariance(control[:, 0], np.diff(frame_time), noise))
+    return OdometryIncrements(control, _covariance(control[:, 0], np.diff(frame_time), WHEELS))
 
 
 def unknown_increments(frame_time: FloatArray) -> OdometryIncrements:
@@ -119,9 +114,6 @@ def compose_increments(
         increments: (m,) from each frame to the next.
         frames: (k + 1,) numbers of frames, ascending, from 0 to m.
         name: of the file, for the message.
-
-    Raises:
-        DriveError: a frame number above m, or numbers that do not ascend.
     """
     if (np.diff(frames) < 0).any():
         raise DriveError(

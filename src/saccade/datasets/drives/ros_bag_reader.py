@@ -20,12 +20,7 @@ MAGIC = b"#ROSBAG V2.0\n"
 
 
 class Bag:
-    """An open bag.
-
-    Raises:
-        DriveError: the file is no bag, or broken.
-        ConfigError: rosbags is not installed.
-    """
+    """An open bag."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._thread = path, local()
@@ -63,11 +58,7 @@ class Bag:
         return ", ".join(sorted({c.topic for c in self._reader.connections})) or "no topic"
 
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """Time of recording in nanoseconds and message, for every message of a topic.
-
-        Raises:
-            DriveError: the bag is broken, or has fewer messages than its index announces.
-        """
+        """Time of recording in nanoseconds and message, for every message of a topic."""
         stamp = None
         for connection, stamp, raw in self._raw(topic):
             yield stamp, self._read(raw, connection)
@@ -81,11 +72,7 @@ class Bag:
         return np.array(recorded, np.int64), np.array(headers)
 
     def at(self, topic: str, stamp: int) -> Any:
-        """The message recorded at a time in nanoseconds.
-
-        Raises:
-            ImageError: it cannot be read.
-        """
+        """The message recorded at a time in nanoseconds."""
         try:
             for connection, _, raw in self._raw(topic, stamp, stamp + 1):
                 return self._read(raw, connection)

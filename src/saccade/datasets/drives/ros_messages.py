@@ -1,11 +1,13 @@
-"""Contents of ROS messages: images, calibrations, poses."""
+"""Contents of ROS messages: images, calibrations, poses, static transforms."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
 import numpy as np
 
 from saccade.datasets.drives.camera_file import Calibration
+from saccade.datasets.drives.camera_poses import rotation_matrices
 from saccade.datasets.drives.undistortion import pinhole
 from saccade.datasets.text import LARGEST
 from saccade.errors import ConfigError, DriveError, ImageError
@@ -41,11 +43,7 @@ def seconds_of(message: Any) -> float:
 
 
 def pixels_of(message: Any, name: str) -> Image:
-    """The image of an Image or a CompressedImage: grey or RGB, or depth as it is.
-
-    Raises:
-        ImageError: an unknown encoding, or too few bytes; `name` is in the message.
-    """
+    """The image of an Image or a CompressedImage: grey or RGB, or depth as it is."""
     if hasattr(message, "format"):
         pixels = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None:
@@ -78,9 +76,6 @@ def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
         left: CameraInfo of the left camera.
         right: of the right one, whose projection has the baseline; None for a single camera.
         name: for the error message.
-
-    Raises:
-        DriveError: a distortion model other than OpenCV's with up to five coefficients.
     """
     K, D, P = (finite(_field(left, each), name) for each in "kdp")
     P = P.reshape(3, 4)
@@ -106,11 +101,7 @@ def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
 
 
 def finite(values: Any, name: str) -> FloatArray:
-    """Numbers of a message as float64.
-
-    Raises:
-        DriveError: one is not finite, or beyond `LARGEST`.
-    """
+    """Numbers of a message as float64."""
     numbers = np.asarray(values, np.float64)
     if not (np.abs(numbers) < LARGEST).all():
         raise DriveError(f"{name}: expected finite numbers under {LARGEST:g}, found others")
@@ -134,3 +125,44 @@ def pose_of(message: Any) -> tuple[float, ...]:
 def _field(message: Any, name: str) -> Any:
     """A field whose name is a capital in ROS 1."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+
+
+def extrinsics(messages: Iterable[Any], base: str, part: str, name: str) -> FloatArray | None:
+    """Pose (4, 4) of a part in a base frame; None where no chain of transforms connects them.
+
+    Args:
+        messages: TFMessages with static transforms.
+        base: name of the base frame, such as base_link.
+        part: name of the frame of the part.
+        name: of the file, for the error message.
+    """
+    edges: dict[str, list[tuple[str, FloatArray]]] = {}
+    for message in messages:
+        for transform in message.transforms:
+            parent, child = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
+            pose = _matrix(transform, name)
+            inverse = np.asarray(np.linalg.inv(pose), np.float64)
+            edges.setdefault(parent, []).append((child, pose))
+            edges.setdefault(child, []).append((parent, inverse))
+    poses = {_frame(base): np.eye(4)}
+    stack = list(poses)
+    while stack:
+        parent = stack.pop()
+        for child, pose in edges.get(parent, []):
+            if child not in poses:
+                poses[child] = poses[parent] @ pose
+                stack.append(child)
+    return poses.get(_frame(part))
+
+
+def _frame(name: str) -> str:
+    """The name of a frame without the leading slash of old bags."""
+    return name.lstrip("/")
+
+
+def _matrix(transform: Any, name: str) -> FloatArray:
+    values = finite([pose_of(transform)], name)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_matrices(values[:, 3:], name)[0]
+    pose[:3, 3] = values[0, :3]
+    return pose

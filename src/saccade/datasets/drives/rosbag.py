@@ -28,8 +28,8 @@ import numpy as np
 
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
 from saccade.datasets.drives.camera_poses import Poses, project_to_plane, rotation_matrices
-from saccade.datasets.drives.frame_loader import FrameLoader, SourceImage
 from saccade.datasets.drives.frame_times import FrameTimes, associate
+from saccade.datasets.drives.image_files import FrameLoader, SourceImage
 from saccade.datasets.drives.odometry_increments import (
     OdometryIncrements,
     increments_from_poses,
@@ -38,12 +38,12 @@ from saccade.datasets.drives.odometry_increments import (
 from saccade.datasets.drives.ros_bag_reader import Bag, reading
 from saccade.datasets.drives.ros_messages import (
     calibration_of,
+    extrinsics,
     finite,
     pixels_of,
     pose_of,
     seconds_of,
 )
-from saccade.datasets.drives.ros_transforms import extrinsics
 from saccade.datasets.drives.sidecar_files import Truth, assemble_drive
 from saccade.datasets.drives.undistortion import Lens
 from saccade.errors import DriveError, ImageError
@@ -78,11 +78,7 @@ class TopicImages:
     """Metres per step of integer depth images."""
 
     def __call__(self, i: int) -> SourceImage | None:
-        """Image i.
-
-        Raises:
-            ImageError: the message is broken.
-        """
+        """Image i."""
         if self.stamps[i] < 0:
             return None
         name = f"{self.bag.path}, {self.topic}, frame {i}"
@@ -92,12 +88,7 @@ class TopicImages:
 
 
 def read_rosbag_drive(path: Path) -> Drive:
-    """A drive from a bag.
-
-    Raises:
-        DriveError: the bag is broken, or has no images or no calibration.
-        ConfigError: rosbags is not installed.
-    """
+    """A drive from a bag."""
     with reading(str(path), DriveError):
         return _read_drive(Bag(path), path)
 

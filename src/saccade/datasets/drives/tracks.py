@@ -56,11 +56,7 @@ class TrackLoader:
 
 
 def read_tracks_drive(path: Path) -> Drive:
-    """A drive from a file of tracks, or from its folder.
-
-    Raises:
-        DriveError, LogError: a file is missing, broken or inconsistent with the others; names it.
-    """
+    """A drive from a file of tracks, or from its folder."""
     file = next((path / name for name in TRACK_FILES if (path / name).exists()), path)
     if file.is_dir():
         raise DriveError(f"{path}: expected {' or '.join(TRACK_FILES)}, found neither")

@@ -18,9 +18,8 @@ import numpy as np
 
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
 from saccade.datasets.drives.camera_poses import read_tum_poses
-from saccade.datasets.drives.frame_loader import FrameLoader
 from saccade.datasets.drives.frame_times import FrameTimes, associate
-from saccade.datasets.drives.image_files import ImageFiles
+from saccade.datasets.drives.image_files import FrameLoader, ImageFiles
 from saccade.datasets.drives.sidecar_files import Truth, assemble_drive
 from saccade.datasets.drives.undistortion import Lens
 from saccade.datasets.text import read_rows
@@ -42,11 +41,7 @@ formats; images of the third are undistorted."""
 
 
 def read_tum_drive(path: Path) -> Drive:
-    """A drive from a folder.
-
-    Raises:
-        DriveError, LogError: a file is missing, broken or inconsistent with the others; names it.
-    """
+    """A drive from a folder."""
     recorded, files = read_list(path / "rgb.txt")
     frames = FrameTimes.sort(recorded, str(path / "rgb.txt"))
     calibration = _calibration(path)
@@ -70,11 +65,7 @@ def read_tum_drive(path: Path) -> Drive:
 
 
 def read_list(path: Path) -> tuple[FloatArray, list[str]]:
-    """Times (n,) and files of a list of images.
-
-    Raises:
-        LogError, DriveError: the list is missing or empty, or a line is broken.
-    """
+    """Times (n,) and files of a list of images."""
     rows = [row.require_cells(2, "cells (time, file)") for row in read_rows(path)]
     if not rows:
         raise DriveError(f"{path}: expected times and files, found none")

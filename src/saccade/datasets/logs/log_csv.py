@@ -20,8 +20,12 @@ from typing import Literal
 
 import numpy as np
 
-from saccade.datasets.covariances import covariance_names, from_upper_triangle, symmetric_columns
-from saccade.datasets.table import write_table
+from saccade.datasets.table import (
+    covariance_names,
+    from_upper_triangle,
+    symmetric_columns,
+    write_table,
+)
 from saccade.datasets.text import Row, read_rows
 from saccade.errors import LogError
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
@@ -91,32 +95,40 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     motion: Literal["drive", "compose"] = "drive" if "distance" in header.cells else "compose"
     control = _CONTROLS[motion]
     _check_header(header, motion)
-    table = _Table(header.cells, list(rows))
-    if not table.rows:
+    records = [row.require_cells(len(header.cells)) for row in rows]
+    if not records:
         raise LogError(f"{path}: expected a row for the first pose, found none")
-    is_control, is_observation = (table.any_of(names) for names in (control, _OBSERVATION))
-    if is_control[0] or is_observation[0]:
-        found = [n for n, cell in zip(header.cells, table.rows[0].cells, strict=True) if cell]
-        raise table.rows[0].error("the first pose", ", ".join(found))
-    for i in np.flatnonzero(is_control[1:] == is_observation[1:])[:1].tolist():
-        raise table.rows[i + 1].error(
-            f"{', '.join(control)} or {', '.join(_OBSERVATION)}",
-            "both" if is_control[i + 1] else "neither",
+    columns = _parse_columns(header.cells, records, columns_of(motion))
+    is_control, is_observation = (
+        np.asarray(np.isfinite([columns[name] for name in names]).any(0))
+        for names in (control, _OBSERVATION)
+    )
+    _check_rows(header.cells, records, control, is_control, is_observation)
+    controls, observations = np.flatnonzero(is_control), np.flatnonzero(is_observation)
+    time = _cells(records, columns, np.arange(len(records)), ("time",))[:, 0]
+    pose_time = time[~is_observation]
+    observation_pose = np.cumsum(~is_observation)[observations] - 1
+    for i in np.flatnonzero(np.diff(pose_time) < 0)[:1].tolist():
+        row = records[int(np.flatnonzero(~is_observation)[i + 1])]
+        raise LogError(
+            f"{path}, line {row.line}: time goes back from {pose_time[i]:g} to {pose_time[i + 1]:g}"
         )
-    observation_rows = np.flatnonzero(is_observation)
-    control_rows = np.flatnonzero(is_control)
-    observation_pose = np.cumsum(~is_observation)[observation_rows] - 1
+    for k in np.flatnonzero(time[observations] != pose_time[observation_pose])[:1].tolist():
+        raise records[int(observations[k])].error(
+            f"an observation at the time of the pose above, {pose_time[observation_pose[k]]:g}",
+            f"{time[observations[k]]:g}",
+        )
     return LandmarkLog(
         name=path.stem,
-        start=table.values(np.array([0]), _START, blank=0.0)[0],
-        time=table.pose_times(is_observation, observation_pose),
+        start=np.array([np.nan_to_num(columns[name][0]) for name in _START]),
+        time=pose_time,
         motion=motion,
-        control=table.values(control_rows, control),
-        control_covariance=table.covariances(control_rows, control),
+        control=_cells(records, columns, controls, control),
+        control_covariance=_covariances(records, columns, controls, control),
         observation_pose=observation_pose.astype(np.int64),
-        observation=table.values(observation_rows, _OBSERVATION),
-        observation_covariance=table.covariances(observation_rows, _OBSERVATION),
-        landmark=table.landmarks(observation_rows),
+        observation=_cells(records, columns, observations, _OBSERVATION),
+        observation_covariance=_covariances(records, columns, observations, _OBSERVATION),
+        landmark=_landmarks(header.cells, records, observations),
     )
 
 
@@ -134,73 +146,58 @@ def _check_header(header: Row, motion: str) -> None:
         )
 
 
-class _Table:
-    """The rows of a log by the names of their columns; an empty cell is NaN."""
+def _parse_columns(
+    header: list[str], records: list[Row], known: list[str]
+) -> dict[str, FloatArray]:
+    """The columns (n,) of all known names, NaN where a cell is empty or the column is missing."""
+    columns = {name: np.full(len(records), np.nan) for name in known}
+    for i, name in enumerate(header):
+        if name != "landmark":
+            columns[name][:] = [row.numbers(slice(i, i + 1), blank=np.nan)[0] for row in records]
+    return columns
 
-    def __init__(self, header: list[str], rows: list[Row]) -> None:
-        self.rows = [row.require_cells(len(header)) for row in rows]
-        self.column = {name: i for i, name in enumerate(header)}
-        self.table = np.full((len(rows), len(header)), np.nan)
-        for name, i in self.column.items():
-            if name != "landmark":
-                columns = slice(i, i + 1)
-                self.table[:, i] = [row.numbers(columns, blank=np.nan)[0] for row in rows]
 
-    def any_of(self, names: tuple[str, ...]) -> BoolArray:
-        """(n,) whether a row has any of some cells."""
-        cells = self.table[:, [self.column[name] for name in names]]
-        return np.asarray(np.isfinite(cells).any(1))
+def _check_rows(
+    header: list[str],
+    records: list[Row],
+    control: tuple[str, ...],
+    is_control: BoolArray,
+    is_observation: BoolArray,
+) -> None:
+    """Check that the first row is a pose, and every other one a control or an observation."""
+    if is_control[0] or is_observation[0]:
+        found = [n for n, cell in zip(header, records[0].cells, strict=True) if cell]
+        raise records[0].error("the first pose", ", ".join(found))
+    for i in (np.flatnonzero(is_control[1:] == is_observation[1:])[:1] + 1).tolist():
+        found_both = "both" if is_control[i] else "neither"
+        raise records[i].error(f"{', '.join(control)} or {', '.join(_OBSERVATION)}", found_both)
 
-    def values(
-        self, rows: IntArray, names: tuple[str, ...], blank: float | None = None
-    ) -> FloatArray:
-        """(len(rows), len(names)) cells; an empty one or a missing column is `blank`.
 
-        Raises:
-            LogError: an empty cell where `blank` is None.
-        """
-        values = np.full((len(rows), len(names)), np.nan)
-        for k, name in enumerate(names):
-            if name in self.column:
-                values[:, k] = self.table[rows, self.column[name]]
-        for i, k in np.argwhere(np.isnan(values))[: 1 if blank is None else 0].tolist():
-            raise self.rows[int(rows[i])].error(f"a finite number for {names[k]}", "nothing")
-        return np.where(np.isnan(values), blank, values) if blank is not None else values
+def _cells(
+    records: list[Row], columns: dict[str, FloatArray], rows: IntArray, names: tuple[str, ...]
+) -> FloatArray:
+    """Cells (len(rows), len(names)), none of which may be empty."""
+    values = np.stack([columns[name][rows] for name in names], 1)
+    for i, k in np.argwhere(np.isnan(values))[:1].tolist():
+        raise records[int(rows[i])].error(f"a finite number for {names[k]}", "nothing")
+    return values
 
-    def covariances(self, rows: IntArray, names: tuple[str, ...]) -> FloatArray:
-        """(len(rows), d, d) covariances; the variances are required."""
-        self.values(rows, tuple(f"cov_{name}_{name}" for name in names))
-        return from_upper_triangle(self.values(rows, tuple(covariance_names(names)), blank=0.0))
 
-    def pose_times(self, is_observation: BoolArray, pose: IntArray) -> FloatArray:
-        """(t + 1,) times of the poses, with which those of the observations must agree."""
-        time = self.values(np.arange(len(self.rows)), ("time",))[:, 0]
-        pose_time = time[~is_observation]
-        for i in np.flatnonzero(np.diff(pose_time) < 0)[:1].tolist():
-            row = self.rows[int(np.flatnonzero(~is_observation)[i + 1])]
-            raise LogError(
-                f"{row.path}, line {row.line}: time goes back from {pose_time[i]:g} to "
-                f"{pose_time[i + 1]:g}"
-            )
-        for i in np.flatnonzero(time[is_observation] != pose_time[pose])[:1].tolist():
-            raise self.rows[int(np.flatnonzero(is_observation)[i])].error(
-                f"an observation at the time of the pose above, {pose_time[pose[i]]:g}",
-                f"{time[is_observation][i]:g}",
-            )
-        return pose_time
+def _covariances(
+    records: list[Row], columns: dict[str, FloatArray], rows: IntArray, names: tuple[str, ...]
+) -> FloatArray:
+    """Covariances (len(rows), d, d); the variances are required."""
+    _cells(records, columns, rows, tuple(f"cov_{name}_{name}" for name in names))
+    entries = np.stack([columns[name][rows] for name in covariance_names(names)], 1)
+    return from_upper_triangle(np.nan_to_num(entries))
 
-    def landmarks(self, rows: IntArray) -> IntArray:
-        """(len(rows),) identities, -1 where the cell is empty."""
-        column = self.column.get("landmark")
-        if column is None:
-            return np.full(len(rows), -1, np.int64)
-        chosen = [self.rows[i] for i in rows.tolist()]
-        return np.array(
-            [
-                -1
-                if row.cells[column] in ("", "-1")
-                else row.integer(column, "the number of a landmark")
-                for row in chosen
-            ],
-            np.int64,
-        )
+
+def _landmarks(header: list[str], records: list[Row], rows: IntArray) -> IntArray:
+    """Identities (len(rows),), -1 where the cell is empty."""
+    landmarks = np.full(len(rows), -1, np.int64)
+    if "landmark" in header:
+        column = header.index("landmark")
+        for k, i in enumerate(rows.tolist()):
+            if records[i].cells[column] not in ("", "-1"):
+                landmarks[k] = records[i].integer(column, "the number of a landmark")
+    return landmarks
