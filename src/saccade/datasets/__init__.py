@@ -2,8 +2,8 @@
 
 from saccade.datasets.drives.loading import DriveKind, load_drive
 from saccade.datasets.drives.writing import save_drive
+from saccade.datasets.estimates import write_landmarks, write_tum
 from saccade.datasets.logs.dlr import read_dlr
-from saccade.datasets.logs.landmark_csv import write_landmarks
 from saccade.datasets.logs.loading import Format, Kind, detect_format, load, save
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
@@ -16,7 +16,6 @@ from saccade.datasets.logs.pose_graph import (
 from saccade.datasets.logs.victoria_park import read_victoria_park
 from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.datasets.table import symmetric_columns, write_table
-from saccade.datasets.tum import write_tum
 
 __all__ = [
     "Dialect",

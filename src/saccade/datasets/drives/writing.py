@@ -12,7 +12,7 @@ from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, write_
 from saccade.datasets.drives.odometry_csv import write_increments
 from saccade.datasets.drives.odometry_increments import OdometryIncrements
 from saccade.datasets.drives.undistortion import camera_matrix
-from saccade.datasets.tum import write_tum
+from saccade.datasets.estimates import write_tum
 from saccade.errors import DriveError, OutputError
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import Image
