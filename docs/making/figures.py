@@ -301,14 +301,14 @@ def simulated_frames() -> Figure:
     """Three places of the ring, its depth, mirrored posters, and dusk."""
     plain = DriveConfig(color=True, depth=True)
     drive = simulate_drive(plain, seed=3)
-    dusk = LightConfig(noise=5, brightness=0.35, vignetting=0.4)
+    dusk = LightConfig(noise_sigma=5, brightness=0.35, vignetting=0.4)
     there = drive.load(140)
     shown = {
         "frame 20": drive.load(20).image,
         "frame 140": there.image,
         "frame 260": drive.load(260).image,
         "the depth of frame 140": there.depth,
-        "posters that are symmetric": _ring(plain, mirrored=True).image,
+        "posters that are symmetric": _ring(plain, mirrored_posters=True).image,
         "the light of the preset dark": _ring(plain, light=dusk).image,
     }
     figure = figure_for(320, 240, columns=3, rows=2, panel=3.6)

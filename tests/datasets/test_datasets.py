@@ -13,7 +13,7 @@ from saccade.datasets import (
     integrate,
     load,
     read_dlr,
-    read_isam,
+    read_pose_graph,
     write_landmarks,
     write_tum,
 )
@@ -52,7 +52,7 @@ def test_isam_lines_become_a_log(tmp_path):
 
 
 def test_cartesian_noise_becomes_that_of_range_and_bearing(tmp_path, rng):
-    log = read_isam(_file(tmp_path, ISAM))
+    log = read_pose_graph(_file(tmp_path, ISAM))
     sample = rng.multivariate_normal([3, 4], np.array([[0.5, 0.1], [0.1, 0.4]]) * 1e-6, 40_000)
     polar = np.stack([np.hypot(*sample.T), np.arctan2(*sample.T[::-1])], 1)
     found = np.cov(polar.T) * 1e6
@@ -74,7 +74,7 @@ def test_each_dialect_says_the_same_covariance(tmp_path, rng, entries):
     if entries == "toro":
         order = [(0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2)]
     numbers = " ".join(repr(float(M[i])) for i in order)
-    log = load("isam", _file(tmp_path, f"EDGE2 0 1 1 2 3 {numbers}\n"), entries=entries)
+    log = load("isam", _file(tmp_path, f"EDGE2 0 1 1 2 3 {numbers}\n"), matrix_form=entries)
     np.testing.assert_allclose(log.control_covariance[0], C, rtol=1e-9)
 
 
@@ -85,7 +85,7 @@ def test_dialect_is_found_out_from_the_lines(tmp_path):
         ("VERTEX2 0 0 0 0\n" + edge.replace("50 0 0 50 0 100", "50 0 50 100 0 0"), 1 / 50),
         (edge.replace("EDGE2", "ODOMETRY"), 50),
     ):
-        log = read_isam(_file(tmp_path, text))
+        log = read_pose_graph(_file(tmp_path, text))
         np.testing.assert_allclose(log.control_covariance[0, 0, 0], variance)
 
 
@@ -143,8 +143,8 @@ def test_arguments_that_a_kind_does_not_have_are_refused(tmp_path):
             load("auto", path, **argument)
     with pytest.raises(ConfigError, match="kind"):
         load("rosbag", path)
-    with pytest.raises(ConfigError, match="entries"):
-        load("isam", path, entries="sigma")
+    with pytest.raises(ConfigError, match="matrix_form"):
+        load("isam", path, matrix_form="sigma")
 
 
 def test_constant_speeds_make_a_circle():

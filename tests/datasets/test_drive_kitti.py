@@ -88,7 +88,7 @@ def test_what_does_not_fit_is_named(folder):
         path.write_text(text)
     (folder / "camera.toml").unlink()
     path, text = replaced("calib.txt", "1.55", "4.55")
-    with refuses(DriveError, "expected a centre inside the images of 32 x 24 px, found 45.5"):
+    with refuses(DriveError, "a principal point inside the images of 32 x 24 px, found 45.5"):
         load_drive("kitti", folder)
     path.write_text("P0: 1 2 3\n")
     with refuses(DriveError, "calib.txt, line 1: expected 12 numbers, found 3"):
@@ -128,7 +128,7 @@ def test_tracks_of_kitti_and_their_odometry(shared):
 
 def test_tracks_that_are_none_are_named(tmp_path):
     np.savez(tmp_path / "mine.npz", frame=np.zeros(3, int), track=np.zeros(3, int))
-    with refuses(DriveError, "mine.npz: expected frame, track, uvlr, found uvlr: none"):
+    with refuses(DriveError, "mine.npz, uvlr: expected numbers of shape (n, 4), found only frame"):
         load_drive("auto", tmp_path / "mine.npz")
     np.savez(
         tmp_path / "mine.npz",
@@ -136,7 +136,7 @@ def test_tracks_that_are_none_are_named(tmp_path):
         track=np.zeros(3, int),
         uvlr=np.full((3, 4), np.nan),
     )
-    with refuses(DriveError, "mine.npz, uvlr: expected finite numbers, found NaN"):
+    with refuses(DriveError, "mine.npz, uvlr, row 0: expected finite numbers, found [nan"):
         load_drive("tracks", tmp_path / "mine.npz")
     with refuses(DriveError, "expected stereo_tracks_clean.npz or stereo_tracks.npz"):
         load_drive("tracks", tmp_path)

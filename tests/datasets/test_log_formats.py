@@ -14,8 +14,8 @@ from saccade.datasets import (
     load,
     read_mrclam,
     save,
-    write_isam,
     write_mrclam,
+    write_pose_graph,
 )
 from saccade.errors import ConfigError, LogError
 from saccade.slam import compose, drive
@@ -89,7 +89,7 @@ def _as_relative_poses(log):
 @settings(max_examples=25)
 def test_text_is_read_back(tmp_path_factory, dialect, log):
     path = tmp_path_factory.mktemp(dialect) / f"any.{SUFFIX[dialect]}"
-    write_isam(path, log, dialect)
+    write_pose_graph(path, log, dialect)
     again = load("auto", path)
     control, spread = _as_relative_poses(log)
     np.testing.assert_array_equal(again.time, np.arange(len(log.time)))
@@ -110,19 +110,19 @@ def test_text_is_read_back(tmp_path_factory, dialect, log):
 def test_ranges_and_bearings_are_read_back(tmp_path):
     log = a_log()
     log = dataclasses.replace(log, observation_covariance=log.observation_covariance * np.eye(2))
-    write_isam(tmp_path / "any.g2o", log, "g2o", range_bearing=True)
+    write_pose_graph(tmp_path / "any.g2o", log, "g2o", range_bearing=True)
     again = load("g2o", tmp_path / "any.g2o")
     np.testing.assert_array_equal(again.observation, log.observation)
     np.testing.assert_allclose(again.observation_covariance, log.observation_covariance)
     with pytest.raises(LogError, match="observation 0: expected range and bearing without corr"):
-        write_isam(tmp_path / "any.g2o", a_log(), "g2o", range_bearing=True)
+        write_pose_graph(tmp_path / "any.g2o", a_log(), "g2o", range_bearing=True)
 
 
 def test_gtsam_reads_what_we_write(tmp_path):
     log = a_log()
     log = dataclasses.replace(log, observation_covariance=log.observation_covariance * np.eye(2))
     path = tmp_path / "any.g2o"
-    write_isam(path, log, "g2o", range_bearing=True)
+    write_pose_graph(path, log, "g2o", range_bearing=True)
     graph, values = gtsam.load2D(
         str(path), maxIndex=10**6, noiseFormat=gtsam.NoiseFormat.NoiseFormatG2O
     )
@@ -185,7 +185,7 @@ def test_a_format_without_nameless_landmarks_says_so(tmp_path, dialect):
     log = a_log()
     log = dataclasses.replace(log, landmark=np.where(log.landmark == 3, -1, log.landmark))
     with pytest.raises(LogError, match="expected the identity of every landmark"):
-        write_isam(tmp_path / "any", log, dialect)
+        write_pose_graph(tmp_path / "any", log, dialect)
     with pytest.raises(LogError, match="expected the identity of every landmark"):
         write_mrclam(tmp_path / "any", log)
     assert not (tmp_path / "any").exists()
@@ -197,7 +197,7 @@ def test_formats_that_do_not_exist_are_named(tmp_path):
     with pytest.raises(ConfigError, match=r"ends in \.csv, \.g2o"):
         save(tmp_path / "a.bag", a_log())
     with pytest.raises(ConfigError, match="dialect"):
-        write_isam(tmp_path / "a.txt", a_log(), "g3o")
+        write_pose_graph(tmp_path / "a.txt", a_log(), "g3o")
 
 
 @pytest.mark.parametrize("motion", ["compose", "drive"])
@@ -226,7 +226,7 @@ def test_mrclam_drives_the_same_way(tmp_path, motion):
 def test_mrclam_needs_time_to_move(tmp_path):
     log = a_log()
     stopped = dataclasses.replace(log, time=np.maximum(log.time, log.time[3]))
-    with pytest.raises(LogError, match="control 0: expected a way that takes time"):
+    with pytest.raises(LogError, match="control 0: expected a motion that takes time"):
         write_mrclam(tmp_path / "set", stopped)
 
 
@@ -262,7 +262,7 @@ def test_the_least_csv_is_a_log(tmp_path):
         ("0,,,,,,,,,,,\n", "", "line 2: expected the first pose, found time, landmark, range"),
         ("1,0.5,0,0.1", "1,0.5,0", "line 4: expected 12 cells, found 11"),
         ("1,0.5,0,0.1", "1,0.5,0,x", "line 4: expected a finite number .* 'x'"),
-        ("1,0.5,0,0.1", "1,0.5,0,", "line 4: expected a finite number .* 'nothing'"),
+        ("1,0.5,0,0.1", "1,0.5,0,", "line 4: expected a finite number for turn, found nothing"),
         ("1,0.5,0,0.1", "-1,0.5,0,0.1", "line 4: time goes back from 0 to -1"),
         ("0.001,,,,,", "0.001,,2,0.3,,", "line 4: expected .* or range, bearing, found both"),
         ("1,,,,,,,,3.5,-0.1,", "1,,,,,,,,,,", "line 5: .* found neither"),
@@ -271,8 +271,12 @@ def test_the_least_csv_is_a_log(tmp_path):
             "2,,,,,,,,3.5",
             "line 5: expected an observation at the time .* 1, found 2",
         ),
-        ("7,2.5", "-3,2.5", "line 3: expected the number of a landmark, found '-3'"),
-        ("7,2.5", f"{10**20},2.5", "line 3: expected up to 18 digits"),
+        ("7,2.5", "-3,2.5", "line 3: expected the number of a landmark .*found '-3'"),
+        (
+            "7,2.5",
+            f"{10**20},2.5",
+            "line 3: expected the number of a landmark .*under 1e.18.*found",
+        ),
         ("0.01,0.0001\n1", '0.01,"0.0001\n1', "line 3|line 6|line 5"),
     ],
 )

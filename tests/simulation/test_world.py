@@ -72,7 +72,7 @@ def test_another_seed_is_other_noise_in_the_same_world():
         {"steps": 0},
         {"range_limits": (5.0, 1.0)},
         {"field_of_view": 0.0},
-        {"bends": 9.0},
+        {"curvature_amplitude": 9.0},
     ],
 )
 def test_worlds_that_cannot_be_are_named(setting):
@@ -81,8 +81,8 @@ def test_worlds_that_cannot_be_are_named(setting):
 
 
 def test_a_course_that_no_car_can_follow_is_named():
-    with pytest.raises(ConfigError, match="bends"):
-        simulate_world(replace(WorldConfig.car(), length=20.0))
+    with pytest.raises(ConfigError, match="curvature_amplitude"):
+        simulate_world(replace(WorldConfig.car(), course_length=20.0))
 
 
 def _trials(world, kind, runs):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saccade import datasets, visual
-from saccade.datasets.drives.odometry_increments import OdometryIncrements, composed
+from saccade.datasets.drives.odometry_increments import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import same_places, score_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
@@ -183,7 +183,9 @@ def test_a_camera_that_drops_out_leaves_a_consistent_map(drive):
     """Odometry alone for 3 s; its systematic errors must be in the covariance."""
     ring = simulate_drive(DriveConfig(frames=64))
     kept = np.concatenate([np.arange(30), np.arange(60, 64)])
-    steps = composed(OdometryIncrements(ring.control, ring.control_covariance), kept, "odometry")
+    steps = compose_increments(
+        OdometryIncrements(ring.control, ring.control_covariance), kept, "odometry"
+    )
     gone = replace(
         ring,
         time=ring.time[kept],

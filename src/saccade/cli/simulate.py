@@ -1,4 +1,4 @@
-"""`saccade simulate`: made worlds with truth."""
+"""`saccade simulate`: simulated worlds and drives with ground truth."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,17 +1,16 @@
 """Recorded fixations: a CSV table, or the `.mat` file of the OSIE data set."""
 
-import csv
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
 from saccade.datasets.matlab import read_matlab
+from saccade.datasets.text import read_rows
 from saccade.errors import LogError
-from saccade.files import read_text
 from saccade.types import FixationTable
 
 COLUMNS = ("image", "viewer", "index", "x", "y")
+_Row = tuple[str, int, int, float, float]
 
 
 def read_fixations(path: str | Path) -> FixationTable:
@@ -34,45 +33,31 @@ def read_fixations(path: str | Path) -> FixationTable:
     )
 
 
-_Row = tuple[str, int, int, float, float]
-
-
 def _csv_rows(path: Path) -> list[_Row]:
-    rows = []
-    try:
-        with StringIO(read_text(path), newline="") as file:
-            reader = csv.DictReader(file)
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-            if missing:
-                raise LogError(
-                    f"{path}: expected the columns {', '.join(COLUMNS)}; {missing[0]} is missing"
-                )
-            for row in reader:
-                rows += [_row(row, f"{path}, line {reader.line_num}")]
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise LogError(f"{path}: expected a CSV table: {error}") from error
-    return rows
-
-
-def _row(row: dict[str, str], line: str) -> _Row:
-    try:
-        x, y = float(row["x"]), float(row["y"])
-        fixation = row["image"], int(row["viewer"]), int(row["index"]), x, y
-    except (TypeError, ValueError):
-        raise LogError(f"{line}: expected numbers, found {row}") from None
-    if not (np.isfinite(x) and np.isfinite(y)):
-        raise LogError(f"{line}: expected finite places, found {row}")
-    return fixation
+    rows = read_rows(path, delimiter=",", comment=None)
+    header = next(rows, None)
+    names = [] if header is None else header.cells
+    missing = [name for name in COLUMNS if name not in names]
+    if missing:
+        raise LogError(
+            f"{path}: expected the columns {', '.join(COLUMNS)}; {missing[0]} is missing"
+        )
+    image, viewer, index, x, y = (names.index(name) for name in COLUMNS)
+    fixations = []
+    for row in rows:
+        row.require_cells(len(names))
+        xy = [row.numbers(slice(i, i + 1))[0] for i in (x, y)]
+        ids = [row.integer(i, names[i]) for i in (viewer, index)]
+        fixations.append((row.cells[image], ids[0], ids[1], xy[0], xy[1]))
+    return fixations
 
 
 def _mat_rows(path: Path) -> list[_Row]:
-    held = read_matlab(path, ("fixations",))["fixations"]
+    images = read_matlab(path, ("fixations",))["fixations"]
     try:
         return [
             (image["img"], viewer, index, float(x), float(y))
-            for image in held
+            for image in images
             for viewer, eye in enumerate(image["subjects"])
             for index, (x, y) in enumerate(
                 zip(eye["fix_x"].ravel(), eye["fix_y"].ravel(), strict=True)

@@ -1,7 +1,7 @@
-"""Image sequences of one plane, or from one place, as the affine covariant regions set has them.
+"""Image sequences related by homographies, in the layout of the affine covariant regions data.
 
 A sequence is a folder with `1.png`, `2.png`, ... and for every image but the first a text
-file `H_1_k.txt`: the 3x3 homography that takes pixels of image 1 to image k.
+file `H_1_k.txt`: the 3x3 homography from pixels of image 1 to pixels of image k.
 """
 
 from collections.abc import Iterator
@@ -19,14 +19,14 @@ SUFFIXES = (".png", ".ppm", ".pgm", ".jpg")
 
 @dataclass(frozen=True, eq=False)
 class HomographyPair:
-    """Two images and the map between them."""
+    """Two images and the homography between them."""
 
     sequence: str
     """Name of the folder."""
     first: Path
     second: Path
     homography: FloatArray
-    """(3, 3) takes pixels (x, y, 1) of the first image to those of the second."""
+    """(3, 3) from pixels (x, y, 1) of the first image to those of the second."""
 
 
 def homography_pairs(folder: Path) -> list[HomographyPair]:

@@ -1,6 +1,6 @@
-"""Numbers and words from MATLAB files of version 5, every length checked.
+"""Reads numbers and text from MATLAB files of version 5, with every length checked.
 
-SciPy reads more kinds of them, but a broken one can bring down its reader, and Python with it.
+SciPy reads more types, but a corrupt file can crash its compiled reader, and Python with it.
 """
 
 import zlib
@@ -15,24 +15,19 @@ from saccade.errors import LogError
 from saccade.files import read_bytes
 
 HEADER = 128
-LARGEST = 1 << 30
-"""Bytes of an unpacked variable; more is a broken file."""
-DEEPEST = 6
-"""Cells and structs within each other."""
+MAX_SIZE = 1 << 30
+"""Bytes of an uncompressed variable."""
+MAX_DEPTH = 6
+"""Nesting depth of cells and structs."""
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHAR, _NUMERIC = 1, 2, 4, range(6, 16)
-_TYPES = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
-    9: "f8",
-    12: "i8",
-    13: "u8",
-}
+_TYPES = dict(
+    zip(
+        (1, 2, 3, 4, 5, 6, 7, 9, 12, 13),
+        ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8"),
+        strict=True,
+    )
+)
 _TEXT = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 
@@ -41,14 +36,14 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
     Args:
         path: the file.
-        names: the variables: real numbers, words, or cells and structs of them.
+        names: the variables: real numbers, text, or cells and structs of them.
 
     Returns:
-        By name, an array of float64, a text, the list of what is in a cell, column by column, or
-        the fields of a struct by their names; a list of those where there are several.
+        By name, an array of float64, a text, the list of the contents of a cell array, column by
+        column, or the fields of a struct by name; a list of these for a struct array.
 
     Raises:
-        LogError: no such file, it is broken or of another version, or has no such variable.
+        LogError: no such file, a corrupt one, another version, or no such variable.
 
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
@@ -59,33 +54,32 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
     if order is None:
         raise LogError(f"{path}: expected a MATLAB file of version 5, found another file")
-    held: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     try:
         for matrix in _matrices(data[HEADER:], order):
-            held |= _variable(matrix, order, names)
+            variables |= _variable(matrix, order, names)
     except (ValueError, zlib.error) as error:
         raise LogError(f"{path}: expected a MATLAB file, found a broken one: {error}") from error
-    missing = [name for name in names if name not in held]
+    missing = [name for name in names if name not in variables]
     if missing:
         raise LogError(
             f"{path}: expected the variables {', '.join(names)}, found no {', '.join(missing)}"
         )
-    return held
+    return variables
 
 
 def _matrices(data: bytes, order: str) -> Iterator[bytes]:
-    """The content of each variable, unpacked."""
+    """The content of each variable, decompressed."""
     for kind, payload in _elements(data, order):
         if kind == _MATRIX:
             yield payload
         elif kind == _COMPRESSED:
-            yield from (
-                each for inner, each in _elements(_inflated(payload), order) if inner == _MATRIX
-            )
+            elements = _elements(_decompress(payload), order)
+            yield from (matrix for inner, matrix in elements if inner == _MATRIX)
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of each element; a small one has its content in its tag."""
+    """Type and content of each element; a small one has its content in its tag."""
     start = 0
     while start < len(data):
         if start + 8 > len(data):
@@ -95,24 +89,24 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         begin = start + (4 if small else 8)
         size = small or size
         if begin + size > len(data) or small > 4:
-            raise ValueError("an element is longer than what holds it")
+            raise ValueError("an element is longer than its container")
         yield kind, data[begin : begin + size]
         packed = small == 0 and kind == _COMPRESSED
         start = start + 8 if small else begin + (size if packed else -(-size // 8) * 8)
 
 
-def _inflated(payload: bytes) -> bytes:
-    unpacker = zlib.decompressobj()
-    content = unpacker.decompress(payload, LARGEST)
-    if not unpacker.eof:
-        raise ValueError("a compressed variable is cut, or too large")
+def _decompress(payload: bytes) -> bytes:
+    decompressor = zlib.decompressobj()
+    content = decompressor.decompress(payload, MAX_SIZE)
+    if not decompressor.eof:
+        raise ValueError("a compressed variable is truncated, or too large")
     return content
 
 
 def _variable(
     matrix: bytes, order: str, names: tuple[str, ...] | None, depth: int = 0
 ) -> dict[str, Any]:
-    """Name and value of a matrix, if its name is wanted and it holds numbers."""
+    """Name and value of a matrix; empty for other names than `names` and unsupported types."""
     if depth > 0 and not matrix:
         return {"": np.empty((0, 0))}  # MATLAB's empty cell
     elements = _elements(matrix, order)
@@ -126,14 +120,14 @@ def _variable(
         raise ValueError("a variable of negative size")
     if names is not None and name not in names:
         return {}
-    if kind == _CELL and depth < DEEPEST:
+    if kind == _CELL and depth < MAX_DEPTH:
         cells = [_variable(cell, order, None, depth + 1) for _, cell in elements]
         if len(cells) != prod(shape) or not all(cells):
-            raise ValueError(f"{name} has other cells than its shape says")
+            raise ValueError(f"{name} does not have the cells of its shape")
         return {name: [value for cell in cells for value in cell.values()]}
-    if kind == _STRUCT and depth < DEEPEST:
-        found = _structs(elements, order, prod(shape), depth)
-        return {name: found[0] if len(found) == 1 else found}
+    if kind == _STRUCT and depth < MAX_DEPTH:
+        structs = _structs(elements, order, prod(shape), depth)
+        return {name: structs[0] if len(structs) == 1 else structs}
     if kind not in (*_NUMERIC, _CHAR):
         return {}
     stored, content = next(elements, (0, b""))
@@ -148,7 +142,7 @@ def _variable(
 def _structs(
     elements: Iterator[tuple[int, bytes]], order: str, count: int, depth: int
 ) -> list[dict[str, Any]]:
-    """The values of each by the names of their fields; what is no number or word is left out."""
+    """The fields of each struct by name; fields of unsupported types are dropped."""
     (_, width), (_, packed) = (next(elements, (0, b"")) for _ in range(2))
     if len(width) != 4 or (size := int(np.frombuffer(width, f"{order}i4")[0])) < 1:
         raise ValueError("a struct without names")
@@ -156,9 +150,9 @@ def _structs(
     names = [packed[at : at + size].split(b"\0")[0].decode("ascii", "replace") for at in ends]
     values = [_variable(matrix, order, None, depth + 1) for _, matrix in elements]
     if len(values) != count * len(names):
-        raise ValueError("a struct has other fields than its shape says")
+        raise ValueError("a struct array does not have the fields of its shape")
     rows = (values[at : at + len(names)] for at in range(0, len(values), max(len(names), 1)))
     return [
-        {name: held for name, each in zip(names, row, strict=True) for held in each.values()}
+        {name: value for name, field in zip(names, row, strict=True) for value in field.values()}
         for row in rows
     ]

@@ -1,4 +1,4 @@
-"""Timed speeds and turn rates, integrated between the times that matter."""
+"""Dead reckoning: speeds and turn rates integrated to relative poses with covariances."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from saccade.types import FloatArray
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """How far odometry goes astray: variances grow with the way, not with the samples.
+    """Random odometry errors: variances grow with the path length, not with the samples.
 
-    A robot that stands still loses nothing, however long it stands, and
-    splitting a way into pieces changes nothing.
+    A robot at rest accumulates no error, and splitting a path into pieces
+    changes nothing.
     """
 
     distance: float
@@ -33,60 +33,61 @@ def integrate(
     time: FloatArray,
     speed: FloatArray,
     turn_rate: FloatArray,
-    at: FloatArray,
+    pose_time: FloatArray,
     noise: OdometryNoise,
 ) -> tuple[FloatArray, FloatArray]:
-    """Relative poses between given times, from speeds that hold until the next one.
+    """Relative poses between given times, from piecewise constant speeds.
 
-    Each piece of constant speed and turn rate is an arc. Before the first
-    sample the robot stands; the last one holds to the end.
+    Each piece of constant speed and turn rate is an arc. The robot is at rest
+    before the first sample; the last sample holds to the end.
 
     Args:
         time: (n,) seconds, ascending.
         speed: (n,) metres per second.
         turn_rate: (n,) radians per second.
-        at: (t + 1,) times of the poses, ascending.
+        pose_time: (t + 1,) times of the poses, ascending.
         noise: of distance and heading.
 
     Returns:
-        (t, 3) each pose in the frame of the last: forward, left, turn; and its
+        (t, 3) each pose in the frame of the previous one: forward, left, turn; and its
         covariance (t, 3, 3).
     """
-    if len(at) < 2:
+    if len(pose_time) < 2:
         return np.empty((0, 3)), np.empty((0, 3, 3))
-    inside = time[(time > at[0]) & (time < at[-1])]
-    cut = np.concatenate([at, inside])
-    cut = cut[np.argsort(cut, kind="stable")]  # (p + 1,) ends of the pieces
-    sample = np.searchsorted(time, cut[:-1], side="right") - 1
-    duration = np.where(sample >= 0, np.diff(cut), 0.0)
+    inside = time[(time > pose_time[0]) & (time < pose_time[-1])]
+    knots = np.concatenate([pose_time, inside])
+    knots = knots[np.argsort(knots, kind="stable")]  # (p + 1,) ends of the pieces
+    sample = np.searchsorted(time, knots[:-1], side="right") - 1
+    duration = np.where(sample >= 0, np.diff(knots), 0.0)
     d, phi = speed[sample] * duration, turn_rate[sample] * duration  # (p,)
 
-    theta = np.concatenate([[0.0], np.cumsum(phi)])  # (p + 1,) heading at each cut
+    theta = np.concatenate([[0.0], np.cumsum(phi)])  # (p + 1,) heading at each knot
     middle = (theta[:-1] + theta[1:]) / 2
     direction = np.stack([np.cos(middle), np.sin(middle)], 1)  # (p, 2)
     chord = (d * np.sinc(phi / (2 * np.pi)))[:, None] * direction
     xy = np.concatenate([np.zeros((1, 2)), np.cumsum(chord, 0)])  # (p + 1, 2)
 
-    edge = np.searchsorted(cut, at)  # (t + 1,) where each interval begins
+    edge = np.searchsorted(knots, pose_time)  # (t + 1,) index at which each interval begins
     interval = np.searchsorted(edge[:-1], np.arange(len(d)), side="right") - 1  # (p,)
     start, end = edge[:-1], edge[1:]
     control = np.empty((len(start), 3))
-    control[:, :2] = _turn_back(xy[end] - xy[start], theta[start])
+    control[:, :2] = _rotate_back(xy[end] - xy[start], theta[start])
     control[:, 2] = theta[end] - theta[start]
 
-    by_distance = np.zeros((len(d), 3))
-    by_distance[:, :2] = _turn_back(direction, theta[start][interval])
-    by_turn = np.ones((len(d), 3))  # an error in turning swings what remains of the way
-    ahead = _turn_back(xy[end][interval] - xy[:-1] - chord / 2, theta[start][interval])
-    by_turn[:, 0], by_turn[:, 1] = -ahead[:, 1], ahead[:, 0]
-    by_distance *= noise.distance * np.sqrt(np.abs(d))[:, None]
-    by_turn *= np.sqrt(noise.turn**2 * np.abs(phi) + noise.drift**2 * np.abs(d))[:, None]
+    distance_error = np.zeros((len(d), 3))
+    distance_error[:, :2] = _rotate_back(direction, theta[start][interval])
+    turn_error = np.ones((len(d), 3))  # a heading error rotates the rest of the path
+    arm = _rotate_back(xy[end][interval] - xy[:-1] - chord / 2, theta[start][interval])
+    turn_error[:, 0], turn_error[:, 1] = -arm[:, 1], arm[:, 0]
+    distance_error *= noise.distance * np.sqrt(np.abs(d))[:, None]
+    turn_error *= np.sqrt(noise.turn**2 * np.abs(phi) + noise.drift**2 * np.abs(d))[:, None]
     covariance = np.zeros((len(start), 3, 3))
-    for share in (by_distance, by_turn):
-        np.add.at(covariance, interval, share[:, :, None] * share[:, None, :])
+    for error in (distance_error, turn_error):
+        np.add.at(covariance, interval, error[:, :, None] * error[:, None, :])
     return control, covariance
 
 
-def _turn_back(xy: FloatArray, theta: FloatArray) -> FloatArray:
+def _rotate_back(xy: FloatArray, theta: FloatArray) -> FloatArray:
+    """Vectors (n, 2) in frames with headings (n,)."""
     c, s = np.cos(theta), np.sin(theta)
     return np.stack([c * xy[:, 0] + s * xy[:, 1], -s * xy[:, 0] + c * xy[:, 1]], 1)

@@ -1,4 +1,4 @@
-"""Made worlds whose truth is known."""
+"""Simulated worlds and camera drives with ground truth."""
 
 from saccade.simulation.drive import simulate_drive
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig

@@ -1,6 +1,6 @@
-"""A camera drive whose truth is known: the frames are rendered when they are asked for."""
+"""Simulated camera drives with ground truth; frames are rendered on demand."""
 
-from collections.abc import Callable
+from functools import cache
 from threading import Lock
 
 import numpy as np
@@ -12,47 +12,50 @@ from saccade.simulation.illumination import Illumination
 from saccade.simulation.rendering import render, render_depth
 from saccade.simulation.ring import ring_scene
 from saccade.simulation.scene import Scene
-from saccade.types import FloatArray, Trajectory
+from saccade.types import FloatArray, Image, Trajectory
 
 SIDEWAYS = 0.2
-"""Noise of the odometry across the way, as a share of that along it."""
+"""Lateral noise of the odometry, as a fraction of the longitudinal noise."""
 
 
 def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
-    """Drive through a ring with a camera.
+    """Simulate a camera drive through a rectangular corridor.
 
     Args:
-        config: the ring, the camera, the light, the odometry; the default one without.
-        seed: of all that is drawn: the walls, which poster hangs where, the swaying of the robot,
-            the light, the noise of the images and of the odometry. Each has a stream of its own:
-            a change in one setting changes nothing else.
+        config: scene, camera, illumination and odometry; None for the defaults.
+        seed: of walls, posters, lateral oscillation, illumination, image noise and odometry noise,
+            each with an independent random stream: one setting does not affect the others.
 
     Returns:
-        The drive with its truth, which begins at the origin. `load` renders a frame, from any
-        thread and in any order; at its first call it builds the place, which takes a second.
-        The covariances are those of the noise that was drawn; the bias has the sizes of the
-        scale and the drift that were.
+        The drive with its ground truth, which starts at the origin. `load` renders a frame, from
+        any thread and in any order; its first call builds the scene, which takes a second.
+        The covariances are those of the simulated noise; the bias has the magnitudes of the scale
+        error and the heading drift.
     """
     config = config or DriveConfig()
-    place, way, light, odometry = np.random.SeedSequence(seed).spawn(4)
+    scene_seed, course_seed, light_seed, odometry_seed = np.random.SeedSequence(seed).spawn(4)
     time = np.arange(config.frames) / config.frame_rate
-    pose = drive_course(config, way)
-    control, covariance = _odometry(config.odometry, steps_between(pose), odometry)
+    pose = drive_course(config, course_seed)
+    bias = (config.odometry.scale_percent / 100, np.deg2rad(config.odometry.heading_drift))
+    control, covariance = _odometry(config.odometry, steps_between(pose), odometry_seed)
     camera = config.camera
-    scene = _lazily(lambda: ring_scene(config, place))
-    lit = Illumination.drawn(config.light, camera, time, light)
+    illumination = Illumination.sample(config.light, camera, time, light_seed)
+    build_once, lock = cache(lambda: ring_scene(config, scene_seed)), Lock()
 
-    def load(number: int) -> Frame:
-        number = range(len(time))[number]
-        pictures = [
-            lit.apply(render(scene(), camera, pose[number], right), number, int(right))
-            for right in ((False, True) if camera.baseline > 0 else (False,))
-        ]
+    def scene() -> Scene:
+        with lock:
+            return build_once()
+
+    def image(i: int, right: bool) -> Image:
+        return illumination.apply(render(scene(), camera, pose[i], right), i, int(right))
+
+    def load(i: int) -> Frame:
+        i = range(len(time))[i]
         return Frame(
-            float(time[number]),
-            pictures[0],
-            pictures[1] if len(pictures) > 1 else None,
-            render_depth(scene(), camera, pose[number]) if config.depth else None,
+            time=float(time[i]),
+            image=image(i, right=False),
+            right=None if config.baseline is None else image(i, right=True),
+            depth=render_depth(scene(), camera, pose[i]) if config.depth else None,
         )
 
     return Drive(
@@ -63,37 +66,24 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
         control_covariance=covariance,
         load=load,
         start=pose[0],
-        odometry_bias=(config.odometry.scale / 100, float(np.deg2rad(config.odometry.drift)), 0.0),
+        odometry_bias=(bias[0], float(bias[1]), 0.0),
         truth=Trajectory(time, pose),
     )
-
-
-def _lazily(build: Callable[[], Scene]) -> Callable[[], Scene]:
-    """`build`, called at the first need only: who wants no frames need not wait for the walls."""
-    lock, built = Lock(), list[Scene]()
-
-    def scene() -> Scene:
-        with lock:
-            if not built:
-                built.append(build())
-        return built[0]
-
-    return scene
 
 
 def _odometry(
     config: OdometryConfig, steps: FloatArray, seed: np.random.SeedSequence
 ) -> tuple[FloatArray, FloatArray]:
-    """The steps (t, 3) as the wheels measure them, and the covariance (t, 3, 3) of their noise."""
+    """Measured increments (t, 3), and the covariance (t, 3, 3) of their noise."""
     rng = np.random.default_rng(seed)
     signs = rng.choice([-1.0, 1.0], 2)
-    scale = signs[0] * config.scale / 100
-    drift = signs[1] * np.deg2rad(config.drift)
+    scale = signs[0] * config.scale_percent / 100
+    drift = signs[1] * np.deg2rad(config.heading_drift)
     measured = steps * (1 / (1 + scale), 1 / (1 + scale), 1)
     measured[:, 2] -= drift * measured[:, 0]
-    way = np.hypot(*steps[:, :2].T)
-    white = config.white / 100 * way
-    turn = np.deg2rad(config.turn) * np.sqrt(way)
-    sigma = np.stack([white, SIDEWAYS * white, turn], 1)
+    distance = np.hypot(*steps[:, :2].T)
+    along = config.distance_percent / 100 * distance
+    turn = np.deg2rad(config.heading_sigma) * np.sqrt(distance)
+    sigma = np.stack([along, SIDEWAYS * along, turn], 1)
     measured += sigma * rng.standard_normal(sigma.shape)
     return measured, sigma[:, :, None] ** 2 * np.eye(3)

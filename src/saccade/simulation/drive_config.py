@@ -1,4 +1,4 @@
-"""What a simulated camera drive is like: the place, the camera, the light, the odometry."""
+"""Configuration of a simulated camera drive: scene, camera, illumination, odometry."""
 
 from dataclasses import dataclass, replace
 
@@ -6,95 +6,102 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.frames import Camera
+from saccade.simulation.validation import require_ranges
 
 
 @dataclass(frozen=True)
 class LightConfig:
-    """What light and sensor do to a picture: pixel = (gain vignette picture)^gamma + noise."""
+    """Illumination and sensor: pixel = (gain vignetting image)^gamma + noise."""
 
-    noise: float = 2.0
-    """Standard deviation of each pixel, in steps of 1/255."""
+    noise_sigma: float = 2.0
+    """Standard deviation of the pixel noise, in steps of 1/255."""
     brightness: float = 1.0
-    """Gain about which the light drifts."""
-    gain: float = 0.08
+    """Mean gain."""
+    gain_sigma: float = 0.08
     """Standard deviation of the logarithm of the gain, which drifts over a dozen seconds."""
-    gamma: float = 0.04
-    """Standard deviation of the logarithm of gamma, which drifts as well."""
+    gamma_sigma: float = 0.04
+    """Standard deviation of the logarithm of gamma, which drifts likewise."""
     vignetting: float = 0.15
-    """Share of the light that is missing in the corners of the image; drifts by a third of it."""
-    flicker: float = 0.0
-    """Standard deviation of the logarithm of a gain that is new with every frame."""
+    """Fraction of the intensity lost in the corners of the image; drifts by a third of it."""
+    flicker_sigma: float = 0.0
+    """Standard deviation of the logarithm of a gain that is independent in every frame."""
 
     def __post_init__(self) -> None:
-        require(0 <= self.noise <= 128, "noise", "0 to 128", self.noise)
-        require(0 < self.brightness <= 16, "brightness", "over 0, up to 16", self.brightness)
-        require(0 <= self.vignetting <= 1, "vignetting", "0 to 1", self.vignetting)
-        for name in ("gain", "gamma", "flicker"):
-            require(0 <= getattr(self, name) <= 2, name, "0 to 2", getattr(self, name))
+        require_ranges(
+            self,
+            {
+                "noise_sigma": (0, 128, ""),
+                "brightness": (1e-3, 16, ""),
+                "gain_sigma": (0, 2, ""),
+                "gamma_sigma": (0, 2, ""),
+                "vignetting": (0, 1, ""),
+                "flicker_sigma": (0, 2, ""),
+            },
+        )
 
 
 @dataclass(frozen=True)
 class OdometryConfig:
-    """What the odometry gets wrong: the same thing all the way, and something new in every step.
+    """Systematic and random errors of the odometry.
 
-    Scale and drift have these sizes in every drive; their signs are drawn.
+    Scale error and heading drift have these magnitudes in every drive; their signs are drawn.
     """
 
-    scale: float = 3.0
-    """Per cent by which every distance is off."""
-    drift: float = 1.5
-    """Degrees per metre that are turned unnoticed."""
-    white: float = 5.0
+    scale_percent: float = 3.0
+    """Scale error of all distances, in per cent."""
+    heading_drift: float = 1.5
+    """Heading drift, in degrees per metre."""
+    distance_percent: float = 5.0
     """Standard deviation of each distance, in per cent of it; to the side a fifth of that."""
-    turn: float = 0.8
-    """Standard deviation of the heading after a metre, in degrees, new in every step."""
+    heading_sigma: float = 0.8
+    """Standard deviation of the heading after one metre, in degrees."""
 
     def __post_init__(self) -> None:
-        for name in ("scale", "drift", "white", "turn"):
-            require(0 <= getattr(self, name) <= 50, name, "0 to 50", getattr(self, name))
+        names = ("scale_percent", "heading_drift", "distance_percent", "heading_sigma")
+        require_ranges(self, dict.fromkeys(names, (0, 50, "")))
 
 
 @dataclass(frozen=True)
 class DriveConfig:
-    """A walled ring with posters, and a robot that drives round it with a camera."""
+    """A rectangular corridor with posters on its walls, and a robot with a camera that laps it."""
 
     size: tuple[float, float] = (11.0, 8.5)
-    """Metres between the outer walls, along the first side of the ring and across it."""
+    """Metres between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2
-    """Metres between the outer walls and the block in the middle."""
+    """Metres between the outer walls and the central block."""
     wall_height: float = 2.4
     """Metres."""
-    spacing: float = 1.6
-    """Metres from poster to poster along a wall, at least."""
-    posters: int = 0
-    """How many different pictures there are on the posters; 0 for as many as there are."""
-    mirrored: bool = False
+    poster_spacing: float = 1.6
+    """Smallest distance of posters along a wall, in metres."""
+    posters: int | None = None
+    """Number of distinct images on the posters; None for all available ones."""
+    mirrored_posters: bool = False
     """Whether each poster is symmetric about its vertical axis."""
     turning_radius: float = 1.8
-    """Metres, of the course's four corners."""
+    """Radius of the four turns of the course, in metres."""
     sway: float = 0.08
-    """Metres to the left of the middle of the corridor that the robot goes now and then; on the
-    second lap elsewhere than on the first."""
+    """Lateral oscillation to the left of the center line, in metres; its phase differs between
+    laps."""
     frames: int = 600
-    """How many there are."""
+    """Number of frames."""
     frames_per_lap: int = 300
-    """How many of them make one lap."""
+    """Number of frames per lap."""
     frame_rate: float = 10.0
     """Frames per second."""
     image_size: tuple[int, int] = (320, 240)
     """Width and height in pixels."""
     field_of_view: float = 70.0
-    """Degrees of the camera's field of view, across."""
-    baseline: float = 0.15
-    """Metres to the right camera; 0 for a single camera."""
+    """Horizontal field of view in degrees."""
+    baseline: float | None = 0.15
+    """Metres to the right camera; None for a single camera."""
     camera_height: float = 0.7
     """Metres above the ground."""
     color: bool = False
     """Whether the images are RGB; grey otherwise."""
     depth: bool = False
-    """Whether the frames come with their true depth."""
+    """Whether the frames include their true depth."""
     light: LightConfig = LightConfig()
-    """Light and sensor."""
+    """Illumination and sensor."""
     odometry: OdometryConfig = OdometryConfig()
     """Errors of the odometry."""
 
@@ -103,36 +110,32 @@ class DriveConfig:
         require(
             sides and sum(self.size) <= 24, "size", "two of 3 to 20 m, 24 m together", self.size
         )
-        corridor, most = self.corridor, min(self.size) / 2 - 0.2
-        require(1 <= corridor <= most, "corridor", f"1 to {most:g} m", corridor)
-        height = self.wall_height
-        require(1 <= height <= 4, "wall_height", "1 to 4 m", height)
-        eye = self.camera_height
-        require(0.05 <= eye < height, "camera_height", f"0.05 to under {height:g} m", eye)
-        require(0.5 <= self.spacing <= 100, "spacing", "0.5 to 100 m", self.spacing)
-        require(0 <= self.posters <= 1000, "posters", "0 to 1000", self.posters)
-        require(0 <= self.sway <= 0.2 * corridor, "sway", "0 to a fifth of corridor", self.sway)
-        aside = 0.2 * corridor + self.sway  # room between the course and the block's corners
-        most = min((np.sqrt(0.5) * corridor - aside) / (np.sqrt(2) - 1), most)
-        radius = self.turning_radius
-        require(0.5 <= radius <= most, "turning_radius", f"0.5 to {most:.2f} m", radius)
-        for name in ("frames", "frames_per_lap"):
-            require(2 <= getattr(self, name) <= 10**6, name, "2 to 1e6", getattr(self, name))
-        require(0 < self.frame_rate <= 1e4, "frame_rate", "over 0, up to 1e4", self.frame_rate)
         pixels = len(self.image_size) == 2 and all(16 <= side <= 4096 for side in self.image_size)
         require(pixels, "image_size", "two of 16 to 4096 px", self.image_size)
-        require(
-            20 <= self.field_of_view <= 120,
-            "field_of_view",
-            "20 to 120 degrees",
-            self.field_of_view,
+        corridor, max_radius = self.corridor, min(self.size) / 2 - 0.2
+        require_ranges(self, {"corridor": (1, max_radius, "m")})
+        clearance = 0.2 * corridor + self.sway  # between the course and the corners of the block
+        max_radius = min((np.sqrt(0.5) * corridor - clearance) / (np.sqrt(2) - 1), max_radius)
+        require_ranges(
+            self,
+            {
+                "sway": (0, 0.2 * corridor, "m, a fifth of corridor"),
+                "turning_radius": (0.5, max_radius, "m"),
+                "wall_height": (1, 4, "m"),
+                "camera_height": (0.05, self.wall_height - 1e-3, "m"),
+                "poster_spacing": (0.5, 100, "m"),
+                "posters": (1, 1000, ""),
+                "frames": (2, 10**6, ""),
+                "frames_per_lap": (2, 10**6, ""),
+                "frame_rate": (1e-3, 1e4, "Hz"),
+                "field_of_view": (20, 120, "degrees"),
+                "baseline": (1e-3, 0.25 * corridor, "m"),
+            },
         )
-        most = 0.25 * corridor
-        require(0 <= self.baseline <= most, "baseline", f"0 to {most:g} m", self.baseline)
 
     @property
     def camera(self) -> Camera:
-        """Level, above the middle of the robot, and looking ahead."""
+        """The level camera, above the origin of the robot and looking ahead."""
         width, height = self.image_size
         focal = width / 2 / float(np.tan(np.deg2rad(self.field_of_view / 2)))
         return Camera(
@@ -142,7 +145,7 @@ class DriveConfig:
             focal,
             (width - 1) / 2,
             (height - 1) / 2,
-            self.baseline,
+            self.baseline or 0.0,
             np.array([0.0, 0.0, self.camera_height]),
         )
 
@@ -154,24 +157,26 @@ class DriveConfig:
     @classmethod
     def mono(cls) -> "DriveConfig":
         """The ring with a single camera."""
-        return cls(baseline=0.0)
+        return cls(baseline=None)
 
     @classmethod
     def repeated(cls) -> "DriveConfig":
-        """The ring with four pictures that hang again and again."""
+        """The ring with four images repeated on all posters."""
         return cls(posters=4)
 
     @classmethod
     def mirror(cls) -> "DriveConfig":
         """The ring with posters that are symmetric about their vertical axis."""
-        return cls(mirrored=True)
+        return cls(mirrored_posters=True)
 
     @classmethod
     def dark(cls) -> "DriveConfig":
-        """The ring at dusk: a third of the light, and more noise."""
-        return replace(cls(), light=LightConfig(noise=5.0, brightness=0.35, vignetting=0.4))
+        """The ring at dusk: a third of the intensity, and more noise."""
+        return replace(cls(), light=LightConfig(noise_sigma=5.0, brightness=0.35, vignetting=0.4))
 
     @classmethod
     def flicker(cls) -> "DriveConfig":
-        """The ring under lamps that flicker and a camera that keeps adjusting itself."""
-        return replace(cls(), light=LightConfig(gain=0.3, gamma=0.15, flicker=0.15))
+        """The ring with flickering lamps and automatic exposure."""
+        return replace(
+            cls(), light=LightConfig(gain_sigma=0.3, gamma_sigma=0.15, flicker_sigma=0.15)
+        )

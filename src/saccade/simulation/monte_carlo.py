@@ -1,4 +1,4 @@
-"""A filter let loose on the same world many times: whether its errors are as large as it says."""
+"""Monte Carlo consistency test of a filter: NEES over many runs in one world."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,46 +14,46 @@ from saccade.types import FloatArray
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MonteCarloRuns:
-    """Errors of several runs, at every pose."""
+    """Errors of several runs at every pose."""
 
     nees: FloatArray
-    """(runs, t) normalized squared error of the pose, in the filter's own coordinates; three is
-    right. NaN where the pose is still exact."""
+    """(runs, t) normalized estimation error squared of the pose, in the filter's error
+    coordinates; 3 is expected. NaN where the pose is still exact."""
     squared_error: FloatArray
     """(runs, t) of the position, in square metres."""
 
     @property
     def anees(self) -> float:
-        """Mean over poses and runs."""
+        """Average NEES over poses and runs."""
         return float(np.nanmean(self.nees))
 
     @property
     def median(self) -> float:
-        """Over the runs, of each one's mean over the poses."""
+        """Median over the runs of the mean NEES over the poses."""
         return float(np.median(np.nanmean(self.nees, 1)))
 
     @property
     def band(self) -> tuple[float, float]:
-        """Where the mean over the runs lies at any one pose, with 95 % probability."""
+        """95 % interval of the mean NEES over the runs at one pose."""
         return chi_square_band(3, len(self.nees))
 
     @property
     def in_band(self) -> float:
-        """Share of the poses at which it does."""
+        """Fraction of the poses whose mean NEES lies in the band."""
         mean = self.nees[:, np.isfinite(self.nees).all(0)].mean(0)
         low, high = self.band
         return float(((mean >= low) & (mean <= high)).mean())
 
     @property
     def rmse(self) -> float:
-        """Of the position, in metres."""
+        """RMSE of the position, in metres."""
         return float(np.sqrt(self.squared_error.mean()))
 
 
 def run_monte_carlo(
     world: WorldConfig, config: EkfConfig, runs: int, seed: int = 0
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """NEES (t,) and squared position error (t,) of run after run, each with other noise."""
+    """NEES (t,) and squared position error (t,) of each run; the seed of run i is `seed + i`."""
     for number in range(runs):
         log = simulate_world(world, seed + number)
         estimate = run(log, config).trajectory

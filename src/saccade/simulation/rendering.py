@@ -1,7 +1,7 @@
-"""What a level camera sees of a scene.
+"""Renders the images of a level camera by ray casting.
 
-Walls stand upright and the camera is level: each column of the image meets one wall, at one
-distance. That leaves one texel to look up per sample, which OpenCV does for all of them at once.
+Walls are vertical and the camera is level: each image column intersects one wall, at one depth.
+The remaining texture lookup per sample is one call of OpenCV's remap.
 """
 
 from dataclasses import dataclass
@@ -15,17 +15,17 @@ from saccade.simulation.scene import ACROSS, DOWN, GROUND, Scene
 from saccade.types import Float32Array, FloatArray, IntArray
 
 SAMPLES = (3, 2)
-"""Per pixel, across and down; their mean is the pixel."""
+"""Samples per pixel, across and down, which are averaged."""
 NEAREST = 0.02
-"""Metres along the optical axis; what is closer is behind the lens."""
+"""Near clipping plane, metres along the optical axis."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Columns:
-    """What n columns of an image meet."""
+    """Intersections of n image columns with the walls."""
 
     wall: IntArray
-    """(n,) number of the wall."""
+    """(n,) index of the wall."""
     depth: FloatArray
     """(n,) metres along the optical axis."""
     position: FloatArray
@@ -35,7 +35,7 @@ class Columns:
 
 
 def camera_position(camera: Camera, pose: FloatArray, right: bool = False) -> FloatArray:
-    """(2,) where a camera of a robot at a pose (3,) is: the left one, or the right."""
+    """(2,) position of the left or right camera of a robot at a pose (3,)."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
     ahead, left = camera.position[0], camera.position[1] - (camera.baseline if right else 0.0)
     return np.array([pose[0] + c * ahead - s * left, pose[1] + s * ahead + c * left])
@@ -44,16 +44,16 @@ def camera_position(camera: Camera, pose: FloatArray, right: bool = False) -> Fl
 def render(
     scene: Scene, camera: Camera, pose: FloatArray, right: bool = False
 ) -> npt.NDArray[np.uint8]:
-    """The image of one camera; point samples of the right scale, averaged over each pixel.
+    """The image of one camera, supersampled from the mipmap scale that fits.
 
     Args:
-        scene: what there is to see.
+        scene: the scene.
         camera: level and looking ahead, at its height above the ground.
         pose: (3,) of the robot.
-        right: whether it is the right camera of the rig.
+        right: whether to render the right camera of the rig.
 
     Returns:
-        (H, W) or (H, W, 3), as the scene.
+        (H, W) or (H, W, 3) as the atlas of the scene.
     """
     size = (camera.width, camera.height)
     x, y = (
@@ -72,7 +72,7 @@ def render(
 
 
 def render_depth(scene: Scene, camera: Camera, pose: FloatArray) -> FloatArray:
-    """(H, W) metres along the optical axis in the middle of each pixel; NaN for the sky."""
+    """(H, W) metres along the optical axis at pixel centers; NaN for the sky."""
     x, y = np.arange(camera.width), np.arange(camera.height)[:, None]
     wall = intersect_walls(scene, camera, pose, x, False).depth
     tangent = (y - camera.cy) / camera.fy
@@ -85,10 +85,10 @@ def render_depth(scene: Scene, camera: Camera, pose: FloatArray) -> FloatArray:
 def intersect_walls(
     scene: Scene, camera: Camera, pose: FloatArray, x: FloatArray | IntArray, right: bool
 ) -> Columns:
-    """The nearest wall in each column x (n,) of the image, in pixels."""
+    """The nearest wall in each image column x (n,), in pixels."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    aside = (x - camera.cx) / camera.fx
-    ray = np.stack([c + s * aside, s - c * aside], 1)  # (n, 2) per metre along the axis
+    slant = (x - camera.cx) / camera.fx
+    ray = np.stack([c + s * slant, s - c * slant], 1)  # (n, 2) per metre along the axis
     slope = np.array([s, -c]) / camera.fx  # of the ray, per pixel
     along = scene.end - scene.start
     length = np.hypot(*along.T)
@@ -98,30 +98,30 @@ def intersect_walls(
     facing = ray @ front.T  # (n, m)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = (to_start * front).sum(1) / facing
-        place = depth * (ray @ along.T) - (to_start * along).sum(1)
-    slack = 1e-9 * length  # lest a ray slip through where two walls meet
-    hit = (facing < 0) & (depth > NEAREST) & (place >= -slack) & (place <= length + slack)
+        position = depth * (ray @ along.T) - (to_start * along).sum(1)
+    slack = 1e-9 * length  # so that no ray passes between two adjacent walls
+    hit = (facing < 0) & (depth > NEAREST) & (position >= -slack) & (position <= length + slack)
     depth = np.where(hit, depth, np.inf)
     wall = depth.argmin(1)
     rows = np.arange(len(x))
-    depth, place = depth[rows, wall], place[rows, wall]
+    depth, position = depth[rows, wall], position[rows, wall]
     turn = (slope @ front.T)[wall] / facing[rows, wall]
     stretch = depth * np.abs((slope @ along.T)[wall] - turn * (ray * along[wall]).sum(1))
-    return Columns(wall, depth, place + scene.offset[wall], stretch)
+    return Columns(wall, depth, position + scene.offset[wall], stretch)
 
 
 def _wall_texels(
     scene: Scene, camera: Camera, columns: Columns, y: FloatArray
 ) -> tuple[Float32Array, Float32Array]:
-    """Column and row (rows, n) in the atlas of what each sample sees, were there no ground."""
+    """Column and row (rows, n) in the atlas of each sample, ignoring the ground."""
     texels = scene.wall_texels
     i = _scale(texels * columns.stretch / SAMPLES[0], ACROSS)
     j = _scale(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
     left, width, top = np.empty((3, len(i)))
     for band, scales in enumerate(scene.wall_scales):
-        mine = scene.band[columns.wall] == band
-        left[mine], width[mine] = scales.left[i[mine]], scales.width[i[mine]]
-        top[mine] = scales.top[j[mine]]
+        in_band = scene.band[columns.wall] == band
+        left[in_band], width[in_band] = scales.left[i[in_band]], scales.width[i[in_band]]
+        top[in_band] = scales.top[j[in_band]]
     across = left + np.clip(columns.position * texels / 2**i - 0.5, 0, width - 1)
     first = (scene.wall_height - camera.position[2]) * texels / 2**j - 0.5
     slope = columns.depth / camera.fy * texels / 2**j
@@ -135,7 +135,7 @@ def _wall_texels(
 def _ground_texels(
     scene: Scene, camera: Camera, pose: FloatArray, x: FloatArray, y: FloatArray, right: bool
 ) -> tuple[Float32Array, Float32Array]:
-    """Column and row (rows, n) in the atlas of what each sample below the horizon sees."""
+    """Column and row (rows, n) in the atlas of each ground sample below the horizon."""
     depth = camera.fy * camera.position[2] / (y - camera.cy)
     texels, scales = scene.ground.texels, scene.ground_scales
     long = depth**2 / (camera.fy * camera.position[2]) / SAMPLES[1]  # metres from sample to sample
@@ -143,21 +143,21 @@ def _ground_texels(
     i = _scale(texels * np.sqrt(long * wide), GROUND)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     east, south = (camera_position(camera, pose, right) - scene.ground.corner) * (1, -1)
-    aside = ((x - camera.cx) / camera.fx).astype(np.float32)
-    found = []
+    slant = ((x - camera.cx) / camera.fx).astype(np.float32)
+    texel = []
     for start, ahead, across, first in ((east, c, s, scales.left), (south, -s, c, scales.top)):
         scale = texels / 2**i
         middle = ((start + depth * ahead) * scale - 0.5)[:, None].astype(np.float32)
-        where = np.multiply.outer((depth * across * scale).astype(np.float32), aside)
-        where += middle
-        where += first[i][:, None].astype(np.float32)
-        found.append(where)
-    return found[0], found[1]
+        coordinate = np.multiply.outer((depth * across * scale).astype(np.float32), slant)
+        coordinate += middle
+        coordinate += first[i][:, None].astype(np.float32)
+        texel.append(coordinate)
+    return texel[0], texel[1]
 
 
 def _scale(texels: FloatArray, scales: int) -> IntArray:
-    """Which scale to look at where a sample covers so many of the finest texels.
+    """Mipmap scale for samples that cover `texels` of the finest scale.
 
-    A texel is at least 0.84 of a sample: where samples skip texels, edges move.
+    A texel is at least 0.84 of a sample, since edges shift where samples skip texels.
     """
     return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, scales - 1).astype(np.int64)

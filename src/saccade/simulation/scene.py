@@ -1,4 +1,4 @@
-"""A place of upright walls on level ground, with the textures on them at every scale."""
+"""A scene of vertical walls on level ground, with mipmapped textures in one atlas."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ GROUND = 6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Walls:
-    """A band of walls that stand on a line and are seen from its right."""
+    """Connected walls along a polyline, visible from its right."""
 
     corners: FloatArray
     """(k, 2) of the line, in metres; walls run from each to the next."""
     texture: Texture
-    """(h, w, 3) seen from the front, from the first corner on; its bottom stands on the ground."""
+    """(h, w, 3) front view from the first corner on; its bottom row is at the ground."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,16 +33,16 @@ class Ground:
     """A piece of level ground."""
 
     corner: FloatArray
-    """(2,) least x and greatest y, in metres, where its texture begins."""
+    """(2,) smallest x and largest y in metres, the top-left corner of the texture."""
     texture: Texture
-    """(h, w, 3) seen from above, x to the right and y up."""
+    """(h, w, 3) top view, x to the right and y up."""
     texels: float
     """Per metre."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scales:
-    """Where in the atlas the scales of one texture are: scale i across, j down."""
+    """Positions of the scales of one texture in the atlas: scale i across, j down."""
 
     left: IntArray
     """(across,) column of the first texel."""
@@ -56,30 +56,30 @@ class Scales:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene:
-    """Everything there is to see, the m walls of all bands in one list.
+    """Geometry and textures of a scene with m walls.
 
-    A wall's texture is halved across and down independently: at a slant it is seen far more
-    crowded across than down.
+    Wall textures are anisotropic mipmaps, halved across and down independently: at oblique angles
+    a wall is compressed across far more than down.
     """
 
     start: FloatArray
-    """(m, 2) left end of each wall as one faces it, in metres."""
+    """(m, 2) left end of each wall as seen from its front, in metres."""
     end: FloatArray
     """(m, 2) right end."""
     offset: FloatArray
-    """(m,) metres along its band at which each begins."""
+    """(m,) metres along its band to the left end of each wall."""
     band: IntArray
-    """(m,) to which each belongs."""
+    """(m,) band of each wall."""
     wall_height: float
     """Metres, of all walls."""
     wall_texels: float
     """Per metre of wall."""
     wall_scales: tuple[Scales, ...]
-    """Of each band; above the first row of each scale is a row of sky."""
+    """Scales of each band; the row above each scale is sky."""
     ground: Ground
-    """Its place."""
+    """The ground."""
     ground_scales: Scales
-    """Only those that are halved as often across as down are filled."""
+    """Scales of the ground; only isotropic ones are filled."""
     atlas: npt.NDArray[np.uint8]
     """(H, W) grey or (H, W, 3) RGB: all textures at all scales."""
 
@@ -87,45 +87,45 @@ class Scene:
 def build_scene(
     bands: Sequence[Walls], ground: Ground, wall_height: float, texels: float, color: bool
 ) -> Scene:
-    """Put walls on the ground.
+    """Build the scene and its texture atlas.
 
     Args:
-        bands: whose textures are `texels * wall_height` high.
-        ground: under all of them.
+        bands: walls with textures of `texels * wall_height` rows.
+        ground: below all walls.
         wall_height: metres.
         texels: per metre of wall.
-        color: whether the scene is seen in color.
+        color: whether the atlas is RGB; grey otherwise.
     """
     columns, rows = 0, 0
     scales = []
     for walls in bands:
-        scales.append(_lay_out(walls.texture.shape, ACROSS, DOWN, rows))
+        scales.append(_layout(walls.texture.shape, ACROSS, DOWN, rows))
         columns, rows = max(columns, _right(scales[-1])), _bottom(scales[-1])
-    ground_scales = _lay_out(ground.texture.shape, GROUND, GROUND, rows)
+    ground_scales = _layout(ground.texture.shape, GROUND, GROUND, rows)
     columns, rows = max(columns, _right(ground_scales)), _bottom(ground_scales)
     shape = (rows, columns, 3) if color else (rows, columns)
     atlas = np.zeros(shape, np.uint8)
-    sky = _seen(np.array([[SKY]], np.uint8), color)[0, 0]
-    for walls, where in zip(bands, scales, strict=True):
-        narrow = _padded(_seen(walls.texture, color), where)
+    sky = _to_atlas(np.array([[SKY]], np.uint8), color)[0, 0]
+    for walls, scale in zip(bands, scales, strict=True):
+        narrow = _pad(_to_atlas(walls.texture, color), scale)
         for i in range(ACROSS):
             short = narrow
             for j in range(DOWN):
-                _put(atlas, short, where, i, j)
-                short = _halved(short, across=False)
-            narrow = _halved(narrow, across=True)
-        for above in where.top - 1:
-            atlas[above] = sky
-    picture = _padded(_seen(ground.texture, color), ground_scales)
+                _put(atlas, short, scale, i, j)
+                short = _halve(short, across=False)
+            narrow = _halve(narrow, across=True)
+        for row in scale.top - 1:
+            atlas[row] = sky
+    image = _pad(_to_atlas(ground.texture, color), ground_scales)
     for i in range(GROUND):
-        _put(atlas, picture, ground_scales, i, i)
-        picture = _halved(_halved(picture, across=True), across=False)
+        _put(atlas, image, ground_scales, i, i)
+        image = _halve(_halve(image, across=True), across=False)
     length = [np.hypot(*np.diff(walls.corners, axis=0).T) for walls in bands]
     return Scene(
         start=np.concatenate([walls.corners[:-1] for walls in bands]),
         end=np.concatenate([walls.corners[1:] for walls in bands]),
-        offset=np.concatenate([np.cumsum(each) - each for each in length]),
-        band=np.repeat(np.arange(len(bands)), [len(each) for each in length]),
+        offset=np.concatenate([np.cumsum(lengths) - lengths for lengths in length]),
+        band=np.repeat(np.arange(len(bands)), [len(lengths) for lengths in length]),
         wall_height=wall_height,
         wall_texels=texels,
         wall_scales=tuple(scales),
@@ -135,8 +135,8 @@ def build_scene(
     )
 
 
-def _lay_out(shape: tuple[int, ...], across: int, down: int, row: int) -> Scales:
-    """Room for the scales of a texture from a row of the atlas on, a texel between them."""
+def _layout(shape: tuple[int, ...], across: int, down: int, row: int) -> Scales:
+    """Positions of the scales of a texture below a row of the atlas, padded by a texel."""
     height, width = (
         -(-side // 2 ** (scales - 1)) * 2 ** (scales - 1) >> np.arange(scales)
         for side, scales in ((shape[0], down), (shape[1], across))
@@ -154,28 +154,28 @@ def _bottom(scales: Scales) -> int:
     return int(scales.top[-1] + scales.height[-1] + 1)
 
 
-def _seen(texture: Texture, color: bool) -> npt.NDArray[np.uint8]:
+def _to_atlas(texture: Texture, color: bool) -> npt.NDArray[np.uint8]:
     return texture if color else np.asarray(cv2.cvtColor(texture, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
-def _padded(picture: npt.NDArray[np.uint8], scales: Scales) -> npt.NDArray[np.uint8]:
-    """With its last row and column repeated, so that halving never leaves half a texel."""
-    below, right = scales.height[0] - picture.shape[0], scales.width[0] - picture.shape[1]
+def _pad(image: npt.NDArray[np.uint8], scales: Scales) -> npt.NDArray[np.uint8]:
+    """Repeat the last row and column, so that all sizes can be halved exactly."""
+    below, right = scales.height[0] - image.shape[0], scales.width[0] - image.shape[1]
     return np.asarray(
-        cv2.copyMakeBorder(picture, 0, int(below), 0, int(right), cv2.BORDER_REPLICATE), np.uint8
+        cv2.copyMakeBorder(image, 0, int(below), 0, int(right), cv2.BORDER_REPLICATE), np.uint8
     )
 
 
-def _halved(picture: npt.NDArray[np.uint8], across: bool) -> npt.NDArray[np.uint8]:
-    height, width = picture.shape[:2]
+def _halve(image: npt.NDArray[np.uint8], across: bool) -> npt.NDArray[np.uint8]:
+    height, width = image.shape[:2]
     size = (width // 2, height) if across else (width, height // 2)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _put(
-    atlas: npt.NDArray[np.uint8], picture: npt.NDArray[np.uint8], scales: Scales, i: int, j: int
+    atlas: npt.NDArray[np.uint8], image: npt.NDArray[np.uint8], scales: Scales, i: int, j: int
 ) -> None:
-    """Put a scale where it belongs, its edges repeated once around it."""
-    framed = cv2.copyMakeBorder(picture, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    """Copy a scale to its position in the atlas, with replicated borders."""
+    framed = cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     top, left = scales.top[j] - 1, scales.left[i] - 1
     atlas[top : top + framed.shape[0], left : left + framed.shape[1]] = framed

@@ -1,4 +1,4 @@
-"""Walls of brick and plaster, gravel, and the pictures of the posters; all (h, w, 3) uint8 RGB."""
+"""Textures of brick, plaster and gravel, and poster images; all (h, w, 3) uint8 RGB."""
 
 from collections.abc import Iterator
 from importlib.resources import as_file, files
@@ -12,7 +12,7 @@ from saccade.types import Float32Array
 
 Texture = npt.NDArray[np.uint8]
 
-PICTURES = {
+PHOTOGRAPHS = {
     "astronaut": (2, 2),
     "hubble": (3, 3),
     "coffee": (2, 1),
@@ -25,28 +25,28 @@ PICTURES = {
     "hallway_2": (1, 1),
     "text": (1, 1),
 }
-"""Photographs that ship with the package, and into how many columns and rows each is cut: no two
-posters share a part of one."""
+"""Photographs of the package, and the columns and rows into which each is cut: posters are
+disjoint parts."""
 
 BRICK = (0.30, 0.09)
-"""Metres, the width and height of a brick with its mortar."""
+"""Width and height of a brick with its mortar, in metres."""
 MORTAR = 0.012
 """Metres."""
 
 
-def pictures() -> list[Texture]:
-    """What can be on a poster, each picture different from all others."""
-    return [part for name, cuts in PICTURES.items() for part in _cut(_photograph(name), *cuts)]
+def all_posters() -> list[Texture]:
+    """All poster images, pairwise distinct."""
+    return [part for name, cuts in PHOTOGRAPHS.items() for part in _cut(_photograph(name), *cuts)]
 
 
-def mirrored(picture: Texture) -> Texture:
-    """The left half of a picture, and its mirror image to the right."""
-    left = picture[:, : (picture.shape[1] + 1) // 2]
-    return np.concatenate([left, left[:, ::-1][:, picture.shape[1] % 2 :]], 1)
+def mirror(image: Texture) -> Texture:
+    """The left half of an image, continued by its mirror image."""
+    left = image[:, : (image.shape[1] + 1) // 2]
+    return np.concatenate([left, left[:, ::-1][:, image.shape[1] % 2 :]], 1)
 
 
 def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
-    """Bricks in running bond, none quite like another.
+    """Bricks in running bond, each with random tone and grain.
 
     Args:
         shape: height and width.
@@ -63,23 +63,23 @@ def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) 
     colors = np.stack([rng.normal(0.53, 0.05, drawn) * tone, 0.37 * tone, 0.30 * tone], -1)
     edges = [_to_edge(x + shift, BRICK[0]) for shift in (0, BRICK[0] / 2)]
     upright, level = np.stack(edges)[row % 2], _to_edge(y, BRICK[1])[:, None]
-    edge = np.minimum(upright, level) + 0.004 * _clouds(shape, (6, 12), rng)  # rough
+    edge = np.minimum(upright, level) + 0.004 * _noise(shape, (6, 12), rng)  # rough
     inside = np.clip((edge - MORTAR / 2) / 0.006 + 0.5, 0, 1)
-    grain = 1 + 0.11 * _clouds(shape, (1, 2, 4, 10), rng)
-    grain *= 1 + 0.10 * _clouds(shape, (int(texels / 4), int(texels)), rng)
+    grain = 1 + 0.11 * _noise(shape, (1, 2, 4, 10), rng)
+    grain *= 1 + 0.10 * _noise(shape, (int(texels / 4), int(texels)), rng)
     wall = np.empty((*shape, 3), np.uint8)
     for channel, mortar in enumerate((0.62, 0.60, 0.56)):
         bricks = colors[:, :, channel].astype(np.float32)
-        laid = np.stack([bricks[:, which] for which in columns])[row % 2, row]  # (h, w)
-        wall[:, :, channel] = _as_bytes((mortar + inside * (laid - np.float32(mortar))) * grain)
+        brick = np.stack([bricks[:, column] for column in columns])[row % 2, row]  # (h, w)
+        wall[:, :, channel] = _as_bytes((mortar + inside * (brick - np.float32(mortar))) * grain)
     return wall
 
 
 def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
-    """Rough plaster with stains, and a painted band at its foot; arguments as of `brick_wall`."""
-    shade = 1 + 0.05 * _clouds(shape, (2, 5, 11), rng)
-    shade *= 1 + 0.09 * _clouds(shape, tuple(int(texels * m) for m in (0.15, 0.4, 1.2)), rng)
-    shade[_clouds(shape, (3, 6), rng) > 2.6] *= 0.75  # holes
+    """Rough plaster with stains, and a painted band at the bottom; arguments as of `brick_wall`."""
+    shade = 1 + 0.05 * _noise(shape, (2, 5, 11), rng)
+    shade *= 1 + 0.09 * _noise(shape, tuple(int(texels * m) for m in (0.15, 0.4, 1.2)), rng)
+    shade[_noise(shape, (3, 6), rng) > 2.6] *= 0.75  # holes
     painted = shape[0] - int(0.28 * texels)
     wall = np.empty((*shape, 3), np.uint8)
     for channel, (bare, paint) in enumerate(((0.78, 0.42), (0.74, 0.45), (0.64, 0.47))):
@@ -89,7 +89,7 @@ def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator
 
 
 def gravel_floor(shape: tuple[int, int], rng: np.random.Generator) -> Texture:
-    """Gravel without end: pieces of one photograph, turned, mirrored and laid over each other."""
+    """Gravel: overlapping patches of one photograph, randomly rotated and mirrored."""
     stone = _photograph("gravel")[:, :, 0].astype(np.float32)
     side = min(stone.shape) // 2
     ramp = np.clip(np.sin(np.linspace(0, np.pi, side)) * 3, 0, 1).astype(np.float32)
@@ -99,13 +99,13 @@ def gravel_floor(shape: tuple[int, int], rng: np.random.Generator) -> Texture:
     floor = np.full((height + 2 * side, width + 2 * side), stone.mean(), np.float32)
     for top in range(0, height + side, step):
         for left in range(0, width + side, step):
-            y, x = (int(rng.integers(0, whole - side + 1)) for whole in stone.shape)
-            piece = np.rot90(stone[y : y + side, x : x + side], int(rng.integers(4)))
-            piece = piece[:, :: int(rng.choice([-1, 1]))]
-            here = floor[top : top + side, left : left + side]
-            here += mask * (piece - here)
+            y, x = (int(rng.integers(0, length - side + 1)) for length in stone.shape)
+            patch = np.rot90(stone[y : y + side, x : x + side], int(rng.integers(4)))
+            patch = patch[:, :: int(rng.choice([-1, 1]))]
+            target = floor[top : top + side, left : left + side]
+            target += mask * (patch - target)
     floor = floor[side : side + height, side : side + width] / 255
-    floor *= 1 + 0.12 * _clouds(shape, (60, 160), rng)
+    floor *= 1 + 0.12 * _noise(shape, (60, 160), rng)
     return np.stack([_as_bytes(floor * np.float32(tint)) for tint in (1.0, 0.97, 0.92)], -1)
 
 
@@ -114,11 +114,11 @@ def _photograph(name: str) -> Texture:
         return _as_bytes(read_image(path))
 
 
-def _cut(picture: Texture, columns: int, rows: int) -> Iterator[Texture]:
-    height, width = (picture.shape[0] // rows, picture.shape[1] // columns)
+def _cut(image: Texture, columns: int, rows: int) -> Iterator[Texture]:
+    height, width = (image.shape[0] // rows, image.shape[1] // columns)
     for top in range(rows):
         for left in range(columns):
-            yield picture[top * height : (top + 1) * height, left * width : (left + 1) * width]
+            yield image[top * height : (top + 1) * height, left * width : (left + 1) * width]
 
 
 def _to_edge(x: Float32Array, period: float) -> Float32Array:
@@ -126,20 +126,20 @@ def _to_edge(x: Float32Array, period: float) -> Float32Array:
     return np.asarray(np.abs((x + period / 2) % period - period / 2), np.float32)
 
 
-def _clouds(
+def _noise(
     shape: tuple[int, int], grains: tuple[int, ...], rng: np.random.Generator
 ) -> Float32Array:
-    """(h, w) noise of zero mean and unit variance, with as much of each size of grain in texels."""
+    """(h, w) noise of zero mean and unit variance, equal parts of each grain size in texels."""
     total = np.zeros(shape, np.float32)
     for grain in grains:
-        small = [max(2, -(-side // max(grain, 1)) + 1) for side in shape]
-        noise = rng.standard_normal(small, np.float32)
+        size = [max(2, -(-side // max(grain, 1)) + 1) for side in shape]
+        noise = rng.standard_normal(size, np.float32)
         total += cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_CUBIC)
     total -= total.mean()
     total /= total.std()
     return total
 
 
-def _as_bytes(picture: npt.NDArray[np.floating]) -> Texture:
-    """Rounded; what is over 1 is white."""
-    return np.asarray(cv2.convertScaleAbs(np.maximum(picture, 0), alpha=255), np.uint8)
+def _as_bytes(image: npt.NDArray[np.floating]) -> Texture:
+    """Intensities in [0, 1] as bytes, rounded and saturated."""
+    return np.asarray(cv2.convertScaleAbs(np.maximum(image, 0), alpha=255), np.uint8)

@@ -1,4 +1,4 @@
-"""A robot that drives round a course among landmarks: its log, and the truth."""
+"""Simulated landmark logs with ground truth: a vehicle on a course among landmarks."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -7,43 +7,45 @@ from typing import Literal
 import numpy as np
 
 from saccade.errors import require
+from saccade.simulation.validation import require_ranges
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 LAYOUT_SEED = 2010
-"""Where the landmarks of a world are does not change from run to run."""
+"""Seed of the landmark positions, which are equal in all runs."""
 
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """A course, the landmarks along it, and what the sensors of the robot get wrong."""
+    """A course, the landmarks along it, and the noise of the sensors."""
 
     vehicle: Literal["robot", "car"] = "robot"
-    """What errs: a robot's distance and turn, or a car's speed and steering angle."""
-    length: float = 20 * np.pi
-    """Of the course, in metres."""
-    bends: float = 0.0
-    """How much the curvature swings, three times a round; 0 is a circle, over 1 turns back."""
+    """Noise model: distance and turn of a robot, or speed and steering angle of a car."""
+    course_length: float = 20 * np.pi
+    """Length of one lap in metres."""
+    curvature_amplitude: float = 0.0
+    """Amplitude of the curvature relative to its mean, with three periods per lap; 0 is a circle,
+    over 1 includes turns to the other side."""
     steps: int = 1500
-    """Of the robot along it, as many as there are poses after the first."""
-    stride: float = 0.25
-    """Metres driven in a step."""
+    """Number of steps; there is one pose more."""
+    step_length: float = 0.25
+    """Metres per step."""
     step_time: float = 1.0
-    """Seconds that a step takes."""
+    """Seconds per step."""
     landmarks: int = 20
-    """Scattered along the course."""
-    beside: float = 5.0
-    """Metres to either side of the course within which they are."""
-    scan_every: int = 1
-    """Steps from scan to scan."""
+    """Number of landmarks along the course."""
+    landmark_spread: float = 5.0
+    """Largest distance of a landmark from the course, to either side, in metres."""
+    scan_interval: int = 1
+    """Steps per scan."""
     range_limits: tuple[float, float] = (0.5, 5.0)
-    """Metres within which a landmark is seen."""
+    """Smallest and largest range of an observation, in metres."""
     field_of_view: float = 360.0
-    """Degrees of the field of view, in the middle of which is the way ahead."""
+    """Field of view about the heading, in degrees."""
     range_percent: float = 5.0
     """Standard deviation of a range, in per cent of it."""
     range_sigma: float = 0.0
-    """And what is added to that, in metres."""
+    """Standard deviation added to that, in metres."""
     bearing_sigma: float = 3.0
     """Standard deviation of a bearing, in degrees."""
     odometry_percent: float = 2.0
@@ -57,28 +59,20 @@ class WorldConfig:
     """Metres between a car's axles."""
 
     def __post_init__(self) -> None:
-        kinds = ("robot", "car")
-        require(self.vehicle in kinds, "vehicle", f"one of {kinds}", self.vehicle)
-        for name in ("steps", "landmarks", "scan_every"):
-            require(1 <= getattr(self, name) <= 10**6, name, "1 to 1e6", getattr(self, name))
-        for name in ("length", "stride", "step_time", "wheel_base"):
-            require(0 < getattr(self, name) < 1e6, name, "over 0, under 1e6", getattr(self, name))
-        for name in (
-            "beside",
-            "range_percent",
-            "range_sigma",
-            "bearing_sigma",
-            "odometry_percent",
-            "speed_sigma",
-            "steering_sigma",
-        ):
-            require(0 <= getattr(self, name) < 1e3, name, "0 to under 1000", getattr(self, name))
-        require(0 <= self.bends <= 3, "bends", "0 to 3", self.bends)
-        require(
-            0 < self.field_of_view <= 360,
-            "field_of_view",
-            "over 0 degrees, up to 360",
-            self.field_of_view,
+        vehicles = ("robot", "car")
+        require(self.vehicle in vehicles, "vehicle", f"one of {vehicles}", self.vehicle)
+        counts = ("steps", "landmarks", "scan_interval")
+        lengths = ("course_length", "step_length", "step_time", "wheel_base")
+        spreads = (
+            *("landmark_spread", "range_percent", "range_sigma", "bearing_sigma"),
+            *("odometry_percent", "speed_sigma", "steering_sigma"),
+        )
+        require_ranges(
+            self,
+            dict.fromkeys(counts, (1, 10**6, ""))
+            | dict.fromkeys(lengths, (1e-6, 1e6, ""))
+            | dict.fromkeys(spreads, (0, 1000, ""))
+            | {"curvature_amplitude": (0, 3, ""), "field_of_view": (0.1, 360, "degrees")},
         )
         require(
             len(self.range_limits) == 2 and 0 <= self.range_limits[0] < self.range_limits[1] < 1e6,
@@ -94,7 +88,7 @@ class WorldConfig:
 
     @classmethod
     def slippery(cls) -> "WorldConfig":
-        """The circle with half as much again of odometry noise."""
+        """The circle with 1.5 times the odometry noise."""
         return cls(odometry_percent=3.0)
 
     @classmethod
@@ -104,17 +98,17 @@ class WorldConfig:
 
     @classmethod
     def car(cls) -> "WorldConfig":
-        """A car twice round a closed course with a laser, after Bailey et al. (2006)."""
+        """A car with a laser, two laps of a closed course, after Bailey et al. (2006)."""
         return cls(
             vehicle="car",
-            length=400.0,
-            bends=1.5,
+            course_length=400.0,
+            curvature_amplitude=1.5,
             steps=10667,
-            stride=0.075,
+            step_length=0.075,
             step_time=0.025,
             landmarks=35,
-            beside=20.0,
-            scan_every=8,
+            landmark_spread=20.0,
+            scan_interval=8,
             range_limits=(0.0, 30.0),
             field_of_view=180.0,
             range_percent=0.0,
@@ -124,22 +118,22 @@ class WorldConfig:
 
 
 def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> LandmarkLog:
-    """Drive once through a world.
+    """Simulate one run through a world.
 
     Args:
-        config: the world; its landmarks are where they are whatever the seed.
+        config: the world; its landmarks do not depend on the seed.
         seed: of the noise.
 
     Returns:
-        A log that names its landmarks, with the truth: it begins at the true pose, the
-        origin, and its covariances are those of the noise that was drawn.
+        A log with landmark identities and ground truth: it starts at the true pose, the
+        origin, and its covariances are those of the simulated noise.
     """
     rng = np.random.default_rng(seed)
-    motion, exact = _controls(config)
-    truth = _path(exact)  # (t + 1, 3)
-    world = _layout(config)  # (n, 2)
-    control, U = _odometry(config, motion, rng)
-    pose, landmark, z = _observations(config, truth, world)
+    commands = _commands(config)
+    truth = _path(_increments(config, commands))  # (t + 1, 3)
+    landmarks = _landmarks(config)  # (n, 2)
+    control, U = _odometry(config, commands, rng)
+    pose, landmark, z = _observations(config, truth, landmarks)
     sigma = np.empty(z.shape)
     sigma[:, 0] = config.range_percent / 100 * z[:, 0] + config.range_sigma
     sigma[:, 1] = np.deg2rad(config.bearing_sigma)
@@ -156,68 +150,66 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         observation_covariance=sigma[:, :, None] ** 2 * np.eye(2),
         landmark=landmark,
         truth=Trajectory(time, truth),
-        landmark_truth=LandmarkMap(np.arange(len(world)), world),
+        landmark_truth=LandmarkMap(np.arange(len(landmarks)), landmarks),
     )
 
 
-def _controls(config: WorldConfig) -> tuple[FloatArray, FloatArray]:
-    """What the vehicle is told in each step (t, 2), and the poses (t, 3) to which that leads.
-
-    A robot is told distance and turn, a car speed and steering angle.
-    """
-    middle = (np.arange(config.steps) + 0.5) * config.stride / config.length  # rounds
-    curvature = 2 * np.pi / config.length * (1 + config.bends * np.cos(6 * np.pi * middle))
+def _commands(config: WorldConfig) -> FloatArray:
+    """Commands (t, 2): distance and turn of a robot, speed and steering angle of a car."""
+    laps = (np.arange(config.steps) + 0.5) * config.step_length / config.course_length
+    modulation = 1 + config.curvature_amplitude * np.cos(6 * np.pi * laps)
+    curvature = 2 * np.pi / config.course_length * modulation
     if config.vehicle == "robot":
-        turn = curvature * config.stride
-        commanded = np.stack([np.full(config.steps, config.stride), turn], 1)
-        return commanded, _robot_steps(commanded)
+        return np.stack(
+            [np.full(config.steps, config.step_length), curvature * config.step_length], 1
+        )
     sine = curvature * config.wheel_base
-    require(np.abs(sine).max() < 1, "bends", "a course that the car can follow", config.bends)
-    speed = np.full(config.steps, config.stride / config.step_time)
-    commanded = np.stack([speed, np.arcsin(sine)], 1)
-    return commanded, _car_steps(config, commanded)
+    feasible = bool(np.abs(sine).max() < 1)
+    require(
+        feasible,
+        "curvature_amplitude",
+        "a course that the car can steer",
+        config.curvature_amplitude,
+    )
+    speed = np.full(config.steps, config.step_length / config.step_time)
+    return np.stack([speed, np.arcsin(sine)], 1)
 
 
-def _robot_steps(commanded: FloatArray) -> FloatArray:
-    """Turn, then go ahead."""
-    d, turn = commanded.T
-    return np.stack([d * np.cos(turn), d * np.sin(turn), turn], 1)
+def _increments(config: WorldConfig, commands: FloatArray) -> FloatArray:
+    """Motion (t, 3) by commands (t, 2), in the frame of the vehicle.
 
-
-def _car_steps(config: WorldConfig, commanded: FloatArray) -> FloatArray:
-    """Of the front axle's middle, which goes where its wheels point."""
-    d, steering = commanded[:, 0] * config.step_time, commanded[:, 1]
-    across = d * np.sin(steering)
-    return np.stack([d * np.cos(steering), across, across / config.wheel_base], 1)
+    A robot turns, then goes ahead. A car's pose is that of the middle of its front axle, which
+    moves in the direction of its wheels.
+    """
+    d, angle = commands.T
+    if config.vehicle == "robot":
+        return np.stack([d * np.cos(angle), d * np.sin(angle), angle], 1)
+    d = d * config.step_time
+    lateral = d * np.sin(angle)
+    return np.stack([d * np.cos(angle), lateral, lateral / config.wheel_base], 1)
 
 
 def _odometry(
-    config: WorldConfig, commanded: FloatArray, rng: np.random.Generator
+    config: WorldConfig, commands: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """The steps as the vehicle measures them (t, 3), and their covariance (t, 3, 3)."""
-    fraction = config.odometry_percent / 100 * config.stride
+    """Measured increments (t, 3), and their covariance (t, 3, 3)."""
+    is_car = config.vehicle == "car"
+    fraction = config.odometry_percent / 100 * config.step_length
     sigma = np.array([fraction / np.sqrt(2), 2 * np.sqrt(2) * fraction])
-    if config.vehicle == "car":
+    if is_car:
         sigma = np.array([config.speed_sigma, np.deg2rad(config.steering_sigma)])
-    measured = commanded + sigma * rng.standard_normal(commanded.shape)
-    B = np.zeros((len(commanded), 3, 2))
-    if config.vehicle == "car":
-        speed, c, s = measured[:, 0], np.cos(measured[:, 1]), np.sin(measured[:, 1])
-        B[:, 0] = np.stack([c, -speed * s], 1) * config.step_time
-        B[:, 1] = np.stack([s, speed * c], 1) * config.step_time
-        B[:, 2] = B[:, 1] / config.wheel_base
-        steps = _car_steps(config, measured)
-    else:
-        d, c, s = measured[:, 0], np.cos(measured[:, 1]), np.sin(measured[:, 1])
-        B[:, 0] = np.stack([c, -d * s], 1)
-        B[:, 1] = np.stack([s, d * c], 1)
-        B[:, 2, 1] = 1.0
-        steps = _robot_steps(measured)
-    return steps, B @ np.diag(sigma**2) @ B.transpose(0, 2, 1)
+    measured = commands + sigma * rng.standard_normal(commands.shape)
+    d, c, s = measured[:, 0], np.cos(measured[:, 1]), np.sin(measured[:, 1])
+    B = np.zeros((len(commands), 3, 2))  # by the commands
+    scale = config.step_time if is_car else 1.0
+    B[:, 0] = np.stack([c, -d * s], 1) * scale
+    B[:, 1] = np.stack([s, d * c], 1) * scale
+    B[:, 2] = B[:, 1] / config.wheel_base if is_car else (0.0, 1.0)
+    return _increments(config, measured), B @ np.diag(sigma**2) @ B.transpose(0, 2, 1)
 
 
 def _path(steps: FloatArray) -> FloatArray:
-    """Poses (t + 1, 3) from the origin on."""
+    """Poses (t + 1, 3) from the origin by increments (t, 3)."""
     pose = np.zeros((len(steps) + 1, 3))
     np.cumsum(steps[:, 2], out=pose[1:, 2])
     c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
@@ -227,27 +219,29 @@ def _path(steps: FloatArray) -> FloatArray:
     return pose
 
 
-def _layout(config: WorldConfig) -> FloatArray:
-    """(n, 2) landmarks, anywhere along the course and to its sides."""
+def _landmarks(config: WorldConfig) -> FloatArray:
+    """(n, 2) random landmarks along the course and to its sides."""
     rng = np.random.default_rng(LAYOUT_SEED)
-    round_ = dataclasses.replace(config, steps=int(np.ceil(config.length / config.stride)))
-    course = _path(_controls(round_)[1])
-    near = course[rng.integers(0, len(course), config.landmarks)]  # (n, 3)
-    left = np.stack([-np.sin(near[:, 2]), np.cos(near[:, 2])], 1)
-    return near[:, :2] + left * rng.uniform(-config.beside, config.beside, (config.landmarks, 1))
+    steps_per_lap = int(np.ceil(config.course_length / config.step_length))
+    lap = dataclasses.replace(config, steps=steps_per_lap)
+    course = _path(_increments(lap, _commands(lap)))
+    pose = course[rng.integers(0, len(course), config.landmarks)]  # (n, 3)
+    left = np.stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])], 1)
+    spread = config.landmark_spread
+    return pose[:, :2] + left * rng.uniform(-spread, spread, (config.landmarks, 1))
 
 
 def _observations(
-    config: WorldConfig, truth: FloatArray, world: FloatArray
+    config: WorldConfig, truth: FloatArray, landmarks: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """From which pose (k,) each landmark (k,) is seen, and its range and bearing (k, 2)."""
-    scans = np.arange(0, len(truth), config.scan_every)
-    there = world - truth[scans, None, :2]  # (scans, n, 2)
-    z = np.empty(there.shape)
-    z[..., 0] = np.hypot(there[..., 0], there[..., 1])
-    z[..., 1] = wrap(np.arctan2(there[..., 1], there[..., 0]) - truth[scans, None, 2])
-    near, far = config.range_limits
-    seen = (z[..., 0] >= near) & (z[..., 0] <= far)
-    seen &= np.abs(z[..., 1]) <= np.deg2rad(config.field_of_view / 2)
-    scan, landmark = np.nonzero(seen)
-    return scans[scan], landmark.astype(np.int64), z[seen]
+    """Pose (k,) and landmark (k,) of each observation, and its range and bearing (k, 2)."""
+    scans = np.arange(0, len(truth), config.scan_interval)
+    offset = landmarks - truth[scans, None, :2]  # (scans, n, 2)
+    z = np.empty(offset.shape)
+    z[..., 0] = np.hypot(offset[..., 0], offset[..., 1])
+    z[..., 1] = wrap(np.arctan2(offset[..., 1], offset[..., 0]) - truth[scans, None, 2])
+    nearest, farthest = config.range_limits
+    visible = (z[..., 0] >= nearest) & (z[..., 0] <= farthest)
+    visible &= np.abs(z[..., 1]) <= np.deg2rad(config.field_of_view / 2)
+    scan, landmark = np.nonzero(visible)
+    return scans[scan], landmark.astype(np.int64), z[visible]

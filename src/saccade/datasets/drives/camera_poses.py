@@ -1,11 +1,11 @@
-"""Poses of a camera in space, and what of them the robot's plane keeps."""
+"""Poses of a camera in space, and their projection to the robot's ground plane."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.text import fields, numbers, read_columns, read_lines
+from saccade.datasets.text import read_rows, read_table
 from saccade.errors import LogError
 from saccade.frames import Camera
 from saccade.types import FloatArray, Trajectory
@@ -15,32 +15,28 @@ TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Poses:
-    """Where something is in space, n times."""
+    """n timed poses in SE(3)."""
 
     time: FloatArray
     """(n,) seconds."""
     rotation: FloatArray
-    """(n, 3, 3) turns its vectors into the world's."""
+    """(n, 3, 3) from the body frame to the world frame."""
     position: FloatArray
-    """(n, 3) metres, in the world's frame."""
+    """(n, 3) metres, in the world frame."""
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __repr__(self) -> str:
-        return f"Poses({len(self)} in space)"
+        return f"Poses({len(self)} in SE(3))"
 
 
 def read_tum_poses(path: Path) -> Poses:
-    """Lines of `time x y z qx qy qz qw`; `#` begins a comment.
-
-    Raises:
-        LogError: the file is missing or broken, names the line; or holds no pose.
-    """
-    table = read_columns(path, TUM_COLUMNS)
+    """Lines of `time x y z qx qy qz qw`; `#` begins a comment."""
+    table = read_table(path, TUM_COLUMNS)
     if len(table) == 0:
         raise LogError(f"{path}: expected poses, found none")
-    return Poses(table[:, 0], rotations(table[:, 4:], str(path)), table[:, 1:4])
+    return Poses(table[:, 0], rotation_matrices(table[:, 4:], str(path)), table[:, 1:4])
 
 
 def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
@@ -49,27 +45,16 @@ def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
     Args:
         path: the file.
         time: (n,) seconds of the frames, one for each line.
-
-    Raises:
-        LogError: the file is missing or broken, or does not have as many poses as there are times.
     """
-    rows = [numbers(path, line, words) for line, words in fields(read_lines(path))]
-    wrong = [i for i, row in enumerate(rows) if len(row) != 12]
-    if wrong:
-        found = len(rows[wrong[0]])
-        raise LogError(f"{path}, pose {wrong[0]}: expected 12 numbers, found {found}")
+    rows = [row.require_cells(12, "numbers").numbers() for row in read_rows(path)]
     if len(rows) != len(time):
         raise LogError(f"{path}: expected {len(time)} poses as in times.txt, found {len(rows)}")
     matrix = np.array(rows).reshape(-1, 3, 4)
     return Poses(time, matrix[:, :, :3], matrix[:, :, 3])
 
 
-def rotations(quaternion: FloatArray, name: str) -> FloatArray:
-    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w of any length over 0.5.
-
-    Raises:
-        LogError: one of them is far from a rotation; `name` is in the message.
-    """
+def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
+    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w, which are normalized."""
     length = np.linalg.norm(quaternion, axis=1)
     if (length < 0.5).any():
         row = int(np.argmin(length))
@@ -85,28 +70,28 @@ def rotations(quaternion: FloatArray, name: str) -> FloatArray:
     )
 
 
-def robot_poses(poses: Poses, camera: Camera, begin: float) -> Poses:
+def robot_poses(poses: Poses, camera: Camera, start_time: float) -> Poses:
     """Poses of the robot, from those of its camera.
 
-    The world becomes the robot's frame at the pose nearest to `begin`, in seconds: x ahead, y to
-    the left, z up as the camera is mounted.
+    The world frame becomes the robot's frame at the pose nearest to `start_time`, in seconds: x
+    ahead, y to the left, z up by the mounting of the camera.
     """
     rotation = poses.rotation @ camera.rotation.T
-    place = poses.position - rotation @ camera.position
-    first = int(np.argmin(np.abs(poses.time - begin)))
-    back = rotation[first].T
-    return Poses(poses.time, back @ rotation, (place - place[first]) @ back.T)
+    position = poses.position - rotation @ camera.position
+    first = int(np.argmin(np.abs(poses.time - start_time)))
+    to_start = rotation[first].T
+    return Poses(poses.time, to_start @ rotation, (position - position[first]) @ to_start.T)
 
 
 def project_to_plane(poses: Poses) -> Trajectory:
-    """What the plane z = 0 keeps of the robot's poses: x, y, and where its x axis points."""
-    ahead = poses.rotation[:, :, 0]
-    heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    """Projection of the robot's poses to the plane z = 0: x, y, and the heading of its x axis."""
+    x_axis = poses.rotation[:, :, 0]
+    heading = np.arctan2(x_axis[:, 1], x_axis[:, 0])
     return Trajectory(poses.time, np.column_stack([poses.position[:, :2], heading]))
 
 
 def off_plane_components(poses: Poses) -> FloatArray:
-    """What it leaves out, (n, 3): height in metres, pitch (nose up) and roll in radians."""
+    """(n, 3) dropped by the projection: height in metres, pitch (nose up) and roll in radians."""
     R = poses.rotation
     pitch = np.arcsin(R[:, 2, 0].clip(-1, 1))
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])

@@ -4,16 +4,15 @@
     mav0/cam1/               optional, the right camera
     mav0/imu0/               optional: data.csv with rad/s and m/s^2, sensor.yaml
     mav0/state_groundtruth_estimate0/data.csv
-                             optional: place and quaternion (w first) of the body
+                             optional: position and quaternion (w first) of the body
     odometry.csv             optional, beside mav0; see `odometry_csv`
 
 The robot's frame is that of a robot on which the left camera looks straight ahead; times count
-from the first image. Both cameras are straightened and rectified. There is no wheel odometry:
-without odometry.csv the turn is the gyroscope's, with its noise and bias, and of the way nothing
-is known but how fast such a vehicle flies (see `unknown_increments`).
+from the first image. Both cameras are undistorted and rectified. There is no wheel odometry:
+without odometry.csv the turn is the gyroscope's, with its noise and bias, and the translation is
+unknown (see `unknown_increments`).
 """
 
-import csv
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,8 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from saccade.datasets.drives.camera_file import Calibration
-from saccade.datasets.drives.camera_poses import Poses, rotations
-from saccade.datasets.drives.image_files import ImageFiles, in_time
+from saccade.datasets.drives.camera_poses import Poses, rotation_matrices
+from saccade.datasets.drives.frame_times import FrameTimes
+from saccade.datasets.drives.image_files import FrameLoader, ImageFiles
 from saccade.datasets.drives.odometry_increments import (
     OdometryIncrements,
     SpeedNoise,
@@ -30,165 +30,153 @@ from saccade.datasets.drives.odometry_increments import (
     unknown_increments,
 )
 from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, read_increments
-from saccade.datasets.drives.undistortion import Lens, rectified
-from saccade.datasets.text import numbers, read_lines
+from saccade.datasets.drives.undistortion import Lens, pinhole, rectify_stereo
+from saccade.datasets.text import Row, read_rows
 from saccade.errors import DriveError
 from saccade.frames import AHEAD, Camera, Drive
 from saccade.types import FloatArray, IntArray
 
 GYRO = SpeedNoise(ahead=0.0, left=0.0, turn=0.002, turn_bias=0.08)
-"""Ten times the noise density of the ADIS16448 on these vehicles, since it turns about all three
-axes; and the bias it has when it is not taken out."""
+"""Ten times the noise density of the ADIS16448 on these vehicles, since they rotate about all three
+axes; and its uncalibrated bias."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Sensor:
-    """What a sensor.yaml says."""
+    """Contents of a sensor.yaml."""
 
+    path: Path
     body: FloatArray
     """(4, 4) pose of the sensor in the body's frame."""
     values: dict[str, FloatArray]
     """Lists of numbers by their names."""
 
+    @classmethod
+    def read(cls, path: Path) -> "_Sensor":
+        rows = list(read_rows(path))
+        text = "\n".join(" ".join(row.cells).split("#")[0] for row in rows)
+        last = rows[-1].line if rows else 0
+        values = {}
+        for name, inside in re.findall(r"(\w+):\s*\[([^\]]*)\]", text):
+            values[name] = np.array(Row(path, last, inside.replace(",", " ").split()).numbers())
+        body = values.get("data", np.eye(4))
+        if body.size != 16:
+            raise DriveError(f"{path}: expected T_BS of 16 numbers, found {body.size}")
+        return cls(path, body.reshape(4, 4), values)
+
+    @property
+    def lens(self) -> Lens:
+        sizes = {"resolution": 2, "intrinsics": 4, "distortion_coefficients": 4}
+        for name, size in sizes.items():
+            found = self.values.get(name, np.zeros(0)).size
+            if found != size:
+                raise DriveError(f"{self.path}: expected {size} numbers as {name}, found {found}")
+        (width, height), (fx, fy, cx, cy), distortion = (self.values[n].tolist() for n in sizes)
+        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        return Lens(matrix, tuple(distortion), pinhole(matrix, (width, height)), np.eye(3))
+
 
 def read_euroc_drive(path: Path) -> Drive:
-    """A drive from the folder that holds mav0, or from mav0.
-
-    Raises:
-        DriveError, LogError: a file is missing, broken or does not fit the others; names it.
-    """
+    """A drive from the folder that holds mav0, or from mav0."""
     top = path / "mav0" if (path / "mav0").is_dir() else path
     stamps, files = _images(top / "cam0")
     zero = int(stamps.min())
-    clock = _seconds(stamps, zero)
-    number, remarks = in_time(clock, str(top / "cam0" / "data.csv"))
-    stamp, time = stamps[number], clock[number]
-    sensor = _read_sensor(top / "cam0" / "sensor.yaml")
-    lens = _lens(top / "cam0" / "sensor.yaml", sensor)
-    camera, right_lens, right = lens.camera, None, []
+    frames = FrameTimes.sort(_seconds(stamps, zero), str(top / "cam0" / "data.csv"))
+    sensor = _Sensor.read(top / "cam0" / "sensor.yaml")
+    lens, right_lens, right = sensor.lens, None, None
+    camera = lens.camera
     if (top / "cam1").is_dir():
-        other = _read_sensor(top / "cam1" / "sensor.yaml")
-        between = np.linalg.inv(other.body) @ sensor.body
-        right_lens = _lens(top / "cam1" / "sensor.yaml", other)
-        camera, lens, right_lens = rectified(lens, right_lens, between[:3, :3], between[:3, 3])
-        there = dict(zip(*(each for each in _images(top / "cam1")), strict=True))
-        right = [there.get(each) for each in stamp.tolist()]
-    # the rectified camera is the robot's straight ahead
-    turned = sensor.body[:3, :3] @ lens.rotation.T
+        right_sensor = _Sensor.read(top / "cam1" / "sensor.yaml")
+        right_from_left = np.linalg.inv(right_sensor.body) @ sensor.body
+        camera, lens, right_lens = rectify_stereo(
+            lens, right_sensor.lens, right_from_left[:3, :3], right_from_left[:3, 3]
+        )
+        right_stamps, right_files = _images(top / "cam1")
+        file_at = dict(zip(right_stamps.tolist(), right_files, strict=True))
+        right = ImageFiles([file_at.get(stamp) for stamp in stamps[frames.index].tolist()])
+    # the rectified camera looks straight ahead on the robot
+    body_from_camera = sensor.body[:3, :3] @ lens.rotation.T
     camera = replace(camera, rotation=AHEAD.copy())
-    beside = top.parent if top.name == "mav0" else top
-    steps = read_increments(beside, time, number) or _by_gyroscope(top / "imu0", time, zero, turned)
-    truth = _truth(top / "state_groundtruth_estimate0" / "data.csv", zero, sensor, turned, camera)
-    load = ImageFiles(
+    folder = top.parent if top.name == "mav0" else top
+    increments = read_increments(folder, frames) or _gyroscope_increments(
+        top / "imu0", frames.time, zero, body_from_camera
+    )
+    states = top / "state_groundtruth_estimate0" / "data.csv"
+    truth = _truth(states, zero, sensor, body_from_camera, camera)
+    load = FrameLoader(
         camera,
-        time,
-        left=[files[i] for i in number.tolist()],
+        frames.time,
+        left=ImageFiles([files[i] for i in frames.index.tolist()]),
         right=right,
         lens=lens,
         right_lens=right_lens,
     )
-    name = beside.resolve().name
-    return assemble_drive(name, Calibration(camera), time, load, steps, truth, remarks)
+    name = folder.resolve().name
+    return assemble_drive(name, folder, Calibration(camera), frames, load, increments, truth)
 
 
 def read_stamped(path: Path, columns: int) -> tuple[IntArray, FloatArray]:
-    """Nanoseconds (n,) and numbers (n, columns) of an ASL data.csv; more columns are left out.
+    """Nanoseconds (n,) and numbers (n, columns) of an ASL data.csv; further columns are ignored."""
+    stamps, table = [], []
+    for row in read_rows(path, delimiter=","):
+        if len(row.cells) < columns + 1:
+            raise row.error(f"{columns + 1} cells", str(row.cells))
+        stamps.append(_stamp(row))
+        table.append(row.numbers(slice(1, columns + 1)))
+    return np.array(stamps, np.int64), np.array(table, np.float64).reshape(-1, columns)
 
-    Raises:
-        LogError, DriveError: the file is missing, or a line is broken; names it.
-    """
-    stamps, rows = [], []
-    for line, cells in _cells(path):
-        if len(cells) < columns + 1:
-            raise DriveError(f"{path}, line {line}: expected {columns + 1} cells, found {cells}")
-        stamps.append(_stamp(path, line, cells[0]))
-        rows.append(numbers(path, line, cells[1 : columns + 1]))
-    return np.array(stamps, np.int64), np.array(rows, np.float64).reshape(-1, columns)
+
+def _stamp(row: Row) -> int:
+    return row.integer(0, "nanoseconds", below=2**63)
 
 
 def _seconds(stamps: IntArray, zero: int) -> FloatArray:
-    """Of nanoseconds (n,) since others; whole numbers keep every digit until then."""
+    """Seconds from nanoseconds (n,) since another stamp, subtracted exactly."""
     return np.asarray((stamps - zero) * 1e-9, np.float64)
 
 
 def _images(folder: Path) -> tuple[IntArray, list[Path]]:
+    """Nanoseconds (n,) and files of a camera."""
     path = folder / "data.csv"
-    rows = [(_stamp(path, line, cells[0]), cells[-1]) for line, cells in _cells(path)]
+    rows = list(read_rows(path, delimiter=","))
     if not rows:
         raise DriveError(f"{path}: expected times and files, found none")
-    return np.array([stamp for stamp, _ in rows]), [folder / "data" / name for _, name in rows]
+    stamps = np.array([_stamp(row) for row in rows])
+    return stamps, [folder / "data" / row.cells[-1] for row in rows]
 
 
-def _cells(path: Path) -> list[tuple[int, list[str]]]:
-    return [
-        (number, [cell.strip() for cell in cells])
-        for number, cells in enumerate(csv.reader(read_lines(path)), 1)
-        if cells and not cells[0].startswith("#")
-    ]
-
-
-def _stamp(path: Path, line: int, text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and len(text) < 20):
-        raise DriveError(f"{path}, line {line}: expected nanoseconds, found {text!r}")
-    return int(text)
-
-
-def _read_sensor(path: Path) -> _Sensor:
-    """The lists of numbers of a sensor.yaml."""
-    text = "\n".join(line.split("#")[0] for line in read_lines(path))
-    values = {}
-    for name, inside in re.findall(r"(\w+):\s*\[([^\]]*)\]", text):
-        values[name] = np.array(
-            numbers(path, text.count("\n") + 1, inside.replace(",", " ").split())
-        )
-    body = values.get("data", np.eye(4))
-    if body.size != 16:
-        raise DriveError(f"{path}: expected T_BS of 16 numbers, found {body.size}")
-    return _Sensor(body.reshape(4, 4), values)
-
-
-def _lens(path: Path, sensor: _Sensor) -> Lens:
-    sizes = {"resolution": 2, "intrinsics": 4, "distortion_coefficients": 4}
-    for name, size in sizes.items():
-        found = sensor.values.get(name, np.zeros(0)).size
-        if found != size:
-            raise DriveError(f"{path}: expected {size} numbers as {name}, found {found}")
-    (width, height), (fx, fy, cx, cy), bent = (sensor.values[name].tolist() for name in sizes)
-    camera = Camera(width=int(width), height=int(height), fx=fx, fy=fy, cx=cx, cy=cy)
-    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-    return Lens(matrix, tuple(bent), camera, np.eye(3))
-
-
-def _by_gyroscope(
-    folder: Path, time: FloatArray, zero: int, turned: FloatArray
+def _gyroscope_increments(
+    folder: Path, frame_time: FloatArray, zero: int, body_from_camera: FloatArray
 ) -> OdometryIncrements:
-    """Turns by the gyroscope, ways unknown; nothing known at all where there is none."""
-    steps = unknown_increments(time)
+    """Turns by the gyroscope with unknown translation; unknown motion where there is none."""
+    increments = unknown_increments(frame_time)
     if not (folder / "data.csv").exists():
-        return steps
+        return increments
     stamps, rates = read_stamped(folder / "data.csv", 3)
     if len(stamps) < 2:
-        return steps
-    sensor = _read_sensor(folder / "sensor.yaml") if (folder / "sensor.yaml").exists() else None
-    body = np.eye(3) if sensor is None else sensor.body[:3, :3]
-    robot = rates @ body.T @ turned @ AHEAD.T  # (k, 3) rad/s about ahead, left and up
-    clock = _seconds(stamps, zero)
-    order = np.argsort(clock, kind="stable")
-    by_gyro = increments_from_speeds(
-        clock[order], np.zeros(len(clock)), robot[order, 2], time, GYRO
+        return increments
+    yaml = folder / "sensor.yaml"
+    body = _Sensor.read(yaml).body[:3, :3] if yaml.exists() else np.eye(3)
+    rates = rates @ body.T @ body_from_camera @ AHEAD.T  # (k, 3) rad/s about ahead, left and up
+    time = _seconds(stamps, zero)
+    order = np.argsort(time, kind="stable")
+    turns = increments_from_speeds(
+        time[order], np.zeros(len(time)), rates[order, 2], frame_time, GYRO
     )
-    control, covariance = steps.control.copy(), steps.covariance.copy()
-    control[:, 2], covariance[:, 2, 2] = by_gyro.control[:, 2], by_gyro.covariance[:, 2, 2]
+    control, covariance = increments.control.copy(), increments.covariance.copy()
+    control[:, 2], covariance[:, 2, 2] = turns.control[:, 2], turns.covariance[:, 2, 2]
     return OdometryIncrements(control, covariance)
 
 
-def _truth(path: Path, zero: int, sensor: _Sensor, turned: FloatArray, camera: Camera) -> Truth:
+def _truth(
+    path: Path, zero: int, sensor: _Sensor, body_from_camera: FloatArray, camera: Camera
+) -> Truth:
     if not path.exists():
         return Truth()
     stamps, states = read_stamped(path, 7)
     if len(stamps) == 0:
         return Truth()
-    body = rotations(states[:, [4, 5, 6, 3]], str(path))  # (n, 3, 3), w is the first of the file
-    place = states[:, :3] + body @ sensor.body[:3, 3]
-    poses = Poses(_seconds(stamps, zero), body @ turned, place)
-    return Truth.of_camera(poses, camera, begin=0.0)
+    body = rotation_matrices(states[:, [4, 5, 6, 3]], str(path))  # (n, 3, 3), w first in the file
+    position = states[:, :3] + body @ sensor.body[:3, 3]
+    poses = Poses(_seconds(stamps, zero), body @ body_from_camera, position)
+    return Truth.of_camera(poses, camera, start_time=0.0)

@@ -1,123 +1,102 @@
 """Drives from a folder of images, or from a video, with a calibration beside it.
 
-    camera.toml              see `camera_file`; needed
-    the images               in the folder or in images/ in it: in the order of the numbers in
-                             their names, or of the names; or the video, in the folder of the rest
-    right/, depth/           optional, named as the images; a video has neither
+    camera.toml              see `camera_file`; required
+    the images               in the folder or its subfolder images/: sorted by the numbers in
+                             their names, or by name; or the video, in the folder of the rest
+    right/, depth/           optional, with the names of the images; not with a video
     times.txt                optional: seconds, one line a frame; else `rate` of camera.toml, or
                              the frame rate of the video
 
-and odometry and truth as `sidecar_files` tells.
+and odometry and ground truth as in `sidecar_files`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from saccade.datasets.drives.camera_file import CAMERA_FILE, read_calibration
-from saccade.datasets.drives.image_files import ImageFiles, images_of, in_time, undistort
-from saccade.datasets.drives.sidecar_files import (
-    assemble_drive,
-    read_increments_or_unknown,
-    read_truth,
+from saccade.datasets.drives.frame_times import FrameTimes
+from saccade.datasets.drives.image_files import (
+    FrameLoader,
+    ImageFiles,
+    SourceImage,
+    are_numbered,
+    list_images,
 )
+from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.drives.undistortion import Lens
-from saccade.datasets.text import read_columns
+from saccade.datasets.text import read_table
 from saccade.errors import DriveError
-from saccade.frames import Camera, Drive, Frame
-from saccade.types import FloatArray, IntArray
+from saccade.frames import Drive
+from saccade.types import IntArray
 from saccade.video import VideoFrames
 
 
 @dataclass(frozen=True, eq=False)
-class _VideoFile:
-    """Reads frame i from a video; what `Drive.load` is."""
+class _VideoImages:
+    """Reads image i from a video; an `ImageSource`."""
 
-    frames: VideoFrames
-    number: IntArray
-    camera: Camera
-    time: FloatArray
-    lens: Lens | None
+    video: VideoFrames
+    index: IntArray
+    """(n,) number in the video of each image."""
 
-    def __call__(self, i: int) -> Frame:
-        number = int(self.number[i])
-        name = f"{self.frames.path}, frame {number}"
-        image = undistort(self.frames[number], self.camera, self.lens, name)
-        return Frame(float(self.time[i]), image)
+    def __call__(self, i: int) -> SourceImage:
+        number = int(self.index[i])
+        return SourceImage(self.video[number], f"{self.video.path}, frame {number}")
 
 
 def read_folder_drive(path: Path) -> Drive:
-    """A drive from a folder of images.
-
-    Raises:
-        DriveError, LogError: a file is missing, broken or does not fit the others; names it.
-    """
+    """A drive from a folder of images."""
     folder = path / "images" if (path / "images").is_dir() else path
     calibration = read_calibration(path / CAMERA_FILE)
-    left = _in_order(images_of(folder))
-    clock = _clock(path, len(left), calibration.rate)
-    number, remarks = in_time(clock, str(path / "times.txt"))
-    time, chosen = clock[number], [left[i] for i in number.tolist()]
-    right, depth = (_beside(path / name, chosen) for name in ("right", "depth"))
-    load = ImageFiles(
+    images = list_images(folder)
+    if are_numbered(images):
+        images.sort(key=lambda image: int(image.stem))
+    frames = _frame_times(path, len(images), calibration.rate)
+    left = [images[i] for i in frames.index.tolist()]
+    load = FrameLoader(
         calibration.camera,
-        time,
-        left=chosen,
-        right=right,
-        depth=depth,
-        depth_unit=calibration.depth_unit,
+        frames.time,
+        left=ImageFiles(left),
+        right=ImageFiles(_same_names(path / "right", left)),
+        depth=ImageFiles(_same_names(path / "depth", left), calibration.depth_unit),
         lens=Lens.of(calibration.camera, calibration.distortion),
-        right_lens=Lens.of(calibration.camera, calibration.distortion),
     )
-    steps = read_increments_or_unknown(path, time, number)
-    truth = read_truth(path, clock, calibration.camera, time[0])
-    return assemble_drive(path.resolve().name, calibration, time, load, steps, truth, remarks)
+    return assemble_drive(path.resolve().name, path, calibration, frames, load)
 
 
 def read_video_drive(path: Path) -> Drive:
-    """A drive from a video.
-
-    Raises:
-        DriveError, LogError, ImageError: a file is missing, broken or does not fit the others.
-    """
+    """A drive from a video."""
     calibration = read_calibration(path.parent / CAMERA_FILE)
-    frames = VideoFrames(path)
-    clock = _clock(path.parent, len(frames), frames.rate)
-    number, remarks = in_time(clock, str(path.parent / "times.txt"))
-    if frames.declared > len(frames):
-        remarks += (
-            f"{path}: {frames.declared} frames are announced, {len(frames)} can be decoded: "
-            "the video is cut",
+    video = VideoFrames(path)
+    frames = _frame_times(path.parent, len(video), video.rate)
+    if video.declared > len(video):
+        remark = (
+            f"{path}: {video.declared} frames are announced, {len(video)} can be decoded: "
+            "the video is truncated"
         )
+        frames = replace(frames, remarks=(*frames.remarks, remark))
     lens = Lens.of(calibration.camera, calibration.distortion)
-    time = clock[number]
-    load = _VideoFile(frames, number, calibration.camera, time, lens)
-    steps = read_increments_or_unknown(path.parent, time, number)
-    truth = read_truth(path.parent, clock, calibration.camera, time[0])
-    return assemble_drive(path.stem, calibration, time, load, steps, truth, remarks)
+    load = FrameLoader(
+        calibration.camera, frames.time, left=_VideoImages(video, frames.index), lens=lens
+    )
+    return assemble_drive(path.stem, path.parent, calibration, frames, load)
 
 
-def _clock(folder: Path, frames: int, rate: float) -> FloatArray:
-    """(n,) seconds of the frames."""
+def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:
     path = folder / "times.txt"
     if not path.exists():
-        return np.arange(frames) / rate
-    clock = read_columns(path, ("seconds",))[:, 0]
-    if len(clock) < frames:
-        raise DriveError(f"{path}: expected a time for each of {frames} frames, found {len(clock)}")
-    return clock[:frames]
+        return FrameTimes.sort(np.arange(count) / rate, str(path))
+    recorded = read_table(path, ("seconds",))[:, 0]
+    if len(recorded) < count:
+        raise DriveError(
+            f"{path}: expected a time for each of {count} frames, found {len(recorded)}"
+        )
+    return FrameTimes.sort(recorded[:count], str(path))
 
 
-def _in_order(paths: list[Path]) -> list[Path]:
-    if all(path.stem.isascii() and path.stem.isdecimal() for path in paths):
-        return sorted(paths, key=lambda path: int(path.stem))
-    return paths
-
-
-def _beside(folder: Path, chosen: list[Path]) -> list[Path | None]:
-    """The images of a folder that are named as some others."""
-    if not folder.is_dir():
-        return []
-    there = {path.stem: path for path in images_of(folder)}
-    return [there.get(path.stem) for path in chosen]
+def _same_names(folder: Path, images: list[Path]) -> list[Path | None]:
+    """For each image the one of a folder with the same name; None where there is none."""
+    others = {path.stem: path for path in list_images(folder)} if folder.is_dir() else {}
+    return [others.get(image.stem) for image in images]

@@ -1,8 +1,9 @@
-"""Images of a drive: which there are, and each read when it is wanted."""
+"""Images of a drive: files are listed and numbered, read and undistorted on demand."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -11,96 +12,97 @@ from saccade.datasets.drives.undistortion import Lens
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Camera, Frame
 from saccade.image import find_images, read_stored
-from saccade.types import FloatArray, Image, IntArray
+from saccade.types import FloatArray, Image
 
 NO_DEPTH = 0
-"""What a depth image has where it knows nothing."""
+"""Value of a depth image where the depth is not known."""
+
+
+class SourceImage(NamedTuple):
+    """An image as it was recorded."""
+
+    pixels: Image
+    name: str
+    """For error messages."""
+    unit: float = 1.0
+    """Metres per step, of a depth image."""
+
+
+ImageSource: TypeAlias = Callable[[int], SourceImage | None]
+"""Reads image i of one camera; None where it has none. Raises `ImageError`."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameLoader:
+    """Loads frame i; the `load` of a `Drive`."""
+
+    camera: Camera
+    """The pinhole camera of the undistorted images."""
+    time: FloatArray
+    """(n,) seconds."""
+    left: ImageSource
+    """Of the (left) camera."""
+    right: ImageSource | None = None
+    """Of the right one."""
+    depth: ImageSource | None = None
+    """Depth of the left one."""
+    lens: Lens | None = None
+    """Of the left camera and of the depth; None where the images have no distortion."""
+    right_lens: Lens | None = None
+    """Of the right camera; None where it is `lens`."""
+
+    def __call__(self, i: int) -> Frame:
+        """Frame i."""
+        return Frame(
+            time=float(self.time[i]),
+            image=self._image(self.left, self.lens, i),
+            right=self._image(self.right, self.right_lens or self.lens, i),
+            depth=self._depth(i),
+        )
+
+    def _image(self, source: ImageSource | None, lens: Lens | None, i: int) -> Image | None:
+        image = None if source is None else source(i)
+        return None if image is None else self._undistort(image, lens, cv2.INTER_LINEAR)
+
+    def _depth(self, i: int) -> FloatArray | None:
+        """Depth in metres, NaN where it is not known."""
+        depth = None if self.depth is None else self.depth(i)
+        if depth is None:
+            return None
+        if depth.pixels.ndim != 2:
+            raise ImageError(
+                f"{depth.name}: expected depth, one number per pixel, found a color image"
+            )
+        steps = self._undistort(depth, self.lens, cv2.INTER_NEAREST)
+        return np.where(np.nan_to_num(steps) == NO_DEPTH, np.nan, steps * np.float64(depth.unit))
+
+    def _undistort(self, image: SourceImage, lens: Lens | None, interpolation: int) -> Image:
+        height, width = image.pixels.shape[:2]
+        if (width, height) != (self.camera.width, self.camera.height):
+            raise ImageError(
+                f"{image.name}: expected {self.camera.width} x {self.camera.height} px as the "
+                f"calibration, found {width} x {height}"
+            )
+        return image.pixels if lens is None else lens.undistort(image.pixels, interpolation)
 
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles:
-    """Reads frame i of a drive from its files; what `Drive.load` is."""
+    """Reads image i from its file; an `ImageSource`."""
 
-    camera: Camera
-    """Without the distortion."""
-    time: FloatArray
-    """(n,) seconds."""
-    left: Sequence[Path | None]
-    """(n,) of the (left) camera."""
-    right: Sequence[Path | None] = ()
-    """(n,) of the right one, or nothing."""
-    depth: Sequence[Path | None] = ()
-    """(n,) depth images, or nothing."""
-    depth_unit: float = 0.001
-    """Metres of one step in them."""
-    lens: Lens | None = None
-    """Of the left camera and of the depth; None where the images are straight already."""
-    right_lens: Lens | None = None
-    """Of the right camera."""
+    paths: Sequence[Path | None]
+    """(n,) None where there is no image."""
+    unit: float = 1.0
+    """Metres per step, of depth images."""
 
-    def __call__(self, i: int) -> Frame:
-        """Frame i.
-
-        Raises:
-            ImageError: a file is missing or broken, or has another size than the calibration.
-        """
-        return Frame(
-            time=float(self.time[i]),
-            image=self._image(self.left, self.lens, i),
-            right=self._image(self.right, self.right_lens, i),
-            depth=self._metres(i),
-        )
-
-    def _image(self, paths: Sequence[Path | None], lens: Lens | None, i: int) -> Image | None:
-        path = paths[i] if paths else None
-        return None if path is None else undistort(read_stored(path), self.camera, lens, str(path))
-
-    def _metres(self, i: int) -> FloatArray | None:
-        path = self.depth[i] if self.depth else None
-        if path is None:
-            return None
-        steps = read_stored(path)
-        return metres(steps, self.depth_unit, self.camera, self.lens, str(path))
+    def __call__(self, i: int) -> SourceImage | None:
+        """Image i."""
+        path = self.paths[i]
+        return None if path is None else SourceImage(read_stored(path), str(path), self.unit)
 
 
-def undistort(pixels: Image, camera: Camera, lens: Lens | None, name: str) -> Image:
-    """An image without the distortion of its lens.
-
-    Raises:
-        ImageError: it has another size than the calibration; `name` is in the message.
-    """
-    _check_size(pixels, camera, name)
-    return pixels if lens is None else lens.undistort(pixels)
-
-
-def _check_size(pixels: Image, camera: Camera, name: str) -> None:
-    height, width = pixels.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise ImageError(
-            f"{name}: expected {camera.width} x {camera.height} px as the calibration, "
-            f"found {width} x {height}"
-        )
-
-
-def metres(steps: Image, unit: float, camera: Camera, lens: Lens | None, name: str) -> FloatArray:
-    """A depth image in metres, NaN where it is not known.
-
-    Raises:
-        ImageError: it has colours, or another size than the calibration.
-    """
-    if steps.ndim != 2:
-        raise ImageError(f"{name}: expected depth, one number a pixel, found a colour image")
-    _check_size(steps, camera, name)
-    steps = steps if lens is None else lens.undistort(steps, cv2.INTER_NEAREST)
-    return np.where(np.nan_to_num(steps) == NO_DEPTH, np.nan, steps * np.float64(unit))
-
-
-def images_of(folder: Path) -> list[Path]:
-    """The images of a folder in the order of their names.
-
-    Raises:
-        DriveError: there is no such folder, or none in it.
-    """
+def list_images(folder: Path) -> list[Path]:
+    """The images of a folder, sorted by name."""
     if not folder.is_dir():
         raise DriveError(f"{folder}: expected a folder of images, found none")
     try:
@@ -109,20 +111,20 @@ def images_of(folder: Path) -> list[Path]:
         raise DriveError(str(error)) from error
 
 
-def numbered(paths: Sequence[Path], count: int) -> dict[int, Path]:
-    """Images by the number of their frame: that in their names, or else their order.
+def are_numbered(paths: Sequence[Path]) -> bool:
+    """Whether all file names are numbers."""
+    return all(path.stem.isascii() and path.stem.isdecimal() for path in paths)
+
+
+def index_images(paths: Sequence[Path], count: int) -> dict[int, Path]:
+    """Images by frame number: the number in the file name, or else the position in the list.
 
     Args:
-        paths: in the order of their names.
-        count: how many frames there are.
-
-    Raises:
-        DriveError: a number that no frame has.
+        paths: sorted by name.
+        count: number of frames.
     """
-    if not all(path.stem.isascii() and path.stem.isdecimal() for path in paths):
-        frames = dict(enumerate(paths))
-    else:
-        frames = {int(path.stem): path for path in paths}
+    numbers = [int(path.stem) for path in paths] if are_numbered(paths) else range(len(paths))
+    frames = dict(zip(numbers, paths, strict=True))
     if frames and max(frames) >= count:
         raise DriveError(
             f"{frames[max(frames)]}: expected one of {count} frames as there are times, "
@@ -131,41 +133,10 @@ def numbered(paths: Sequence[Path], count: int) -> dict[int, Path]:
     return frames
 
 
-def size_of(path: Path) -> tuple[int, int]:
-    """Width and height of an image.
-
-    Raises:
-        DriveError: it cannot be read.
-    """
+def image_size(path: Path) -> tuple[int, int]:
+    """Width and height of an image."""
     try:
         height, width = read_stored(path).shape[:2]
     except ImageError as error:
         raise DriveError(str(error)) from error
     return width, height
-
-
-def in_time(time: FloatArray, name: str) -> tuple[IntArray, tuple[str, ...]]:
-    """Which frames to take, in the order of their times; of those at the same time the first.
-
-    Args:
-        time: (n,) seconds of the frames as their files have them.
-        name: of the file, for the remarks.
-
-    Returns:
-        (k,) numbers of frames, and what had to be mended.
-    """
-    order = np.argsort(time, kind="stable")
-    new = np.diff(time[order], prepend=-np.inf) > 0
-    back = np.flatnonzero(np.diff(time) < 0)
-    remarks = []
-    if len(back):
-        remarks.append(
-            f"{name}: time goes back {len(back)} times, first at frame {back[0] + 1}; "
-            "the frames are sorted by it"
-        )
-    if not new.all():
-        remarks.append(
-            f"{name}: times that come twice: {int((~new).sum())}, first at frame "
-            f"{order[~new].min()}; of each only the first frame is taken"
-        )
-    return np.asarray(order[new], np.int64), tuple(remarks)

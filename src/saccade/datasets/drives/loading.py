@@ -1,4 +1,4 @@
-"""One door to every camera drive."""
+"""Reads camera drives of every layout."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +9,7 @@ from saccade.datasets.drives.euroc import read_euroc_drive
 from saccade.datasets.drives.folder import read_folder_drive, read_video_drive
 from saccade.datasets.drives.kitti import PAIRS, read_kitti_drive
 from saccade.datasets.drives.rosbag import read_rosbag_drive
-from saccade.datasets.drives.tracks import NAMES, read_tracks_drive
+from saccade.datasets.drives.tracks import TRACK_FILES, read_tracks_drive
 from saccade.datasets.drives.tum_rgbd import read_tum_drive
 from saccade.errors import DriveError, LogError, require
 from saccade.frames import Drive
@@ -18,7 +18,7 @@ from saccade.video import is_video
 DriveKind: TypeAlias = Literal[
     "auto", "kitti", "tum-rgbd", "euroc", "rosbag", "tracks", "folder", "video"
 ]
-"""The layouts; "auto" looks into the folder."""
+"""The layouts; "auto" detects the layout from the files in the folder."""
 _READERS: dict[DriveKind, Callable[[Path], Drive]] = {
     "kitti": read_kitti_drive,
     "tum-rgbd": read_tum_drive,
@@ -31,12 +31,12 @@ _READERS: dict[DriveKind, Callable[[Path], Drive]] = {
 
 
 def load_drive(kind: DriveKind, path: str | Path) -> Drive:
-    """Open a camera drive; its images are read when they are wanted.
+    """Open a camera drive; its images are read on demand.
 
     Args:
-        kind: "kitti", "tum-rgbd", "euroc", "rosbag" (ROS 1 and 2), "tracks" (points that were
-            followed by someone else), "folder" or "video" (with a camera.toml), or "auto".
-            The module of each, `drive_KIND`, names its files.
+        kind: "kitti", "tum-rgbd", "euroc", "rosbag" (ROS 1 and 2), "tracks" (point
+            tracks), "folder" or "video" (with a camera.toml), or "auto". The module of each in
+            `saccade.datasets.drives` lists its files.
         path: the folder or file.
 
     Raises:
@@ -56,10 +56,10 @@ def load_drive(kind: DriveKind, path: str | Path) -> Drive:
 
 
 def detect_layout(path: Path) -> DriveKind:
-    """Which layout a file or folder has.
+    """Layout of a file or folder.
 
     Raises:
-        DriveError: none of them.
+        DriveError: none of the known ones.
     """
     if path.is_file():
         kinds = {".bag": "rosbag", ".npz": "tracks"}
@@ -68,11 +68,11 @@ def detect_layout(path: Path) -> DriveKind:
             raise DriveError(f"{path}: expected a folder, a video, a .bag or an .npz, found none")
         return cast("DriveKind", kind)
     marks: tuple[tuple[DriveKind, tuple[str, ...]], ...] = (
-        ("kitti", tuple(folder for folder, *_ in PAIRS)),
+        ("kitti", tuple(pair.left for pair in PAIRS)),
         ("tum-rgbd", ("rgb.txt",)),
         ("euroc", ("mav0", "cam0")),
         ("rosbag", ("metadata.yaml",)),
-        ("tracks", NAMES),
+        ("tracks", TRACK_FILES),
         ("folder", (CAMERA_FILE,)),
     )
     for kind, names in marks:

@@ -1,14 +1,16 @@
-"""What is in the messages of ROS: images, calibrations, poses."""
+"""Contents of ROS messages: images, calibrations, poses, static transforms."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
 import numpy as np
 
 from saccade.datasets.drives.camera_file import Calibration
+from saccade.datasets.drives.camera_poses import rotation_matrices
+from saccade.datasets.drives.undistortion import pinhole
 from saccade.datasets.text import LARGEST
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.frames import Camera
 from saccade.types import FloatArray, Image
 
 _LAYOUTS = {
@@ -23,14 +25,15 @@ _LAYOUTS = {
     "16UC1": (np.uint16, 1),
     "32FC1": (np.float32, 1),
 }
-"""Number type and channels by encoding; 8UC3 is in the order of OpenCV."""
+"""Number type and channels by encoding; 8UC3 is in OpenCV's order."""
+_BGR = ("bgr8", "bgra8", "8UC3")
 _BAYER = {
     "bayer_rggb8": cv2.COLOR_BayerBG2RGB,
     "bayer_bggr8": cv2.COLOR_BayerRG2RGB,
     "bayer_gbrg8": cv2.COLOR_BayerGR2RGB,
     "bayer_grbg8": cv2.COLOR_BayerGB2RGB,
 }
-STRAIGHT = ("plumb_bob", "rational_polynomial", "")
+DISTORTION_MODELS = ("plumb_bob", "rational_polynomial", "")
 
 
 def seconds_of(message: Any) -> float:
@@ -40,11 +43,7 @@ def seconds_of(message: Any) -> float:
 
 
 def pixels_of(message: Any, name: str) -> Image:
-    """The image of an Image or a CompressedImage: grey or RGB, or depth as it is.
-
-    Raises:
-        ImageError: an encoding that is not known, or too few bytes; `name` is in the message.
-    """
+    """The image of an Image or a CompressedImage: grey or RGB, or depth as it is."""
     if hasattr(message, "format"):
         pixels = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None:
@@ -67,58 +66,42 @@ def pixels_of(message: Any, name: str) -> Image:
     if channels == 1:
         return pixels
     pixels = pixels.reshape(height, width, channels)[..., :3]
-    backwards = encoding.startswith("bgr") or encoding == "8UC3"
-    return np.ascontiguousarray(pixels[..., ::-1] if backwards else pixels)
+    return np.ascontiguousarray(pixels[..., ::-1] if encoding in _BGR else pixels)
 
 
 def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
-    """The calibration in the CameraInfo of one camera, or of a rectified pair.
+    """Calibration from the CameraInfo of one camera, or of a rectified stereo pair.
 
     Args:
-        left: of the left camera.
-        right: of the right one, whose projection has the baseline; None where there is none.
-        name: for the message of an error.
-
-    Raises:
-        DriveError: a model of distortion that OpenCV's five coefficients are not.
+        left: CameraInfo of the left camera.
+        right: of the right one, whose projection has the baseline; None for a single camera.
+        name: for the error message.
     """
-    K, D, P = (measured(_field(left, each), name) for each in "kdp")
+    K, D, P = (finite(_field(left, each), name) for each in "kdp")
     P = P.reshape(3, 4)
-    if left.distortion_model not in STRAIGHT or len(D) not in (0, 4, 5):
+    if left.distortion_model not in DISTORTION_MODELS or len(D) not in (0, 4, 5):
         raise DriveError(
             f"{name}: expected plumb_bob with up to five coefficients, "
             f"found {left.distortion_model!r} with {len(D)}"
         )
     baseline = 0.0
     if right is not None:
-        P2 = measured(_field(right, "p"), name).reshape(3, 4)
+        P2 = finite(_field(right, "p"), name).reshape(3, 4)
         baseline = -float(P2[0, 3] / P2[0, 0]) if P2[0, 0] else 0.0
         if np.any(D):
             raise DriveError(
                 f"{name}: expected rectified images of a stereo pair, found distortion {D.tolist()}"
             )
-        K = P[:, :3].ravel()
+        K = P[:, :3]
     try:
-        camera = Camera(
-            width=int(left.width),
-            height=int(left.height),
-            fx=float(K[0]),
-            fy=float(K[4]),
-            cx=float(K[2]),
-            cy=float(K[5]),
-            baseline=baseline,
-        )
+        camera = pinhole(K.reshape(3, 3), (left.width, left.height), baseline=baseline)
     except ConfigError as error:
         raise DriveError(f"{name}: {error}") from error
     return Calibration(camera, tuple(D.tolist()) if np.any(D) else ())
 
 
-def measured(values: Any, name: str) -> FloatArray:
-    """Numbers of a message as float64.
-
-    Raises:
-        DriveError: one is not finite, or larger than anything that is measured.
-    """
+def finite(values: Any, name: str) -> FloatArray:
+    """Numbers of a message as float64."""
     numbers = np.asarray(values, np.float64)
     if not (np.abs(numbers) < LARGEST).all():
         raise DriveError(f"{name}: expected finite numbers under {LARGEST:g}, found others")
@@ -126,16 +109,60 @@ def measured(values: Any, name: str) -> FloatArray:
 
 
 def pose_of(message: Any) -> tuple[float, ...]:
-    """Place and quaternion x, y, z, w of an Odometry, a PoseStamped or a TransformStamped."""
+    """Position and quaternion x, y, z, w of an Odometry, a PoseStamped or a TransformStamped."""
     if hasattr(message, "transform"):
-        place, turn = message.transform.translation, message.transform.rotation
+        position, rotation = message.transform.translation, message.transform.rotation
     else:
         pose = message.pose
         pose = pose.pose if hasattr(pose, "pose") else pose
-        place, turn = pose.position, pose.orientation
-    return place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
+        position, rotation = pose.position, pose.orientation
+    return (
+        *(position.x, position.y, position.z),
+        *(rotation.x, rotation.y, rotation.z, rotation.w),
+    )
 
 
 def _field(message: Any, name: str) -> Any:
-    """A field that ROS 1 spells with a capital."""
+    """A field whose name is a capital in ROS 1."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+
+
+def extrinsics(messages: Iterable[Any], base: str, part: str, name: str) -> FloatArray | None:
+    """Pose (4, 4) of a part in a base frame; None where no chain of transforms connects them.
+
+    Args:
+        messages: TFMessages with static transforms.
+        base: name of the base frame, such as base_link.
+        part: name of the frame of the part.
+        name: of the file, for the error message.
+    """
+    edges: dict[str, list[tuple[str, FloatArray]]] = {}
+    for message in messages:
+        for transform in message.transforms:
+            parent, child = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
+            pose = _matrix(transform, name)
+            inverse = np.asarray(np.linalg.inv(pose), np.float64)
+            edges.setdefault(parent, []).append((child, pose))
+            edges.setdefault(child, []).append((parent, inverse))
+    poses = {_frame(base): np.eye(4)}
+    stack = list(poses)
+    while stack:
+        parent = stack.pop()
+        for child, pose in edges.get(parent, []):
+            if child not in poses:
+                poses[child] = poses[parent] @ pose
+                stack.append(child)
+    return poses.get(_frame(part))
+
+
+def _frame(name: str) -> str:
+    """The name of a frame without the leading slash of old bags."""
+    return name.lstrip("/")
+
+
+def _matrix(transform: Any, name: str) -> FloatArray:
+    values = finite([pose_of(transform)], name)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_matrices(values[:, 3:], name)[0]
+    pose[:3, 3] = values[0, :3]
+    return pose

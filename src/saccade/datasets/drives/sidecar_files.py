@@ -1,9 +1,9 @@
-"""Odometry and truth that lie beside the images of a drive, whatever its layout.
+"""Odometry and ground truth in files beside the images of a drive, whatever its layout.
 
 odometry.csv             see `odometry_csv`; or odometry_oxts.csv
-groundtruth.tum          truth of the robot, on the ground; or of the left camera, in its frame:
-                         groundtruth_tum.txt, groundtruth_kitti.txt, poses.txt or, as KITTI's
-                         benchmark has it, ../../poses/NAME.txt
+groundtruth.tum          ground truth of the robot, on the ground; or of the left camera, in its
+                         frame: groundtruth_tum.txt, groundtruth_kitti.txt, poses.txt or, as in
+                         KITTI's benchmark, ../../poses/NAME.txt
 """
 
 from collections.abc import Callable
@@ -21,15 +21,16 @@ from saccade.datasets.drives.camera_poses import (
     read_tum_poses,
     robot_poses,
 )
+from saccade.datasets.drives.frame_times import FrameTimes
 from saccade.datasets.drives.odometry_csv import read_odometry
 from saccade.datasets.drives.odometry_increments import OdometryIncrements, unknown_increments
 from saccade.frames import Camera, Drive, Frame
-from saccade.types import FloatArray, IntArray, Trajectory
+from saccade.types import FloatArray, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Where the robot really was, if known."""
+    """Ground truth of a drive, if known."""
 
     trajectory: Trajectory | None = None
     """As `Drive.truth`."""
@@ -37,85 +38,84 @@ class Truth:
     """As `Drive.truth_off_plane`."""
 
     @classmethod
-    def of_camera(cls, poses: Poses, camera: Camera, begin: float) -> "Truth":
-        """That of a robot whose camera had some poses.
+    def of_robot(cls, poses: Poses) -> "Truth":
+        """Ground truth from poses of the robot in space."""
+        return cls(project_to_plane(poses), off_plane_components(poses))
+
+    @classmethod
+    def of_camera(cls, poses: Poses, camera: Camera, start_time: float) -> "Truth":
+        """Ground truth from poses of the camera, in any world frame.
 
         Args:
-            poses: of the camera, in any world.
+            poses: of the camera.
             camera: on the robot.
-            begin: seconds of the first frame, from where the robot's truth begins.
+            start_time: seconds of the first frame, at which the robot is at the origin.
         """
-        robot = robot_poses(poses, camera, begin)
-        return cls(project_to_plane(robot), off_plane_components(robot))
+        return cls.of_robot(robot_poses(poses, camera, start_time))
 
 
-def read_increments(path: Path, time: FloatArray, number: IntArray) -> OdometryIncrements | None:
-    """Odometry of a folder, if it has any.
-
-    Args:
-        path: the folder.
-        time: (n,) seconds of the frames.
-        number: (n,) their numbers among all that the camera took.
-    """
+def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | None:
+    """Odometry of a folder, or None where it has none."""
     for name in ("odometry.csv", "odometry_oxts.csv"):
-        if (path / name).exists():
-            return read_odometry(path / name, time, number)
+        if (folder / name).exists():
+            return read_odometry(folder / name, frames)
     return None
 
 
-def read_increments_or_unknown(
-    path: Path, time: FloatArray, number: IntArray
-) -> OdometryIncrements:
-    """Odometry of a folder, or steps of which nothing is known."""
-    return read_increments(path, time, number) or unknown_increments(time)
-
-
-def read_truth(path: Path, clock: FloatArray, camera: Camera, begin: float) -> Truth:
-    """Truth of a folder, if it has any.
-
-    Args:
-        path: the folder.
-        clock: (n,) seconds of all frames, for truth without times.
-        camera: on the robot.
-        begin: seconds of the first frame.
-    """
-    if (path / "groundtruth.tum").exists():
-        poses = read_tum_poses(path / "groundtruth.tum")
-        return Truth(project_to_plane(poses), off_plane_components(poses))
-    if (path / "groundtruth_tum.txt").exists():
-        return Truth.of_camera(read_tum_poses(path / "groundtruth_tum.txt"), camera, begin)
-    benchmark = path.resolve().parent.parent / "poses" / f"{path.resolve().name}.txt"
-    for file in (path / "groundtruth_kitti.txt", path / "poses.txt", benchmark):
+def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Truth:
+    """Ground truth of a folder, if it has any; KITTI's has a pose for each recorded frame."""
+    if (folder / "groundtruth.tum").exists():
+        return Truth.of_robot(read_tum_poses(folder / "groundtruth.tum"))
+    start_time = float(frames.time[0])
+    if (folder / "groundtruth_tum.txt").exists():
+        poses = read_tum_poses(folder / "groundtruth_tum.txt")
+        return Truth.of_camera(poses, camera, start_time)
+    benchmark = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
+    for file in (folder / "groundtruth_kitti.txt", folder / "poses.txt", benchmark):
         if file.exists():
-            return Truth.of_camera(read_kitti_poses(file, clock), camera, begin)
+            poses = read_kitti_poses(file, frames.recorded)
+            return Truth.of_camera(poses, camera, start_time)
     return Truth()
 
 
 def assemble_drive(
     name: str,
+    folder: Path,
     calibration: Calibration,
-    time: FloatArray,
+    frames: FrameTimes,
     load: Callable[[int], Frame],
-    steps: OdometryIncrements,
-    truth: Truth,
-    remarks: tuple[str, ...],
+    increments: OdometryIncrements | None = None,
+    truth: Truth | None = None,
 ) -> Drive:
-    """A drive of its parts; it begins where its calibration says, or else where its truth does."""
+    """A drive from its parts.
+
+    Args:
+        name: of the drive.
+        folder: with odometry and ground truth, which are read where they are None.
+        calibration: the camera; the start pose, which is else that of the ground truth.
+        frames: of the drive.
+        load: see `Drive`.
+        increments: odometry between the frames; unknown motion where the folder has none either.
+        truth: ground truth.
+    """
+    if increments is None:
+        increments = read_increments(folder, frames) or unknown_increments(frames.time)
+    truth = truth or read_truth(folder, frames, calibration.camera)
     start = np.zeros(3)
     if calibration.start is not None:
         start = np.array(calibration.start)
     elif truth.trajectory is not None:
-        start = truth.trajectory.at(time[:1])[0]
+        start = truth.trajectory.at(frames.time[:1])[0]
     return Drive(
         name=name,
         camera=calibration.camera,
-        time=time,
-        control=steps.control,
-        control_covariance=steps.covariance,
+        time=frames.time,
+        control=increments.control,
+        control_covariance=increments.covariance,
         load=load,
         start=start,
         odometry_bias=calibration.odometry_bias,
         truth=truth.trajectory,
         truth_off_plane=truth.off_plane,
-        remarks=remarks,
+        remarks=frames.remarks,
     )

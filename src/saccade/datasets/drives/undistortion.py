@@ -1,7 +1,8 @@
-"""What a lens bends, made straight."""
+"""Removes lens distortion, and rectifies stereo pairs."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,27 +13,27 @@ from saccade.types import Float32Array, FloatArray, Image
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """How a real camera's images become those of a pinhole camera; its maps are made once."""
+    """Maps the images of a camera with distortion to those of a pinhole camera."""
 
     matrix: FloatArray
-    """(3, 3) intrinsics of the real camera."""
+    """(3, 3) intrinsics of the camera with distortion."""
     distortion: tuple[float, ...]
-    """k1, k2, p1, p2 and perhaps k3 of OpenCV."""
+    """k1, k2, p1, p2 and optionally k3 of OpenCV."""
     camera: Camera
     """The pinhole camera."""
     rotation: FloatArray
-    """(3, 3) turns vectors of the real camera into those of the pinhole camera."""
+    """(3, 3) from the frame of the camera with distortion to that of the pinhole camera."""
 
     @classmethod
     def of(cls, camera: Camera, distortion: tuple[float, ...]) -> "Lens | None":
-        """That of a camera which keeps its intrinsics; None where nothing is bent."""
+        """Lens of a camera that keeps its intrinsics; None without distortion."""
         if not any(distortion):
             return None
-        return cls(intrinsics(camera), distortion, camera, np.eye(3))
+        return cls(camera_matrix(camera), distortion, camera, np.eye(3))
 
-    def undistort(self, pixels: Image, how: int = cv2.INTER_LINEAR) -> Image:
-        """The image of the pinhole camera; black where the real one saw nothing."""
-        return cv2.remap(pixels, *self._maps, how)
+    def undistort(self, pixels: Image, interpolation: int = cv2.INTER_LINEAR) -> Image:
+        """The image of the pinhole camera; black outside the field of view of the lens."""
+        return cv2.remap(pixels, *self._maps, interpolation)
 
     @cached_property
     def _maps(self) -> tuple[Float32Array, Float32Array]:
@@ -41,56 +42,72 @@ class Lens:
             self.matrix,
             np.array(self.distortion),
             self.rotation,
-            intrinsics(self.camera),
+            camera_matrix(self.camera),
             size,
             cv2.CV_32FC1,
         )
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
 
 
-def rectified(
-    left: Lens, right: Lens, turned: FloatArray, moved: FloatArray
+def rectify_stereo(
+    left: Lens, right: Lens, rotation: FloatArray, translation: FloatArray
 ) -> tuple[Camera, Lens, Lens]:
-    """Two cameras turned so that their rows are the same.
+    """Rotate two cameras so that epipolar lines are image rows.
 
     Args:
-        left: the left camera; its `camera` says size, place and rotation.
+        left: the left camera; its `camera` has the size and the mounting.
         right: the right one.
-        turned: (3, 3) turns vectors of the left camera into the right one's.
-        moved: (3,) metres; where the left camera is in the right one's frame.
+        rotation: (3, 3) from the frame of the left camera to that of the right one.
+        translation: (3,) metres; position of the left camera in the frame of the right one.
 
     Returns:
         The rectified camera with its baseline, and both lenses.
     """
-    old = left.camera
-    size = (old.width, old.height)
-    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+    rectification = cv2.stereoRectify(
         left.matrix,
         np.array(left.distortion),
         right.matrix,
         np.array(right.distortion),
-        size,
-        turned,
-        moved.reshape(3, 1),
+        (left.camera.width, left.camera.height),
+        rotation,
+        translation.reshape(3, 1),
         flags=cv2.CALIB_ZERO_DISPARITY,
         alpha=0,
     )
-    camera = replace(
-        old,
-        fx=float(P1[0, 0]),
-        fy=float(P1[1, 1]),
-        cx=float(P1[0, 2]),
-        cy=float(P1[1, 2]),
+    R1, R2, P1, P2 = (np.asarray(matrix, np.float64) for matrix in rectification[:4])
+    camera = pinhole(
+        P1,
+        (left.camera.width, left.camera.height),
         baseline=float(-P2[0, 3] / P2[0, 0]),
-        rotation=old.rotation @ np.asarray(R1, np.float64).T,
+        position=left.camera.position,
+        rotation=left.camera.rotation @ R1.T,
     )
     return (
         camera,
-        replace(left, camera=camera, rotation=np.asarray(R1, np.float64)),
-        replace(right, camera=camera, rotation=np.asarray(R2, np.float64)),
+        replace(left, camera=camera, rotation=R1),
+        replace(right, camera=camera, rotation=R2),
     )
 
 
-def intrinsics(camera: Camera) -> FloatArray:
-    """(3, 3) matrix of a camera."""
+def pinhole(matrix: FloatArray, size: tuple[int, int], **mounting: Any) -> Camera:
+    """The camera with a matrix (3, 3) or a projection (3, 4).
+
+    Args:
+        matrix: intrinsics in pixels.
+        size: width and height in pixels.
+        mounting: baseline, position and rotation as those of `Camera`.
+    """
+    return Camera(
+        width=int(size[0]),
+        height=int(size[1]),
+        fx=float(matrix[0, 0]),
+        fy=float(matrix[1, 1]),
+        cx=float(matrix[0, 2]),
+        cy=float(matrix[1, 2]),
+        **mounting,
+    )
+
+
+def camera_matrix(camera: Camera) -> FloatArray:
+    """(3, 3) intrinsics of a camera."""
     return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])

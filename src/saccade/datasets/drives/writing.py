@@ -1,4 +1,4 @@
-"""Camera drives into a folder in KITTI's layout (see `kitti`)."""
+"""Writes camera drives in KITTI's layout (see `kitti`)."""
 
 import shutil
 import tempfile
@@ -11,18 +11,19 @@ import numpy as np
 from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, write_calibration
 from saccade.datasets.drives.odometry_csv import write_increments
 from saccade.datasets.drives.odometry_increments import OdometryIncrements
-from saccade.datasets.tum import write_tum
+from saccade.datasets.drives.undistortion import camera_matrix
+from saccade.datasets.estimates import write_tum
 from saccade.errors import DriveError, OutputError
-from saccade.frames import Camera, Drive
-from saccade.types import FloatArray, Image
+from saccade.frames import Camera, Drive, Frame
+from saccade.types import Image
 
-OURS = (
+DRIVE_FILES = (
     *("calib.txt", CAMERA_FILE, "times.txt", "odometry.csv", "groundtruth.tum"),
     *("image_0", "image_1", "depth"),
 )
-"""What a folder may hold that is replaced by a new drive."""
+"""Files of an earlier drive, which may be replaced."""
 DEPTH_UNIT = 0.001
-"""Metres of one step in the depth images."""
+"""Metres per step of the depth images."""
 
 
 def save_drive(
@@ -30,25 +31,23 @@ def save_drive(
 ) -> None:
     """Write a drive as a folder in KITTI's layout, with odometry.csv and groundtruth.tum.
 
-    The folder appears whole or not at all; one of an earlier drive is replaced.
+    The folder is written atomically; one of an earlier drive is replaced.
 
     Args:
         path: the folder.
         drive: with images; tracks are not part of the layout.
-        progress: told the number of frames written, and of all.
+        progress: called with the number of frames written, and of all.
 
     Raises:
         DriveError: a frame has no image.
         ImageError: a frame cannot be read.
-        OutputError: the folder cannot be written, or holds files that are no drive's.
+        OutputError: the folder cannot be written, or holds other files than those of a drive.
     """
     path = Path(path)
     try:
-        strange = (
-            sorted({each.name for each in path.iterdir()} - set(OURS)) if path.exists() else []
-        )
-        if strange:
-            raise OutputError(f"{path}: expected a new or empty folder, found {strange[0]!r} in it")
+        names = {file.name for file in path.iterdir()} if path.exists() else set()
+        for name in sorted(names - set(DRIVE_FILES))[:1]:
+            raise OutputError(f"{path}: expected a new or empty folder, found {name!r} in it")
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=".saccade-", dir=path.parent))
     except OSError as error:
@@ -67,7 +66,7 @@ def save_drive(
 
 
 def _exchange(path: Path, new: Path, old: Path) -> None:
-    """Put the new folder in the place of the one that may be there; or leave that one there."""
+    """Replace a folder that may exist by the new one; on failure restore it."""
     if path.exists():
         path.replace(old)
     try:
@@ -98,7 +97,11 @@ def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | No
         frame = drive.load(i)
         if frame.image is None:
             raise DriveError(f"{drive.name}, frame {i}: expected an image to write, found none")
-        images = {"image_0": frame.image, "image_1": frame.right, "depth": _steps(frame.depth)}
+        images = {
+            "image_0": frame.image,
+            "image_1": frame.right,
+            "depth": _depth_steps(frame),
+        }
         for name, image in images.items():
             if image is not None:
                 _write_png(folder / name / f"{i:06d}.png", image)
@@ -107,10 +110,8 @@ def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | No
 
 
 def _projections(camera: Camera) -> str:
-    """P0 and P1 as KITTI writes them; the other two are the same cameras."""
-    left = np.array(
-        [[camera.fx, 0, camera.cx, 0], [0, camera.fy, camera.cy, 0], [0, 0, 1, 0]], np.float64
-    )
+    """P0 to P3 as KITTI writes them; P2 and P3 are the same cameras as P0 and P1."""
+    left = np.column_stack([camera_matrix(camera), np.zeros(3)])
     right = left.copy()
     right[0, 3] = -camera.fx * camera.baseline
     lines = [
@@ -120,11 +121,11 @@ def _projections(camera: Camera) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _steps(depth: FloatArray | None) -> Image | None:
-    """Depth in metres as a 16-bit image; 0 where it is not known or too far."""
-    if depth is None:
+def _depth_steps(frame: Frame) -> Image | None:
+    """Depth as a 16-bit image; 0 where it is unknown or out of range."""
+    if frame.depth is None:
         return None
-    steps = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0) / DEPTH_UNIT)
+    steps = np.rint(np.nan_to_num(frame.depth, nan=0.0, posinf=0.0) / DEPTH_UNIT)
     return np.where((steps > 0) & (steps < 1 << 16), steps, 0).astype(np.uint16)
 
 
@@ -135,7 +136,7 @@ def _write_png(path: Path, image: Image) -> None:
         pixels = np.rint(pixels.clip(0, 1) * 255).astype(np.uint8)
     if pixels.ndim == 3:
         pixels = cv2.cvtColor(np.ascontiguousarray(pixels[:, :, :3]), cv2.COLOR_RGB2BGR)
-    done, data = cv2.imencode(".png", pixels)
-    if not done:
+    encoded, data = cv2.imencode(".png", pixels)
+    if not encoded:
         raise OutputError(f"{path}: cannot be written: the image cannot be encoded")
     path.write_bytes(data.tobytes())

@@ -1,4 +1,6 @@
-"""Observations and controls in other forms, with their covariance."""
+"""Range-bearing observations as Cartesian ones and back; controls as relative poses."""
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -7,26 +9,25 @@ from saccade.types import FloatArray, LandmarkLog
 
 
 def to_range_bearing(
-    xy: FloatArray, covariance: FloatArray, places: list[str]
+    xy: FloatArray, covariance: FloatArray, name_of: Callable[[int], str]
 ) -> tuple[FloatArray, FloatArray]:
     """Range and bearing of points in the robot's frame, to first order.
 
     Args:
         xy: (k, 2) forward and left in metres.
         covariance: (k, 2, 2) square metres.
-        places: (k,) where each came from, for the message.
+        name_of: name of a point in the file, for the message.
 
     Returns:
         (k, 2) range and bearing, and their covariance (k, 2, 2).
 
     Raises:
-        LogError: a point is at the robot itself, where it has no bearing.
+        LogError: a point coincides with the robot, where it has no bearing.
     """
     x, y = xy[:, 0], xy[:, 1]
     r = np.hypot(x, y)
-    if (r < 1e-9).any():
-        where = places[int(np.argmax(r < 1e-9))]
-        raise LogError(f"{where}: expected a landmark away from the robot, found range 0")
+    for k in np.flatnonzero(r < 1e-9)[:1].tolist():
+        raise LogError(f"{name_of(k)}: expected a landmark away from the robot, found range 0")
     J = np.empty((len(xy), 2, 2))
     J[:, 0, 0], J[:, 0, 1] = x / r, y / r
     J[:, 1, 0], J[:, 1, 1] = -y / r / r, x / r / r
@@ -35,7 +36,7 @@ def to_range_bearing(
 
 
 def to_cartesian(observation: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points in the robot's frame, to first order: what `to_range_bearing` undoes.
+    """Points in the robot's frame, to first order: the inverse of `to_range_bearing`.
 
     Args:
         observation: (k, 2) range in metres, bearing in radians.
@@ -52,16 +53,19 @@ def to_cartesian(observation: FloatArray, covariance: FloatArray) -> tuple[Float
 
 
 def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
-    """The controls of a log as forward, left and turn.
+    """The controls of a log as relative poses: forward, left and turn.
 
     Returns:
         (t, 3), and their covariance (t, 3, 3), to first order.
 
     Raises:
-        LogError: the controls are of a model of the log's own.
+        LogError: the controls are those of a custom motion model.
     """
     if log.motion == "custom":
-        raise LogError(f"{log.name}: expected controls of drive or compose, found those of a model")
+        raise LogError(
+            f"{log.name}: expected controls of drive or compose, found those of a "
+            "custom motion model"
+        )
     if log.motion == "compose":
         return log.control, log.control_covariance
     d, phi = log.control.T

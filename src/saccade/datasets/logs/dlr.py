@@ -6,6 +6,7 @@ import numpy as np
 
 from saccade.datasets.archive import Archive
 from saccade.datasets.logs.cartesian import to_range_bearing
+from saccade.datasets.table import from_upper_triangle
 from saccade.errors import LogError
 from saccade.types import LandmarkLog
 
@@ -20,7 +21,7 @@ def read_dlr(path: str | Path) -> LandmarkLog:
     Args:
         path: an .npz with `odometry` (t, 3) relative poses, `odometry_cov_upper`
             (t, 6) the upper triangles of their covariances, row by row, and `observations`
-            (k, 7): step, identity, x, y, cxx, cxy, cyy, made at the start pose of the step.
+            (k, 7): step, identity, x, y, cxx, cxy, cyy, observed from the start pose of the step.
 
     Returns:
         The log; its times are the numbers of the poses.
@@ -32,28 +33,30 @@ def read_dlr(path: str | Path) -> LandmarkLog:
     archive = Archive(path)
     odometry = archive.table("odometry", _ODOMETRY)
     upper = archive.table("odometry_cov_upper", _UPPER)
-    seen = archive.table("observations", _OBSERVATION)
+    observations = archive.table("observations", _OBSERVATION)
     steps = len(odometry)
     if len(upper) != steps:
         raise LogError(f"{path}: expected {steps} covariances of odometry, found {len(upper)}")
-    step = seen[:, 0]
+    step = observations[:, 0]
     if len(step) and not 0 <= step.min() <= step.max() <= steps:
         raise LogError(
             f"{path}: expected steps from 0 to {steps}, found {step.min():g}-{step.max():g}"
         )
-    seen = seen[np.argsort(step, kind="stable")]
-    covariance = seen[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
-    places = [f"{path}, observation {k}" for k in range(len(seen))]
-    observation, observation_covariance = to_range_bearing(seen[:, 2:4], covariance, places)
+    observations = observations[np.argsort(step, kind="stable")]
+    observation, observation_covariance = to_range_bearing(
+        observations[:, 2:4],
+        from_upper_triangle(observations[:, 4:]),
+        lambda k: f"{path}, observation {k}",
+    )
     return LandmarkLog(
         name=path.stem,
         start=np.zeros(3),
         time=np.arange(steps + 1, dtype=np.float64),
         motion="compose",
         control=odometry,
-        control_covariance=upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3),
-        observation_pose=seen[:, 0].astype(np.int64),
+        control_covariance=from_upper_triangle(upper),
+        observation_pose=observations[:, 0].astype(np.int64),
         observation=observation,
         observation_covariance=observation_covariance,
-        landmark=seen[:, 1].astype(np.int64),
+        landmark=observations[:, 1].astype(np.int64),
     )

@@ -1,30 +1,48 @@
-"""One door to every landmark log."""
+"""Reads and writes landmark logs of every format."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias, cast, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 from saccade.datasets.archive import Archive
 from saccade.datasets.logs.dlr import read_dlr
-from saccade.datasets.logs.isam import Entries, read_isam
-from saccade.datasets.logs.isam_writer import Dialect, write_isam
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
-from saccade.datasets.logs.mrclam import MRCLAM_ODOMETRY, MRCLAM_SENSOR, read_mrclam
-from saccade.datasets.logs.mrclam_writer import write_mrclam
-from saccade.datasets.logs.victoria_park import (
-    VICTORIA_PARK_ODOMETRY,
-    VICTORIA_PARK_SENSOR,
-    Reference,
-    read_victoria_park,
-)
+from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
+from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
+from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
 from saccade.datasets.odometry import OdometryNoise
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog
 
 Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr"]
-"""The data sets; "auto" looks at the path and into the file."""
+"""The formats that are read; "auto" detects the format from the path and the content."""
 Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam", "mrclam"]
-"""What a log can be written as; "auto" goes by the suffix."""
-_FORMATS: dict[str, Format] = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
+"""The formats that are written; "auto" goes by the suffix."""
+_READERS: dict[str, Callable[..., LandmarkLog]] = {
+    "csv": read_log_csv,
+    "g2o": read_pose_graph,
+    "isam": read_pose_graph,
+    "mrclam": read_mrclam,
+    "victoria-park": read_victoria_park,
+    "dlr": read_dlr,
+}
+_WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
+    "csv": write_log_csv,
+    "g2o": partial(write_pose_graph, dialect="g2o"),
+    "isam": partial(write_pose_graph, dialect="isam"),
+    "toro": partial(write_pose_graph, dialect="toro"),
+    "gtsam": partial(write_pose_graph, dialect="gtsam"),
+    "mrclam": write_mrclam,
+}
+_SUFFIXES = {".csv": "csv", ".g2o": "g2o", ".isam": "isam", ".graph": "toro"}
+_OPTIONS = {
+    "g2o": {"matrix_form"},
+    "isam": {"matrix_form"},
+    "mrclam": {"robot", "odometry_noise", "sensor_sigma"},
+    "victoria-park": {"odometry_noise", "sensor_sigma", "reference"},
+}
+"""The options of each format; of Victoria Park they apply to the raw .mat alone."""
 
 
 def load(
@@ -32,34 +50,32 @@ def load(
     path: str | Path,
     *,
     robot: int | None = None,
-    entries: Entries | None = None,
+    matrix_form: MatrixForm | None = None,
     odometry_noise: OdometryNoise | None = None,
     sensor_sigma: tuple[float, float] | None = None,
     reference: Reference | None = None,
 ) -> LandmarkLog:
-    """Read a landmark log.
+    """Read a landmark log. An option that is None has the default of its format.
 
     Args:
         kind: "csv" (see `log_csv`), "g2o" or "isam" (g2o, iSAM, TORO or GTSAM text: one
             reader), "mrclam" (folder or .npz), "victoria-park" (raw .mat, or GTSAM's .txt),
             "dlr" (.npz), or "auto".
         path: the file or folder.
-        robot: mrclam: which of the five; the first unless told otherwise.
-        entries: g2o and isam: what the matrices are; found out unless told otherwise.
-        odometry_noise: mrclam and the raw Victoria Park log: how far the odometry
-            goes astray.
+        robot: mrclam: number of the robot, 1 to 5; default 1.
+        matrix_form: g2o and isam: form of the matrices; detected by default.
+        odometry_noise: mrclam and the raw Victoria Park log: odometry noise.
         sensor_sigma: mrclam and the raw Victoria Park log: standard deviations of
             range (m) and bearing (rad).
-        reference: the raw Victoria Park log: whether poses are of the "laser", beside
-            the GPS antenna, or of the rear "axle".
+        reference: the raw Victoria Park log: whether poses are those of the "laser", beside
+            the GPS antenna (default), or of the rear "axle".
 
     Returns:
         The log.
 
     Raises:
-        LogError: the file is missing, broken, or not of this kind; one line that
-            names it.
-        ConfigError: no such kind, or an argument that this kind does not have.
+        LogError: the file is missing, broken, or of another format; one line that names it.
+        ConfigError: no such kind, or an option that this kind does not have.
     """
     require(kind in get_args(Kind), "kind", f"one of {', '.join(get_args(Kind))}", kind)
     path = Path(path)
@@ -67,35 +83,18 @@ def load(
         raise LogError(f"{path}: expected a landmark log, found no such file or folder")
     if kind == "auto":
         kind = detect_format(path)
-    park = kind == "victoria-park" and path.suffix.lower() == ".mat"
-    for name, given, has in (
-        ("robot", robot, kind == "mrclam"),
-        ("entries", entries, kind in ("g2o", "isam")),
-        ("odometry_noise", odometry_noise, kind == "mrclam" or park),
-        ("sensor_sigma", sensor_sigma, kind == "mrclam" or park),
-        ("reference", reference, park),
-    ):
-        if given is not None and not has:
-            raise ConfigError(f"{name}: {path} read as {kind} does not have it; leave it out")
-    if kind == "mrclam":
-        return read_mrclam(
-            path,
-            1 if robot is None else robot,
-            odometry_noise or MRCLAM_ODOMETRY,
-            sensor_sigma or MRCLAM_SENSOR,
-        )
-    if kind == "victoria-park":
-        return read_victoria_park(
-            path,
-            odometry_noise or VICTORIA_PARK_ODOMETRY,
-            sensor_sigma or VICTORIA_PARK_SENSOR,
-            reference or "laser",
-        )
-    if kind == "dlr":
-        return read_dlr(path)
-    if kind == "csv":
-        return read_log_csv(path)
-    return read_isam(path, entries or "auto")
+    options: dict[str, Any] = {
+        "robot": robot,
+        "matrix_form": matrix_form,
+        "odometry_noise": odometry_noise,
+        "sensor_sigma": sensor_sigma,
+        "reference": reference,
+    }
+    options = {name: value for name, value in options.items() if value is not None}
+    converted = kind == "victoria-park" and path.suffix.lower() != ".mat"
+    for name in options.keys() - (set() if converted else _OPTIONS.get(kind, set())):
+        raise ConfigError(f"{name}: {path} read as {kind} does not have it; leave it out")
+    return _READERS[kind](path, **options)
 
 
 def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
@@ -103,36 +102,33 @@ def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:
 
     Args:
         path: the file, or the folder of "mrclam".
-        log: what to write.
-        kind: "csv", which keeps everything but the truth; "g2o", "isam", "toro" or "gtsam", text
-            without a clock (see `write_isam`); "mrclam", a folder of speeds without noise; or
-            "auto": .csv, .g2o, .isam, .graph (TORO), a name without suffix (a folder of mrclam).
+        log: the log.
+        kind: "csv", which keeps everything but the ground truth; "g2o", "isam", "toro" or
+            "gtsam", text without a clock (see `write_pose_graph`); "mrclam", a folder of speeds
+            without noise; or "auto": .csv, .g2o, .isam, .graph (TORO), a name without suffix (a
+            folder of mrclam).
 
     Raises:
-        LogError: the log holds what the format has no place for.
+        LogError: the format cannot represent the log.
         OutputError: it cannot be written.
         ConfigError: no such format.
     """
     require(kind in get_args(Format), "kind", f"one of {', '.join(get_args(Format))}", kind)
     path = Path(path)
+    name: str = kind
     if kind == "auto":
-        known: dict[str, Format] = {**_FORMATS, "": "mrclam"}
+        known = {**_SUFFIXES, "": "mrclam"}
         suffix = path.suffix.lower()
-        require(suffix in known, "path", f"a file that ends in {', '.join(_FORMATS)}", str(path))
-        kind = known[suffix]
-    if kind == "csv":
-        write_log_csv(path, log)
-    elif kind == "mrclam":
-        write_mrclam(path, log)
-    else:
-        write_isam(path, log, cast("Dialect", kind))
+        require(suffix in known, "path", f"a file that ends in {', '.join(_SUFFIXES)}", str(path))
+        name = known[suffix]
+    _WRITERS[name](path, log)
 
 
 def detect_format(path: Path) -> Kind:
-    """Which data set a file or folder is of.
+    """Format of a file or folder.
 
     Raises:
-        LogError: it is none of them.
+        LogError: none of the known ones.
     """
     if path.is_dir():
         if (path / "Barcodes.dat").exists():
@@ -146,6 +142,6 @@ def detect_format(path: Path) -> Kind:
             return "mrclam"
         if "observations" in archive:
             return "dlr"
-        found = ", ".join(sorted(archive.tables))
+        found = ", ".join(sorted(archive.arrays))
         raise LogError(f"{path}: expected the tables of mrclam or dlr, found {found[:80]}")
     return "csv" if path.suffix.lower() == ".csv" else "isam"

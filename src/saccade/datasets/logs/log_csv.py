@@ -1,221 +1,203 @@
 """Landmark logs as one CSV table, which any program can write and read.
 
-A row is a pose or an observation, and the header says what its cells are:
+A row is a pose or an observation, and the header names its cells:
 
     time                            seconds, or the number of the pose; never goes back
-    x, y, heading                   of the first row alone: where the log begins
-    forward, left, turn             the way from the last pose to this one, in the frame of the
-      or distance, turn             last one; or turned before driven
+    x, y, heading                   of the first row alone: the start pose
+    forward, left, turn             this pose in the frame of the last one
+      or distance, turn             turned before driven
     cov_forward_forward, ...        its covariance, upper triangle
-    landmark                        the identity of what was seen; empty where it is not known
+    landmark                        identity of the landmark; empty where it is not known
     range, bearing                  of an observation from the last pose above
     cov_range_range, ...            its covariance, upper triangle
 
 The first row is the first pose and has no control; every other row has either a control or an
-observation. An empty covariance between two things is zero. Metres and radians.
+observation. An empty off-diagonal covariance is zero. Metres and radians.
 """
 
-import csv
-from collections.abc import Iterator
-from itertools import combinations_with_replacement
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from saccade.datasets.table import write_table
-from saccade.datasets.text import numbers, read_lines
+from saccade.datasets.table import (
+    covariance_names,
+    from_upper_triangle,
+    symmetric_columns,
+    write_table,
+)
+from saccade.datasets.text import Row, read_rows
 from saccade.errors import LogError
-from saccade.types import FloatArray, LandmarkLog
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
 _START = ("x", "y", "heading")
-_OBSERVED = ("range", "bearing")
+_OBSERVATION = ("range", "bearing")
 _CONTROLS = {"compose": ("forward", "left", "turn"), "drive": ("distance", "turn")}
-
-
-def covariance_names(names: tuple[str, ...]) -> list[str]:
-    """The columns of the covariance of some quantities."""
-    return [f"cov_{a}_{b}" for a, b in combinations_with_replacement(names, 2)]
 
 
 def columns_of(motion: str) -> list[str]:
     """The header of a log whose controls are "compose" or "drive"."""
     control = _CONTROLS[motion]
     return [
-        "time",
-        *_START,
-        *control,
-        *covariance_names(control),
-        "landmark",
-        *_OBSERVED,
-        *covariance_names(_OBSERVED),
+        *("time", *_START, *control, *covariance_names(control)),
+        *("landmark", *_OBSERVATION, *covariance_names(_OBSERVATION)),
     ]
 
 
 def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
-    """Write a log with every digit; truth is not part of it.
+    """Write a log with every digit; ground truth is not part of it.
 
     Raises:
-        LogError: the controls are of a model of the log's own.
+        LogError: the controls are those of a custom motion model.
         OutputError: the file cannot be written.
     """
     if log.motion not in _CONTROLS:
-        raise LogError(f"{log.name}: expected controls of drive or compose, found those of a model")
+        raise LogError(
+            f"{log.name}: expected controls of drive or compose, found those of a custom motion "
+            "model"
+        )
     control = _CONTROLS[log.motion]
-    poses, seen = len(log.time), len(log.observation)
-    place = np.arange(poses) + np.searchsorted(log.observation_pose, np.arange(poses))
-    sight = np.arange(seen) + log.observation_pose + 1
-    table = {name: np.full(poses + seen, np.nan) for name in columns_of(log.motion)}
-    table["time"][place], table["time"][sight] = log.time, log.time[log.observation_pose]
-    for i, name in enumerate(_START):
-        table[name][0] = log.start[i]
-    for i, name in enumerate(control):
-        table[name][place[1:]] = log.control[:, i]
-    for i, name in enumerate(_OBSERVED):
-        table[name][sight] = log.observation[:, i]
-    for names, rows, matrices in (
-        (control, place[1:], log.control_covariance),
-        (_OBSERVED, sight, log.observation_covariance),
+    poses, observations = np.arange(len(log.time)), np.arange(len(log.observation))
+    pose_row = poses + np.searchsorted(log.observation_pose, poses)
+    observation_row = observations + log.observation_pose + 1
+    n = len(poses) + len(observations)
+    table = {name: np.full(n, np.nan) for name in columns_of(log.motion)}
+    table["time"][pose_row] = log.time
+    table["time"][observation_row] = log.time[log.observation_pose]
+    for rows, columns in (
+        (pose_row[:1], zip(_START, log.start[:, None], strict=True)),
+        (pose_row[1:], zip(control, log.control.T, strict=True)),
+        (pose_row[1:], symmetric_columns(control, log.control_covariance).items()),
+        (observation_row, zip(_OBSERVATION, log.observation.T, strict=True)),
+        (observation_row, symmetric_columns(_OBSERVATION, log.observation_covariance).items()),
     ):
-        upper = matrices[:, *np.triu_indices(len(names))]
-        for i, name in enumerate(covariance_names(names)):
-            table[name][rows] = upper[:, i]
-    identity = np.full(poses + seen, "", dtype=object)
-    identity[sight] = ["" if name < 0 else str(name) for name in log.landmark.tolist()]
-    write_table(path, table | {"landmark": identity})
+        for name, values in columns:
+            table[name][rows] = values
+    landmark = np.full(n, "", dtype=object)
+    landmark[observation_row] = ["" if i < 0 else str(i) for i in log.landmark.tolist()]
+    write_table(path, table | {"landmark": landmark})
 
 
 def read_log_csv(path: str | Path) -> LandmarkLog:
     """Read a log.
 
     Args:
-        path: a table with the columns that `log_csv` names, in any order; the covariances
-            between two things may be left out.
+        path: a table with the columns of the module's docstring, in any order; off-diagonal
+            covariances may be left out.
 
     Raises:
         LogError: no such file, another header, or a row that is neither a pose nor an
             observation; names the line.
     """
     path = Path(path)
-    rows = csv.reader(read_lines(path))
-    header = [name.strip() for name in next(rows, [])]
-    motion = "drive" if "distance" in header else "compose"
-    _check_header(path, header, motion)
-    table = _Table(path, header, motion)
-    try:
-        for cells in rows:
-            if any(cell.strip() for cell in cells):
-                table.add(rows.line_num, cells)
-    except csv.Error as error:
-        raise LogError(f"{path}, line {rows.line_num}: expected cells, found {error}") from error
-    return table.log()
-
-
-def _check_header(path: Path, header: list[str], motion: str) -> None:
-    known = columns_of(motion)
-    strange = [name for name in header if name not in known]
-    needed = ["time", *_CONTROLS[motion], *_OBSERVED]
-    needed += [f"cov_{name}_{name}" for name in (*_CONTROLS[motion], *_OBSERVED)]
-    missing = [name for name in needed if name not in header]
-    if strange or missing or len(set(header)) < len(header):
-        wrong = f"{strange[0][:40]!r}" if strange else f"no {', '.join(missing)}"
+    rows = read_rows(path, delimiter=",")
+    header = next(rows, Row(path, 1, []))
+    motion: Literal["drive", "compose"] = "drive" if "distance" in header.cells else "compose"
+    control = _CONTROLS[motion]
+    _check_header(header, motion)
+    records = [row.require_cells(len(header.cells)) for row in rows]
+    if not records:
+        raise LogError(f"{path}: expected a row for the first pose, found none")
+    columns = _parse_columns(header.cells, records, columns_of(motion))
+    is_control, is_observation = (
+        np.asarray(np.isfinite([columns[name] for name in names]).any(0))
+        for names in (control, _OBSERVATION)
+    )
+    _check_rows(header.cells, records, control, is_control, is_observation)
+    controls, observations = np.flatnonzero(is_control), np.flatnonzero(is_observation)
+    time = _cells(records, columns, np.arange(len(records)), ("time",))[:, 0]
+    pose_time = time[~is_observation]
+    observation_pose = np.cumsum(~is_observation)[observations] - 1
+    for i in np.flatnonzero(np.diff(pose_time) < 0)[:1].tolist():
+        row = records[int(np.flatnonzero(~is_observation)[i + 1])]
         raise LogError(
-            f"{path}, line 1: expected the columns {', '.join(known)}, each once, "
-            f"found {wrong if strange or missing else 'one twice'}"
+            f"{path}, line {row.line}: time goes back from {pose_time[i]:g} to {pose_time[i + 1]:g}"
+        )
+    for k in np.flatnonzero(time[observations] != pose_time[observation_pose])[:1].tolist():
+        raise records[int(observations[k])].error(
+            f"an observation at the time of the pose above, {pose_time[observation_pose[k]]:g}",
+            f"{time[observations[k]]:g}",
+        )
+    return LandmarkLog(
+        name=path.stem,
+        start=np.array([np.nan_to_num(columns[name][0]) for name in _START]),
+        time=pose_time,
+        motion=motion,
+        control=_cells(records, columns, controls, control),
+        control_covariance=_covariances(records, columns, controls, control),
+        observation_pose=observation_pose.astype(np.int64),
+        observation=_cells(records, columns, observations, _OBSERVATION),
+        observation_covariance=_covariances(records, columns, observations, _OBSERVATION),
+        landmark=_landmarks(header.cells, records, observations),
+    )
+
+
+def _check_header(header: Row, motion: str) -> None:
+    known, names = columns_of(motion), header.cells
+    unknown = [name for name in names if name not in known]
+    required = ["time", *_CONTROLS[motion], *_OBSERVATION]
+    required += [f"cov_{name}_{name}" for name in required[1:]]
+    missing = [name for name in required if name not in names]
+    if unknown or missing or len(set(names)) < len(names):
+        found = f"no {', '.join(missing)}" if missing else "one twice"
+        raise header.error(
+            f"the columns {', '.join(known)}, each once",
+            repr(unknown[0][:40]) if unknown else found,
         )
 
 
-class _Table:
-    """A log as it is read, row by row."""
-
-    def __init__(self, path: Path, header: list[str], motion: str) -> None:
-        self.path, self.header, self.motion = path, header, motion
-        self.control_names = _CONTROLS[motion]
-        self.start = np.zeros(3)
-        self.time: list[float] = []
-        self.control: list[list[float]] = []
-        self.control_covariance: list[FloatArray] = []
-        self.pose: list[int] = []
-        self.observation: list[list[float]] = []
-        self.observation_covariance: list[FloatArray] = []
-        self.landmark: list[int] = []
-
-    def add(self, line: int, cells: list[str]) -> None:
-        where = f"{self.path}, line {line}"
-        if len(cells) != len(self.header):
-            raise LogError(f"{where}: expected {len(self.header)} cells, found {len(cells)}")
-        row = {n: c.strip() for n, c in zip(self.header, cells, strict=True) if c.strip()}
-        moved = any(name in row for name in self.control_names)
-        saw = any(name in row for name in _OBSERVED)
-        if not self.time:
-            if moved or saw:
-                raise LogError(f"{where}: expected the first pose, found {', '.join(row)}")
-            self.start = np.array([self._numbers(line, row, (n,), "0")[0] for n in _START])
-        elif moved == saw:
-            both = "both" if moved else "neither"
-            raise LogError(
-                f"{where}: expected {', '.join(self.control_names)} or {', '.join(_OBSERVED)}, "
-                f"found {both}"
-            )
-        (time,) = self._numbers(line, row, ("time",))
-        if saw:
-            self._add_observation(line, row, time)
-            return
-        if self.time and time < self.time[-1]:
-            raise LogError(f"{where}: time goes back from {self.time[-1]:g} to {time:g}")
-        self.time.append(time)
-        if moved:
-            self.control.append(self._numbers(line, row, self.control_names))
-            self.control_covariance.append(self._covariance(line, row, self.control_names))
-
-    def log(self) -> LandmarkLog:
-        if not self.time:
-            raise LogError(f"{self.path}: expected a row for the first pose, found none")
-        d = len(self.control_names)
-        return LandmarkLog(
-            name=self.path.stem,
-            start=self.start,
-            time=np.array(self.time),
-            motion="drive" if self.motion == "drive" else "compose",
-            control=np.array(self.control).reshape(-1, d),
-            control_covariance=np.array(self.control_covariance).reshape(-1, d, d),
-            observation_pose=np.array(self.pose, np.int64),
-            observation=np.array(self.observation).reshape(-1, 2),
-            observation_covariance=np.array(self.observation_covariance).reshape(-1, 2, 2),
-            landmark=np.array(self.landmark, np.int64),
-        )
-
-    def _add_observation(self, line: int, row: dict[str, str], time: float) -> None:
-        if time != self.time[-1]:
-            raise LogError(
-                f"{self.path}, line {line}: expected an observation at the time of the pose above, "
-                f"{self.time[-1]:g}, found {time:g}"
-            )
-        identity = row.get("landmark", "-1")
-        if identity != "-1" and not (identity.isascii() and identity.isdecimal()):
-            raise LogError(
-                f"{self.path}, line {line}: expected the number of a landmark, found {identity!r}"
-            )
-        if len(identity) > 18:
-            raise LogError(f"{self.path}, line {line}: expected up to 18 digits, found {identity}")
-        self.landmark.append(int(identity))
-        self.pose.append(len(self.time) - 1)
-        self.observation.append(self._numbers(line, row, _OBSERVED))
-        self.observation_covariance.append(self._covariance(line, row, _OBSERVED))
-
-    def _numbers(
-        self, line: int, row: dict[str, str], names: tuple[str, ...], default: str = "nothing"
-    ) -> list[float]:
-        return numbers(self.path, line, [row.get(name, default) for name in names])
-
-    def _covariance(self, line: int, row: dict[str, str], names: tuple[str, ...]) -> FloatArray:
-        upper = [
-            row.get(name, "nothing" if name in _variances(names) else "0")
-            for name in covariance_names(names)
-        ]
-        matrix = np.zeros((len(names), len(names)))
-        matrix[np.triu_indices(len(names))] = numbers(self.path, line, upper)
-        return np.asarray(matrix + np.triu(matrix, 1).T)
+def _parse_columns(
+    header: list[str], records: list[Row], known: list[str]
+) -> dict[str, FloatArray]:
+    """The columns (n,) of all known names, NaN where a cell is empty or the column is missing."""
+    columns = {name: np.full(len(records), np.nan) for name in known}
+    for i, name in enumerate(header):
+        if name != "landmark":
+            columns[name][:] = [row.numbers(slice(i, i + 1), blank=np.nan)[0] for row in records]
+    return columns
 
 
-def _variances(names: tuple[str, ...]) -> Iterator[str]:
-    return (f"cov_{name}_{name}" for name in names)
+def _check_rows(
+    header: list[str],
+    records: list[Row],
+    control: tuple[str, ...],
+    is_control: BoolArray,
+    is_observation: BoolArray,
+) -> None:
+    """Check that the first row is a pose, and every other one a control or an observation."""
+    if is_control[0] or is_observation[0]:
+        found = [n for n, cell in zip(header, records[0].cells, strict=True) if cell]
+        raise records[0].error("the first pose", ", ".join(found))
+    for i in (np.flatnonzero(is_control[1:] == is_observation[1:])[:1] + 1).tolist():
+        found_both = "both" if is_control[i] else "neither"
+        raise records[i].error(f"{', '.join(control)} or {', '.join(_OBSERVATION)}", found_both)
+
+
+def _cells(
+    records: list[Row], columns: dict[str, FloatArray], rows: IntArray, names: tuple[str, ...]
+) -> FloatArray:
+    """Cells (len(rows), len(names)), none of which may be empty."""
+    values = np.stack([columns[name][rows] for name in names], 1)
+    for i, k in np.argwhere(np.isnan(values))[:1].tolist():
+        raise records[int(rows[i])].error(f"a finite number for {names[k]}", "nothing")
+    return values
+
+
+def _covariances(
+    records: list[Row], columns: dict[str, FloatArray], rows: IntArray, names: tuple[str, ...]
+) -> FloatArray:
+    """Covariances (len(rows), d, d); the variances are required."""
+    _cells(records, columns, rows, tuple(f"cov_{name}_{name}" for name in names))
+    entries = np.stack([columns[name][rows] for name in covariance_names(names)], 1)
+    return from_upper_triangle(np.nan_to_num(entries))
+
+
+def _landmarks(header: list[str], records: list[Row], rows: IntArray) -> IntArray:
+    """Identities (len(rows),), -1 where the cell is empty."""
+    landmarks = np.full(len(rows), -1, np.int64)
+    if "landmark" in header:
+        column = header.index("landmark")
+        for k, i in enumerate(rows.tolist()):
+            if records[i].cells[column] not in ("", "-1"):
+                landmarks[k] = records[i].integer(column, "the number of a landmark")
+    return landmarks

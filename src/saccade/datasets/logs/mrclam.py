@@ -6,78 +6,86 @@ from pathlib import Path
 import numpy as np
 
 from saccade.datasets.archive import Archive
+from saccade.datasets.logs.cartesian import to_relative_poses
 from saccade.datasets.odometry import OdometryNoise, integrate
-from saccade.datasets.text import read_columns
+from saccade.datasets.text import read_table
 from saccade.errors import LogError, require
+from saccade.files import atomic_write
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5
 """Subjects 1 to 5 are the robots themselves; the others are landmarks."""
-LONGEST_STEP = 0.5
-"""Seconds; poses are put between observations that are farther apart."""
-LONGEST_RUN = 1e6
-"""Seconds; a log that is longer has a broken time in it."""
-STALE = 0.2
-"""Seconds by which the first odometry sample may be stamped after the second: those of most
-robots of set 9 are, and are left out."""
+MAX_STEP = 0.5
+"""Seconds; poses are inserted between observations that are farther apart."""
+MAX_DURATION = 1e6
+"""Seconds; a longer log contains a corrupt time stamp."""
+STALE_LIMIT = 0.2
+"""Seconds by which the first odometry sample may be stamped after the second: it is in the logs of
+most robots of set 9, and is dropped."""
 MRCLAM_ODOMETRY = OdometryNoise(distance=0.05, turn=0.1, drift=0.03)
-"""As large as the odometry's errors against the cameras' truth are in set 6, over 1 to 16 s,
-beside those that are the same all the time."""
+"""Odometry errors of set 6 over 1 to 16 s against the motion capture, without the systematic
+ones."""
 MRCLAM_SENSOR = (0.08, 0.012)
 """Standard deviations of range (m) and bearing (rad)."""
-WIDEST = 1.0
-"""Radians from its axis beyond which no camera of these robots sees."""
+MAX_BEARING = 1.0
+"""Radians from the optical axis; half the field of view of these robots is less."""
 UTIAS_BARCODES = (5, 14, 41, 32, 23)
-"""On the robots of the published sets, by which these are known."""
+"""Barcodes on the robots of the published sets, which identify these sets."""
+
+_TABLES = {
+    "barcodes": ("Barcodes.dat", "barcodes", ("subject", "barcode")),
+    "odometry": (
+        "Robot{}_Odometry.dat",
+        "robot{}_odometry",
+        ("time", "forward velocity", "angular velocity"),
+    ),
+    "measurements": (
+        "Robot{}_Measurement.dat",
+        "robot{}_measurement",
+        ("time", "barcode", "range", "bearing"),
+    ),
+    "truth": ("Robot{}_Groundtruth.dat", "robot{}_groundtruth", ("time", "x", "y", "heading")),
+    "landmarks": (
+        "Landmark_Groundtruth.dat",
+        "landmarks",
+        ("subject", "x", "y", "x sigma", "y sigma"),
+    ),
+}
+"""File, name in an .npz, and columns of each table; the last two are optional."""
+_OPTIONAL = ("truth", "landmarks")
 
 
 @dataclass(frozen=True)
 class Platform:
-    """What the numbers that a robot logs say of it."""
+    """Calibration of a robot: how its logged numbers relate to physical quantities."""
 
     latency: float
-    """Seconds after which a robot carries out the speeds in its log, which are commands."""
+    """Seconds from a logged velocity, which is a command, to its execution."""
     turn: float
-    """Radians that it turns for each in its log."""
+    """Radians turned per logged radian."""
     depth: float | None
-    """What is logged as the range of a landmark, per metre along the axis of the camera; None
-    where ranges are ranges."""
+    """Logged range per metre of depth along the optical axis; None where the logged range is the
+    distance."""
     odometry_bias: tuple[float, float, float]
     """See `LandmarkLog.odometry_bias`."""
 
     @classmethod
     def ideal(cls) -> "Platform":
-        """A robot whose numbers say what they are called."""
+        """A calibrated robot without latency."""
         return cls(latency=0.0, turn=1.0, depth=None, odometry_bias=(0.0, 0.0, 0.0))
 
     @classmethod
     def utias(cls) -> "Platform":
         """The robots of the published sets.
 
-        Measured against the truth of set 6, alike in all five robots: their range is
-        proportional to the cosine of the bearing, for it comes from the height of the
-        barcode in the image. With that, the errors of range shrink from 4 to 1 %. They go
-        2 to 5 % farther than they say, less 0.1 m for each radian that they turn, and veer to
-        the right by 0.01 to 0.06 rad a metre, which is left to the filter. The innovations of
-        set 9, which has no truth, shrink by the same corrections.
+        Estimated from the ground truth of set 6, with equal results for all five robots: the
+        logged range is proportional to the cosine of the bearing, since it is derived from the
+        height of the barcode in the image. The correction reduces range errors from 4 to 1 %.
+        The robots drive 2 to 5 % farther than logged, less 0.1 m for each radian of turn, and
+        veer to the right by 0.01 to 0.06 rad per metre; the filter estimates these. The same
+        corrections reduce the innovations of set 9, which has no ground truth.
         """
         return cls(latency=0.2, turn=0.93, depth=1.035, odometry_bias=(0.1, 0.1, 0.1))
-
-
-_ODOMETRY = ("time", "forward velocity", "angular velocity")
-_MEASUREMENT = ("time", "barcode", "range", "bearing")
-_GROUNDTRUTH = ("time", "x", "y", "heading")
-_LANDMARK = ("subject", "x", "y", "x sigma", "y sigma")
-_BARCODE = ("subject", "barcode")
-
-
-@dataclass(frozen=True)
-class _Tables:
-    barcode: FloatArray
-    odometry: FloatArray
-    measurement: FloatArray
-    groundtruth: FloatArray | None
-    landmark: FloatArray | None
 
 
 def read_mrclam(
@@ -91,8 +99,8 @@ def read_mrclam(
 
     There is a pose at every time of a measurement, and others between them so
     that no step is longer than half a second; the odometry is integrated
-    between them by `integrate`. Sightings of other robots and of barcodes that
-    are in no list are left out. Where the truth is known, the log begins at the
+    between them by `integrate`. Observations of other robots and of unlisted
+    barcodes are dropped. Where the ground truth is known, the log starts at the
     true pose: its frame is that of the surveyed landmarks.
 
     Args:
@@ -101,131 +109,205 @@ def read_mrclam(
         robot: 1 to 5.
         odometry_noise: of the wheels.
         sensor_sigma: standard deviations of range (m) and bearing (rad).
-        platform: what the numbers mean; `Platform.utias` in the published sets and
-            `Platform.ideal` in others unless told otherwise.
+        platform: calibration; None for `Platform.utias` in the published sets and
+            `Platform.ideal` in others.
 
     Returns:
         The log; `landmark` is the subject, 6 to 20.
 
     Raises:
         LogError: a file is missing or broken; names the file and the line.
-        ConfigError: no such robot, or a deviation that is not positive.
+        ConfigError: no such robot, or a standard deviation that is not positive.
     """
-    require(1 <= robot <= ROBOTS, "robot", "a number from 1 to 5", robot)
+    require(1 <= robot <= ROBOTS, "robot", f"a number from 1 to {ROBOTS}", robot)
     require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
-    tables = _npz_tables(path, robot) if path.is_file() else _dat_tables(path, robot)
-    time, speed, turn_rate = tables.odometry.T
+    tables = _read_tables(path, robot)
+    time, speed, turn_rate = tables["odometry"].T
     if len(time) == 0:
         raise LogError(f"{path}: expected odometry of robot {robot}, found none")
 
-    barcodes = _whole(path, "barcodes", tables.barcode)
+    barcodes = _integers(path, "barcodes", tables["barcodes"])
     subject_of = {int(barcode): int(subject) for subject, barcode in barcodes}
     if platform is None:
         published = all(subject_of.get(b) == i + 1 for i, b in enumerate(UTIAS_BARCODES))
         platform = Platform.utias() if published else Platform.ideal()
-    subject = np.array([subject_of.get(int(b), -1) for b in tables.measurement[:, 1]], np.int64)
-    seen = tables.measurement[subject > ROBOTS]  # (k, 4)
-    whole = np.concatenate([time[[0, -1]], seen[:, 0]])
-    if not np.ptp(whole) < LONGEST_RUN:
+    measurements = tables["measurements"]  # (k, 4)
+    subject = np.array([subject_of.get(int(b), -1) for b in measurements[:, 1]], np.int64)
+    measurements, subject = measurements[subject > ROBOTS], subject[subject > ROBOTS]
+    times = np.concatenate([time[[0, -1]], measurements[:, 0]])
+    if not np.ptp(times) < MAX_DURATION:
         raise LogError(
-            f"{path}: expected times within {LONGEST_RUN:.0f} s of each other, "
-            f"found {whole.min():g} to {whole.max():g} s"
+            f"{path}: expected times within {MAX_DURATION:.0f} s of each other, "
+            f"found {times.min():g} to {times.max():g} s"
         )
-    at = _pose_times(whole.min(), whole.max(), seen[:, 0])
+    pose_time = _pose_times(times.min(), times.max(), measurements[:, 0])
     control, control_covariance = integrate(
-        time + platform.latency, speed, platform.turn * turn_rate, at, odometry_noise
+        time + platform.latency, speed, platform.turn * turn_rate, pose_time, odometry_noise
     )
-    truth = _trajectory(tables.groundtruth)
-    landmarks = tables.landmark
+    truth = _truth(tables.get("truth"))
     return LandmarkLog(
         name=f"{path.stem}, robot {robot}",
-        start=np.zeros(3) if truth is None else _interpolate(truth, float(at[0])),
-        time=at,
+        start=np.zeros(3) if truth is None else _interpolate(truth, float(pose_time[0])),
+        time=pose_time,
         motion="compose",
         control=control,
         control_covariance=control_covariance,
-        observation_pose=np.searchsorted(at, seen[:, 0]).astype(np.int64),
-        observation=_observations(seen[:, 2:], platform),
-        observation_covariance=np.tile(np.diag(np.square(sensor_sigma)), (len(seen), 1, 1)),
-        landmark=subject[subject > ROBOTS],
+        observation_pose=np.searchsorted(pose_time, measurements[:, 0]).astype(np.int64),
+        observation=_observations(measurements[:, 2:], platform),
+        observation_covariance=np.tile(np.diag(np.square(sensor_sigma)), (len(subject), 1, 1)),
+        landmark=subject,
         odometry_bias=platform.odometry_bias,
         truth=truth,
-        landmark_truth=None
-        if landmarks is None
-        else LandmarkMap(
-            id=_whole(path, "landmarks", landmarks[:, :1])[:, 0],
-            xy=landmarks[:, 1:3].copy(),
-            covariance=landmarks[:, 3:, None] ** 2 * np.eye(2),
-        ),
+        landmark_truth=_landmark_truth(path, tables.get("landmarks")),
     )
 
 
-def _observations(logged: FloatArray, platform: Platform) -> FloatArray:
-    """Range and bearing (k, 2) from what is logged."""
-    z = logged.copy()
-    if platform.depth is not None:
-        z[:, 0] /= platform.depth * np.cos(np.clip(z[:, 1], -WIDEST, WIDEST))
-    return z
+def _read_tables(path: Path, robot: int) -> dict[str, FloatArray]:
+    """The tables of a robot; optional ones may be missing."""
+    archive = Archive(path) if path.is_file() else None
+    if archive is None and not path.is_dir():
+        raise LogError(f"{path}: expected a folder with Barcodes.dat or an .npz, found nothing")
+    tables = {}
+    for name, (file, key, columns) in _TABLES.items():
+        dat, key = path / file.format(robot), key.format(robot)
+        exists = dat.exists() if archive is None else key in archive
+        if name in _OPTIONAL and not exists:
+            continue
+        limit = STALE_LIMIT if name == "odometry" else 0.0
+        tables[name] = (
+            read_table(dat, columns, limit)
+            if archive is None
+            else archive.table(key, columns, limit)
+        )
+    return tables
 
 
-def _dat_tables(folder: Path, robot: int) -> _Tables:
-    def table(name: str, columns: tuple[str, ...]) -> FloatArray:
-        return read_columns(folder / name, columns)
-
-    if not folder.is_dir():
-        raise LogError(f"{folder}: expected a folder with Barcodes.dat or an .npz, found nothing")
-    truth = f"Robot{robot}_Groundtruth.dat"
-    surveyed = (folder / "Landmark_Groundtruth.dat").exists()
-    return _Tables(
-        barcode=table("Barcodes.dat", _BARCODE),
-        odometry=read_columns(folder / f"Robot{robot}_Odometry.dat", _ODOMETRY, STALE),
-        measurement=table(f"Robot{robot}_Measurement.dat", _MEASUREMENT),
-        groundtruth=table(truth, _GROUNDTRUTH) if (folder / truth).exists() else None,
-        landmark=table("Landmark_Groundtruth.dat", _LANDMARK) if surveyed else None,
-    )
-
-
-def _npz_tables(path: Path, robot: int) -> _Tables:
-    archive = Archive(path)
-
-    def table(name: str, columns: tuple[str, ...]) -> FloatArray:
-        return archive.table(name, columns)
-
-    truth = f"robot{robot}_groundtruth"
-    return _Tables(
-        barcode=table("barcodes", _BARCODE),
-        odometry=archive.table(f"robot{robot}_odometry", _ODOMETRY, STALE),
-        measurement=table(f"robot{robot}_measurement", _MEASUREMENT),
-        groundtruth=table(truth, _GROUNDTRUTH) if truth in archive else None,
-        landmark=table("landmarks", _LANDMARK) if "landmarks" in archive else None,
-    )
-
-
-def _whole(path: Path, name: str, table: FloatArray) -> IntArray:
-    """Numbers of subjects and barcodes as integers; a float64 holds those under 2^53 exactly."""
-    wrong = np.argwhere((table != np.floor(table)) | (np.abs(table) >= 2**53))
-    if len(wrong):
+def _integers(path: Path, name: str, table: FloatArray) -> IntArray:
+    """Subject and barcode numbers as integers; float64 is exact for those under 2^53."""
+    invalid = np.argwhere((table != np.floor(table)) | (np.abs(table) >= 2**53))
+    if len(invalid):
         raise LogError(
-            f"{path}, {name}, row {wrong[0, 0] + 1}: expected whole numbers under 2^53, "
-            f"found {table[tuple(wrong[0])]:g}"
+            f"{path}, {name}, row {invalid[0, 0] + 1}: expected whole numbers under 2^53, "
+            f"found {table[tuple(invalid[0])]:g}"
         )
     return table.astype(np.int64)
 
 
-def _pose_times(first: float, last: float, seen: FloatArray) -> FloatArray:
-    steps = int(np.ceil((last - first) / LONGEST_STEP))
+def _observations(logged: FloatArray, platform: Platform) -> FloatArray:
+    """Range and bearing (k, 2) from the logged values."""
+    z = logged.copy()
+    if platform.depth is not None:
+        z[:, 0] /= platform.depth * np.cos(np.clip(z[:, 1], -MAX_BEARING, MAX_BEARING))
+    return z
+
+
+def _pose_times(first: float, last: float, observed: FloatArray) -> FloatArray:
+    steps = int(np.ceil((last - first) / MAX_STEP))
     regular = np.linspace(first, last, steps + 1) if steps else np.array([first])
-    return np.union1d(regular, seen)
+    return np.union1d(regular, observed)
 
 
-def _trajectory(table: FloatArray | None) -> Trajectory | None:
+def _truth(table: FloatArray | None) -> Trajectory | None:
     if table is None or len(table) == 0:
         return None
     return Trajectory(time=table[:, 0].copy(), pose=table[:, 1:].copy())
+
+
+def _landmark_truth(path: Path, table: FloatArray | None) -> LandmarkMap | None:
+    if table is None:
+        return None
+    return LandmarkMap(
+        id=_integers(path, "landmarks", table[:, :1])[:, 0],
+        xy=table[:, 1:3].copy(),
+        covariance=table[:, 3:, None] ** 2 * np.eye(2),
+    )
 
 
 def _interpolate(truth: Trajectory, time: float) -> FloatArray:
     x, y = (np.interp(time, truth.time, truth.pose[:, i]) for i in range(2))
     theta = np.interp(time, truth.time, np.unwrap(truth.pose[:, 2]))
     return np.array([x, y, np.arctan2(np.sin(theta), np.cos(theta))])
+
+
+def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
+    """Write the files of one robot.
+
+    The format stores velocities: a step that is not an arc becomes a turn, a straight line and
+    another turn, each in a third of its time. It stores no noise, and the start pose only as part
+    of the ground truth. Landmark numbers up to 5, which are the robots', are shifted to start at 6.
+
+    Args:
+        folder: of the files; created if it is missing.
+        log: with a clock and the identity of every landmark.
+        robot: 1 to 5.
+
+    Raises:
+        LogError: a motion takes no time, or an observation has no identity.
+        OutputError: a file cannot be written.
+        ConfigError: no such robot.
+    """
+    require(1 <= robot <= ROBOTS, "robot", f"a number from 1 to {ROBOTS}", robot)
+    if (log.landmark < 0).any():
+        raise LogError(f"{log.name}: expected the identity of every landmark, found none for some")
+    surveyed = np.empty(0, np.int64) if log.landmark_truth is None else log.landmark_truth.id
+    landmarks = np.union1d(log.landmark, surveyed)
+    shift = max(0, ROBOTS + 1 - int(landmarks.min(initial=ROBOTS + 1)))
+    subjects = np.concatenate([np.arange(1, ROBOTS + 1), landmarks + shift])
+    times = log.time[log.observation_pose]
+    measurements = np.column_stack([times, log.landmark + shift, log.observation])
+    tables = {
+        "barcodes": ("subject barcode", np.stack([subjects, subjects], 1)),
+        "odometry": ("time [s] speed [m/s] turn rate [rad/s]", _velocities(log)),
+        "measurements": ("time [s] barcode range [m] bearing [rad]", measurements),
+    }
+    if log.truth is not None:
+        truth = np.column_stack([log.truth.time, log.truth.pose])
+        tables["truth"] = ("time [s] x [m] y [m] heading [rad]", truth)
+    if log.landmark_truth is not None:
+        covariance = log.landmark_truth.covariance
+        sigma = np.zeros((len(surveyed), 2))
+        if covariance is not None:
+            sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2))
+        tables["landmarks"] = (
+            "subject x [m] y [m] x sigma [m] y sigma [m]",
+            np.column_stack([surveyed + shift, log.landmark_truth.xy, sigma]),
+        )
+    for name, (header, table) in tables.items():
+        file = _TABLES[name][0]
+        lines = [f"# {header}", *("\t".join(map(_number, row)) for row in table.tolist())]
+        with atomic_write(Path(folder) / file.format(robot)) as temporary:
+            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _velocities(log: LandmarkLog) -> FloatArray:
+    """Samples (n, 3) of time, speed and turn rate that reproduce each step of the log."""
+    control, _ = to_relative_poses(log)
+    rows: list[tuple[float, float, float]] = []
+    for step, (forward, left, turn) in enumerate(control.tolist()):
+        begin, end = log.time[step : step + 2].tolist()
+        if begin == end and (forward or left or turn):
+            raise LogError(
+                f"{log.name}, control {step}: expected a motion that takes time, found one from "
+                f"{begin:g} s to {end:g} s; the format stores velocities"
+            )
+        if begin == end:
+            continue
+        duration, third = end - begin, (end - begin) / 3
+        if abs(left - forward * np.tan(turn / 2)) < 1e-9 and abs(turn) < np.pi:  # an arc
+            length = forward / (np.cos(turn / 2) * np.sinc(turn / (2 * np.pi)))
+            rows.append((begin, length / duration, turn / duration))
+            continue
+        direction, length = float(np.arctan2(left, forward)), float(np.hypot(left, forward))
+        if abs(direction) > np.pi / 2:
+            direction, length = direction - np.copysign(np.pi, direction), -length
+        rows += [
+            (begin, 0.0, direction / third),
+            (begin + third, length / third, 0.0),
+            (begin + 2 * third, 0.0, (turn - direction) / third),
+        ]
+    return np.array([*rows, (float(log.time[-1]), 0.0, 0.0)])
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if value == int(value) and abs(value) < 1e9 else repr(value)

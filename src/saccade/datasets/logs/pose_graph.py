@@ -1,0 +1,338 @@
+"""Pose-graph text of g2o, iSAM, TORO and GTSAM: a chain of poses, and landmarks observed from them.
+
+    EDGE_SE2    from to forward left turn  a b c d e f      (g2o)
+    EDGE2       from to forward left turn  a b c d e f      (iSAM, TORO)
+    ODOMETRY    from to forward left turn  a b c d e f      (iSAM, GTSAM)
+    EDGE_SE2_XY pose landmark forward left  a b c           (g2o)
+    LANDMARK    pose landmark forward left  a b c           (iSAM, GTSAM)
+    BR          pose landmark bearing range  sigma sigma    (GTSAM)
+    VERTEX_SE2  pose x y heading                            (VERTEX2 in TORO)
+    VERTEX_XY   landmark x y
+    FIX         pose
+
+The last numbers of an edge are a symmetric or a triangular matrix in one of several forms, see
+`MatrixForm`. Vertices are initial estimates: only that of the first pose is read, as the start of
+the log.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+
+from saccade.datasets.logs.cartesian import to_cartesian, to_range_bearing, to_relative_poses
+from saccade.datasets.table import from_upper_triangle, upper_triangle
+from saccade.datasets.text import Row, read_rows
+from saccade.errors import LogError, require
+from saccade.files import atomic_write
+from saccade.types import FloatArray, LandmarkLog
+
+MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]
+"""What the matrix of an edge is.
+
+- "covariance": its upper triangle row by row, as in the Victoria Park file that GTSAM
+  distributes (`ODOMETRY` lines).
+- "information": the upper triangle of the inverse of the covariance, row by row, as in g2o.
+- "root": the upper triangular square root of the information, row by row, as in iSAM (`EDGE2`
+  lines; in cityTrees10000 the entry 50 goes with a noise of 0.02 m).
+- "toro": information in TORO's order: xx, xy, yy, tt, xt, yt.
+"""
+TORO_ORDER = (0, 1, 4, 2, 5, 3)
+"""Index in TORO's order of each of xx, xy, xt, yy, yt, tt."""
+MIN_SIGMA = 1e-4
+"""Metres and radians added to a singular covariance in every direction, to write its inverse."""
+
+_EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
+_OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
+_POSES = {"VERTEX_SE2": 5, "VERTEX2": 5}
+_FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4, "FIX": 2}
+"""Number of fields in a line of each tag."""
+
+
+class _Tags(NamedTuple):
+    """Tags and matrix form of a dialect."""
+
+    edge: str
+    observation: str
+    vertex: str | None
+    form: MatrixForm
+
+
+Dialect: TypeAlias = Literal["g2o", "isam", "toro", "gtsam"]
+"""The program a file is written for."""
+_DIALECTS: dict[Dialect, _Tags] = {
+    "g2o": _Tags("EDGE_SE2", "EDGE_SE2_XY", "VERTEX_SE2", "information"),
+    "isam": _Tags("EDGE2", "LANDMARK", None, "root"),
+    "toro": _Tags("EDGE2", "LANDMARK", "VERTEX2", "toro"),
+    "gtsam": _Tags("ODOMETRY", "LANDMARK", None, "covariance"),
+}
+
+
+class _Edge(NamedTuple):
+    """A line that joins two vertices."""
+
+    row: Row
+    tag: str
+    first: int
+    second: int
+    values: list[float]
+
+
+@dataclass
+class _Graph:
+    """The lines of a file by their role."""
+
+    edges: list[_Edge] = field(default_factory=list)
+    observations: list[_Edge] = field(default_factory=list)
+    vertices: dict[int, list[float]] = field(default_factory=dict)
+    tags: set[str] = field(default_factory=set)
+
+
+def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> LandmarkLog:
+    """Read a g2o, iSAM, TORO or GTSAM text log.
+
+    Args:
+        path: the file.
+        matrix_form: form of the matrices in the file; None to detect it: "information" in a file
+            with `EDGE_SE2` lines, "toro" in one with `VERTEX2` lines, "covariance" where the
+            first edge is `ODOMETRY`, else "root".
+
+    Returns:
+        A log of relative poses; its times are the pose numbers of the file, and it starts at the
+        vertex of the first pose, or at the origin.
+
+    Raises:
+        LogError: no such file, an unknown or broken line, poses that are not a chain, or a matrix
+            that is no covariance; names the line.
+        ConfigError: no such form.
+    """
+    forms = get_args(MatrixForm)
+    require(matrix_form in (None, *forms), "matrix_form", f"one of {forms}", matrix_form)
+    path = Path(path)
+    graph = _parse(path)
+    form = matrix_form or _detect_form(graph)
+    edges = _chain(graph.edges)
+    poses = [edges[0].first, *(edge.second for edge in edges)]
+    observations = sorted(graph.observations, key=lambda edge: edge.first)
+    observed_from = np.array([edge.first for edge in observations], np.int64)
+    pose_index = np.searchsorted(poses, observed_from)
+    for k in np.flatnonzero(np.append(poses, -1)[pose_index] != observed_from)[:1].tolist():
+        raise observations[k].row.error("a pose of the log", str(observations[k].first))
+    values = np.array([edge.values for edge in edges])  # (t, 9)
+    observation, observation_covariance = _read_observations(observations, form)
+    return LandmarkLog(
+        name=path.stem,
+        start=np.array(graph.vertices.get(poses[0], [0.0, 0.0, 0.0])),
+        time=np.array(poses, np.float64),
+        motion="compose",
+        control=values[:, :3],
+        control_covariance=_covariances(edges, values[:, 3:], form),
+        observation_pose=pose_index.astype(np.int64),
+        observation=observation,
+        observation_covariance=observation_covariance,
+        landmark=np.array([edge.second for edge in observations], np.int64),
+    )
+
+
+def _parse(path: Path) -> _Graph:
+    graph = _Graph()
+    for row in read_rows(path):
+        tag = row.cells[0]
+        if tag not in _FIELDS:
+            raise row.error(", ".join(_FIELDS), repr(tag[:40]))
+        row.require_cells(_FIELDS[tag], f"fields in a line of {tag}")
+        graph.tags.add(tag)
+        first = row.integer(1, "the number of a pose or landmark")
+        if tag in _POSES:
+            graph.vertices[first] = row.numbers(slice(2, None))
+        if tag not in _EDGES and tag not in _OBSERVATIONS:
+            continue
+        second = row.integer(2, "the number of a pose or landmark")
+        edge = _Edge(row, tag, first, second, row.numbers(slice(3, None)))
+        (graph.edges if tag in _EDGES else graph.observations).append(edge)
+    if not graph.edges:
+        raise LogError(f"{path}: expected lines of {', '.join(_EDGES)}, found none")
+    return graph
+
+
+def _detect_form(graph: _Graph) -> MatrixForm:
+    if graph.tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
+        return "information"
+    if "VERTEX2" in graph.tags:
+        return "toro"
+    return "covariance" if graph.edges[0].tag == "ODOMETRY" else "root"
+
+
+def _chain(edges: list[_Edge]) -> list[_Edge]:
+    """The edges in the order of the poses."""
+    edges = sorted(edges, key=lambda edge: edge.first)
+    last = edges[0].first
+    for edge in edges:
+        if edge.first != last or edge.second <= edge.first:
+            raise edge.row.error(
+                f"an edge from pose {last} to a later one",
+                f"{edge.first} to {edge.second}; a log is one chain of poses, without loop "
+                "closures",
+            )
+        last = edge.second
+    return edges
+
+
+def _read_observations(
+    observations: list[_Edge], form: MatrixForm
+) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing (k, 2) and their covariance (k, 2, 2)."""
+    k = len(observations)
+    observation, covariance = np.empty((k, 2)), np.empty((k, 2, 2))
+    polar = np.array([edge.tag == "BR" for edge in observations], bool)
+    edges = [edge for edge in observations if edge.tag != "BR"]
+    values = np.array([edge.values for edge in edges]).reshape(-1, 5)
+    observation[~polar], covariance[~polar] = to_range_bearing(
+        values[:, :2],
+        _covariances(edges, values[:, 2:], form),
+        lambda i: f"{edges[i].row.path}, line {edges[i].row.line}",
+    )
+    for i in np.flatnonzero(polar).tolist():
+        edge = observations[i]
+        bearing, distance, bearing_sigma, range_sigma = edge.values
+        if min(distance, bearing_sigma, range_sigma) < 0:
+            raise edge.row.error("a range and standard deviations of 0 or more", str(edge.values))
+        observation[i] = distance, bearing
+        covariance[i] = np.diag([range_sigma**2, bearing_sigma**2])
+    return observation, covariance
+
+
+def _covariances(edges: list[_Edge], entries: FloatArray, form: MatrixForm) -> FloatArray:
+    """Covariances (n, d, d) from the entries (n, d (d + 1) / 2) of the file."""
+    if form == "toro" and entries.shape[1] == 6:
+        entries = entries[:, list(TORO_ORDER)]
+    matrices = from_upper_triangle(entries)
+    if form == "root":
+        root = np.triu(matrices)
+        matrices = root.transpose(0, 2, 1) @ root
+    eigenvalues = np.linalg.eigvalsh(matrices)
+    threshold = 1e-12 * np.abs(eigenvalues[:, -1])
+    if form == "covariance":
+        invalid = eigenvalues[:, 0] < -threshold
+    else:
+        invalid = eigenvalues[:, 0] <= threshold
+    for i in np.flatnonzero(invalid)[:1].tolist():
+        raise edges[i].row.error(f"the {form} entries of a covariance", str(entries[i].tolist()))
+    return matrices if form == "covariance" else np.asarray(np.linalg.inv(matrices), np.float64)
+
+
+def write_pose_graph(
+    path: str | Path, log: LandmarkLog, dialect: Dialect, range_bearing: bool = False
+) -> None:
+    """Write a log as text, with every digit.
+
+    The formats have no clock: poses are numbered from 0. In g2o poses and landmarks share one
+    numbering; landmarks follow the t + 1 poses. Only g2o and TORO keep the start pose.
+    Observations become Cartesian, to first order.
+
+    Args:
+        path: the file; replaced if it exists.
+        log: with the identity of every landmark.
+        dialect: selects the tags and the matrix form.
+        range_bearing: write observations as ranges and bearings, as GTSAM reads them (`BR`).
+
+    Raises:
+        LogError: an observation has no identity, or no exact representation.
+        OutputError: the file cannot be written.
+        ConfigError: no such dialect.
+    """
+    require(dialect in get_args(Dialect), "dialect", f"one of {get_args(Dialect)}", dialect)
+    if (log.landmark < 0).any():
+        raise LogError(
+            f"{log.name}: expected the identity of every landmark, which {dialect} needs, found "
+            f"none for {int((log.landmark < 0).sum())} observations; write it as CSV"
+        )
+    tags = _DIALECTS[dialect]
+    landmark_offset = len(log.time) if dialect == "g2o" else 0
+    vertices = np.stack([log.observation_pose, landmark_offset + log.landmark], 1).tolist()
+    lines = [
+        *_vertex_lines(log, tags.vertex, landmark_offset),
+        *_edge_lines(log, tags),
+        *(_range_bearing_lines if range_bearing else _cartesian_lines)(log, tags, vertices),
+        *(["FIX 0"] if dialect == "g2o" else []),  # at the end: GTSAM reads no farther
+    ]
+    with atomic_write(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _vertex_lines(log: LandmarkLog, tag: str | None, landmark_offset: int) -> Iterator[str]:
+    """Initial estimates: poses by dead reckoning, landmarks by their first observation."""
+    if tag is None:
+        return
+    control, _ = to_relative_poses(log)
+    x, y, theta = log.start.tolist()
+    poses = [(x, y, theta)]
+    for forward, left, turn in control.tolist():
+        c, s = np.cos(theta), np.sin(theta)
+        x, y, theta = x + c * forward - s * left, y + s * forward + c * left, theta + turn
+        poses.append((float(x), float(y), float(np.arctan2(np.sin(theta), np.cos(theta)))))
+    for number, pose in enumerate(poses):
+        yield _line(tag, [number], pose)
+    if landmark_offset == 0:
+        return
+    landmarks, first = np.unique(log.landmark, return_index=True)
+    for landmark, k in zip(landmarks.tolist(), first.tolist(), strict=True):
+        x, y, theta = poses[int(log.observation_pose[k])]
+        distance, bearing = log.observation[k].tolist()
+        xy = x + distance * np.cos(theta + bearing), y + distance * np.sin(theta + bearing)
+        yield _line("VERTEX_XY", [landmark_offset + landmark], map(float, xy))
+
+
+def _edge_lines(log: LandmarkLog, tags: _Tags) -> Iterator[str]:
+    control, covariance = to_relative_poses(log)
+    for i, (u, entries) in enumerate(zip(control, _entries(covariance, tags.form), strict=True)):
+        yield _line(tags.edge, [i, i + 1], [*u.tolist(), *entries])
+
+
+def _cartesian_lines(log: LandmarkLog, tags: _Tags, vertices: list[list[int]]) -> Iterator[str]:
+    xy, covariance = to_cartesian(log.observation, log.observation_covariance)
+    for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
+        raise LogError(
+            f"{log.name}, observation {k}: expected a landmark away from the robot, found range 0"
+        )
+    for k, entries in enumerate(_entries(covariance, tags.form)):
+        yield _line(tags.observation, vertices[k], [*xy[k].tolist(), *entries])
+
+
+def _range_bearing_lines(
+    log: LandmarkLog, _tags: _Tags, vertices: list[list[int]]
+) -> Iterator[str]:
+    covariance = log.observation_covariance
+    for k in np.flatnonzero(covariance[:, 0, 1])[:1].tolist():
+        raise LogError(
+            f"{log.name}, observation {k}: expected range and bearing without correlation, which "
+            f"BR lines cannot store, found {float(covariance[k, 0, 1]):g}"
+        )
+    range_sigma, bearing_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2)).T
+    values = np.column_stack([log.observation[:, ::-1], bearing_sigma, range_sigma])
+    for ends, row in zip(vertices, values.tolist(), strict=True):
+        yield _line("BR", ends, row)
+
+
+def _entries(covariance: FloatArray, form: MatrixForm) -> list[list[float]]:
+    """The entries of a line for each covariance (n, d, d)."""
+    d = covariance.shape[1]
+    matrices: FloatArray = covariance
+    if form != "covariance":
+        singular = np.linalg.eigvalsh(covariance)[:, 0] < MIN_SIGMA**2
+        matrices = np.asarray(
+            np.linalg.inv(covariance + MIN_SIGMA**2 * singular[:, None, None] * np.eye(d))
+        )
+        matrices = (matrices + matrices.transpose(0, 2, 1)) / 2
+    if form == "root":
+        matrices = np.asarray(np.linalg.cholesky(matrices).transpose(0, 2, 1), np.float64)
+    entries = upper_triangle(matrices)  # (n, 3) or (n, 6)
+    if form == "toro" and d == 3:
+        entries = entries[:, np.argsort(TORO_ORDER)]
+    return list(entries.tolist())
+
+
+def _line(tag: str, vertices: list[int], values: Iterable[float]) -> str:
+    return " ".join([tag, *map(str, vertices), *map(repr, values)])
