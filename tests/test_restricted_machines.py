@@ -197,5 +197,5 @@ def test_an_error_that_nobody_foresaw_is_one_line(run, monkeypatch):
     with pytest.raises(RuntimeError, match="several"):
         run("look", "a.png")
     monkeypatch.delenv(TRACEBACK)
-    told = f"saccade: RuntimeError: several lines; {TRACEBACK}=1 shows where\n"
+    told = f"saccade: RuntimeError: several lines; set {TRACEBACK}=1 for a traceback\n"
     assert run("look", "a.png") == (1, "", told)

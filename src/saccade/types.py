@@ -21,6 +21,10 @@ Float32Array: TypeAlias = npt.NDArray[np.float32]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
+THREE_SIGMA_PLANE = 11.829
+"""Squared Mahalanobis distance on the plane that 99.73 % of a normal distribution stay under: what
+three standard deviations hold on a line."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Keypoints:

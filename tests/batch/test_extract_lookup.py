@@ -144,7 +144,7 @@ def test_find_as_a_person_runs_it(run, tmp_path):
     assert code == 0
     (found,) = json.loads(printed)["found"]
     assert found["image"] == "hallway_2.jpg"
-    assert found["agreeing"] > 30
+    assert found["inliers"] > 30
     code, _, err = run("find", data / "camera.jpg", "--in", "set")
     assert code == 1
     assert "none of 4 images shows the same thing" in err

@@ -10,7 +10,7 @@ import pytest
 from saccade import datasets, visual
 from saccade.datasets.drives.odometry_increments import OdometryIncrements, composed
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.evaluation.drives import same_places, score_drive
+from saccade.evaluation.drives import correct_associations, score_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
@@ -51,7 +51,9 @@ def test_the_map_brings_the_robot_home(drive, mapped):
 
 def test_landmarks_met_again_are_the_same(drive, mapped):
     seen = mapped.observations
-    right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, drive.truth.at(drive.time))
+    right = correct_associations(
+        seen.frame, seen.landmark, seen.z, seen.sigma, drive.truth.at(drive.time)
+    )
     assert (seen.kind == 2).sum() > 10
     assert right[seen.kind == 2].mean() > 0.95
     assert right[seen.kind == 0].all()

@@ -1,4 +1,4 @@
-"""`saccade detect`: interest points."""
+"""`saccade detect`: keypoints and descriptors."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -8,24 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from saccade.cli.options import Images, Json, Out, Preset, Settings
+from saccade.cli.options import Config, Images, Json, MaxKeypoints, Out, Preset, Spread
 
 if TYPE_CHECKING:
     from saccade.types import Keypoints
 
-    Found: TypeAlias = tuple[Keypoints, tuple[int, ...]]
-    """The points of an image, and its shape."""
-
-Most = Annotated[
-    int | None, typer.Option("--max", min=1, help="Keep only this many, the strongest.")
-]
-Spread = Annotated[
-    bool, typer.Option("--spread", help="With --max: keep those that spread over the image.")
-]
+    Detections: TypeAlias = tuple[Keypoints, tuple[int, ...]]
+    """The keypoints of an image, and its shape."""
 
 
 class Detector(StrEnum):
-    """What finds the points."""
+    """Keypoint detectors."""
 
     SIFT = "sift"
     MUST = "must"
@@ -33,7 +26,7 @@ class Detector(StrEnum):
 
 
 class Format(StrEnum):
-    """Files that points are written to."""
+    """File formats of keypoints."""
 
     NPZ = "npz"
     CSV = "csv"
@@ -42,15 +35,15 @@ class Format(StrEnum):
     COLMAP = "colmap"
 
 
-EXPLAINED = 20
-"""Of the strongest points it is shown which pairs made them."""
+MAX_EXPLAINED = 20
+"""Number of the strongest points whose symmetric pairs are drawn."""
 
-TOGETHER = {
+SHARED_FILES = {
     Format.PARQUET: "keypoints.parquet",
     Format.HDF5: "keypoints.h5",
     Format.COLMAP: "database.db",
 }
-"""What holds the points of all images in one file, and its name."""
+"""Formats that hold the keypoints of all images, and the names of the files."""
 
 
 def detect(
@@ -58,25 +51,25 @@ def detect(
     out: Out = Path("saccade-detect"),
     detector: Annotated[
         Detector,
-        typer.Option(help="SIFT, symmetric points (must), or regions of symmetry (symroid)."),
+        typer.Option(help="SIFT, points of symmetry (must), or regions of symmetry (symroid)."),
     ] = Detector.SIFT,
     preset: Preset = None,
-    config: Settings = None,
-    most: Most = None,
+    config: Config = None,
+    max_keypoints: MaxKeypoints = None,
     spread: Spread = False,
     formats: Annotated[
         list[Format] | None,
-        typer.Option("--format", "-f", help="May be repeated; the default is npz."),
+        typer.Option("--format", "-f", help="Output format, npz by default; may be repeated."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Find interest points and describe them.
+    """Detect and describe keypoints.
 
-    For each image a picture (NAME.keypoints.png) appears in --out, for symmetric
-    ones another that shows the pairs of edges which made them (NAME.pairs.png), and the
-    points: in NAME.keypoints.npz or .csv (which has no descriptors), or those
-    of all images in keypoints.parquet, keypoints.h5 (as hloc reads it) or
-    database.db (for COLMAP).
+    For each image --out receives a figure (NAME.keypoints.png), for points and
+    regions of symmetry another with the edge pairs that contribute to them
+    (NAME.pairs.png), and the keypoints as NAME.keypoints.npz or .csv (without
+    descriptors). Keypoints of all images go to keypoints.parquet, keypoints.h5
+    (in the layout of hloc) or database.db (for COLMAP).
     """
     from saccade.cli.detectors import make_detector
     from saccade.cli.output import for_each_image, print_json, print_table
@@ -85,38 +78,38 @@ def detect(
 
     chosen = list(dict.fromkeys(formats or [Format.NPZ]))
     require_libraries(chosen)
-    find = make_detector(detector.value, preset, config, most, spread=spread)
+    find = make_detector(detector.value, preset, config, max_keypoints, spread=spread)
     paths = [path for source in images for path in find_images(source)]
-    together = [each for each in chosen if each in TOGETHER]
-    found: dict[Path, Found] = {}
+    shared = [each for each in chosen if each in SHARED_FILES]
+    detections: dict[Path, Detections] = {}
 
-    def work(path: Path, name: str) -> dict[str, Any]:
-        row, points = detect_in(path, out / f"{name}.keypoints", find, chosen)
-        if together:
-            found[path] = points
+    def process(path: Path, name: str) -> dict[str, Any]:
+        row, keypoints = detect_in(path, out / f"{name}.keypoints", find, chosen)
+        if shared:
+            detections[path] = keypoints
         return row
 
     try:
-        rows = for_each_image(paths, out, work)
+        rows = for_each_image(paths, out, process)
     except OutputError:
         raise
     except SaccadeError:
-        if found:  # the message says that the others are there
-            write_together(found, out, together)
+        if detections:  # the message says that the others are there
+            write_shared(detections, out, shared)
         raise
-    files = write_together(found, out, together)
+    files = write_shared(detections, out, shared)
     if as_json:
         print_json({"images": rows} | ({"files": files} if files else {}))
         return
     print_table(
-        f"interest points -> {out}",
+        f"keypoints -> {out}",
         ["image", "points", "median size [px]"],
         [[row["image"], str(row["points"]), f"{row['median_size']:.1f}"] for row in rows],
     )
 
 
 def require_libraries(formats: Sequence[Format]) -> None:
-    """Import what the formats need, before any work is done."""
+    """Import the libraries of the formats, to fail before any work is done."""
     from saccade.exchange.colmap import import_pycolmap
     from saccade.extras import import_optional
 
@@ -130,8 +123,8 @@ def require_libraries(formats: Sequence[Format]) -> None:
 
 def detect_in(
     path: Path, out: Path, find: Any, formats: Sequence[Format]
-) -> tuple[dict[str, Any], "Found"]:
-    """Detect in one image: write `out`.png and its files, give the row for --json."""
+) -> tuple[dict[str, Any], "Detections"]:
+    """Detect in one image: write `out`.png and its files, return the row for --json."""
     import numpy as np
 
     from saccade import exchange
@@ -142,10 +135,10 @@ def detect_in(
     from saccade.viewing import keypoint_figure, pair_figure, region_figure, save_figure
 
     image = read_image(path)
-    found = find(image)
-    regions = isinstance(found, Regions)
-    keypoints = found.keypoints if regions else found
-    figure = region_figure(image, found) if regions else keypoint_figure(image, keypoints)
+    detections = find(image)
+    regions = isinstance(detections, Regions)
+    keypoints = detections.keypoints if regions else detections
+    figure = region_figure(image, detections) if regions else keypoint_figure(image, keypoints)
     row: dict[str, Any] = {
         "image": str(path),
         "points": len(keypoints),
@@ -153,9 +146,9 @@ def detect_in(
         "picture": str(save_figure(figure, f"{out}.png")),
     }
     if regions:
-        row["boxes"] = found.boxes.tolist()
+        row["boxes"] = detections.boxes.tolist()
     if regions or isinstance(find, Must):
-        pairs = contributing_pairs(find, image, keypoints[:EXPLAINED])
+        pairs = contributing_pairs(find, image, keypoints[:MAX_EXPLAINED])
         picture = out.with_name(f"{out.name.removesuffix('.keypoints')}.pairs.png")
         row["pairs"] = str(save_figure(pair_figure(image, pairs), picture))
     if Format.NPZ in formats:
@@ -167,27 +160,27 @@ def detect_in(
     return row, (keypoints, image.shape)
 
 
-def write_together(
-    found: Mapping[Path, "Found"], out: Path, formats: Sequence[Format]
+def write_shared(
+    detections: Mapping[Path, "Detections"], out: Path, formats: Sequence[Format]
 ) -> dict[str, str]:
-    """Write the points of all images in one file for each format; give their paths."""
+    """Write the keypoints of all images in one file for each format; return the paths."""
     from saccade import exchange
 
-    names = names_below(list(found))
-    points = {names[path]: each for path, (each, _) in found.items()}
-    shapes = {names[path]: shape for path, (_, shape) in found.items()}
-    files = {str(each): str(out / TOGETHER[each]) for each in formats}
+    names = relative_names(list(detections))
+    keypoints = {names[path]: each for path, (each, _) in detections.items()}
+    shapes = {names[path]: shape for path, (_, shape) in detections.items()}
+    files = {str(each): str(out / SHARED_FILES[each]) for each in formats}
     if Format.PARQUET in formats:
-        exchange.write_parquet(files["parquet"], points)
+        exchange.write_parquet(files["parquet"], keypoints)
     if Format.HDF5 in formats:
-        exchange.write_hdf5(files["hdf5"], points, shapes)
+        exchange.write_hdf5(files["hdf5"], keypoints, shapes)
     if Format.COLMAP in formats:
-        exchange.write_colmap(files["colmap"], points, shapes)
+        exchange.write_colmap(files["colmap"], keypoints, shapes)
     return files
 
 
-def names_below(paths: Sequence[Path]) -> dict[Path, str]:
-    """Each path from the deepest folder that holds all, as COLMAP and hloc name images."""
+def relative_names(paths: Sequence[Path]) -> dict[Path, str]:
+    """Each path relative to the common folder, as COLMAP and hloc name images."""
     from saccade.files import as_text
 
     if not paths:

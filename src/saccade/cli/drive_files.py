@@ -1,6 +1,6 @@
-"""What `saccade drive` writes."""
+"""Tables, figures and film frames of `saccade drive`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,17 +8,12 @@ if TYPE_CHECKING:
     import numpy as np
 
     from saccade.frames import Drive
-    from saccade.types import Float32Array, Image, MapSnapshot, Trajectory
+    from saccade.types import Float32Array, Image, MapSnapshot
     from saccade.visual import VisualConfig, VisualResult
-
-FILM_RATE = 24
-"""Frames per second."""
-STILL = 60
-"""Per cent of the film after which a still is taken."""
 
 
 def write_tables(out: Path, result: "VisualResult") -> dict[str, Path]:
-    """Trajectory, map and sightings; returns where each is."""
+    """Write trajectory, map and observations; returns the files."""
     from saccade.cli.output import write_arrays
     from saccade.cli.slam_files import pose_table
     from saccade.datasets import write_landmarks, write_table, write_tum
@@ -29,7 +24,7 @@ def write_tables(out: Path, result: "VisualResult") -> dict[str, Path]:
         "poses": out / "poses.csv",
         "landmarks": out / "landmarks.csv",
         "map": out / "map.npz",
-        "sightings": out / "sightings.csv",
+        "observations": out / "observations.csv",
     }
     write_tum(files["trajectory"], result.trajectory)
     write_table(files["poses"], pose_table(result.trajectory))
@@ -45,121 +40,63 @@ def write_tables(out: Path, result: "VisualResult") -> dict[str, Path]:
             "descriptors": result.descriptors,
         },
     )
-    seen = result.observations
+    observed = result.observations
     columns: dict[str, np.ndarray[Any, Any]] = {
-        "frame": seen.frame,
-        "landmark": seen.landmark,
-        "kind": seen.kind,
+        "frame": observed.frame,
+        "landmark": observed.landmark,
+        "kind": observed.kind,
+        "pixel_x": observed.xy[:, 0],
+        "pixel_y": observed.xy[:, 1],
+        "z_range": observed.z[:, 0],
+        "z_bearing": observed.z[:, 1],
+        "sigma_range": observed.sigma[:, 0],
+        "sigma_bearing": observed.sigma[:, 1],
     }
-    for name, values in (("pixel", seen.xy), ("z", seen.z), ("sigma", seen.sigma)):
-        first, second = ("x", "y") if name == "pixel" else ("range", "bearing")
-        columns |= {f"{name}_{first}": values[:, 0], f"{name}_{second}": values[:, 1]}
-    write_table(files["sightings"], columns)
+    write_table(files["observations"], columns)
     return files
 
 
-def write_pictures(out: Path, drive: "Drive", result: "VisualResult") -> dict[str, Path]:
-    """The map from above; returns where it is."""
+def write_figure(out: Path, drive: "Drive", result: "VisualResult") -> dict[str, Path]:
+    """Write a figure of the map; returns the file."""
     from saccade.viewing import map_figure, save_figure
 
-    files = {"picture": out / "map.png"}
-    save_figure(
-        map_figure(result.trajectory, result.map, result.odometry, truth=drive.truth),
-        files["picture"],
-    )
-    return files
+    figure = map_figure(result.trajectory, result.map, result.odometry, truth=drive.truth)
+    save_figure(figure, out / "map.png")
+    return {"picture": out / "map.png"}
 
 
-def pictures_of(drive: "Drive") -> "Callable[[int], Image | None]":
-    """What gives the picture of a frame, or None where there is none."""
+def image_loader(drive: "Drive") -> "Callable[[int], Image | None]":
+    """A function from the number of a frame to its image, or None where that cannot be read."""
     from saccade.errors import ImageError
 
-    def picture(number: int) -> "Image | None":
+    def load(number: int) -> "Image | None":
         try:
             return drive.load(number).image
         except ImageError:
             return None
 
-    return picture
+    return load
 
 
-def write_film(
-    path: Path,
+def film_frames(
     drive: "Drive",
     snapshots: "list[MapSnapshot]",
     result: "VisualResult",
     settings: "VisualConfig",
-    progress: Callable[[int, int], None],
-) -> dict[str, Path]:
-    """What the camera sees and the map of it, as an MP4 and a still; returns where each is."""
-    from PIL import Image as Pillow
+) -> "Iterator[Image]":
+    """Frames of a film: the camera image with landmarks and saliency, and the growing map."""
+    from saccade.attention import attention_saliency, contrast_saliency, symmetry_saliency
+    from saccade.viewing import drive_frames
 
-    from saccade.attention.combined import attention_saliency
-    from saccade.attention.contrast import contrast_saliency
-    from saccade.attention.symmetry import symmetry_saliency
-    from saccade.files import atomic_write
-    from saccade.video import video_writer
-    from saccade.viewing.drive_film import drive_frames
-
-    def attention(image: "Image") -> "Float32Array":
+    def saliency(image: "Image") -> "Float32Array":
         if settings.selection == "contrast":
             return contrast_saliency(image).saliency
         if settings.selection == "symmetry":
             return symmetry_saliency(image).saliency
         return attention_saliency(image).saliency
 
-    seen = result.observations
-    sighting = (seen.frame, seen.kind, seen.xy)
-    frames = drive_frames(
-        snapshots, drive.time, result.odometry, pictures_of(drive), attention, sighting
+    observed = result.observations
+    observations = (observed.frame, observed.kind, observed.xy)
+    return drive_frames(
+        snapshots, drive.time, result.odometry, image_loader(drive), saliency, observations
     )
-    files = {"film": path, "still": path.with_suffix(".png")}
-    with video_writer(path, FILM_RATE) as write:
-        for number, frame in enumerate(frames):
-            write(frame)
-            if number == STILL * len(snapshots) // 100:
-                with atomic_write(files["still"]) as temporary:
-                    Pillow.fromarray(frame).save(temporary, format="PNG")
-            progress(min(number + 1, len(snapshots)), len(snapshots))
-    return files
-
-
-def summary(drive: "Drive", result: "VisualResult") -> dict[str, Any]:
-    """What a drive says of itself in numbers; distances from the truth where that is known."""
-    import numpy as np
-
-    from saccade.evaluation.drives import same_places
-    from saccade.visual.run_log import REIDENTIFIED
-
-    n, seen = len(result.trajectory), result.observations
-    precision = None
-    if drive.truth is not None and (seen.kind == REIDENTIFIED).any():
-        poses = drive.truth.at(drive.time)
-        right = same_places(seen.frame, seen.landmark, seen.z, seen.sigma, poses)
-        precision = float(right[seen.kind == REIDENTIFIED].mean())
-    return {
-        "sequence": drive.name,
-        "frames": n,
-        **_scored(result.trajectory, drive.truth),
-        "odometry": _scored(result.odometry, drive.truth),
-        "visual_odometry": _scored(result.visual_odometry, drive.truth),
-        "association_precision": precision,
-        "landmarks": len(result.map),
-        "landmarks_seen": len(np.unique(seen.landmark)),
-        "sightings": len(seen),
-        "recognized": int((seen.kind == REIDENTIFIED).sum()),
-        "missed": result.missed,
-        "ms_per_frame": 1000 * float(result.frame_seconds.mean()),
-        "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},
-    }
-
-
-def _scored(estimate: "Trajectory", truth: "Trajectory | None") -> dict[str, float | None]:
-    from dataclasses import asdict
-
-    from saccade.cli.slam_files import finite
-    from saccade.evaluation.drives import score_drive
-
-    if truth is None:
-        return dict.fromkeys(("ate_m", "rpe_m", "end_m", "inside_3sigma"))
-    return {name: finite(value) for name, value in asdict(score_drive(estimate, truth)).items()}

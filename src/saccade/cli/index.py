@@ -1,7 +1,7 @@
-"""`saccade index` and `saccade find`: which images of a data set show the same thing."""
+"""`saccade index`: an index of extracted keypoints."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -10,89 +10,25 @@ from saccade.cli.options import Json
 
 def index(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A data set of points, as extract made it.")
+        Path,
+        typer.Argument(metavar="DIR", help="Data set of keypoints written by saccade extract."),
     ],
     points: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Of each image at most; the strongest.")
+        int, typer.Option(min=1, metavar="N", help="Keypoints per image, the strongest.")
     ] = 1000,
     as_json: Json = False,
 ) -> None:
-    """Make an index of extracted points, for `saccade find`.
+    """Build an index of extracted keypoints, for saccade find.
 
-    It appears in DIR/index, and is made anew when images have come.
+    It is written to DIR/index, and has to be built again when images are added.
     """
-    _require()
-    from saccade.batch.index import FOLDER, build_index
-    from saccade.cli.output import print_json, print_table
-
-    made = build_index(folder, points)
-    if as_json:
-        print_json(made)
-        return
-    print_table(
-        f"index -> {folder / FOLDER}", ["", ""], [(name, f"{n:,}") for name, n in made.items()]
-    )
-
-
-def find(
-    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="What to look for.")],
-    folder: Annotated[
-        Path, typer.Option("--in", metavar="DIR", help="A data set with an index.")
-    ] = Path("saccade-extract"),
-    top: Annotated[int, typer.Option(min=1, metavar="N", help="Images to list.")] = 10,
-    candidates: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Images whose geometry is checked.")
-    ] = 30,
-    agreeing: Annotated[
-        int, typer.Option(min=8, metavar="N", help="Matches that must agree on one geometry.")
-    ] = 15,
-    as_json: Json = False,
-) -> None:
-    """List the images that show the same thing as IMAGE, the surest first.
-
-    The points of IMAGE are found as those of the data set were. Images with
-    similar points are candidates; of each it is counted how many matches agree on
-    one geometry of the two views. The exit code is 1 where no image has enough.
-    """
-    _require()
-    from saccade.batch.index import FindConfig, Index
-    from saccade.cli.output import print_json, print_message, print_table
-
-    held = Index(folder)
-    found = held.find(
-        _points(held, image), FindConfig(candidates=max(candidates, top), agreeing=agreeing)
-    )
-    sure = [each for each in found if each.agreeing][:top]
-    rows: list[dict[str, Any]] = [
-        {"image": each.image, "agreeing": each.agreeing, "similarity": float(each.similarity)}
-        for each in sure
-    ]
-    if as_json:
-        print_json({"image": str(image), "found": rows})
-    elif rows:
-        print_table(
-            f"{image} in {folder}",
-            ["image", "matches that agree", "similarity"],
-            [[row["image"], str(row["agreeing"]), f"{row['similarity']:.1f}"] for row in rows],
-        )
-    if not rows:
-        print_message(f"{image}: none of {len(held)} images shows the same thing")
-        raise typer.Exit(1)
-
-
-def _points(held: Any, image: Path) -> Any:
-    """The points of an image, found with the settings of the data set."""
-    from saccade.image import read_image
-    from saccade.keypoints import Must, Sift, SymRoid
-    from saccade.settings import settings_from
-
-    detector = {"sift": Sift, "must": Must, "symroid": SymRoid}[held.what]
-    points = detector(settings_from(held.what, held.settings, "index"))(read_image(image))
-    return getattr(points, "keypoints", points)
-
-
-def _require() -> None:
+    from saccade.cli.output import print_result
     from saccade.extras import import_optional
 
     import_optional("pyarrow", "parquet")
     import_optional("faiss", "find")
+    from saccade.batch.index import FOLDER, build_index
+
+    row = build_index(folder, points)
+    facts = {name: f"{value:,}" for name, value in row.items()}
+    print_result(row, as_json, f"index -> {folder / FOLDER}", facts)
