@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Annotated, Any, NoReturn, cast
 
 import typer
+from typer import Option
 
 from saccade import __version__
 from saccade.cli.check import check
@@ -78,10 +79,7 @@ def _print_version(requested: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
-        ),
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)

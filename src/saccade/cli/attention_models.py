@@ -4,7 +4,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from saccade.attention.models import AttentionModel
@@ -18,7 +18,7 @@ class Model(StrEnum):
     both = "both"
 
 
-ModelChoice = Annotated[Model, typer.Option(help="Saliency model.")]
+ModelChoice = Annotated[Model, Option(help="Saliency model.")]
 
 
 def attention_model(

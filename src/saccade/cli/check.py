@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+from typer import Option
 
 from saccade.cli.options import Json, Sequence, SequenceFormat
 
@@ -14,7 +15,7 @@ def check(
     sequence: Sequence,
     kind: SequenceFormat = None,
     frames: Annotated[
-        int, typer.Option(min=40, help="Frames to inspect, spread over a longer drive.")
+        int, Option(min=40, help="Frames to inspect, spread over a longer drive.")
     ] = 300,
     as_json: Json = False,
 ) -> None:

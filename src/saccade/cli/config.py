@@ -3,22 +3,23 @@
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 
 def config(
     kind: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="KIND",
             help="attention, contrast, symmetry, scanpath, must, sift, symroid, slam, visual, "
             "world or drive.",
         ),
     ],
     preset: Annotated[
-        str | None, typer.Option("--preset", "-p", help="Print this preset, not the default.")
+        str | None, Option("--preset", "-p", help="Print this preset, not the default.")
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="Print every preset, each as a table of its name.")
+        bool, Option("--all", help="Print every preset, each as a table of its name.")
     ] = False,
 ) -> None:
     """Print a configuration as TOML.

@@ -3,18 +3,18 @@
 from pathlib import Path
 from typing import Annotated, cast
 
-import typer
+from typer import Argument, Option
 
 from saccade.cli.options import Json, Log, LogFormat, Robot
 
 
 def convert(
     log: Log,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File or folder to write.")],
+    file: Annotated[Path, Argument(metavar="FILE", help="File or folder to write.")],
     kind: LogFormat = None,
     to: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Format of FILE: csv, g2o, isam, toro, gtsam or mrclam; given by its suffix by "
             "default."
         ),

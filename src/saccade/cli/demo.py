@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from saccade.cli.options import Json
 
@@ -19,7 +19,7 @@ SEED, FRAMES = 0, 200
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")] = Path("saccade-demo"),
+    out: Annotated[Path, Option("--out", "-o", help="Output folder.")] = Path("saccade-demo"),
     as_json: Json = False,
 ) -> None:
     """Run look, match, slam and drive on built-in data, and write index.html.
@@ -66,12 +66,12 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
 
     from saccade import datasets
     from saccade.cli.attention_models import Model, attention_model
-    from saccade.cli.drive import map_drive
-    from saccade.cli.look import analyze_image
-    from saccade.cli.match import match_images
+    from saccade.cli.drive_run import map_drive
+    from saccade.cli.look_run import analyze_image
+    from saccade.cli.match_run import match_images
     from saccade.cli.precompile import filter_compiled_ahead
     from saccade.cli.run_output import RunOutput
-    from saccade.cli.slam import map_log
+    from saccade.cli.slam_run import map_log
     from saccade.keypoints.sift import Sift
     from saccade.settings import load_settings
     from saccade.simulation import DriveConfig, simulate_drive

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import typer
+from typer import Option
 
 from saccade.cli.options import (
     CheckpointInterval,
@@ -15,15 +15,9 @@ from saccade.cli.options import (
     Sequence,
     SequenceFormat,
 )
-from saccade.cli.run_output import RunOutput
 
 if TYPE_CHECKING:
     from saccade import datasets
-    from saccade.cli.output import Progress
-    from saccade.frames import Drive
-    from saccade.visual import VisualConfig
-
-LEAD = "The trajectory of a robot and the map of its landmarks, from camera frames and odometry."
 
 
 def drive(
@@ -31,20 +25,20 @@ def drive(
     out: Out = Path("saccade-drive"),
     kind: SequenceFormat = None,
     frames: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Process only the first N frames.")
+        int | None, Option(min=1, metavar="N", help="Process only the first N frames.")
     ] = None,
     detector: Annotated[
-        str | None, typer.Option(help="Keypoint detector: sift, must or symroid.")
+        str | None, Option(help="Keypoint detector: sift, must or symroid.")
     ] = None,
     selection: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Landmark selection criterion: strength, random, range, contrast, symmetry, "
             "rematch-rate, rematch-rate-range or rematch-rate-spread."
         ),
     ] = None,
     max_landmarks: Annotated[
-        int | None, typer.Option(min=1, help="Maximum number of landmarks in the map.")
+        int | None, Option(min=1, help="Maximum number of landmarks in the map.")
     ] = None,
     film: Film = True,
     checkpoint: CheckpointInterval = 10.0,
@@ -65,7 +59,9 @@ def drive(
     from dataclasses import replace
 
     from saccade import datasets
+    from saccade.cli.drive_run import map_drive
     from saccade.cli.output import print_json, print_message, progress_bar
+    from saccade.cli.run_output import RunOutput
     from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)
@@ -86,52 +82,6 @@ def drive(
         print_json(row)
     else:
         print_summary(row, f"{recorded.name} -> {out}")
-
-
-def map_drive(
-    drive: "Drive", settings: "VisualConfig", output: RunOutput, progress: "Progress"
-) -> dict[str, Any]:
-    """Map a drive, write the results, and return the content of run.json."""
-    from dataclasses import asdict
-
-    from saccade import visual
-    from saccade.cli.drive_files import film_frames, write_figure, write_tables
-    from saccade.cli.drive_report import drive_part
-    from saccade.cli.output import resumable
-    from saccade.cli.run_output import write_film, write_run
-    from saccade.evaluation.drives import summarize_drive
-    from saccade.slam import Checkpoint, Recorder
-
-    out, recorder = output.folder, Recorder(output.snapshots)
-    checkpoint = Checkpoint(out / "checkpoint.npz", output.checkpoint_interval)
-
-    def report(done: int, total: int) -> None:
-        progress(done, total, "map")
-
-    with resumable(checkpoint.path):
-        result = visual.run(drive, settings, report, recorder=recorder, checkpoint=checkpoint)
-    snapshots = recorder.snapshots
-    files = write_tables(out, result) | write_figure(out, drive, result)
-    if output.film:
-        frames = film_frames(drive, snapshots, result, settings)
-        count = len(snapshots)
-        files |= write_film(out / "drive.mp4", frames, count, progress, still=60 * count // 100)
-    summary = summarize_drive(drive, result)
-    row = {
-        **summary,
-        "remarks": list(result.remarks),
-        "seed": settings.seed,
-        "settings": asdict(settings),
-    }
-    row = write_run(
-        output,
-        (f"saccade drive: {drive.name}", LEAD),
-        lambda: drive_part(drive, snapshots, result, summary),
-        files,
-        row,
-    )
-    checkpoint.remove()
-    return row
 
 
 def print_summary(row: dict[str, Any], title: str) -> None:

@@ -1,14 +1,26 @@
 """The report of `saccade drive`."""
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-if TYPE_CHECKING:
-    from saccade.frames import Drive
-    from saccade.types import MapSnapshot
-    from saccade.viewing.report import Part
-    from saccade.viewing.report_map import Chart
-    from saccade.visual import VisualResult
+import numpy as np
+
+from saccade.cli.slam_report import averaging_window
+from saccade.errors import ImageError
+from saccade.frames import Drive
+from saccade.slam.consistency import chi_square_band, normalized_squared
+from saccade.types import Image, MapSnapshot
+from saccade.viewing.page import Section
+from saccade.viewing.report import Part
+from saccade.viewing.report_map import (
+    Chart,
+    Ground,
+    ObservedLandmarks,
+    innovation_charts,
+    map_part,
+    uncertainty_charts,
+)
+from saccade.visual import VisualResult
 
 TEXT = (
     "The ellipses hold 99.7 % of the probability. Scrub through the drive or play it; click a "
@@ -17,11 +29,11 @@ TEXT = (
 
 
 def drive_part(
-    drive: "Drive",
-    snapshots: "Sequence[MapSnapshot]",
-    result: "VisualResult",
+    drive: Drive,
+    snapshots: Sequence[MapSnapshot],
+    result: VisualResult,
     summary: Mapping[str, Any],
-) -> "Part":
+) -> Part:
     """The map of a drive as a part of a report.
 
     Args:
@@ -30,10 +42,6 @@ def drive_part(
         result: result of the run.
         summary: its figures, as in run.json.
     """
-    from saccade.cli.drive_files import image_loader
-    from saccade.viewing.page import Section
-    from saccade.viewing.report_map import Ground, ObservedLandmarks, map_part, uncertainty_charts
-
     trajectories = {"odometry": result.odometry}
     trajectories |= {} if drive.truth is None else {"truth": drive.truth}
     observed = result.observations
@@ -48,14 +56,8 @@ def drive_part(
     )
 
 
-def _innovations(result: "VisualResult") -> "list[Chart]":
+def _innovations(result: VisualResult) -> list[Chart]:
     """Charts of the innovations of the observations that updated the map."""
-    import numpy as np
-
-    from saccade.cli.slam_files import averaging_window
-    from saccade.slam.consistency import chi_square_band, normalized_squared
-    from saccade.viewing.report_map import innovation_charts
-
     observed = result.observations
     used = np.isfinite(observed.innovation).all(1)
     v, S = observed.innovation[used], observed.innovation_covariance[used]
@@ -74,3 +76,15 @@ def _facts(summary: Mapping[str, Any]) -> dict[str, str]:
         shown["ATE of odometry"] = f"{summary['odometry']['ate_m']:.3f} m"
     shown["time per frame"] = f"{summary['ms_per_frame']:.1f} ms"
     return shown
+
+
+def image_loader(drive: Drive) -> Callable[[int], Image | None]:
+    """A function from the number of a frame to its image, or None where that cannot be read."""
+
+    def load(number: int) -> Image | None:
+        try:
+            return drive.load(number).image
+        except ImageError:
+            return None
+
+    return load

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import typer
+from typer import Option
 
 from saccade.cli.options import Config, Json, Report, Seed
 
@@ -25,7 +25,7 @@ MEANING = (
 def consistency(
     preset: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--preset",
             "-p",
             help="World: loop, slippery, car or coarse; may be repeated.",
@@ -35,15 +35,13 @@ def consistency(
     config: Config = None,
     kind: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--filter",
             help="standard, first-estimates or invariant; may be repeated.",
             show_default="all",
         ),
     ] = None,
-    runs: Annotated[
-        int, typer.Option(min=1, max=10000, help="Runs of each filter in each world.")
-    ] = 50,
+    runs: Annotated[int, Option(min=1, max=10000, help="Runs of each filter in each world.")] = 50,
     seed: Seed = 0,
     report: Report = None,
     as_json: Json = False,

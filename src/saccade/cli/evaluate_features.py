@@ -4,7 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from saccade.cli.options import Config, Json, Preset, Report
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from saccade.evaluation.repeatability import PairScores
 
 SCORES = {
-    "repeatability": ("repeatability",),
+    "rep.": ("repeatability",),
     "error [px]": ("localization",),
     "MMA@1/3/5": ("mma_1", "mma_3", "mma_5"),
     "ratio@1/3/5": ("ratio_1", "ratio_3", "ratio_5"),
@@ -23,7 +23,7 @@ SCORES = {
 """Columns of the table, and their scores."""
 COLUMNS = ["", "points", *SCORES]
 MEANING = (
-    "Repeatability: fraction of the locations visible in both images that are detected in both; "
+    "Rep.: repeatability, the fraction of the locations visible in both images that both detect; "
     "error: their mean distance. MMA: fraction of the mutual nearest neighbors that are correct "
     "within 1, 3 and 5 px; ratio: the same of those that pass the ratio test. Score: correct "
     "matches over the locations visible in both images. AUC: area under the cumulative curve of "
@@ -35,11 +35,11 @@ CLEAN = "clean"
 
 def features(
     pairs: Annotated[
-        Path, typer.Option(help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on.")
+        Path, Option(help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on.")
     ],
     detector: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             help="sift, must, symroid, sift-random, sift-salient, opencv, colmap or "
             "module:callable; may be repeated.",
             show_default="sift",
@@ -49,7 +49,7 @@ def features(
     config: Config = None,
     points: Annotated[
         list[int] | None,
-        typer.Option(
+        Option(
             min=1,
             metavar="N",
             help="Keep N locations of each image, the strongest (COLMAP: the largest); may be "
@@ -58,22 +58,17 @@ def features(
     ] = None,
     degrade: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="KIND:AMOUNT",
             help="Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 "
             "or blur:2 (px), or leave it clean; may be repeated.",
         ),
     ] = None,
     radius: Annotated[
-        float,
-        typer.Option(min=0.1, max=100, metavar="PX", help="Distance within which one is repeated."),
+        float, Option(min=0.1, max=100, metavar="PX", help="Distance within which one is repeated.")
     ] = 3.0,
-    ratio: Annotated[
-        float, typer.Option(min=0.01, max=1, help="Threshold of the ratio test.")
-    ] = 0.8,
-    per_sequence: Annotated[
-        bool, typer.Option("--per-sequence", help="List every sequence.")
-    ] = False,
+    ratio: Annotated[float, Option(min=0.01, max=1, help="Threshold of the ratio test.")] = 0.8,
+    per_sequence: Annotated[bool, Option("--per-sequence", help="List every sequence.")] = False,
     report: Report = None,
     as_json: Json = False,
 ) -> None:

@@ -4,7 +4,7 @@ from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from saccade.cli.attention_models import Model, ModelChoice, attention_model
 from saccade.cli.options import Config, Json, Preset, Report
@@ -28,20 +28,20 @@ MEANING = (
 
 
 def fixations(
-    images: Annotated[Path, typer.Option(help="Folder of the images.")],
+    images: Annotated[Path, Option(help="Folder of the images.")],
     fixations: Annotated[
-        Path, typer.Option(help="Fixations as CSV (image, viewer, index, x, y) or OSIE's .mat.")
+        Path, Option(help="Fixations as CSV (image, viewer, index, x, y) or OSIE's .mat.")
     ],
     maps: Annotated[
         Path | None,
-        typer.Option(help="Folder of saliency maps to score, .npy or images named as the images."),
+        Option(help="Folder of saliency maps to score, .npy or images named as the images."),
     ] = None,
     model: ModelChoice = Model.both,
     preset: Preset = None,
     config: Config = None,
     sigma: Annotated[
         float,
-        typer.Option(
+        Option(
             min=0.1,
             max=1000,
             metavar="PX",
@@ -49,10 +49,9 @@ def fixations(
         ),
     ] = 24.0,
     drop: Annotated[
-        int,
-        typer.Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer."),
+        int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
     ] = 1,
-    per_image: Annotated[bool, typer.Option("--per-image", help="List every image.")] = False,
+    per_image: Annotated[bool, Option("--per-image", help="List every image.")] = False,
     report: Report = None,
     as_json: Json = False,
 ) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from saccade.cli.options import Images, Json, Report
 
@@ -17,13 +17,12 @@ MEANING = (
 
 def places(
     images: Images,
-    lap: Annotated[int, typer.Option(min=2, metavar="N", help="Photographs per lap.")],
+    lap: Annotated[int, Option(min=2, metavar="N", help="Photographs per lap.")],
     points: Annotated[
-        int, typer.Option(min=50, metavar="N", help="Maximum number of keypoints per photograph.")
+        int, Option(min=50, metavar="N", help="Maximum number of keypoints per photograph.")
     ] = 500,
     min_inliers: Annotated[
-        int,
-        typer.Option(min=8, metavar="N", help="Minimum number of epipolar inliers."),
+        int, Option(min=8, metavar="N", help="Minimum number of epipolar inliers.")
     ] = 22,
     report: Report = None,
     as_json: Json = False,

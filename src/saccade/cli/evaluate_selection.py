@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import typer
+from typer import Argument, Option
 
 from saccade.cli.options import Json, Report
 
@@ -18,7 +18,7 @@ MEANING_OF_RANKING = (
     "re-identification rate."
 )
 MEANING = (
-    "Re-identified: fraction of the reappearances of a landmark at which it was re-identified. "
+    "Re-id: fraction of the reappearances of a landmark at which it was re-identified. "
     "Precision: fraction of the re-identifications that are correct. ATE: absolute trajectory "
     "error. Consistent: frames whose true position lies in the 99.7 % ellipse. Map: landmarks at "
     "the end."
@@ -38,7 +38,7 @@ class Score(NamedTuple):
 
 
 SCORES = {
-    "reidentification_rate": Score("re-identified [%]", "re-identified [%]", 100, 1, 100),
+    "reidentification_rate": Score("re-id [%]", "re-identified [%]", 100, 1, 100),
     "association_precision": Score("precision [%]", "association precision [%]", 100, 1, 100),
     "ate_m": Score("ATE [m]", "ATE [m]", 1, 3),
     "inside_3sigma": Score("consistent [%]", "in the 99.7 % ellipse [%]", 100, 1, 100),
@@ -50,17 +50,17 @@ HEADINGS = [score.heading for score in SCORES.values()]
 def selection(
     drives: Annotated[
         list[Path] | None,
-        typer.Argument(
+        Argument(
             metavar="SEQUENCE", help="Recorded drives with ground truth, driven out and back."
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Output folder, in which the runs are stored.")
+        Path, Option("--out", "-o", help="Output folder, in which the runs are stored.")
     ] = Path("saccade-selection"),
-    simulator: Annotated[bool, typer.Option(help="Also drive around a simulated ring.")] = True,
+    simulator: Annotated[bool, Option(help="Also drive around a simulated ring.")] = True,
     budgets: Annotated[
         list[int] | None,
-        typer.Option(
+        Option(
             "--budget",
             min=1,
             metavar="N",
@@ -70,7 +70,7 @@ def selection(
     ] = None,
     criteria: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--criterion",
             help="strength, random, range, contrast, symmetry, must, symroid, rematch-rate, "
             "rematch-rate-range or rematch-rate-spread; may be repeated.",
@@ -78,13 +78,13 @@ def selection(
         ),
     ] = None,
     seeds: Annotated[
-        int, typer.Option(min=1, help="Number of runs of each, with consecutive seeds.")
+        int, Option(min=1, help="Number of runs of each, with consecutive seeds.")
     ] = 5,
-    first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first run.")] = 0,
+    first_seed: Annotated[int, Option(min=0, help="Seed of the first run.")] = 0,
     frames: Annotated[
-        int, typer.Option(min=8, metavar="N", help="Maximum number of frames of each drive.")
+        int, Option(min=8, metavar="N", help="Maximum number of frames of each drive.")
     ] = 300,
-    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 1,
+    jobs: Annotated[int, Option(min=1, help="Number of processes.")] = 1,
     report: Report = None,
     as_json: Json = False,
 ) -> None:
@@ -93,7 +93,7 @@ def selection(
     Each table has the means over the seeds, with half of their 95 % bootstrap intervals. The last
     ranks the criteria over all drives and budgets, and compares them with random selection.
 
-    Re-identified: fraction of the reappearances of a landmark at which it was re-identified.
+    Re-id: fraction of the reappearances of a landmark at which it was re-identified.
     Precision: fraction of the re-identifications that are correct. Consistent: frames whose true
     position lies in the 99.7 % ellipse. Map: landmarks at the end.
 
@@ -155,7 +155,7 @@ def _ranking_table(ranking: list[dict[str, Any]]) -> tuple[list[str], list[list[
     columns = ["", "mean rank"]
     cells = [[row["criterion"], f"{row['mean_rank']:.2f}"] for row in ranking]
     if "ate_m_ratio" in ranking[0]:
-        columns += ["ATE ratio", "re-identification ratio"]
+        columns += ["ATE ratio", "re-id ratio"]
         for line, row in zip(cells, ranking, strict=True):
             for name in ("ate_m_ratio", "reidentification_rate_ratio"):
                 mean, low, high = row[name]

@@ -4,7 +4,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from saccade.cli.options import Json
 
@@ -20,11 +20,11 @@ class Format(StrEnum):
 
 def export(
     folder: Annotated[
-        str, typer.Argument(metavar="DIR", help="Data set of keypoints written by saccade extract.")
+        str, Argument(metavar="DIR", help="Data set of keypoints written by saccade extract.")
     ],
-    to: Annotated[Format, typer.Option("--format", "-f", help="Output format.")] = Format.HDF5,
+    to: Annotated[Format, Option("--format", "-f", help="Output format.")] = Format.HDF5,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output file; for csv and opencv a folder.")
+        Path | None, Option("--out", "-o", help="Output file; for csv and opencv a folder.")
     ] = None,
     as_json: Json = False,
 ) -> None:

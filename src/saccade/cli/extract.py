@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from saccade.cli.options import Config, Json, Preset
 
@@ -49,38 +50,34 @@ EXECUTION = "Execution"
 def extract(
     source: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="SOURCE",
             help="Folder, quoted pattern, list (.txt), video, tar, or a URL of one of these.",
         ),
     ],
     what: Annotated[
-        What, typer.Option(metavar="KIND", help=f"Features to extract: {', '.join(What)}.")
+        What, Option(metavar="KIND", help=f"Features to extract: {', '.join(What)}.")
     ] = What.SIFT,
     out: Annotated[
-        str, typer.Option("--out", "-o", metavar="DIR", help="Folder or URL of the data set.")
+        str, Option("--out", "-o", metavar="DIR", help="Folder or URL of the data set.")
     ] = "saccade-extract",
     preset: Preset = None,
     config: Config = None,
-    fixations: Annotated[int, typer.Option(min=1, metavar="N", help="Length of a scanpath.")] = 10,
+    fixations: Annotated[int, Option(min=1, metavar="N", help="Length of a scanpath.")] = 10,
     maps: Annotated[
-        MapFormat, typer.Option(help="Format of saliency maps: float16 Zarr or 16-bit PNG.")
+        MapFormat, Option(help="Format of saliency maps: float16 Zarr or 16-bit PNG.")
     ] = MapFormat.ZARR,
     exact: Annotated[
-        bool,
-        typer.Option("--exact", help="Store keypoints without rounding, in a third more space."),
+        bool, Option("--exact", help="Store keypoints without rounding, in a third more space.")
     ] = False,
-    every: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Use every Nth frame of a video.")
-    ] = 1,
+    every: Annotated[int, Option(min=1, metavar="N", help="Use every Nth frame of a video.")] = 1,
     redo: Annotated[
-        bool,
-        typer.Option("--redo", help="Replace results of other settings or another version."),
+        bool, Option("--redo", help="Replace results of other settings or another version.")
     ] = False,
     as_json: Json = False,
     workers: Annotated[
         int | None,
-        typer.Option(
+        Option(
             min=1,
             metavar="N",
             help="Number of processes; by default as cores and memory allow.",
@@ -89,7 +86,7 @@ def extract(
     ] = None,
     size: Annotated[
         int | None,
-        typer.Option(
+        Option(
             "--shard",
             min=1,
             metavar="N",
@@ -99,7 +96,7 @@ def extract(
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="ADDRESS",
             help="Address of a Dask scheduler: tcp://host:8786.",
             rich_help_panel=EXECUTION,
@@ -107,7 +104,7 @@ def extract(
     ] = None,
     cluster: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="SYSTEM",
             help="Batch system for Dask jobs: slurm, pbs, sge, lsf, htcondor or oar.",
             rich_help_panel=EXECUTION,
@@ -115,7 +112,7 @@ def extract(
     ] = None,
     jobs: Annotated[
         int,
-        typer.Option(
+        Option(
             min=1, metavar="N", help="With --cluster: number of jobs.", rich_help_panel=EXECUTION
         ),
     ] = 1,

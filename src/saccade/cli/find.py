@@ -4,22 +4,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from saccade.cli.options import Json
 
 
 def find(
-    image: Annotated[Path, typer.Argument(metavar="IMAGE", help="Query image.")],
-    folder: Annotated[
-        Path, typer.Option("--in", metavar="DIR", help="Data set with an index.")
-    ] = Path("saccade-extract"),
-    top: Annotated[int, typer.Option(min=1, metavar="N", help="Maximum number of results.")] = 10,
+    image: Annotated[Path, Argument(metavar="IMAGE", help="Query image.")],
+    folder: Annotated[Path, Option("--in", metavar="DIR", help="Data set with an index.")] = Path(
+        "saccade-extract"
+    ),
+    top: Annotated[int, Option(min=1, metavar="N", help="Maximum number of results.")] = 10,
     candidates: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Candidates that are verified geometrically.")
+        int, Option(min=1, metavar="N", help="Candidates that are verified geometrically.")
     ] = 30,
     min_inliers: Annotated[
-        int,
-        typer.Option(min=8, metavar="N", help="Minimum number of epipolar inliers."),
+        int, Option(min=8, metavar="N", help="Minimum number of epipolar inliers.")
     ] = 15,
     as_json: Json = False,
 ) -> None:

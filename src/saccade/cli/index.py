@@ -3,18 +3,17 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from saccade.cli.options import Json
 
 
 def index(
     folder: Annotated[
-        Path,
-        typer.Argument(metavar="DIR", help="Data set of keypoints written by saccade extract."),
+        Path, Argument(metavar="DIR", help="Data set of keypoints written by saccade extract.")
     ],
     points: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Keypoints per image, the strongest.")
+        int, Option(min=1, metavar="N", help="Keypoints per image, the strongest.")
     ] = 1000,
     as_json: Json = False,
 ) -> None:

@@ -4,13 +4,18 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from saccade.cli.output import Progress
-    from saccade.types import Image
-    from saccade.viewing.report import Part
-    from saccade.viewing.report_builder import ReportBuilder
+import PIL.Image
+
+import saccade
+from saccade.cli.output import Progress, write_text
+from saccade.files import atomic_write
+from saccade.formats import FORMATS
+from saccade.types import Image
+from saccade.video import video_writer
+from saccade.viewing.report import Part
+from saccade.viewing.report_builder import ReportBuilder
 
 FRAME_RATE = 24
 """Frames per second of a film."""
@@ -26,15 +31,15 @@ class RunOutput:
     """Maximum number of snapshots of the map, for the film and the report."""
     checkpoint_interval: float = 10.0
     """Seconds between checkpoints."""
-    report: "ReportBuilder | None" = None
+    report: ReportBuilder | None = None
     """Report to which the run is added; None for one of its own."""
 
 
 def write_film(
     path: Path,
-    frames: "Iterable[Image]",
+    frames: Iterable[Image],
     count: int,
-    progress: "Progress",
+    progress: Progress,
     still: int | None = None,
 ) -> dict[str, Path]:
     """Write a film as MP4, and one of its frames as PNG; returns the files.
@@ -46,11 +51,6 @@ def write_film(
         progress: reports the frames written.
         still: number of the frame that is written as PNG too; None for none.
     """
-    from PIL import Image as Pillow
-
-    from saccade.files import atomic_write
-    from saccade.video import video_writer
-
     files = {"film": path}
     with video_writer(path, FRAME_RATE) as write:
         for number, frame in enumerate(frames):
@@ -58,7 +58,7 @@ def write_film(
             if number == still:
                 files["still"] = path.with_suffix(".png")
                 with atomic_write(files["still"]) as temporary:
-                    Pillow.fromarray(frame).save(temporary, format="PNG")
+                    PIL.Image.fromarray(frame).save(temporary, format="PNG")
             progress(min(number + 1, count), count, "film")
     return files
 
@@ -66,7 +66,7 @@ def write_film(
 def write_run(
     output: RunOutput,
     report: tuple[str, str],
-    part: "Callable[[], Part]",
+    part: Callable[[], Part],
     files: Mapping[str, Path],
     row: dict[str, Any],
 ) -> dict[str, Any]:
@@ -79,12 +79,7 @@ def write_run(
         files: what is written already.
         row: figures and settings of the run.
     """
-    import saccade
-    from saccade.cli.output import write_text
-    from saccade.formats import FORMATS
-    from saccade.viewing.report_builder import ReportBuilder
-
-    builder = output.report or ReportBuilder(*report)
+    builder = ReportBuilder(*report) if output.report is None else output.report
     builder.add(part)
     if output.report is None:
         files = {**files, "report": builder.write(output.folder / "report.html")}

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from socket import socket
@@ -13,13 +13,12 @@ SHUTDOWN_TIMEOUT = 2
 
 def serve(
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port on this machine; 0 for any free one.")
+        int, Option(min=0, max=65535, help="Port on this machine; 0 for any free one.")
     ] = 8014,
     max_upload: Annotated[
-        float,
-        typer.Option(min=0.1, max=1000, metavar="MB", help="Maximum size of a photograph."),
+        float, Option(min=0.1, max=1000, metavar="MB", help="Maximum size of a photograph.")
     ] = 32.0,
-    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    browser: Annotated[bool, Option(help="Open the page in the browser.")] = True,
 ) -> None:
     """Serve a page that analyzes photographs: saliency, scanpath and keypoints.
 

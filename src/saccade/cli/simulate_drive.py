@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from saccade.cli.options import Config, Json, Out, Seed
 
@@ -13,14 +13,13 @@ def drive(
     out: Out = Path("saccade-drive"),
     seed: Seed = 0,
     preset: Annotated[
-        str | None,
-        typer.Option("--preset", "-p", help="ring, mono, repeated, mirror, dark or flicker."),
+        str | None, Option("--preset", "-p", help="ring, mono, repeated, mirror, dark or flicker.")
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(min=2, help="Number of frames; a lap has 300, a drive two laps.")
+        int | None, Option(min=2, help="Number of frames; a lap has 300, a drive two laps.")
     ] = None,
-    color: Annotated[bool, typer.Option("--color", help="Render in color.")] = False,
-    depth: Annotated[bool, typer.Option("--depth", help="Also render depth images.")] = False,
+    color: Annotated[bool, Option("--color", help="Render in color.")] = False,
+    depth: Annotated[bool, Option("--depth", help="Also render depth images.")] = False,
     config: Config = None,
     as_json: Json = False,
 ) -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from saccade.cli.options import Config, Json, Out, Seed
 
@@ -12,7 +12,7 @@ def world(
     out: Out = Path("saccade-world"),
     seed: Seed = 0,
     preset: Annotated[
-        str | None, typer.Option("--preset", "-p", help="loop, slippery, coarse or car.")
+        str | None, Option("--preset", "-p", help="loop, slippery, coarse or car.")
     ] = None,
     config: Config = None,
     as_json: Json = False,

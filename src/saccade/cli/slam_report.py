@@ -1,12 +1,23 @@
 """The report of `saccade slam`."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from saccade.slam import SlamResult, SmoothResult
-    from saccade.types import IntArray, LandmarkLog, LandmarkMap, MapSnapshot
-    from saccade.viewing.report import Part
+import numpy as np
+
+from saccade.evaluation.slam_runs import has_headings
+from saccade.slam import SlamResult, SmoothResult
+from saccade.slam.consistency import chi_square_band
+from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, MapSnapshot
+from saccade.viewing.page import Section
+from saccade.viewing.report import Part
+from saccade.viewing.report_map import (
+    Ground,
+    ObservedLandmarks,
+    innovation_charts,
+    map_part,
+    uncertainty_charts,
+)
 
 TEXT = (
     "The ellipses hold 99.7 % of the probability. Scrub through the drive or play it; click a "
@@ -53,25 +64,13 @@ def facts(summary: Mapping[str, Any]) -> dict[str, str]:
 
 
 def slam_part(
-    log: "LandmarkLog",
-    result: "SlamResult",
-    smoothed: "SmoothResult | None",
-    snapshots: "Sequence[MapSnapshot]",
+    log: LandmarkLog,
+    result: SlamResult,
+    smoothed: SmoothResult | None,
+    snapshots: Sequence[MapSnapshot],
     facts: Mapping[str, str],
-) -> "Part":
+) -> Part:
     """The map of a log as a part of a report."""
-    from saccade.cli.slam_files import averaging_window
-    from saccade.evaluation.slam_runs import has_headings
-    from saccade.slam.consistency import chi_square_band
-    from saccade.viewing.page import Section
-    from saccade.viewing.report_map import (
-        Ground,
-        ObservedLandmarks,
-        innovation_charts,
-        map_part,
-        uncertainty_charts,
-    )
-
     truth = log.truth if log.truth is not None and has_headings(log.truth) else None
     trajectories = {"odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
@@ -99,9 +98,13 @@ def slam_part(
     )
 
 
-def _final_ids(landmarks: "LandmarkMap", last: "MapSnapshot") -> "IntArray":
+def _final_ids(landmarks: LandmarkMap, last: MapSnapshot) -> IntArray:
     """(n,) identities in the last snapshot of the landmarks of the final map."""
-    import numpy as np
-
     distance = np.square(landmarks.xy[:, None] - last.landmarks).sum(2)  # 0 to itself
     return last.ids[distance.argmin(1)] if len(last.ids) else np.zeros(len(landmarks), np.int64)
+
+
+def averaging_window(nis: FloatArray) -> int:
+    """Number of observations in the running mean of the NIS (k,), NaN where one was not used."""
+    used = int(np.isfinite(nis).sum())
+    return int(np.clip(used // 50, 5, 500))

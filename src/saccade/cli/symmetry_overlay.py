@@ -1,10 +1,11 @@
 """Edge pairs that contribute to points and regions of symmetry, for `saccade detect`."""
 
-from typing import TYPE_CHECKING, Any
+from math import ceil, log2
+from typing import Any
 
-if TYPE_CHECKING:
-    from saccade.attention import SymmetryConfig
-    from saccade.types import Float32Array, Keypoints, SymmetricPairs
+from saccade.attention import SymmetryConfig, symmetric_pairs
+from saccade.keypoints import Must
+from saccade.types import Float32Array, Keypoints, SymmetricPairs
 
 MAX_PAIRS = 4
 """Pairs drawn for each point, the strongest."""
@@ -13,8 +14,8 @@ LEVEL_SIGMA = 1.5
 
 
 def contributing_pairs(
-    detector: Any, image: "Float32Array", keypoints: "Keypoints"
-) -> "list[SymmetricPairs]":
+    detector: Any, image: Float32Array, keypoints: Keypoints
+) -> list[SymmetricPairs]:
     """The pairs about each point, weighted as by its detector.
 
     The pyramid has fewer scales than MUST: its points use the nearest level.
@@ -24,9 +25,6 @@ def contributing_pairs(
         image: (H, W, 3) in [0, 1].
         keypoints: its detections.
     """
-    from saccade.attention import symmetric_pairs
-    from saccade.keypoints import Must
-
     symmetry = must_symmetry if isinstance(detector, Must) else symroid_symmetry
     pairs = []
     for (x, y), size in zip(keypoints.xy.tolist(), keypoints.size.tolist(), strict=True):
@@ -36,12 +34,8 @@ def contributing_pairs(
     return pairs
 
 
-def must_symmetry(detector: Any, size: float) -> "SymmetryConfig":
+def must_symmetry(detector: Any, size: float) -> SymmetryConfig:
     """The symmetry that MUST measures for a point of `size` pixels."""
-    from math import ceil, log2
-
-    from saccade.attention import SymmetryConfig
-
     level = max(0, round(log2(size / 2 / LEVEL_SIGMA)))
     sigma = size / 2 / 2**level
     return SymmetryConfig(
@@ -56,10 +50,8 @@ def must_symmetry(detector: Any, size: float) -> "SymmetryConfig":
     )
 
 
-def symroid_symmetry(detector: Any, _: float) -> "SymmetryConfig":
+def symroid_symmetry(detector: Any, _: float) -> SymmetryConfig:
     """The symmetry that SymRoID measures, of any size."""
-    from saccade.attention import SymmetryConfig
-
     config = detector.config
     return SymmetryConfig(
         kind="isotropic",

@@ -13,7 +13,8 @@ from typing import Any
 
 import cv2
 
-from saccade import __version__, datasets, visual
+import saccade
+from saccade import datasets, visual
 from saccade.errors import ConfigError
 from saccade.evaluation.drives import summarize_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
@@ -65,7 +66,7 @@ class RunSeries:
     def path(self, out: Path, budget: int, criterion: str) -> Path:
         """The file of a run; each version of the package has its own."""
         name = f"{self.drive}-{self.frames}-{budget}-{criterion}-{self.seed}.json"
-        return out / "runs" / __version__ / name
+        return out / "runs" / saccade.__version__ / name
 
 
 def run_all(
