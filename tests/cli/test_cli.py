@@ -390,7 +390,7 @@ def test_what_ends_a_run_is_one_line(run, monkeypatch, error, code, words):
     def ends(*_):
         raise error
 
-    monkeypatch.setattr("saccade.image.read_image", ends)
+    monkeypatch.setattr("saccade.cli.detect_run.read_image", ends)
     monkeypatch.setattr("saccade.cli._discard_stdout", lambda: None)
     assert run("detect", ROCKET) == (code, "", f"saccade: {words}\n")
 

@@ -34,14 +34,7 @@ def drive_part(
     result: VisualResult,
     summary: Mapping[str, Any],
 ) -> Part:
-    """The map of a drive as a part of a report.
-
-    Args:
-        drive: the drive.
-        snapshots: snapshots of the growing map.
-        result: result of the run.
-        summary: its figures, as in run.json.
-    """
+    """The map of a drive as a part of a report; `summary` has the figures of run.json."""
     trajectories = {"odometry": result.odometry}
     trajectories |= {} if drive.truth is None else {"truth": drive.truth}
     observed = result.observations

@@ -1,22 +1,30 @@
 """`saccade evaluate`: the commands that score results."""
 
+from inspect import getdoc
+
 import typer
 
-from saccade.cli.evaluate_consistency import consistency
-from saccade.cli.evaluate_features import features
-from saccade.cli.evaluate_fixations import fixations
-from saccade.cli.evaluate_places import places
-from saccade.cli.evaluate_selection import selection
+from saccade.cli import evaluate_consistency as consistency
+from saccade.cli import evaluate_features as features
+from saccade.cli import evaluate_fixations as fixations
+from saccade.cli import evaluate_places as places
+from saccade.cli import evaluate_selection as selection
 
 evaluate = typer.Typer(
     help="Evaluate against human fixations, other implementations and ground truth.",
     no_args_is_help=True,
 )
-for command, options in (
-    (fixations, "fixations --images photos --fixations fixations.csv"),
-    (features, "features --pairs oxford --detector opencv"),
-    (consistency, "consistency --preset loop --runs 20"),
-    (places, "places hallway --lap 40"),
-    (selection, "selection --budget 2 --seeds 5"),
+for command, meaning, options in (
+    (
+        fixations.fixations,
+        fixations.MEANING,
+        "fixations --images photos --fixations fixations.csv",
+    ),
+    (features.features, features.MEANING, "features --pairs oxford --detector opencv"),
+    (consistency.consistency, consistency.MEANING, "consistency --preset loop --runs 20"),
+    (places.places, places.MEANING, "places hallway --lap 40"),
+    (selection.selection, selection.MEANING, "selection --budget 2 --seeds 5"),
 ):
-    evaluate.command(epilog=f"Example: saccade evaluate {options}")(command)
+    evaluate.command(
+        help=f"{getdoc(command)}\n\n{meaning}", epilog=f"Example: saccade evaluate {options}"
+    )(command)

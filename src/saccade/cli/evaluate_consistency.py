@@ -46,12 +46,7 @@ def consistency(
     report: Report = None,
     as_json: Json = False,
 ) -> None:
-    """Test the consistency of the filters by Monte Carlo runs, with known association.
-
-    ANEES: normalized estimation error squared of the pose, averaged over poses and runs; 3 for a
-    consistent filter, more for an overconfident one. The median is over the runs. In band:
-    fraction of the poses at which the mean over the runs lies in its 95 % band.
-    """
+    """Test the consistency of the filters by Monte Carlo runs, with known association."""
     from saccade.cli.output import print_json, print_table, progress_bar
     from saccade.viewing.report_builder import Table, write_tables
 

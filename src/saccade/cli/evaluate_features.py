@@ -65,7 +65,8 @@ def features(
         ),
     ] = None,
     radius: Annotated[
-        float, Option(min=0.1, max=100, metavar="PX", help="Distance within which one is repeated.")
+        float,
+        Option(min=0.1, max=100, metavar="PX", help="Maximum distance of a repeated keypoint."),
     ] = 3.0,
     ratio: Annotated[float, Option(min=0.01, max=1, help="Threshold of the ratio test.")] = 0.8,
     per_sequence: Annotated[bool, Option("--per-sequence", help="List every sequence.")] = False,
@@ -74,9 +75,7 @@ def features(
 ) -> None:
     """Score detectors and descriptors on image pairs related by a homography.
 
-    Repeatability, localization error, matching accuracy of mutual nearest neighbors with and
-    without the ratio test, matching score, and the corner error of the estimated homography: means
-    over the pairs with 95 % bootstrap intervals.
+    Means over the pairs with 95 % bootstrap intervals.
 
     With --points the detectors of this package have no threshold, so that there are enough
     keypoints where contrast is low; OpenCV and COLMAP keep theirs. A module:callable takes an

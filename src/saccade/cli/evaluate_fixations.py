@@ -57,8 +57,7 @@ def fixations(
 ) -> None:
     """Score saliency maps by how well they predict human fixations.
 
-    AUC-Judd, shuffled AUC, NSS, CC, SIM, KL and information gain: means over the
-    images with 95 % bootstrap intervals.
+    Means over the images with 95 % bootstrap intervals.
     """
     from saccade.cli.output import print_json, print_message, print_table, tracked
     from saccade.datasets.fixations import read_fixations

@@ -9,9 +9,9 @@ from saccade.cli.options import Images, Json, Report
 
 COLUMNS = ["", "matched to", "inliers", "correct"]
 MEANING = (
-    "The route of {lap} photographs is repeated. Revisits: photographs after the first lap; "
-    "detections: those matched to an earlier photograph; correct: those at most {tolerance} "
-    "photographs from the place. Precision: correct over detections; recall: correct over revisits."
+    "Revisits: photographs after the first lap; detections: those matched to an earlier one; "
+    "correct: those matched to a photograph that is a whole number of laps away, to within two. "
+    "Precision: correct over detections; recall: correct over revisits."
 )
 
 
@@ -29,12 +29,11 @@ def places(
 ) -> None:
     """Score place recognition on photographs of several laps along one route.
 
-    The photographs are ordered by the numbers in their names. A detection is correct if the two
-    photographs are a whole number of laps apart, to within two.
+    The photographs are ordered by the numbers in their names.
     """
     from saccade import Sift, SiftConfig, read_image
     from saccade.cli.output import print_json, print_table, tracked
-    from saccade.evaluation.places import TOLERANCE, score_places
+    from saccade.evaluation.places import score_places
     from saccade.image import find_images
     from saccade.viewing.report_builder import Table, write_tables
     from saccade.visual.loop_detection import LoopDetectionConfig
@@ -60,13 +59,12 @@ def places(
         [paths[frame].name, paths[match].name, str(inliers), "yes" if correct else "no"]
         for frame, match, inliers, correct in scores.detections
     ]
-    meaning = MEANING.format(lap=lap, tolerance=TOLERANCE)
     write_tables(
         report,
         "saccade evaluate places",
         "Recognition of places that were visited before.",
         [
-            Table("All photographs", ["", "value"], facts, meaning, "figure"),
+            Table("All photographs", ["", "value"], facts, MEANING, "figure"),
             Table("Detections", COLUMNS, detections, first="photograph"),
         ],
     )

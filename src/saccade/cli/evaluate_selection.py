@@ -29,8 +29,6 @@ class Score(NamedTuple):
     """How a score is shown."""
 
     heading: str
-    title: str
-    """Title in the figure."""
     factor: float = 1.0
     decimals: int = 0
     limit: float = float("inf")
@@ -38,11 +36,11 @@ class Score(NamedTuple):
 
 
 SCORES = {
-    "reidentification_rate": Score("re-id [%]", "re-identified [%]", 100, 1, 100),
-    "association_precision": Score("precision [%]", "association precision [%]", 100, 1, 100),
-    "ate_m": Score("ATE [m]", "ATE [m]", 1, 3),
-    "inside_3sigma": Score("consistent [%]", "in the 99.7 % ellipse [%]", 100, 1, 100),
-    "landmarks": Score("map", "landmarks in the map"),
+    "reidentification_rate": Score("re-id [%]", 100, 1, 100),
+    "association_precision": Score("precision [%]", 100, 1, 100),
+    "ate_m": Score("ATE [m]", 1, 3),
+    "inside_3sigma": Score("consistent [%]", 100, 1, 100),
+    "landmarks": Score("map"),
 }
 HEADINGS = [score.heading for score in SCORES.values()]
 
@@ -92,10 +90,6 @@ def selection(
 
     Each table has the means over the seeds, with half of their 95 % bootstrap intervals. The last
     ranks the criteria over all drives and budgets, and compares them with random selection.
-
-    Re-id: fraction of the reappearances of a landmark at which it was re-identified.
-    Precision: fraction of the re-identifications that are correct. Consistent: frames whose true
-    position lies in the 99.7 % ellipse. Map: landmarks at the end.
 
     --out receives a figure (selection.png) and every run: an interrupted evaluation resumes, and
     more seeds add to it.
@@ -169,7 +163,7 @@ def _write_figure(path: Path, scores: "SelectionScores", ranking: list[dict[str,
     from saccade.viewing.selection import Panel, choice_figure
 
     panels = [
-        Panel(score.title, score.factor * means(scores.tables[name]), score.limit)
+        Panel(score.heading, score.factor * means(scores.tables[name]), score.limit)
         for name, score in SCORES.items()
     ]
     order = [scores.criterion.index(row["criterion"]) for row in ranking]

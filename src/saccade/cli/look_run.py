@@ -47,14 +47,7 @@ def analyze_image(
 ) -> dict[str, Any]:
     """Write `out`.png, `out`.npz and the scanpath's film, return the row for --json.
 
-    Args:
-        path: the image.
-        out: the files without suffix.
-        attention: the saliency model.
-        fixations: length of the scanpath.
-        builder: report to which the image is added.
-        by_shape: whether proto-objects rather than discs are inhibited.
-        film: whether the scanpath is animated.
+    The image is added to a report. `by_shape` inhibits proto-objects rather than discs.
     """
     image = read_image(path)
     try:
@@ -105,12 +98,6 @@ def analyze_video(path: Path, out: Path, attention: AttentionModel, stride: int)
 
     The film shows each frame beside its saliency; the arrays are the saliency (n, h, w) and the
     times (n,) in seconds.
-
-    Args:
-        path: the video.
-        out: the files without suffix.
-        attention: the saliency model.
-        stride: every how many frames one is used.
     """
     times, maps = [], []
     film = Path(f"{out}.mp4")

@@ -19,14 +19,15 @@ Preset = Annotated[
     Option("--preset", "-p", help="Preset of the configuration; see saccade config KIND --all."),
 ]
 Config = Annotated[
-    Path | None, Option("--config", "-c", help="TOML file with settings; see saccade config.")
+    Path | None,
+    Option("--config", "-c", help="TOML file of settings, as printed by saccade config."),
 ]
 Report = Annotated[
     Path | None, Option("--report", metavar="FILE", help="Also write the tables as an HTML page.")
 ]
 Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
 MaxKeypoints = Annotated[
-    int | None, Option("--max", min=1, help="Keep only so many keypoints, the strongest.")
+    int | None, Option("--max", min=1, metavar="N", help="Keep only the N strongest keypoints.")
 ]
 Spread = Annotated[
     bool, Option("--spread", help="With --max: keep keypoints spread over the image.")

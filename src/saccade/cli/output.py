@@ -131,16 +131,8 @@ def for_each_image(
 ) -> list[dict[str, Any]]:
     """Process every image, with a progress bar; errors of single images do not stop the others.
 
-    Args:
-        paths: the images.
-        out: output folder, named in the error message.
-        process: called with a path and its unique name; returns the row of the result.
-
-    Returns:
-        The rows of the images without errors.
-
-    Raises:
-        SaccadeError: at the end, if an image failed.
+    `process` gets a path and its unique name, and returns the row of the result. If an image
+    failed, SaccadeError is raised at the end, naming the output folder.
     """
     rows: list[dict[str, Any]] = []
     errors: list[SaccadeError] = []

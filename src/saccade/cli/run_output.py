@@ -42,15 +42,7 @@ def write_film(
     progress: Progress,
     still: int | None = None,
 ) -> dict[str, Path]:
-    """Write a film as MP4, and one of its frames as PNG; returns the files.
-
-    Args:
-        path: the film.
-        frames: (H, W, 3) uint8 each.
-        count: number of frames, for the progress.
-        progress: reports the frames written.
-        still: number of the frame that is written as PNG too; None for none.
-    """
+    """Write a film as MP4, and frame `still` of it as PNG too; returns the files."""
     files = {"film": path}
     with video_writer(path, FRAME_RATE) as write:
         for number, frame in enumerate(frames):
@@ -70,15 +62,7 @@ def write_run(
     files: Mapping[str, Path],
     row: dict[str, Any],
 ) -> dict[str, Any]:
-    """Write the report and run.json; returns the content of the latter.
-
-    Args:
-        output: where the run writes.
-        report: title and lead of the report.
-        part: makes the part of the report.
-        files: what is written already.
-        row: figures and settings of the run.
-    """
+    """Write the report, given its title and lead, and run.json; returns the content of that."""
     builder = ReportBuilder(*report) if output.report is None else output.report
     builder.add(part)
     if output.report is None:

@@ -46,11 +46,7 @@ LABELS = {
 
 
 def facts(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The figures of a run, formatted, with their labels; those that are None are left out.
-
-    Args:
-        summary: figures by their names in run.json.
-    """
+    """The figures of run.json, formatted, with their labels; those that are None are left out."""
     shown = {}
     for name, label in LABELS.items():
         value = summary.get(name)

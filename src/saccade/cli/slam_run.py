@@ -45,14 +45,7 @@ def map_log(
 ) -> dict[str, Any]:
     """Run the filter over a log, write the results, and return the content of run.json.
 
-    Args:
-        log: the log.
-        settings: configuration of the filter.
-        output: where the results are written.
-        progress: reports the progress.
-        smoothing: configuration of the smoother; None for none.
-        live: whether the rerun viewer shows the run.
-        rrd: a recording for that viewer.
+    The rerun viewer shows the run if it is `live`, and its recording goes to the file `rrd`.
     """
     if smoothing is not None:
         import_optional("gtsam", "smooth")  # before the work, not after it
