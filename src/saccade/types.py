@@ -21,9 +21,8 @@ Float32Array: TypeAlias = npt.NDArray[np.float32]
 IntArray: TypeAlias = npt.NDArray[np.int64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
-THREE_SIGMA_PLANE = 11.829
-"""Squared Mahalanobis distance on the plane that 99.73 % of a normal distribution stay under: what
-three standard deviations hold on a line."""
+THREE_SIGMA_2D = 11.829
+"""Squared Mahalanobis distance on the plane within which 99.73 % of a Gaussian lie: 3 sigma."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,7 +23,7 @@ from saccade.viewing.report_map import (
 from saccade.visual import VisualResult
 
 TEXT = (
-    "The ellipses hold 99.7 % of the probability. Scrub through the drive or play it; click a "
+    "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
     "landmark to see the frames in which it was observed; click a chart to go to that time."
 )
 

@@ -206,7 +206,7 @@ def _engine(
 
         if cluster is not None:
             count = f"{jobs} {'job' if jobs == 1 else 'jobs'}"
-            print_message(f"submitted {count} to {cluster}; waiting for the first")
+            print_message(f"submitting {count} to {cluster}; waiting for the first")
         where = scheduler_at(scheduler) if scheduler else batch_system(str(cluster), jobs)
         with where as engine:
             yield engine

@@ -8,7 +8,7 @@ import numpy as np
 from saccade.evaluation.trajectory import none_if_nan, position_rmse
 from saccade.frames import Drive, steps_between
 from saccade.slam.consistency import normalized_squared
-from saccade.types import THREE_SIGMA_PLANE, BoolArray, FloatArray, IntArray, Trajectory
+from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, Trajectory
 from saccade.visual import VisualResult
 from saccade.visual.run_log import REIDENTIFIED
 
@@ -46,7 +46,7 @@ def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
     inside = float("nan")
     if estimate.covariance is not None and len(error) >= 2:
         covariance = estimate.covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first is exact
-        inside = float((normalized_squared(error[1:], covariance) < THREE_SIGMA_PLANE).mean())
+        inside = float((normalized_squared(error[1:], covariance) < THREE_SIGMA_2D).mean())
     return DriveScore(
         ate_m=position_rmse(Trajectory(estimate.time, estimate.pose), truth),
         rpe_m=float(np.sqrt(np.square(step_error).mean())),
@@ -81,11 +81,11 @@ def correct_associations(
     axes = np.stack([ray * sigma[:, :1], across * z[:, :1] * sigma[:, 1:]], 1)
     covariance = axes.transpose(0, 2, 1) @ axes
     _, first, index = np.unique(landmark, return_index=True, return_inverse=True)
-    tolerance = POSITION_TOLERANCE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_PLANE)
+    tolerance = POSITION_TOLERANCE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_2D)
     covariance = covariance + covariance[first][index]
     covariance = covariance + np.square(tolerance)[:, None, None] * np.eye(2)
     difference = position - position[first][index]
-    return np.asarray(normalized_squared(difference, covariance) < THREE_SIGMA_PLANE)
+    return np.asarray(normalized_squared(difference, covariance) < THREE_SIGMA_2D)
 
 
 def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
