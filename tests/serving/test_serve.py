@@ -460,7 +460,7 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
     try:
         line = process.stderr.readline()
         port = int(
-            re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C ends it", line)[1]
+            re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C stops the server", line)[1]
         )
         with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as raw:
             head = f"POST /photo?name=a.png HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
@@ -485,5 +485,5 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
     assert process.returncode == 0, rest
     assert out == ""
     said = [each for each in rest.splitlines() if "compiling" not in each]
-    assert said == ["saccade: ended"]
+    assert said == ["saccade: stopped"]
     assert not list(tmp_path.iterdir())

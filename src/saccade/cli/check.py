@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 from typer import Option
 
-from saccade.cli.options import Json, Sequence, SequenceFormat
+from saccade.cli.options import Json, SequenceFormat, SequencePath
 
 if TYPE_CHECKING:
     from saccade.diagnostics import CheckReport
 
 
 def check(
-    sequence: Sequence,
+    sequence: SequencePath,
     kind: SequenceFormat = None,
     frames: Annotated[
         int, Option(min=40, help="Frames to inspect, spread over a longer drive.")

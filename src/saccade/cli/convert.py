@@ -5,11 +5,11 @@ from typing import Annotated, cast
 
 from typer import Argument, Option
 
-from saccade.cli.options import Json, Log, LogFormat, Robot
+from saccade.cli.options import Json, LogFormat, LogPath, Robot
 
 
 def convert(
-    log: Log,
+    log: LogPath,
     file: Annotated[Path, Argument(metavar="FILE", help="File or folder to write.")],
     kind: LogFormat = None,
     to: Annotated[

@@ -12,8 +12,8 @@ from saccade.cli.options import (
     Json,
     Out,
     Preset,
-    Sequence,
     SequenceFormat,
+    SequencePath,
 )
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def drive(
-    sequence: Sequence,
+    sequence: SequencePath,
     out: Out = Path("saccade-drive"),
     kind: SequenceFormat = None,
     frames: Annotated[
@@ -46,7 +46,7 @@ def drive(
     config: Config = None,
     as_json: Json = False,
 ) -> None:
-    """Map a camera drive: attention, keypoints, tracking and EKF-SLAM.
+    """Map a camera drive: visual odometry, keypoint landmarks and EKF-SLAM.
 
     --out receives the trajectory (trajectory.tum, for evo; poses.csv with
     covariances), the map (landmarks.csv; map.npz with descriptors), every

@@ -8,8 +8,8 @@ from typer import Argument, Option
 Images = Annotated[
     list[str], Argument(metavar="IMAGE", help="Images, folders of images, or quoted patterns.")
 ]
-Log = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file or folder.")]
-Sequence = Annotated[
+LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file or folder.")]
+SequencePath = Annotated[
     Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
 ]
 Out = Annotated[Path, Option("--out", "-o", help="Output folder.")]

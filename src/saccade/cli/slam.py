@@ -11,8 +11,8 @@ from saccade.cli.options import (
     Config,
     Film,
     Json,
-    Log,
     LogFormat,
+    LogPath,
     Out,
     Preset,
     Robot,
@@ -20,7 +20,7 @@ from saccade.cli.options import (
 
 
 def slam(
-    log: Log,
+    log: LogPath,
     out: Out = Path("saccade-slam"),
     kind: LogFormat = None,
     robot: Robot = None,

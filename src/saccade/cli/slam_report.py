@@ -23,39 +23,39 @@ TEXT = (
     "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
     "landmark to see the poses from which it was observed; click a chart to go to that time."
 )
+COUNT, NUMBER, METERS = "{:,}", "{:.3f}", "{:.3f} m"
 LABELS = {
-    "poses": "poses",
-    "observations": "observations of landmarks",
-    "observations_used": "observations used",
-    "landmarks": "landmarks in the map",
-    "landmarks_culled": "landmarks culled",
-    "odometry_end_error_m": "error of odometry at the end",
-    "odometry_end_from_estimate_m": "odometry at the end, from the filter's estimate",
-    "nis_mean": "mean normalized innovation squared",
-    "smoothing_iterations": "iterations of the smoother",
-    "odometry_rmse_m": "odometry, position RMSE",
-    "position_rmse_m": "filter, position RMSE",
-    "smoothed_position_rmse_m": "smoother, position RMSE",
-    "odometry_gps_rmse_m": "odometry, RMSE to GPS",
-    "position_gps_rmse_m": "filter, RMSE to GPS",
-    "smoothed_position_gps_rmse_m": "smoother, RMSE to GPS",
-    "landmark_rmse_m": "landmarks, RMSE",
-    "smoothed_landmark_rmse_m": "smoothed landmarks, RMSE",
+    "poses": ("poses", COUNT),
+    "observations": ("observations of landmarks", COUNT),
+    "observations_used": ("observations used", COUNT),
+    "landmarks": ("landmarks in the map", COUNT),
+    "landmarks_culled": ("landmarks culled", COUNT),
+    "odometry_end_error_m": ("error of odometry at the end", METERS),
+    "odometry_end_from_estimate_m": ("odometry at the end, from the filter's estimate", METERS),
+    "nis_mean": ("mean normalized innovation squared", NUMBER),
+    "smoothing_iterations": ("iterations of the smoother", COUNT),
+    "odometry_rmse_m": ("odometry, position RMSE", METERS),
+    "position_rmse_m": ("filter, position RMSE", METERS),
+    "smoothed_position_rmse_m": ("smoother, position RMSE", METERS),
+    "odometry_gps_rmse_m": ("odometry, RMSE to GPS", METERS),
+    "position_gps_rmse_m": ("filter, RMSE to GPS", METERS),
+    "smoothed_position_gps_rmse_m": ("smoother, RMSE to GPS", METERS),
+    "landmark_rmse_m": ("landmarks, RMSE", METERS),
+    "smoothed_landmark_rmse_m": ("smoothed landmarks, RMSE", METERS),
 }
-"""Names of the figures of run.json on the page and in the terminal."""
+"""Names and formats of the figures of run.json on the page and in the terminal."""
 
 
 def facts(summary: Mapping[str, Any]) -> dict[str, str]:
     """The figures of run.json, formatted, with their labels; those that are None are left out."""
-    shown = {}
-    for name, label in LABELS.items():
-        value = summary.get(name)
-        if value is not None:
-            shown[label] = f"{value:.3f}" if isinstance(value, float) else f"{value:,}"
-            shown[label] += " m" if name.endswith("_m") else ""
+    shown = {
+        label: text.format(summary[name])
+        for name, (label, text) in LABELS.items()
+        if summary.get(name) is not None
+    }
     if summary["nis_mean"] is not None:
-        low, high = summary["nis_band"]
-        shown[LABELS["nis_mean"]] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
+        label, (low, high) = LABELS["nis_mean"][0], summary["nis_band"]
+        shown[label] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
     return shown
 
 
