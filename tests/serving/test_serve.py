@@ -460,7 +460,7 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
     try:
         line = process.stderr.readline()
         port = int(
-            re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C stops the server", line)[1]
+            re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C stops", line)[1]
         )
         with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as raw:
             head = f"POST /photo?name=a.png HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
