@@ -11,11 +11,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from saccade import Sift, SiftConfig, match, read_image
+from saccade import Sift, SiftConfig, match
 from saccade.datasets.homography_pairs import homography_pairs
-from saccade.evaluation.features import FeatureScores, score_pairs
-from saccade.evaluation.repeatability import Features
-from saccade.keypoints.matching import nearest_neighbors
+from saccade.evaluation.features import score_detector
 
 SETTINGS = {
     "default": {},
@@ -30,15 +28,8 @@ SCORES = ("repeatability", "mma_3", "ratio_3", "auc_5")
 
 def scores(sift: Sift, pairs: list) -> list[float]:
     """Points, and the mean of each score."""
-
-    def features(path: str) -> Features:
-        image = read_image(path)
-        found = sift(image)
-        return Features(found.xy.astype(float), found.descriptors, image.shape[:2])
-
-    images = [(str(pair.first), str(pair.second), pair.homography) for pair in pairs]
-    found = list(score_pairs(features, images, nearest_neighbors))
-    mean = FeatureScores([(pair.sequence, pair.second.stem) for pair in pairs], found).mean()
+    (result,) = score_detector(sift, pairs)
+    mean = result.mean()
     return [mean.keypoints, *(getattr(mean, name) for name in SCORES)]
 
 

@@ -43,7 +43,9 @@ ALLOWED = {
     "visual": FOUNDATION | {"_jit", "image", "pyramid", "attention", "keypoints", "slam"},
     "simulation": FOUNDATION | {"image", "slam"},
     "datasets": FOUNDATION | {"image", "video"},
-    "evaluation": FOUNDATION,
+    "evaluation": FOUNDATION
+    | {"image", "pyramid", "attention", "keypoints", "slam", "visual"}
+    | {"datasets", "simulation", "exchange"},
     "diagnostics": FOUNDATION | {"visual"},
     "exchange": FOUNDATION,
     "batch": FOUNDATION | {"image", "video", "attention", "keypoints", "exchange"},

@@ -40,7 +40,7 @@ COMMANDS = {
     "consistency": ("world", "evaluate consistency --config {0}/world.toml --runs 1 --json"),
     "selection": (
         "selection-run",
-        "evaluate selection -o {0} --budget 1 --choice strength --seeds 1 --frames 8",
+        "evaluate selection -o {0} --budget 1 --criterion strength --seeds 1 --frames 8",
     ),
     "world": ("world", "simulate world --config {0}/world.toml"),
     "simulate": ("drive-settings", "simulate drive --config {0}/drive.toml --frames 2"),

@@ -199,9 +199,9 @@ def test_an_error_that_nobody_foresaw_is_one_line(run, monkeypatch):
     def fails(*_):
         raise RuntimeError("several\nlines")
 
-    monkeypatch.setattr("saccade.image.read_image", fails)
+    monkeypatch.setattr("saccade.cli.look_run.read_image", fails)
     with pytest.raises(RuntimeError, match="several"):
         run("look", "a.png")
     monkeypatch.delenv(TRACEBACK)
-    told = f"saccade: RuntimeError: several lines; {TRACEBACK}=1 shows where\n"
+    told = f"saccade: RuntimeError: several lines; set {TRACEBACK}=1 for a traceback\n"
     assert run("look", "a.png") == (1, "", told)

@@ -23,64 +23,78 @@ KINDS = {
     "world": ("saccade.simulation", "WorldConfig"),
     "drive": ("saccade.simulation", "DriveConfig"),
 }
-"""Where the configuration of each kind lives."""
+"""Module and class of each kind of configuration."""
 
 DEFAULT = "default"
+"""Name of the preset of the default settings."""
 NONE = "none"
-"""None, in TOML, which has no null."""
-LARGEST = 1 << 1023
-"""Whole number that a float can hold."""
+"""None in TOML, which has no null."""
+MAX_INTEGER = 1 << 1023
+"""Largest integer that a float can hold."""
 
 
 def load_settings(kind: str, preset: str | None = None, path: Path | None = None) -> Any:
-    """A configuration: a preset, with the settings of a file on top.
+    """A preset, updated with the settings of a file.
 
     Args:
         kind: one of `KINDS`.
-        preset: its name; None or "default" for the defaults.
+        preset: its name; None for the default.
         path: a TOML file as `saccade config` prints it.
 
     Raises:
         ConfigError: no such kind, preset or setting, or a value outside its range.
     """
-    settings = _named(kind, preset or DEFAULT)
-    if path is None:
-        return settings
-    return _changed(settings, _read_toml(path), str(path))
+    configuration = _configuration(kind)
+    preset = DEFAULT if preset is None else preset
+    presets = preset_names(kind)
+    if preset not in presets:
+        raise ConfigError(
+            f"preset: expected one of {', '.join(presets)} for {kind}, found {preset!r}"
+        )
+    settings = configuration() if preset == DEFAULT else getattr(configuration, preset)()
+    return settings if path is None else _update(settings, _read_toml(path), str(path))
 
 
 def settings_from(kind: str, values: dict[str, Any], name: str) -> Any:
-    """A configuration of a kind from a table of its settings; `name` is what holds the table.
+    """A configuration from a table of settings.
+
+    Args:
+        kind: one of `KINDS`.
+        values: the settings; missing ones are the default.
+        name: source of the table, for error messages.
 
     Raises:
-        ConfigError: as those of `load_settings`.
+        ConfigError: as `load_settings`.
     """
-    return _changed(_named(kind, DEFAULT), values, name)
+    return _update(load_settings(kind), values, name)
 
 
 def preset_names(kind: str) -> list[str]:
     """The names of the presets of a kind, the default first."""
-    return [DEFAULT, *_presets(_configuration(kind))]
+    configuration = _configuration(kind)
+    names = (name for name, value in vars(configuration).items() if isinstance(value, classmethod))
+    return [DEFAULT, *names]
 
 
 def as_toml(settings: Any) -> str:
     """A configuration as TOML, with "none" for None."""
     import tomli_w
 
-    return tomli_w.dumps(asdict(settings, dict_factory=_with_none))
+    return tomli_w.dumps(_table(settings))
 
 
 def presets_as_toml(kind: str) -> str:
-    """Every preset of a kind, a table each."""
+    """All presets of a kind as TOML, a table each."""
     import tomli_w
 
-    return tomli_w.dumps(
-        {name: asdict(_named(kind, name), dict_factory=_with_none) for name in preset_names(kind)}
-    )
+    return tomli_w.dumps({name: _table(load_settings(kind, name)) for name in preset_names(kind)})
 
 
-def _with_none(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {name: NONE if value is None else value for name, value in items}
+def _table(settings: Any) -> dict[str, Any]:
+    def without_none(items: list[tuple[str, Any]]) -> dict[str, Any]:
+        return {name: NONE if value is None else value for name, value in items}
+
+    return asdict(settings, dict_factory=without_none)
 
 
 def _configuration(kind: str) -> Any:
@@ -88,21 +102,6 @@ def _configuration(kind: str) -> Any:
         raise ConfigError(f"kind: expected one of {', '.join(KINDS)}, found {kind!r}")
     module, name = KINDS[kind]
     return getattr(import_module(module), name)
-
-
-def _presets(configuration: type) -> list[str]:
-    return [name for name, value in vars(configuration).items() if isinstance(value, classmethod)]
-
-
-def _named(kind: str, preset: str) -> Any:
-    configuration = _configuration(kind)
-    if preset == DEFAULT:
-        return configuration()
-    if preset not in _presets(configuration):
-        raise ConfigError(
-            f"preset: expected one of {', '.join(preset_names(kind))} for {kind}, found {preset!r}"
-        )
-    return getattr(configuration, preset)()
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -114,41 +113,44 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: expected TOML: {error}") from error
 
 
-def _changed(settings: Any, values: dict[str, Any], name: str) -> Any:
-    """A configuration with the values of a table on top; `name` is that of the table."""
+def _update(settings: Any, values: dict[str, Any], source: str) -> Any:
+    """A configuration with the values of a table, whose source the errors name."""
     names = [field.name for field in fields(settings)]
     unknown = sorted(set(values) - set(names))
     if unknown:
-        raise ConfigError(f"{name}: no setting {unknown[0]!r}; expected any of {', '.join(names)}")
+        expected = f"any of {', '.join(names)}"
+        if DEFAULT in unknown:
+            expected = "a single preset, as saccade config --preset prints it"
+        raise ConfigError(f"{source}: no setting {unknown[0]!r}; expected {expected}")
     hints = get_type_hints(type(settings))
     changes = {
-        each: _optional(value, hints[each], getattr(settings, each), f"{name}: {each}")
-        for each, value in values.items()
+        name: _optional(value, hints[name], getattr(settings, name), f"{source}: {name}")
+        for name, value in values.items()
     }
     try:
         return replace(settings, **changes)
     except ConfigError as error:
-        raise ConfigError(f"{name}: {error}") from error
+        raise ConfigError(f"{source}: {error}") from error
 
 
 def _optional(value: Any, hint: Any, current: Any, name: str) -> Any:
-    """`value` in the type of its field, which may be None where the field's type allows it."""
+    """`value` converted to the type of its field, or None where the type allows it."""
     options = get_args(hint)
     if NoneType not in options:
-        return _like(value, current, name)
+        return _converted(value, current, name)
     if value is None or value == NONE:
         return None
-    return _like(value, options[0]() if current is None else current, name)
+    return _converted(value, options[0]() if current is None else current, name)
 
 
-def _like(value: Any, model: Any, name: str) -> Any:
-    """`value` in the type of `model`: TOML has lists for tuples and may write 1 for 1.0."""
-    if is_dataclass(model) and isinstance(value, dict):
-        return _changed(model, value, name)
-    if isinstance(model, tuple) and isinstance(value, list):
-        return tuple(_like(each, model[0], name) if model else each for each in value)
-    if type(model) is float and type(value) is int and abs(value) <= LARGEST:
+def _converted(value: Any, example: Any, name: str) -> Any:
+    """`value` converted to the type of `example`: TOML has lists for tuples, and 1 for 1.0."""
+    if is_dataclass(example) and isinstance(value, dict):
+        return _update(example, value, name)
+    if isinstance(example, tuple) and isinstance(value, list):
+        return tuple(_converted(each, example[0], name) if example else each for each in value)
+    if type(example) is float and type(value) is int and abs(value) <= MAX_INTEGER:
         return float(value)
-    if type(value) is not type(model):
-        raise ConfigError(f"{name}: expected {type(model).__name__}, found {value!r}")
+    if type(value) is not type(example):
+        raise ConfigError(f"{name}: expected {type(example).__name__}, found {value!r}")
     return value

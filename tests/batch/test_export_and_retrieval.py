@@ -150,7 +150,7 @@ def test_find_as_a_person_runs_it(run, tmp_path):
     assert found["inliers"] > 30
     code, _, err = run("find", data / "camera.jpg", "--in", "set")
     assert code == 1
-    assert "none of 4 images shows the same thing" in err
+    assert "none of 4 images shows the same scene" in err
 
 
 @pytest.mark.shared

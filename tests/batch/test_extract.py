@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import cv2
 import numpy as np
@@ -20,9 +19,8 @@ from saccade.attention import AttentionConfig, ContrastConfig, contrast_saliency
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import InProcess, Processes
 from saccade.batch.items import Item
-from saccade.batch.shards import Shard, ShardReport
+from saccade.batch.shards import Shard
 from saccade.batch.store import PARTIAL
-from saccade.cli.extract import Pace
 from saccade.errors import ConfigError, OutputError
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 from support import extraction
@@ -78,19 +76,10 @@ def test_what_another_version_did_is_told_and_done_anew_on_request(run, tmp_path
     photographs(tmp_path / "photos", 5)
     code, printed, err = run(*words)
     assert (code, json.loads(printed)["by_other_versions"]) == (0, 4)
-    assert "4 images were done by another version; --redo does them anew" in err
+    assert "4 images were processed by another version; --redo processes them again" in err
     code, printed, err = run(*words, "--redo")
     assert (code, err, json.loads(printed)["by_other_versions"]) == (0, "", 0)
     assert set(pq.read_table(tmp_path / "out/images")["version"].to_pylist()) == {__version__}
-
-
-def test_the_pace_is_that_of_what_is_done_now():
-    pace = Pace(100)
-    assert pace.after(ShardReport(unchanged=40), time.monotonic()) == ""
-    start = pace.since
-    assert pace.after(ShardReport(done=10), start + 5) == "2.0 images/s  0:00:25 left"
-    said = pace.after(ShardReport(done=10, failed=1, lost=[("a", "why")]), start + 8)
-    assert said == "2.6 images/s  0:00:15 left  2 errors"
 
 
 def test_exact_points_are_exact(folder, tmp_path):
@@ -330,7 +319,7 @@ def test_ctrl_c_finishes_what_has_begun_and_says_how_to_go_on(folder, run, tmp_p
         patched.setattr(extraction, "extract_shard", interrupted)
         code, printed, err = run(*words, "--json")
     assert code == 130
-    assert "stopped after 3 of 15 images; give the same command to go on" in err
+    assert "stopped after 3 of 15 images; run it again to resume" in err
     assert json.loads(printed)["complete"] is False
     assert not json.loads((tmp_path / "out" / "manifest.json").read_text())["complete"]
     assert len(check_whole(tmp_path / "out")) == 3

@@ -15,13 +15,13 @@ import pytest
 
 import saccade
 from saccade.cli.output import names_for, print_json
+from saccade.settings import KINDS, load_settings
 from support.pictures import looks_like_a_picture
 
 DATA = Path(str(files("saccade") / "data"))
 ROCKET = DATA / "rocket.jpg"
 HALLWAY = (DATA / "hallway_1.jpg", DATA / "hallway_2.jpg")
 COMMANDS = ("look", "detect", "match", "slam", "drive", "check", "convert", "demo", "config")
-KINDS = ("attention", "contrast", "must", "scanpath", "sift", "slam", "symmetry", "symroid")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -119,10 +119,24 @@ def test_demo_makes_a_page_whose_every_link_exists(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_config_prints_every_preset_as_toml(run, kind):
-    code, out, _ = run("config", kind)
+def test_config_prints_every_preset_as_toml(run, tmp_path, kind):
+    code, out, _ = run("config", kind, "--all")
     assert code == 0
-    assert "default" in tomllib.loads(out)
+    presets = tomllib.loads(out)
+    for name, table in presets.items():
+        code, out, _ = run("config", kind, "--preset", name)
+        assert (code, tomllib.loads(out)) == (0, table)
+    assert run("config", kind)[1] == run("config", kind, "--preset", "default")[1]
+    (tmp_path / "default.toml").write_text(run("config", kind)[1])
+    assert load_settings(kind, path=tmp_path / "default.toml") == load_settings(kind)
+
+
+def test_presets_in_one_file_are_refused(run, tmp_path):
+    (tmp_path / "all.toml").write_text(run("config", "sift", "--all")[1])
+    code, _, err = run("detect", ROCKET, "--config", "all.toml")
+    assert code == 2
+    assert "expected a single preset, as saccade config --preset prints it" in err
+    assert run("config", "sift", "--all", "--preset", "opencv")[0] == 2
 
 
 def test_a_printed_configuration_can_be_handed_back(run, tmp_path):
@@ -343,7 +357,7 @@ def test_evaluate_fixations_names_what_is_missing(run, gazes):
     ("words", "expected"),
     [
         (["soup"], "No such command 'soup'; see saccade --help"),
-        (["look"], "Missing argument 'IMAGE...'; see saccade look --help"),
+        (["look"], "Missing argument 'IMAGE'; see saccade look --help"),
         (["match", "a.png"], "Missing argument 'B'; see saccade match --help"),
         (["look", "a.png", "--fixations", "0"], "--fixations"),
         (["look", "-dash.png"], "No such option"),
@@ -376,7 +390,7 @@ def test_what_ends_a_run_is_one_line(run, monkeypatch, error, code, words):
     def ends(*_):
         raise error
 
-    monkeypatch.setattr("saccade.image.read_image", ends)
+    monkeypatch.setattr("saccade.cli.detect_run.read_image", ends)
     monkeypatch.setattr("saccade.cli._discard_stdout", lambda: None)
     assert run("detect", ROCKET) == (code, "", f"saccade: {words}\n")
 

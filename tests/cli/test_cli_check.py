@@ -16,12 +16,12 @@ def sequence(filmed, tmp_path):
 def test_a_clean_drive_ends_with_0_and_one_with_findings_with_1(run, sequence):
     code, out, err = run("check", sequence)
     assert (code, err) == (0, "")
-    assert out.startswith("wall: 40 frames, nothing wrong\n")
+    assert out.startswith("wall: 40 frames, no problems\n")
     for i in (3, 4):
         cv2.imwrite(str(sequence / "image_0" / f"{i:06d}.png"), np.zeros((120, 160), np.uint8))
     code, out, _ = run("check", sequence, "--format", "kitti")
     assert code == 1
-    assert "1 thing wrong" in out
+    assert "1 problem" in out
     assert "2 frames are black or all of one grey (frames 3, 4)" in " ".join(out.split())
 
 

@@ -17,9 +17,9 @@ from evo.tools import file_interface
 
 import saccade
 from saccade import slam
-from saccade.cli.slam_files import summary
-from saccade.cli.slam_report import WORDS, facts
+from saccade.cli.slam_report import LABELS, facts
 from saccade.datasets import load
+from saccade.evaluation.slam_runs import summarize_run
 from saccade.extras import install_command
 from saccade.types import Trajectory
 from saccade.video import read_video
@@ -90,13 +90,13 @@ def test_a_run_writes_all_that_is_known(made, short):
 def test_every_figure_is_told_in_words(made):
     row, _ = made
     plain = {name for name, value in row.items() if isinstance(value, (int, float))}
-    assert plain - {"format"} <= WORDS.keys()
+    assert plain - {"format"} <= LABELS.keys()
     shown = facts(row)
     apart = f"{row['odometry_end_from_estimate_m']:.3f} m"  # this log has no truth
-    assert shown["odometry alone ends off the filter's estimate by"] == apart
+    assert shown["odometry at the end, from the filter's estimate"] == apart
     low, high = row["nis_band"]
     band = f"{low:.2f} to {high:.2f} in 95 % of consistent filters"
-    assert shown[WORDS["nis_mean"]] == f"{row['nis_mean']:.3f}; {band}"
+    assert shown[LABELS["nis_mean"][0]] == f"{row['nis_mean']:.3f}; {band}"
 
 
 def test_how_far_odometry_ends_from_what(rng):
@@ -112,7 +112,7 @@ def test_how_far_odometry_ends_from_what(rng):
         (Trajectory(log.time, places), {"odometry_end_from_estimate_m": off_estimate}),
         (None, {"odometry_end_from_estimate_m": off_estimate}),
     ):
-        found = summary(replace(log, truth=truth), result, None)
+        found = summarize_run(replace(log, truth=truth), result, None)
         ending = {name: each for name, each in found.items() if name.startswith("odometry_end")}
         assert ending == pytest.approx(expected)
 
@@ -120,7 +120,7 @@ def test_how_far_odometry_ends_from_what(rng):
 def test_the_truth_may_end_before_the_log(rng):
     log, poses, _ = simulate(rng, steps=40)
     result = slam.run(log)
-    found = summary(replace(log, truth=Trajectory(log.time[:31], poses[:31])), result, None)
+    found = summarize_run(replace(log, truth=Trajectory(log.time[:31], poses[:31])), result, None)
     apart = result.dead_reckoning.pose[30, :2] - poses[30, :2]
     assert found["odometry_end_error_m"] == pytest.approx(np.hypot(*apart))
 
@@ -195,7 +195,8 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
     assert kept.exists()
     if how == signal.SIGINT:
         assert (
-            f"the same command goes on from {Path('stopped', 'checkpoint.npz')}" in running.stderr
+            f"run the same command again to resume from {Path('stopped', 'checkpoint.npz')}"
+            in running.stderr
         )
         assert "Traceback" not in running.stderr
     code, out, _ = run("slam", short, "--out", "stopped", "--no-film", "--json")

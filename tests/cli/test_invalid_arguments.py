@@ -122,7 +122,7 @@ ENDS = {
     ("serve",): ["--max-upload", "0"],
     ("demo",): ["--out", "a.png"],
     ("evaluate", "consistency"): ["--config", "absent.toml"],
-    ("evaluate", "selection"): ["--choice", "absent"],
+    ("evaluate", "selection"): ["--criterion", "absent"],
     ("simulate", "world"): ["--config", "absent.toml"],
     ("simulate", "drive"): ["--config", "absent.toml"],
 }

@@ -63,11 +63,11 @@ def test_the_strongest_places_have_all_of_their_points():
     assert features.strongest(None) is features
 
 
-def test_evaluate_features_by_number_and_disturbance(monkeypatch, capsys, scene):
+def test_evaluate_features_by_number_and_degradation(monkeypatch, capsys, scene):
     words = ["evaluate", "features", "--pairs", scene, "--json"]
     ours = ("sift", "must", "symroid", "sift-random", "sift-salient")
     named = [word for name in ours for word in ("--detector", name)]
-    asked = ["--points", 10, "--points", 20, "--disturb", "clean", "--disturb", "noise:20"]
+    asked = ["--points", 10, "--points", 20, "--degrade", "clean", "--degrade", "noise:20"]
     code, out, _ = run(monkeypatch, capsys, *words, *named, *asked)
     assert code == 0
     detectors = json.loads(out)["detectors"]
@@ -78,13 +78,13 @@ def test_evaluate_features_by_number_and_disturbance(monkeypatch, capsys, scene)
         assert few["repeatability"] > 0.3 or name == "sift-random", name
     clean, noisy = (detectors[f"sift, 20 points{d}"]["mean"] for d in ("", ", noise:20"))
     assert noisy["repeatability"] != clean["repeatability"]
-    code, _, err = run(monkeypatch, capsys, *words, "--disturb", "fog:1")
+    code, _, err = run(monkeypatch, capsys, *words, "--degrade", "fog:1")
     assert code == 2
     assert "'fog'" in err
 
 
 def test_a_wider_radius_finds_more_again(monkeypatch, capsys, scene):
-    words = ["evaluate", "features", "--pairs", scene, "--json", "--disturb", "noise:20"]
+    words = ["evaluate", "features", "--pairs", scene, "--json", "--degrade", "noise:20"]
     found = []
     for radius in (0.5, 3, 20):
         _, out, _ = run(monkeypatch, capsys, *words, "--radius", radius)

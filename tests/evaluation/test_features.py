@@ -8,15 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from saccade.cli.detectors import find_detector
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
-from saccade.evaluation.features import FeatureScores, score_pairs
+from saccade.evaluation.detectors import find_detector
+from saccade.evaluation.features import FeatureScores, score_detector
 from saccade.evaluation.homography import corner_error, inside, project
 from saccade.evaluation.repeatability import Features, PairScores, score_pair
 from saccade.exchange.colmap import import_pycolmap
 from saccade.image import as_gray
-from saccade.keypoints.matching import nearest_neighbors
 from support.run_command import run
 from support.shift import SHIFT
 
@@ -31,7 +30,7 @@ def found(xy, codes=None, shape=(100, 100)):
 
 def test_a_perfect_detector_has_full_marks(rng):
     xy = rng.uniform(20, 80, (12, 2))
-    scores = score_pair(found(xy), found(xy + np.array([10, 0])), SHIFT, nearest_neighbors)
+    scores = score_pair(found(xy), found(xy + np.array([10, 0])), SHIFT)
     assert scores.keypoints == 12
     for name in ("repeatability", "mma_1", "mma_5", "ratio_1", "score"):
         assert getattr(scores, name) == 1, name
@@ -43,7 +42,7 @@ def test_what_is_counted_can_be_counted_by_hand():
     here = [(10, 10), (10, 10), (30, 30), (50, 50), (95, 50)]  # one twice, one outside the other
     there = [(20, 12), (40, 34), (60, 50), (5, 50), (90, 90)]  # one outside; one nobody has
     first, second = found(here, [0, 5, 1, 2, 3]), found(there, [0, 1, 2, 3, 6])
-    scores = score_pair(first, second, SHIFT, nearest_neighbors)
+    scores = score_pair(first, second, SHIFT)
     assert scores.repeatability == pytest.approx(4 / 7)  # places at 2, 4, 0 px of 3 and of 4
     assert scores.localization == pytest.approx(1.0)
     assert scores.mma_1 == pytest.approx(1 / 4)  # of 0, 2, 4 and 100 px
@@ -56,7 +55,7 @@ def test_what_is_counted_can_be_counted_by_hand():
 @pytest.mark.parametrize("xy", [np.zeros((0, 2)), np.array([[5.0, 5.0]])])
 def test_few_points_score_without_complaint(xy):
     for first, second in ((found(xy), found([])), (found([]), found(xy))):
-        scores = score_pair(first, second, SHIFT, nearest_neighbors)
+        scores = score_pair(first, second, SHIFT)
         assert scores.repeatability == scores.mma_3 == scores.score == scores.auc_10 == 0
         assert scores.localization == 3
 
@@ -90,16 +89,22 @@ def test_means_and_intervals():
     assert result.of("a").mean() == scores(1.5)
 
 
-def test_an_image_shared_by_pairs_is_looked_at_once():
+def test_an_image_shared_by_pairs_is_detected_in_once(scene):
+    """And each number of locations is scored as if it were the only one."""
+    (scene / "3.png").write_bytes((scene / "2.png").read_bytes())
+    np.savetxt(scene / "H_1_3.txt", SHIFT)
+    pairs = homography_pairs(scene)
     seen = []
 
-    def features(name):
-        seen.append(name)
-        return found([(20, 20), (30, 30)])
+    def detect(image):
+        seen.append(image)
+        xy = [(20 + 5 * i, 20 + 9 * i) for i in range(6)]
+        return SimpleNamespace(xy=xy, descriptors=100 * np.eye(16, dtype=np.uint8)[:6])
 
-    pairs = [("1", "2", SHIFT), ("1", "3", SHIFT)]
-    assert len(list(score_pairs(features, pairs, nearest_neighbors))) == 2
-    assert seen == ["1", "2", "3"]
+    few, every = score_detector(detect, pairs, (3, None))
+    assert len(seen) == 3
+    assert few.name == every.name == [("noise", "2"), ("noise", "3")]
+    assert [scores.keypoints for scores in (few.mean(), every.mean())] == [3, 6]
 
 
 def test_pairs_are_read(scene):
@@ -170,7 +175,7 @@ def texture(rng):
 
 def kept_places(name, image, count):
     """The places of a detector's points that `--points` keeps."""
-    found = find_detector(name, None, None, count)(image)
+    found = find_detector(name, None, count)(image)
     return set(
         map(tuple, Features(found.xy, found.descriptors, image.shape[:2]).strongest(count).xy)
     )
@@ -188,7 +193,7 @@ def test_of_opencvs_points_the_strongest_are_kept(texture, count):
 def test_descriptors_stay_with_their_points(texture):
     gray = np.rint(255 * texture[:, :, 0]).astype(np.uint8)
     points, descriptors = cv2.SIFT.create().detectAndCompute(gray, None)
-    found = find_detector("opencv", None, None, 10)(texture)
+    found = find_detector("opencv", None, 10)(texture)
     rows = {(*point.pt, *map(int, d)) for point, d in zip(points, descriptors, strict=True)}
     ours = zip(found.xy.tolist(), found.descriptors.tolist(), strict=True)
     assert {(*xy, *descriptor) for xy, descriptor in ours} == rows
@@ -196,7 +201,7 @@ def test_descriptors_stay_with_their_points(texture):
 
 @pytest.mark.parametrize("name", ["sift", "must"])
 def test_of_our_points_the_strongest_are_kept(texture, name):
-    every = find_detector(name, None, None, 10_000)(texture)
+    every = find_detector(name, None, 10_000)(texture)
     strength = dict(zip(map(tuple, every.xy), every.response, strict=True))
     strongest = sorted(strength, key=strength.get, reverse=True)[:10]
     assert kept_places(name, texture, 10) == set(strongest)
@@ -221,8 +226,8 @@ def test_of_colmaps_points_those_are_kept_that_colmap_would_keep(texture):
 def test_colmap_is_one_of_the_detectors():
     pytest.importorskip("pycolmap")
     spot = np.exp(-((np.indices((80, 90)) - [[[41.3]], [[50.6]]]) ** 2).sum(axis=0) / 50)
-    points = find_detector("colmap", None, None)(np.repeat(spot[:, :, None], 3, axis=2))
+    points = find_detector("colmap")(np.repeat(spot[:, :, None], 3, axis=2))
     assert points.descriptors.shape == (len(points.xy), 128)
     assert np.hypot(*(points.xy - (50.6, 41.3)).T).min() < 0.1
     with pytest.raises(ConfigError, match="surf"):
-        find_detector("surf", None, None)
+        find_detector("surf")

@@ -67,7 +67,7 @@ def test_covariances_are_those_of_the_errors_that_are_drawn():
 
 def test_what_cannot_be_turned_round_is_refused():
     drive = winding()
-    with pytest.raises(DriveError, match="winding: palindrome: expected a drive with truth"):
+    with pytest.raises(DriveError, match="winding: out and back: expected a drive with truth"):
         out_and_back(
             Drive(
                 "winding",

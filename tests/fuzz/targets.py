@@ -362,28 +362,28 @@ def _listed(folder: Path) -> object:
 
 
 def _own_map(folder: Path) -> object:
-    from saccade.cli.evaluate import _array_in
+    from saccade.evaluation.prediction import read_saliency_array
 
-    return _array_in(folder / "a.npy")
+    return read_saliency_array(folder / "a.npy")
 
 
 def _one_run() -> Any:
-    from saccade.cli.selection_runs import Series
+    from saccade.evaluation.selection_runs import RunSeries
 
-    return Series(None, 0, 8, (1,), ("strength",))
+    return RunSeries(None, 0, 8, (1,), ("strength",))
 
 
 def _run(folder: Path) -> None:
-    from saccade.cli.selection_runs import SCORES
+    from saccade.evaluation.selection_runs import SCORES
 
     path = _one_run().path(folder, 1, "strength")
     path.parent.mkdir(parents=True)
-    row = {"drive": "simulator", "budget": 1, "choice": "strength", "seed": 0}
+    row = {"drive": "simulator", "budget": 1, "criterion": "strength", "seed": 0}
     path.write_text(json.dumps(row | dict.fromkeys(SCORES, 0.5)))
 
 
 def _runs(folder: Path) -> object:
-    from saccade.cli.selection_runs import run_series
+    from saccade.evaluation.selection_runs import run_series
 
     return run_series(_one_run(), folder)
 

@@ -1,6 +1,7 @@
 """MUST: the symmetry of its planes, its points, and the source's claims on real pairs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +12,8 @@ from saccade import Must, MustConfig, Sift
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
 from saccade.evaluation.degradation import Degradation
-from saccade.evaluation.features import score_pairs
-from saccade.evaluation.repeatability import Features
-from saccade.image import read_image
+from saccade.evaluation.features import score_detector
 from saccade.keypoints import SiftConfig
-from saccade.keypoints.matching import nearest_neighbors
 from saccade.keypoints.must import octave_symmetry
 from support import oracles_symmetry as oracles
 from support.symmetric_images import discs, texture
@@ -163,21 +161,17 @@ def test_the_claims_of_the_source(shared, disturbance, better):
     """More of its places come back under noise, low contrast and blur than of SIFT's."""
     pairs = homography_pairs(shared / "data" / "pairs" / "oxford")
     chosen = [pair for pair in pairs if pair.second.stem == "3"]
-    done = Degradation.parse(disturbance)
+    degradation = Degradation.parse(disturbance)
     configs = (SiftConfig(), MustConfig())
     weak = [replace(each, contrast_threshold=1e-4, upright=True) for each in configs]
     found = []
     for detect in (Sift(weak[0]), Must(weak[1])):
 
-        def features(key, detect=detect):
-            path, number = key
-            image = read_image(path)
-            points = detect(image if number is None else done.apply(image, number), describe=False)
-            none = np.zeros((len(points), 1), np.uint8)
-            return Features(points.xy.astype(np.float64), none, image.shape[:2]).strongest(300)
+        def undescribed(image, detect=detect):
+            points = detect(image, describe=False)
+            return SimpleNamespace(xy=points.xy, descriptors=np.zeros((len(points), 1), np.uint8))
 
-        images = [((p.first, None), (p.second, i), p.homography) for i, p in enumerate(chosen)]
-        scores = score_pairs(features, images, nearest_neighbors)
-        found.append(np.mean([each.repeatability for each in scores]))
+        (scores,) = score_detector(undescribed, chosen, (300,), degradation)
+        found.append(scores.mean().repeatability)
     print(f"\n{disturbance}: SIFT {found[0]:.3f}, MUST {found[1]:.3f}")
     assert found[1] > better * found[0]

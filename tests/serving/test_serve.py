@@ -523,7 +523,7 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
     try:
         line = process.stderr.readline()
         port = int(
-            re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C ends it", line)[1]
+            re.search(r"open http://127\.0\.0\.1:(\d+)/ in a browser; Ctrl-C stops", line)[1]
         )
         with socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT) as raw:
             head = f"POST /photo?name=a.png HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
@@ -548,5 +548,5 @@ def test_it_starts_answers_only_here_and_ends_with_ctrl_c(tmp_path):
     assert process.returncode == 0, rest
     assert out == ""
     said = [each for each in rest.splitlines() if "compiling" not in each]
-    assert said == ["saccade: ended"]
+    assert said == ["saccade: stopped"]
     assert not list(tmp_path.iterdir())

@@ -40,7 +40,7 @@ COMMANDS = {
     "evaluate fixations": "--images {in}/seen --fixations {in}/seen/fixations.csv",
     "evaluate features": "--pairs {in}/pairs --points 20",
     "evaluate places": "{in}/photos --lap 2",
-    "evaluate selection": "--budget 1 --choice strength --seeds 1 --frames 8 -o out",
+    "evaluate selection": "--budget 1 --criterion strength --seeds 1 --frames 8 -o out",
     "evaluate consistency": "--config {in}/world.toml --runs 1",
     "simulate world": "--config {in}/world.toml -o out",
     "simulate drive": "--config {in}/drive.toml --frames 2 -o out",

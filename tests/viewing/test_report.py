@@ -6,12 +6,12 @@ from html import escape
 import numpy as np
 import pytest
 
-from saccade.cli.report_builder import ReportBuilder
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.embedding import jpeg
 from saccade.viewing.page import Picture, Section
 from saccade.viewing.report import report_page
+from saccade.viewing.report_builder import ReportBuilder
 from saccade.viewing.report_image import image_part, match_part
 from saccade.viewing.report_map import (
     MapOverlays,
@@ -325,7 +325,7 @@ def test_what_does_not_fit_on_a_page_is_counted_and_not_made(tmp_path, monkeypat
         made.append(table_part(Section("a heading", ""), ["", "b"], [["x" * 500, "1"]]))
         return made[-1]
 
-    monkeypatch.setattr("saccade.cli.report_builder.MAX_LENGTH", 2000)
+    monkeypatch.setattr("saccade.viewing.report_builder.MAX_LENGTH", 2000)
     album = ReportBuilder("title", "Lead.")
     for _ in range(9):
         album.add(make)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from saccade.cli.report_builder import ReportBuilder, Table, write_table_page
 from saccade.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section, html_page
+from saccade.viewing.report_builder import ReportBuilder, Table, write_tables
 from saccade.viewing.report_image import MAX_MATCHES, MAX_POINTS, image_part, match_part
 from saccade.viewing.report_map import ObservedLandmarks, map_part, uncertainty_charts
 
@@ -99,7 +99,7 @@ def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
 def test_a_long_table_is_thinned_and_says_so(tmp_path):
     rows = [[f"image {number}", *["0.123"] * 7] for number in range(60_000)]
     table = Table("t", ["", *"abcdefg"], rows)
-    write_table_page(tmp_path / "report.html", "c", "lead", [table])
+    write_tables(tmp_path / "report.html", "c", "lead", [table])
     text = (tmp_path / "report.html").read_text()
     assert LARGEST / 8 < len(text) < LARGEST
     assert re.search(r"Of 60,000 rows one in \d+ is on this page\.", text)
@@ -203,7 +203,7 @@ def test_names_in_tables_and_plain_pages_are_words(name, tmp_path):
     page = tmp_path / "report.html"
     tables = [Table(name, ["", name], [[name, name]], name, name)]
     tables += [Table(name, [name], [[name]]), Table("none", ["a"], [])]
-    write_table_page(page, name, name, tables)
+    write_tables(page, name, name, tables)
     assert page.read_text().count("<section>") == 2
     assert _is_harmless(page, name)
     data = re.search(r'<script type="application/json">(.*?)</script>', page.read_text())[1]

@@ -10,7 +10,7 @@ import pytest
 from saccade import datasets, visual
 from saccade.datasets.drives.odometry_increments import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.evaluation.drives import same_places, score_drive
+from saccade.evaluation.drives import correct_associations, score_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
@@ -51,7 +51,7 @@ def test_the_map_corrects_odometry(drive, mapped):
 
 def test_reidentified_landmarks_are_the_same(drive, mapped):
     observations = mapped.observations
-    right = same_places(
+    right = correct_associations(
         observations.frame,
         observations.landmark,
         observations.z,

@@ -110,20 +110,20 @@ def test_what_was_never_looked_for_comes_last_and_is_not_compared():
 
 def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
     words = ("evaluate", "selection", "--budget", 1, "--seeds", 1, "--frames", 8, "--out", "kept")
-    code, out, err = run(*words, "--choice", "random", "--json")
+    code, out, err = run(*words, "--criterion", "random", "--json")
     assert code == 0
     assert "wrote kept/selection.png" in err
     kept = next((tmp_path / "kept" / "runs" / __version__).iterdir())
     before = kept.stat().st_mtime_ns
-    code, again, _ = run(*words, "--choice", "random", "--choice", "strength", "--json")
+    code, again, _ = run(*words, "--criterion", "random", "--criterion", "strength", "--json")
     assert kept.stat().st_mtime_ns == before
     rows = json.loads(again)["rows"]
     assert rows[0] == json.loads(out)["rows"][0]
-    assert [row["choice"] for row in rows] == ["random", "strength"]
+    assert [row["criterion"] for row in rows] == ["random", "strength"]
     code, table, _ = run(
-        *words, "--choice", "random", "--choice", "strength", "--report", "kept/report.html"
+        *words, "--criterion", "random", "--criterion", "strength", "--report", "kept/report.html"
     )
-    assert "All drives and budgets, against random" in table
+    assert "All drives and budgets, relative to random selection" in table
     page = (tmp_path / "kept" / "report.html").read_text()
     overall, every = (
         json.loads(each)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saccade.evaluation.drives import same_places
+from saccade.evaluation.drives import correct_associations
 from saccade.slam.consistency import chi_square_gate
 from saccade.visual.reidentification import consistent_layout, consistent_subset
 
@@ -75,5 +75,5 @@ def test_a_place_may_be_off_along_the_line_of_sight_alone(aside, right):
     """At four metres a range is good to 0.2 m, a bearing to 8 mm."""
     z = np.array([[4.0, 0.0], [np.hypot(4 + aside[0], aside[1]), np.arctan2(aside[1], 4)]])
     sigma = np.array([[0.2, 0.002], [0.2, 0.002]])
-    found = same_places(np.array([0, 1]), np.array([7, 7]), z, sigma, np.zeros((2, 3)))
+    found = correct_associations(np.array([0, 1]), np.array([7, 7]), z, sigma, np.zeros((2, 3)))
     assert found.tolist() == [True, right]

@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Annotated, Any, NoReturn, cast
 
 import typer
+from typer import Option
 
 from saccade import __version__
 from saccade.cli.check import check
@@ -22,7 +23,8 @@ from saccade.cli.environment import prepare_libraries, prepare_streams
 from saccade.cli.evaluate import evaluate
 from saccade.cli.export import export
 from saccade.cli.extract import extract
-from saccade.cli.index import find, index
+from saccade.cli.find import find
+from saccade.cli.index import index
 from saccade.cli.look import look
 from saccade.cli.match import match
 from saccade.cli.serve import serve
@@ -33,15 +35,15 @@ from saccade.errors import OutputError, SaccadeError
 from saccade.files import one_line
 
 TRACEBACK = "SACCADE_TRACEBACK"
-"""Environment variable: where it is set, an error that nobody foresaw shows where it came from."""
+"""Environment variable: if set, unexpected errors end with a traceback."""
 _INTERRUPTED = "interrupted"
 
 _UsageError = cast("type[Exception]", typer.BadParameter.__base__)
-"""Typer brings its own Click and exports no other name of it."""
+"""Base of the errors of Typer's own Click, which it does not export."""
 
 app = typer.Typer(
     name="saccade",
-    help="Active vision: where to look, what to keep, and the map it makes.",
+    help="Active vision: visual attention, interest points and EKF-SLAM.",
     epilog="Start with: saccade demo",
     no_args_is_help=True,
     add_completion=False,
@@ -68,8 +70,8 @@ app.add_typer(simulate, name="simulate")
 app.command(epilog="Example: saccade config sift --preset opencv > sift.toml")(config)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"saccade {__version__}")
         raise typer.Exit
 
@@ -77,19 +79,16 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
-        ),
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)
     logging.getLogger("saccade").setLevel(logging.INFO)
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its list of fonts
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports its font cache
 
 
 def main() -> None:
-    """Run a command; turn whatever ends it into one line and an exit code."""
+    """Run a command; every error ends in one line on stderr and an exit code."""
     prepare_streams()
     try:
         prepare_libraries()
@@ -101,7 +100,7 @@ def main() -> None:
     except SaccadeError as error:
         _end(str(error), 2)
     except _UsageError as error:
-        _refuse(error)
+        _end_usage(error)
     except (KeyboardInterrupt, typer.Abort):
         _end(_INTERRUPTED, 130)
     except MemoryError as error:
@@ -109,22 +108,22 @@ def main() -> None:
     except OSError as error:
         _discard_stdout()
         _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 1)
-    except Exception as error:  # of a library, in an environment that it did not foresee
+    except Exception as error:  # of a library, in an unexpected environment
         if os.environ.get(TRACEBACK):
             raise
-        _end(f"{type(error).__name__}: {one_line(error)}; {TRACEBACK}=1 shows where", 1)
-    if code == 130:  # Typer's word for Ctrl-C
+        _end(f"{type(error).__name__}: {one_line(error)}; set {TRACEBACK}=1 for a traceback", 1)
+    if code == 130:  # Typer returns it on Ctrl-C
         _end(_INTERRUPTED, 130)
     sys.exit(code)
 
 
-def _refuse(error: Any) -> NoReturn:
-    """End because of the command line itself."""
+def _end_usage(error: Any) -> NoReturn:
+    """End because of an error in the command line."""
     message = " ".join(error.format_message().split())
     if not message:  # no arguments: the help is printed already
         sys.exit(2)
-    asked = f"; see {error.ctx.command_path} --help" if error.ctx is not None else ""
-    _end(f"{message.rstrip('.')}{asked}", 2)
+    hint = f"; see {error.ctx.command_path} --help" if error.ctx is not None else ""
+    _end(f"{message.rstrip('.')}{hint}", 2)
 
 
 def _end(message: str, code: int) -> NoReturn:
@@ -134,6 +133,6 @@ def _end(message: str, code: int) -> NoReturn:
 
 
 def _discard_stdout() -> None:
-    """Let nothing that could not be written be tried again when the interpreter ends."""
+    """Redirect stdout to the null device, or the interpreter would flush it again at exit."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,30 +1,30 @@
-"""Which attention model a command uses: its option, and the model with its settings."""
+"""The attention model of a command: its option, and the model with its settings."""
 
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from saccade.attention.models import AttentionModel
 
 
 class Model(StrEnum):
-    """What draws the eye."""
+    """Saliency models."""
 
     contrast = "contrast"
     symmetry = "symmetry"
     both = "both"
 
 
-ModelChoice = Annotated[Model, typer.Option(help="What draws the eye.")]
+ModelChoice = Annotated[Model, Option(help="Saliency model.")]
 
 
 def attention_model(
     model: Model, preset: str | None, config: Path | None, *, keep_features: bool = False
 ) -> "AttentionModel":
-    """The model with the settings that the command line names."""
+    """The model with the settings of the command line."""
     from saccade.attention.models import KINDS, AttentionModel
     from saccade.settings import load_settings
 

@@ -1,56 +1,40 @@
-"""`saccade check`: what is wrong with a camera drive, before a run."""
+"""`saccade check`: diagnostics of a camera drive."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+from typer import Option
 
-from saccade.cli.options import Json
+from saccade.cli.options import Json, SequenceFormat, SequencePath
 
 if TYPE_CHECKING:
     from saccade.diagnostics import CheckReport
 
 
 def check(
-    sequence: Annotated[
-        Path, typer.Argument(metavar="SEQUENCE", help="Folder, video, bag or tracks of a drive.")
-    ],
-    kind: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            help="Of SEQUENCE: kitti, tum-rgbd, euroc, rosbag, tracks, folder or video; "
-            "auto: found out.",
-        ),
-    ] = "auto",
+    sequence: SequencePath,
+    kind: SequenceFormat = None,
     frames: Annotated[
-        int, typer.Option(min=40, help="Images to look at, spread over a longer drive.")
+        int, Option(min=40, help="Frames to inspect, spread over a longer drive.")
     ] = 300,
     as_json: Json = False,
 ) -> None:
-    """Tell what is wrong with a camera drive, before a run.
+    """Check a camera drive for errors before it is mapped.
 
-    Compares odometry with the motion of the images (sign, scale, clock, noise,
-    where the camera is), and looks for repeated, black, blurred and missing
-    frames, cameras that are no rectified pair, and ground that is not flat.
+    Compares odometry with visual motion (sign, scale, time offset, noise,
+    camera extrinsics), and detects repeated, black, blurred and missing
+    frames, stereo pairs that are not rectified, and ground that is not flat.
 
-    Exit code 0: nothing is wrong; 1: something is.
+    Exit code 0: no problem was found; 1: at least one was found.
     """
-    from rich.progress import Progress
-
     from saccade import datasets
-    from saccade.cli.output import messages, print_json
+    from saccade.cli.output import print_json, progress_bar
     from saccade.diagnostics import CheckConfig, check_drive
 
+    kind = "auto" if kind is None else kind
     drive = datasets.load_drive(cast("datasets.DriveKind", kind), sequence)
-    console = messages()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("looking", total=None)
-        report = check_drive(
-            drive,
-            CheckConfig(frames),
-            lambda done, of: progress.update(task, completed=done, total=of),
-        )
+    with progress_bar("checking") as update:
+        report = check_drive(drive, CheckConfig(frames), update)
     if as_json:
         print_json(_as_row(report))
     else:
@@ -65,7 +49,7 @@ def _as_row(report: "CheckReport") -> dict[str, Any]:
     return {
         "sequence": report.name,
         "frames": report.frames,
-        "looked_at": report.inspected,
+        "inspected": report.inspected,
         "clean": report.clean,
         "findings": [asdict(finding) for finding in report.findings],
         "figures": report.figures,
@@ -78,11 +62,11 @@ def _print(report: "CheckReport") -> None:
     from rich.text import Text
 
     console = Console(highlight=False)
-    wrong = sum(finding.severity != "note" for finding in report.findings)
-    count = f"{report.frames} frames" + (
-        f", {report.inspected} looked at" if report.inspected < report.frames else ""
-    )
-    verdict = f"{wrong} thing{'s' if wrong > 1 else ''} wrong" if wrong else "nothing wrong"
+    problems = sum(finding.severity != "note" for finding in report.findings)
+    count = f"{report.frames} frames"
+    if report.inspected < report.frames:
+        count += f", {report.inspected} inspected"
+    verdict = f"{problems or 'no'} problem{'' if problems == 1 else 's'}"
     console.print(Text(f"{report.name}: {count}, {verdict}", style="bold"), soft_wrap=True)
     styles = {"error": "bold red", "warning": "yellow", "note": "dim"}
     for finding in report.findings:

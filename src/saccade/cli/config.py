@@ -1,31 +1,35 @@
-"""`saccade config`: a configuration and its presets, as TOML."""
+"""`saccade config`: a configuration as TOML."""
 
 from typing import Annotated
 
 import typer
-
-from saccade.cli.options import Preset
+from typer import Argument, Option
 
 
 def config(
     kind: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="KIND",
-            help="attention, contrast, symmetry, scanpath, must, sift, symroid, slam, world "
-            "or drive.",
+            help="attention, contrast, symmetry, scanpath, must, sift, symroid, slam, visual, "
+            "world or drive.",
         ),
     ],
-    preset: Preset = None,
+    preset: Annotated[
+        str | None, Option("--preset", "-p", help="Print this preset, not the default.")
+    ] = None,
+    every: Annotated[
+        bool, Option("--all", help="Print every preset, each as a table of its name.")
+    ] = False,
 ) -> None:
-    """Print a configuration with its presets as TOML.
+    """Print a configuration as TOML.
 
-    Save the preset you want to a file, change it, and hand it to a command
-    with --config. Without --preset every preset is printed, a table each.
+    Save the output to a file, edit it, and pass it to a command with --config.
+    The output of --all is for reading: it has a table for each preset.
     """
+    from saccade.errors import require
     from saccade.settings import as_toml, load_settings, presets_as_toml
 
-    if preset is not None:
-        typer.echo(as_toml(load_settings(kind, preset)), nl=False)
-        return
-    typer.echo(presets_as_toml(kind), nl=False)
+    require(not (every and preset), "preset", "--preset or --all", "both")
+    text = presets_as_toml(kind) if every else as_toml(load_settings(kind, preset))
+    typer.echo(text, nl=False)

@@ -1,47 +1,44 @@
-"""`saccade convert`: a landmark log from one format into another."""
+"""`saccade convert`: a landmark log in another format."""
 
 from pathlib import Path
 from typing import Annotated, cast
 
-import typer
+from typer import Argument, Option
 
-from saccade.cli.options import Json
+from saccade.cli.options import Json, LogFormat, LogPath, Robot
 
 
 def convert(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="The recorded log, a file or folder.")],
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write.")],
-    kind: Annotated[
-        str, typer.Option("--format", help="Of LOG; see saccade slam --help.")
-    ] = "auto",
+    log: LogPath,
+    file: Annotated[Path, Argument(metavar="FILE", help="File or folder to write.")],
+    kind: LogFormat = None,
     to: Annotated[
-        str,
-        typer.Option(help="Of FILE: csv, g2o, isam, toro, gtsam or mrclam; auto: its suffix."),
-    ] = "auto",
-    robot: Annotated[
-        int | None, typer.Option(min=1, help="Which robot, where a log has several.")
+        str | None,
+        Option(
+            help="Format of FILE: csv, g2o, isam, toro, gtsam or mrclam; given by its suffix by "
+            "default."
+        ),
     ] = None,
+    robot: Robot = None,
     as_json: Json = False,
 ) -> None:
-    """Write a landmark log in another format.
+    """Convert a landmark log to another format.
 
-    csv keeps all but the truth, and its header says what its cells are. g2o,
-    isam, toro and gtsam are texts of poses and edges, without a clock; mrclam
-    is a folder of speeds without noise. They need the identity of every
-    landmark.
+    csv keeps everything but the ground truth; its header names the columns.
+    g2o, isam, toro and gtsam are pose graphs as text, without time stamps;
+    mrclam is a folder of velocities without covariance. All but csv need the
+    identity of every landmark.
     """
     from saccade import datasets
-    from saccade.cli.output import print_json, print_table
+    from saccade.cli.output import print_result
 
-    recorded = datasets.load(cast("datasets.Kind", kind), log, robot=robot)
-    datasets.save(file, recorded, cast("datasets.Format", to))
+    source = "auto" if kind is None else kind
+    recorded = datasets.load(cast("datasets.Kind", source), log, robot=robot)
+    datasets.save(file, recorded, cast("datasets.Format", "auto" if to is None else to))
     row = {
         "log": recorded.name,
         "poses": len(recorded.time),
         "observations": len(recorded.observation),
         "file": str(file),
     }
-    if as_json:
-        print_json(row)
-        return
-    print_table(f"{recorded.name} -> {file}", ["", ""], [(k, str(v)) for k, v in row.items()])
+    print_result(row, as_json, f"{recorded.name} -> {file}")

@@ -1,207 +1,196 @@
-"""`saccade demo`: look, match, map and drive on what ships with the package."""
+"""`saccade demo`: attention, matching and SLAM on data that ships with the package."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from saccade.cli.options import Json
-from saccade.cli.report_builder import ReportBuilder
+
+if TYPE_CHECKING:
+    from saccade.viewing.report_builder import ReportBuilder
 
 LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
     "landmarks say where things are, and a map comes out."
 )
 SEED, FRAMES = 0, 200
-"""Of the simulated drive."""
+"""Seed and number of frames of the simulated drive."""
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for what is made.")] = Path(
-        "saccade-demo"
-    ),
+    out: Annotated[Path, Option("--out", "-o", help="Output folder.")] = Path("saccade-demo"),
     as_json: Json = False,
 ) -> None:
-    """Look, match, map a park, and drive a robot by its camera; then open index.html.
+    """Run look, match, slam and drive on built-in data, and write index.html.
 
-    Everything it needs ships with the package. The first run compiles and
-    takes up to a minute, the next ones take seconds.
+    Everything needed ships with the package. The first run compiles for up to
+    a minute, later ones take seconds.
     """
     from importlib.resources import as_file, files
 
     from saccade.cli.output import print_json, print_message, print_table, write_text
     from saccade.files import make_folder
+    from saccade.viewing.report_builder import ReportBuilder
 
     make_folder(out)
     builder = ReportBuilder("saccade demo", LEAD)
     with as_file(files("saccade") / "data") as data:
-        made = _make(data, out, builder)
-    looked, matched, mapped, driven = made.values()
+        results = _run(data, out, builder)
     report = builder.write(out / "report.html")
     page = out / "index.html"
-    write_text(page, _page(looked, matched, mapped, driven))
+    write_text(page, _page(results))
     if as_json:
-        print_json({"page": str(page), "report": str(report), **made})
+        print_json({"page": str(page), "report": str(report), **results})
         return
+    look, match, slam, drive = results.values()
     print_table(
         "saccade demo",
-        ["made", "what"],
+        ["file", "content"],
         [
-            [looked["picture"], f"{len(looked['scanpath'])} fixations"],
-            [matched["picture"], f"{matched['matches']} matches"],
-            [mapped["files"]["picture"], f"{mapped['landmarks']} landmarks"],
-            [driven["files"]["film"], f"{driven['landmarks']} landmarks by camera"],
-            [str(report), "to switch, scrub and click"],
-            [str(page), "all of it"],
+            [look["picture"], f"{len(look['scanpath'])} fixations"],
+            [match["picture"], f"{match['matches']} matches"],
+            [slam["files"]["picture"], f"{slam['landmarks']} landmarks by laser"],
+            [drive["files"]["film"], f"{drive['landmarks']} landmarks by camera"],
+            [str(report), "all results, interactive"],
+            [str(page), "all results"],
         ],
     )
     print_message(f"open {page} in a browser; then try: saccade look YOUR_PHOTO.jpg")
 
 
-def _make(data: Path, out: Path, builder: ReportBuilder) -> dict[str, dict[str, Any]]:
-    """The three systems and the whole, with a progress bar where someone watches."""
+def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str, Any]]:
+    """Run the four commands with progress bars; returns the row of each."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from saccade import datasets
     from saccade.cli.attention_models import Model, attention_model
-    from saccade.cli.drive import map_drive
-    from saccade.cli.look import look_at
-    from saccade.cli.match import match_images
+    from saccade.cli.drive_run import map_drive
+    from saccade.cli.look_run import analyze_image
+    from saccade.cli.match_run import match_images
     from saccade.cli.precompile import filter_compiled_ahead
-    from saccade.cli.slam import map_log
+    from saccade.cli.run_output import RunOutput
+    from saccade.cli.slam_run import map_log
     from saccade.keypoints.sift import Sift
     from saccade.settings import load_settings
     from saccade.simulation import DriveConfig, simulate_drive
 
-    columns = (TextColumn("{task.description:<44}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
     victoria_park = data / "victoria_park.txt"
+    results: dict[str, dict[str, Any]] = {}
     with (
         filter_compiled_ahead(victoria_park) as wait,
-        Progress(*columns, console=Console(stderr=True)) as progress,
+        Progress(*columns, console=Console(stderr=True)) as bar,
     ):
-        looking = progress.add_task("attention: where to look in a photograph", total=1)
+        task = bar.add_task("attention: saliency and scanpath", total=1)
         attention = attention_model(Model.both, preset=None, config=None)
-        looked = look_at(
-            data / "rocket.jpg", out / "look", attention, fixations=10, builder=builder
-        )
-        progress.update(looking, completed=1)
+        results["look"] = analyze_image(data / "rocket.jpg", out / "look", attention, 10, builder)
+        bar.update(task, completed=1)
 
-        matching = progress.add_task("interest points: what two photographs share", total=1)
+        task = bar.add_task("interest points: two views of a hallway", total=1)
         pair = (data / "hallway_1.jpg", data / "hallway_2.jpg")
-        sift = Sift(load_settings("sift"))
-        matched = match_images(*pair, out, sift, ratio=0.8, mutual=True, builder=builder)
-        progress.update(matching, completed=1)
+        results["match"] = match_images(*pair, out, Sift(load_settings("sift")), builder)
+        bar.update(task, completed=1)
 
-        mapping = progress.add_task("EKF-SLAM: a car in Victoria Park", total=None)
+        def progress(done: int, total: int | None = None, stage: str = "") -> None:
+            bar.update(task, completed=done, total=total)
+
+        task = bar.add_task("EKF-SLAM: a car in Victoria Park", total=None)
         log = datasets.load("victoria-park", victoria_park)
         wait()
-        mapped = map_log(
-            log,
-            out,
-            load_settings("slam"),
-            lambda _, done, total: progress.update(mapping, completed=done, total=total),
-            film=False,
-            builder=builder,
-        )
+        output = RunOutput(out, film=False, report=builder)
+        results["slam"] = map_log(log, load_settings("slam"), output, progress)
 
-        driving = progress.add_task("all of it: a robot finds its way by its camera", total=None)
-        driven = map_drive(
-            simulate_drive(DriveConfig(frames=FRAMES, frames_per_lap=FRAMES // 2), SEED),
-            out / "drive",
-            load_settings("visual"),
-            lambda _, done, total: progress.update(driving, completed=done, total=total),
-            pictures=FRAMES // 4,
-            builder=builder,
-        )
-    return {"look": looked, "match": matched, "slam": mapped, "drive": driven}
+        task = bar.add_task("visual SLAM: a robot with a camera", total=None)
+        drive = simulate_drive(DriveConfig(frames=FRAMES, frames_per_lap=FRAMES // 2), SEED)
+        output = RunOutput(out / "drive", snapshots=FRAMES // 4, report=builder)
+        results["drive"] = map_drive(drive, load_settings("visual"), output, progress)
+    return results
 
 
-def _page(
-    looked: dict[str, Any],
-    matched: dict[str, Any],
-    mapped: dict[str, Any],
-    driven: dict[str, Any],
-) -> str:
+def _page(results: dict[str, dict[str, Any]]) -> str:
     from saccade.cli.slam_report import facts
     from saccade.viewing import Picture, Section, html_page
 
+    look, match, slam, drive = results.values()
     sections = [
         Section(
-            "All of it, to switch, scrub and click",
+            "Interactive report",
             "The same four results on one page: layers to switch, maps to play through time, "
             "landmarks and points to click.",
             links=["report.html"],
         ),
         Section(
             "Attention: where to look",
-            "The contrast model looks for places that differ from their surroundings in intensity, "
-            "color or orientation, the symmetry model for edges that face each other across a "
-            "place. A winner-take-all network then visits the most salient places one by one.",
+            "The contrast model finds locations that differ from their surroundings in intensity, "
+            "color or orientation, the symmetry model finds centers of facing edges. A "
+            "winner-take-all network with inhibition of return visits the most salient locations "
+            "one by one.",
             [
                 Picture(
-                    Path(looked["picture"]).name,
+                    Path(look["picture"]).name,
                     "The photograph with numbered fixations, the maps of saliency, contrast and "
                     "symmetry as heat, and the pairs of edges that drew the fixations",
-                    "Rocket on the pad at dusk: scanpath, saliency, the maps that it is made of, "
-                    "and what is symmetric about the fixations. Photograph: SpaceX, CC0.",
+                    "Rocket on the pad at dusk: scanpath, saliency, the maps that it combines, and "
+                    "the symmetric edge pairs at the fixations. Photograph: SpaceX, CC0.",
                     wide=True,
                 )
             ],
-            links=[Path(looked["arrays"]).name],
+            links=[Path(look["arrays"]).name],
         ),
         Section(
             "Interest points: what to keep",
-            "SIFT finds places that can be found again from elsewhere. Two laps through the same "
-            "hallway, matched by nearest neighbors with ratio test and mutual check.",
+            "SIFT detects points that can be found again from another viewpoint. Two laps through "
+            "the same hallway, matched by nearest neighbors with ratio test and mutual check.",
             [
                 Picture(
-                    Path(matched["picture"]).name,
+                    Path(match["picture"]).name,
                     "Two photographs of one hallway, joined by lines between matched points",
-                    f"{matched['matches']} matches between {matched['first_points']} and "
-                    f"{matched['second_points']} interest points. "
+                    f"{match['matches']} matches between {match['first_points']} and "
+                    f"{match['second_points']} interest points. "
                     "Photographs: RTAB-Map samples, BSD-3.",
                 )
             ],
-            links=[Path(matched["table"]).name],
+            links=[Path(match["table"]).name],
         ),
         Section(
             "EKF-SLAM: where things are",
-            "A car drives through a park and sees trees with its laser. The filter estimates both "
-            "the drive and the trees, and says how sure it is of each.",
+            "A car drives through a park and detects trees with its laser. The filter estimates "
+            "the trajectory and the trees, with their covariances.",
             [
                 Picture(
-                    Path(mapped["files"]["picture"]).name,
-                    "The estimated drive, the drive from odometry alone, and the landmarks with "
-                    "their ellipses",
+                    Path(slam["files"]["picture"]).name,
+                    "The estimated trajectory, the trajectory from odometry alone, and the "
+                    "landmarks with their ellipses",
                     "Victoria Park, Sydney. Log: J. Guivant and E. Nebot, as distributed with "
                     "GTSAM, BSD.",
                 )
             ],
-            facts=facts(mapped),
-            links=[*(Path(path).name for path in mapped["files"].values()), "run.json"],
+            facts=facts(slam),
+            links=[*(Path(path).name for path in slam["files"].values()), "run.json"],
         ),
         Section(
-            "All of it: a robot finds its way by its camera",
-            "A robot drives two laps round a courtyard that exists only in the computer. Of what "
-            "its stereo camera sees it keeps interest points as landmarks, follows them from frame "
-            "to frame, and knows them again on the second lap.",
+            "Visual SLAM: all of it together",
+            "A robot drives two laps around a simulated courtyard. It keeps interest points of its "
+            "stereo camera as landmarks, tracks them from frame to frame, and re-identifies them "
+            "on the second lap.",
             [
                 Picture(
-                    f"drive/{Path(driven['files']['still']).name}",
-                    "The camera's picture with landmarks, the same picture with attention as heat, "
-                    "and the map with the drive",
+                    f"drive/{Path(drive['files']['still']).name}",
+                    "The camera image with landmarks, the same image with saliency as heat, and "
+                    "the map with the trajectory",
                     "A frame of the film. The posters are photographs of scikit-image's data, CC0 "
                     "and public domain.",
                     wide=True,
                 )
             ],
             facts={
-                "error of the drive (ATE)": f"{driven['ate_m']:.3f} m",
-                "of odometry alone": f"{driven['odometry']['ate_m']:.3f} m",
-                "landmarks": str(driven["landmarks"]),
+                "ATE": f"{drive['ate_m']:.3f} m",
+                "ATE of odometry": f"{drive['odometry']['ate_m']:.3f} m",
+                "landmarks": str(drive["landmarks"]),
             },
-            links=[f"drive/{Path(path).name}" for path in driven["files"].values()],
+            links=[f"drive/{Path(path).name}" for path in drive["files"].values()],
         ),
     ]
     return html_page("saccade demo", LEAD, sections)

@@ -1,231 +1,177 @@
-"""`saccade evaluate features`: repeatability and matching on pairs with known homography."""
+"""`saccade evaluate features`: repeatability and matching on image pairs."""
 
-from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
-from saccade.cli.detectors import NAMES, OURS, find_detector
-from saccade.cli.options import Json, Preset, Report, Settings
+from saccade.cli.options import Config, Json, Preset, Report
 
-SHOWN = {
-    "found again": ("repeatability",),
+if TYPE_CHECKING:
+    from saccade.evaluation.features import FeatureScores
+    from saccade.evaluation.repeatability import PairScores
+
+SCORES = {
+    "rep.": ("repeatability",),
     "error [px]": ("localization",),
     "MMA@1/3/5": ("mma_1", "mma_3", "mma_5"),
     "ratio@1/3/5": ("ratio_1", "ratio_3", "ratio_5"),
     "score": ("score",),
     "AUC@1/3/5/10": ("auc_1", "auc_3", "auc_5", "auc_10"),
 }
-"""Columns of the table, and the scores in them."""
-
+"""Columns of the table, and their scores."""
+COLUMNS = ["", "points", *SCORES]
 MEANING = (
-    "Found again: share of the points in view in both images that are found in the other; error: "
-    "their distance from where they should be. MMA: share of right matches among mutual nearest "
-    "neighbors within 1, 3 and 5 px; ratio: among those that pass the ratio test. Score: right "
-    "matches of all points in view. AUC: how exactly the matches tell where the corners of the "
-    "image are in the other. More is better, but of the error."
+    "Rep.: repeatability, the fraction of the locations visible in both images that both detect; "
+    "error: their mean distance. MMA: fraction of the mutual nearest neighbors that are correct "
+    "within 1, 3 and 5 px; ratio: the same of those that pass the ratio test. Score: correct "
+    "matches over the locations visible in both images. AUC: area under the cumulative curve of "
+    "the corner error of the estimated homography. Higher is better, except for the error."
 )
-
 CLEAN = "clean"
-"""No disturbance."""
+"""Value of --degrade for images as they are."""
 
 
 def features(
     pairs: Annotated[
-        Path, typer.Option(help="Folder of sequences: 1.png, 2.png, H_1_2.txt and so on.")
+        Path, Option(help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on.")
     ],
     detector: Annotated[
         list[str] | None,
-        typer.Option(help=f"{', '.join(NAMES)}, or module:callable; may be repeated."),
-    ] = None,
-    preset: Preset = None,
-    config: Settings = None,
-    points: Annotated[
-        list[int] | None,
-        typer.Option(
-            min=1,
-            help="Only so many places of each image, the strongest, COLMAP's largest; "
-            "may be repeated.",
+        Option(
+            help="sift, must, symroid, sift-random, sift-salient, opencv, colmap or "
+            "module:callable; may be repeated.",
+            show_default="sift",
         ),
     ] = None,
-    disturb: Annotated[
+    preset: Preset = None,
+    config: Config = None,
+    points: Annotated[
+        list[int] | None,
+        Option(
+            min=1,
+            metavar="N",
+            help="Keep N locations of each image, the strongest (COLMAP: the largest); may be "
+            "repeated.",
+        ),
+    ] = None,
+    degrade: Annotated[
         list[str] | None,
-        typer.Option(
-            help="What is done to the second image of each pair: noise:20 (grey levels), "
-            "contrast:0.5, blur:2 (px) or clean; may be repeated."
+        Option(
+            metavar="KIND:AMOUNT",
+            help="Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 "
+            "or blur:2 (px), or leave it clean; may be repeated.",
         ),
     ] = None,
     radius: Annotated[
-        float, typer.Option(min=0.1, max=100, help="Pixels within which a point is found again.")
+        float,
+        Option(min=0.1, max=100, metavar="PX", help="Maximum distance of a repeated keypoint."),
     ] = 3.0,
-    ratio: Annotated[float, typer.Option(min=0.01, max=1, help="Of the ratio test.")] = 0.8,
-    per_sequence: Annotated[bool, typer.Option(help="Also show every sequence.")] = False,
+    ratio: Annotated[float, Option(min=0.01, max=1, help="Threshold of the ratio test.")] = 0.8,
+    per_sequence: Annotated[bool, Option("--per-sequence", help="List every sequence.")] = False,
     report: Report = None,
     as_json: Json = False,
 ) -> None:
-    """Score interest points on pairs of images of one plane.
+    """Score detectors and descriptors on image pairs related by a homography.
 
-    Repeatability ("found again"), localization error, matching accuracy of mutual nearest
-    neighbors at 1, 3 and 5 px without and with the ratio test, matching score, and the area under
-    the curve of the homography's corner error; means over the pairs with 95 % bootstrap intervals.
-    With --points our own detectors have no threshold, so that there are so many also where
-    contrast is low; OpenCV's and COLMAP's keep theirs. A module:callable takes an (H, W, 3) image
-    in [0, 1] and gives an object with xy and descriptors, the strongest first.
+    Means over the pairs with 95 % bootstrap intervals.
+
+    With --points the detectors of this package have no threshold, so that there are enough
+    keypoints where contrast is low; OpenCV and COLMAP keep theirs. A module:callable takes an
+    (H, W, 3) image in [0, 1] and returns an object with xy and descriptors, strongest first.
     """
-    from saccade.cli.output import print_json, print_table
-    from saccade.cli.report_builder import Table, write_table_page
+    from saccade.cli.output import print_json, print_table, progress_bar
     from saccade.datasets.homography_pairs import homography_pairs
     from saccade.evaluation.degradation import Degradation
+    from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
+    from saccade.evaluation.features import score_detector
+    from saccade.settings import load_settings
+    from saccade.viewing.report_builder import Table, write_tables
 
     found = homography_pairs(pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
-    disturbances = [
-        None if text == CLEAN else Degradation.parse(text) for text in disturb or [CLEAN]
+    degradations = [
+        None if text == CLEAN else Degradation.parse(text) for text in degrade or [CLEAN]
     ]
-    counts: Sequence[int | None] = points or [None]
-    results: dict[str, Any] = {}
+    counts: list[int | None] = [*points] if points else [None]
+    results: dict[str, FeatureScores] = {}
     for name in detector or ["sift"]:
+        kind = CONFIGURATIONS.get(name)
+        settings = None if kind is None else load_settings(kind, preset, config)
+        detect = find_detector(name, settings, max(points) if points else None)
         label = f"{name} {preset}" if name in OURS and preset else name
-        detect = find_detector(name, preset, config, max(points) if points else None)
-        for disturbance in disturbances:
-            scored = _score(name, detect, found, ratio, counts, disturbance, radius)
-            for count, result in zip(counts, scored, strict=True):
-                words = [label, f"{count} points" if count else "", str(disturbance or "")]
+        for degradation in degradations:
+            with progress_bar(f"{name} {degradation or ''}", len(found)) as progress:
+                scores = score_detector(detect, found, counts, degradation, ratio, radius, progress)
+            for count, result in zip(counts, scores, strict=True):
+                words = [label, f"{count} points" if count else "", str(degradation or "")]
                 results[", ".join(filter(None, words))] = result
     title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
-    columns = ["", "points", *SHOWN]
-    lead = f"How well interest points are found again and matched: {title}."
-    means, every = _rows(results, []), _rows_of(results, sequences)
-    write_table_page(
+    write_tables(
         report,
         "saccade evaluate features",
-        lead,
+        f"Repeatability and matching of keypoints: {title}.",
         [
-            Table("Mean over the pairs", columns, _named(means), MEANING, "detector"),
-            Table("Each sequence", columns, every, first="detector, sequence"),
+            Table(
+                "Mean over the pairs",
+                COLUMNS,
+                [
+                    _row(f"{label}, {name}" if name else label, scores)
+                    for label, result in results.items()
+                    for name, scores in _means(result, [])
+                ],
+                MEANING,
+                "detector",
+            ),
+            Table(
+                "Each sequence",
+                COLUMNS,
+                [
+                    _row(f"{label}, {sequence}", result.of(sequence).mean())
+                    for label, result in results.items()
+                    for sequence in sequences
+                ],
+                first="detector, sequence",
+            ),
         ],
     )
     if as_json:
-        print_json(
-            {
-                "pairs": len(found),
-                "detectors": {
-                    label: _as_json(result, sequences) for label, result in results.items()
-                },
-            }
-        )
+        detectors = {label: _as_json(result, sequences) for label, result in results.items()}
+        print_json({"pairs": len(found), "detectors": detectors})
         return
-    print_table(title, columns, _rows(results, sequences) if per_sequence else means)
-
-
-def _rows(results: dict[str, Any], sequences: list[str]) -> list[list[str]]:
-    """Of each detector the mean and its interval, and the mean of some sequences."""
-    rows = []
-    for label, result in results.items():
-        mean, (low, high) = result.mean(), result.interval()
-        rows += [_row(label, mean), _row("  95 % from", low), _row("  95 % to", high)]
-        rows += [_row(f"  {each}", result.of(each).mean()) for each in sequences]
-    return rows
-
-
-def _rows_of(results: dict[str, Any], sequences: list[str]) -> list[list[str]]:
-    """Of each detector the mean of each sequence."""
-    return [
-        _row(f"{label}, {each}", result.of(each).mean())
+    rows = [
+        _row(f"  {name}" if name else label, scores)
         for label, result in results.items()
-        for each in sequences
+        for name, scores in _means(result, sequences if per_sequence else [])
+    ]
+    print_table(title, COLUMNS, rows)
+
+
+def _means(result: "FeatureScores", sequences: list[str]) -> "list[tuple[str | None, PairScores]]":
+    """The mean over the pairs, the ends of its interval, and the means of sequences, named."""
+    low, high = result.interval()
+    return [
+        (None, result.mean()),
+        ("95 % from", low),
+        ("95 % to", high),
+        *((sequence, result.of(sequence).mean()) for sequence in sequences),
     ]
 
 
-def _named(rows: list[list[str]]) -> list[list[str]]:
-    """Rows that say whose they are, in whatever order they are read."""
-    named, owner = [], ""
-    for name, *cells in rows:
-        owner = owner if name.startswith(" ") else name
-        named.append([f"{owner}, {name.strip()}" if name.startswith(" ") else name, *cells])
-    return named
-
-
-def _as_json(result: Any, sequences: list[str]) -> dict[str, Any]:
-    from dataclasses import asdict
-
+def _as_json(result: "FeatureScores", sequences: list[str]) -> dict[str, Any]:
     low, high = result.interval()
     return {
         "mean": asdict(result.mean()),
         "low": asdict(low),
         "high": asdict(high),
-        "sequences": {each: asdict(result.of(each).mean()) for each in sequences},
+        "sequences": {name: asdict(result.of(name).mean()) for name in sequences},
     }
 
 
-def _score(
-    name: str,
-    detect: Callable[[Any], Any],
-    found: Any,
-    ratio: float,
-    counts: Sequence[int | None],
-    disturbance: Any,
-    radius: float,
-) -> list[Any]:
-    """The scores of a detector by number of points; every image is looked at once."""
-    from saccade.cli.output import tracked
-    from saccade.evaluation.features import FeatureScores, score_pairs
-    from saccade.image import read_image
-    from saccade.keypoints.matching import nearest_neighbors
-
-    seen: dict[tuple[str, int | None], Any] = {}
-
-    def features_of(key: tuple[str, int | None]) -> Any:
-        """The places of an image; a number says that it is disturbed, and seeds the noise."""
-        if key not in seen:
-            path, seed = key
-            image = read_image(path)
-            if disturbance is not None and seed is not None:
-                image = disturbance.apply(image, seed)
-            seen[key] = _as_features(name, detect(image), image.shape[:2])
-        return seen[key]
-
-    images = [
-        ((str(pair.first), None), (str(pair.second), number), pair.homography)
-        for number, pair in enumerate(found)
-    ]
-    names = [(pair.sequence, pair.second.stem) for pair in found]
-    table: list[list[Any]] = [[] for _ in counts]
-    for image in tracked(images, f"{name} {disturbance or ''}", len(images)):
-        for scores, count in zip(table, counts, strict=True):
-
-            def strongest(key: Any, count: int | None = count) -> Any:
-                return features_of(key).strongest(count)
-
-            scores += score_pairs(strongest, [image], nearest_neighbors, ratio, radius)
-        del seen[image[1]]
-    return [FeatureScores(names, scores) for scores in table]
-
-
-def _as_features(name: str, points: Any, shape: tuple[int, int]) -> Any:
-    import numpy as np
-
-    from saccade.errors import ConfigError
-    from saccade.evaluation.repeatability import Features
-
-    xy, descriptors = getattr(points, "xy", None), getattr(points, "descriptors", None)
-    if xy is None or descriptors is None:
-        raise ConfigError(
-            f"{name}: expected an object with xy and descriptors, found {type(points).__name__}"
-        )
-    xy, descriptors = np.asarray(xy, np.float64), np.asarray(descriptors)
-    if xy.ndim != 2 or xy.shape[1] != 2 or descriptors.ndim != 2 or len(xy) != len(descriptors):
-        raise ConfigError(
-            f"{name}: expected xy (n, 2) and descriptors (n, d), "
-            f"found {xy.shape} and {descriptors.shape}"
-        )
-    return Features(xy, descriptors, shape)
-
-
-def _row(name: str, scores: Any) -> list[str]:
+def _row(name: str, scores: "PairScores") -> list[str]:
     cells = [
         " ".join(f"{getattr(scores, field):.3f}".removeprefix("0") for field in fields)
-        for fields in SHOWN.values()
+        for fields in SCORES.values()
     ]
     return [name, f"{scores.keypoints:.0f}", *cells]

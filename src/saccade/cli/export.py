@@ -1,16 +1,16 @@
-"""`saccade export`: extracted points in the formats of others."""
+"""`saccade export`: an extracted data set in another format."""
 
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from saccade.cli.options import Json
 
 
 class Format(StrEnum):
-    """Files that points are written to."""
+    """File formats of keypoints."""
 
     COLMAP = "colmap"
     HDF5 = "hdf5"
@@ -20,23 +20,21 @@ class Format(StrEnum):
 
 def export(
     folder: Annotated[
-        str, typer.Argument(metavar="DIR", help="A data set of points, as extract made it.")
+        str, Argument(metavar="DIR", help="Data set of keypoints written by saccade extract.")
     ],
-    to: Annotated[
-        Format, typer.Option("--format", "-f", help="colmap, hdf5 (hloc), opencv or csv.")
-    ] = Format.HDF5,
+    to: Annotated[Format, Option("--format", "-f", help="Output format.")] = Format.HDF5,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File, or folder of csv and opencv.")
+        Path | None, Option("--out", "-o", help="Output file; for csv and opencv a folder.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write extracted points in the format of another program.
+    """Export extracted keypoints to the format of another program.
 
-    One file for all images: colmap (a database), hdf5 (as hloc reads it). A file
-    for each image, in a folder: csv (no descriptors), opencv (keypoints and
-    descriptors as YAML, for cv::FileStorage).
+    colmap (database) and hdf5 (in the layout of hloc) are one file for all
+    images; csv (without descriptors) and opencv (YAML of keypoints and
+    descriptors, for cv::FileStorage) are folders with a file for each image.
     """
-    from saccade.cli.output import print_json, print_table
+    from saccade.cli.output import print_result
     from saccade.extras import import_optional
 
     import_optional("pyarrow", "parquet")
@@ -45,7 +43,4 @@ def export(
     target = out or Path(EXPORTS[to.value].default_name)
     images = export_points(folder, to.value, target)
     row: dict[str, Any] = {"images": images, "format": to.value, "out": str(target)}
-    if as_json:
-        print_json(row)
-        return
-    print_table(f"{folder} -> {target}", ["", ""], [(name, str(v)) for name, v in row.items()])
+    print_result(row, as_json, f"{folder} -> {target}")

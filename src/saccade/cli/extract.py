@@ -1,18 +1,17 @@
-"""`saccade extract`: features of many images, on one machine or on a cluster."""
+"""`saccade extract`: features of many images, on one machine or a cluster."""
 
 import os
 import signal
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from datetime import timedelta
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from saccade.cli.options import Json, Preset, Settings
+from saccade.cli.options import Config, Json, Preset
 
 if TYPE_CHECKING:
     from saccade.batch import Extraction
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class What(StrEnum):
-    """What is extracted."""
+    """Features that can be extracted."""
 
     SIFT = "sift"
     MUST = "must"
@@ -34,104 +33,103 @@ class What(StrEnum):
 
 
 class MapFormat(StrEnum):
-    """Files that maps are written to."""
+    """File formats of saliency maps."""
 
     ZARR = "zarr"
     PNG = "png"
 
 
 KINDS = {What.SALIENCY: "attention", What.SCANPATH: "attention"}
-"""Of the configuration, as `saccade config` calls it, where that is another name."""
+"""Kinds of the configurations, where they differ from the names of the features."""
 INTERRUPTED = 130
-WHERE = "Where the work is done"
+"""Exit code."""
+EXECUTION = "Execution"
 """Heading of options."""
 
 
 def extract(
     source: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="SOURCE",
-            help="A folder, a quoted pattern, a list (.txt), a video, a tar, or a URL of them.",
+            help="Folder, quoted pattern, list (.txt), video, tar, or a URL of one of these.",
         ),
     ],
     what: Annotated[
-        What,
-        typer.Option(metavar="KIND", help=f"What to extract: {', '.join(What)}."),
+        What, Option(metavar="KIND", help=f"Features to extract: {', '.join(What)}.")
     ] = What.SIFT,
     out: Annotated[
-        str, typer.Option("--out", "-o", metavar="DIR", help="Folder or URL for the data set.")
+        str, Option("--out", "-o", metavar="DIR", help="Folder or URL of the data set.")
     ] = "saccade-extract",
     preset: Preset = None,
-    config: Settings = None,
-    fixations: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Of a scanpath: how many.")
-    ] = 10,
+    config: Config = None,
+    fixations: Annotated[int, Option(min=1, metavar="N", help="Length of a scanpath.")] = 10,
     maps: Annotated[
-        MapFormat, typer.Option(help="Files of maps: float16 Zarr, or 16-bit PNG.")
+        MapFormat, Option(help="Format of saliency maps: float16 Zarr or 16-bit PNG.")
     ] = MapFormat.ZARR,
     exact: Annotated[
-        bool, typer.Option("--exact", help="Keep all bits of points: a third more bytes.")
+        bool, Option("--exact", help="Store keypoints without rounding, in a third more space.")
     ] = False,
-    every: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Of a video, take one frame of N.")
-    ] = 1,
+    every: Annotated[int, Option(min=1, metavar="N", help="Use every Nth frame of a video.")] = 1,
     redo: Annotated[
-        bool, typer.Option("--redo", help="Do anew what other settings or another version made.")
+        bool, Option("--redo", help="Replace results of other settings or another version.")
     ] = False,
     as_json: Json = False,
     workers: Annotated[
         int | None,
-        typer.Option(
+        Option(
             min=1,
             metavar="N",
-            help="Processes; the default suits cores and memory.",
-            rich_help_panel=WHERE,
+            help="Number of processes; by default as cores and memory allow.",
+            rich_help_panel=EXECUTION,
         ),
     ] = None,
     size: Annotated[
         int | None,
-        typer.Option(
+        Option(
             "--shard",
             min=1,
             metavar="N",
-            help="Images to a file; up to 256 by default.",
-            rich_help_panel=WHERE,
+            help="Images per shard; at most 256 by default.",
+            rich_help_panel=EXECUTION,
         ),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS", help="A Dask cluster: tcp://host:8786.", rich_help_panel=WHERE
+        Option(
+            metavar="ADDRESS",
+            help="Address of a Dask scheduler: tcp://host:8786.",
+            rich_help_panel=EXECUTION,
         ),
     ] = None,
     cluster: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="SYSTEM",
-            help="Jobs of a batch system, through Dask: slurm, pbs, sge, lsf, htcondor or oar.",
-            rich_help_panel=WHERE,
+            help="Batch system for Dask jobs: slurm, pbs, sge, lsf, htcondor or oar.",
+            rich_help_panel=EXECUTION,
         ),
     ] = None,
     jobs: Annotated[
         int,
-        typer.Option(
-            min=1, metavar="N", help="With --cluster: how many jobs.", rich_help_panel=WHERE
+        Option(
+            min=1, metavar="N", help="With --cluster: number of jobs.", rich_help_panel=EXECUTION
         ),
     ] = 1,
 ) -> None:
     """Extract features of many images into a Parquet data set.
 
-    DuckDB, Polars and pandas open it as it is (docs/extract.md). The same command
-    given again goes on where it was cut off, and does images that are new or have
-    changed. What cannot be read is listed in errors.parquet; exit code 1 then.
+    DuckDB, Polars and pandas read it directly (docs/extract.md). The same
+    command resumes an interrupted extraction, and processes images that are
+    new or have changed. Images that cannot be read are listed in
+    errors.parquet; the exit code is then 1.
 
-    Ctrl-C lets the shards that have begun finish; pressed twice it ends at once.
+    Ctrl-C stops after the shards in progress; pressed twice, at once.
     """
     from saccade.extras import import_optional
 
     if not (scheduler or cluster):
-        _begin_loading(source, workers)
+        _preload(source, workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
@@ -148,8 +146,8 @@ def extract(
     images = open_source(source, every)
     with resumable(Path(out) / "manifest.json"), ExitStack() as stack:
         engine = stack.enter_context(_engine(images, workers, scheduler, cluster, jobs))
-        stopped = stack.enter_context(_stopping())
-        watch = stack.enter_context(_watching(len(images)))
+        stopped = stack.enter_context(_stop_on_interrupt())
+        watch = stack.enter_context(_progress(len(images)))
         result = extract_all(
             images,
             job,
@@ -158,24 +156,23 @@ def extract(
             source_name=source,
             shard_size=size,
             redo=redo,
-            should_stop=lambda: bool(stopped),
+            should_stop=stopped,
             on_report=watch,
         )
-    row = _row(result, out)
     if as_json:
-        print_json(row)
+        print_json(_as_row(result, out))
     else:
         _print(result, what.value, out)
     if result.error is not None:
         print_message(result.error)
     others = result.totals.by_other_versions
     if others:
-        print_message(f"{others} images were done by another version; --redo does them anew")
-    if not result.complete:
-        seen = result.done + result.unchanged
         print_message(
-            f"stopped after {seen} of {len(images)} images; give the same command to go on"
+            f"{others} images were processed by another version; --redo processes them again"
         )
+    if not result.complete:
+        done = result.done + result.unchanged
+        print_message(f"stopped after {done} of {len(images)} images; run it again to resume")
         raise SystemExit(INTERRUPTED)
     if result.totals.errors:
         print_message(
@@ -184,8 +181,8 @@ def extract(
         raise typer.Exit(1)
 
 
-def _begin_loading(source: str, workers: int | None) -> None:
-    """Let workers load what they need while this process does: both take a second."""
+def _preload(source: str, workers: int | None) -> None:
+    """Let the workers import their libraries while this process does: both take a second."""
     from saccade.batch.forkserver import worker_context
     from saccade.files import IMAGE_SUFFIXES
 
@@ -207,9 +204,8 @@ def _engine(
         from saccade.cli.output import print_message
 
         if cluster is not None:
-            print_message(
-                f"{jobs} {'job' if jobs == 1 else 'jobs'} of {cluster}: waiting for the first"
-            )
+            count = f"{jobs} {'job' if jobs == 1 else 'jobs'}"
+            print_message(f"submitting {count} to {cluster}; waiting for the first")
         where = connect(scheduler) if scheduler else submit_jobs(str(cluster), jobs)
         with where as engine:
             yield engine
@@ -222,79 +218,63 @@ def _engine(
 
 
 @contextmanager
-def _stopping() -> Iterator[list[int]]:
-    """A list that has an entry after the first Ctrl-C; the second raises KeyboardInterrupt."""
+def _stop_on_interrupt() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed; pressed again, it raises KeyboardInterrupt."""
+    from threading import Event
+
     from saccade.cli.output import print_message
 
-    asked: list[int] = []
+    pressed = Event()
 
-    def stop(number: int, _: Any) -> None:
-        asked.append(number)
-        signal.signal(signal.SIGINT, before)
-        print_message(
-            "stopping: what has begun is finished first; press Ctrl-C again to end at once"
-        )
+    def stop(*_: Any) -> None:
+        pressed.set()
+        signal.signal(signal.SIGINT, previous)
+        print_message("stopping after the shards in progress; press Ctrl-C again to stop at once")
 
-    before = signal.signal(signal.SIGINT, stop)
+    previous = signal.signal(signal.SIGINT, stop)
     try:
-        yield asked
+        yield pressed.is_set
     finally:
-        signal.signal(signal.SIGINT, before)
-
-
-class Pace:
-    """How fast the work goes; what had been done before passes too quickly to count.
-
-    Args:
-        total: images.
-    """
-
-    def __init__(self, total: int) -> None:
-        self.seen = 0
-        """Images of which a report has come."""
-        self.since = time.monotonic()
-        """When the first began that is done now."""
-        self._total = total
-        self._before = self._errors = 0
-
-    def after(self, report: "ShardReport", now: float) -> str:
-        """Images per second, time left and errors so far, when a report has come."""
-        self.seen += report.done + report.unchanged + len(report.lost)
-        self._errors += report.failed + len(report.lost)
-        if self.seen == self._before + report.unchanged:
-            self._before, self.since = self.seen, now
-        rate = (self.seen - self._before) / max(now - self.since, 1e-3)
-        parts = [f"{self._errors:,} errors"] if self._errors else []
-        if rate > 0:
-            left = timedelta(seconds=round((self._total - self.seen) / rate))
-            parts = [f"{rate:.1f} images/s", f"{left} left", *parts]
-        return "  ".join(parts)
+        signal.signal(signal.SIGINT, previous)
 
 
 @contextmanager
-def _watching(total: int) -> Iterator[Any]:
-    """What shows the progress: images per second, time left and errors; only on a terminal."""
-    from saccade.cli.output import messages
+def _progress(total: int) -> Iterator[Callable[["ShardReport"], None]]:
+    """A progress bar with time left, speed and errors; what was done before does not count."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
-    console = messages()
-    if not console.is_terminal:
-        yield lambda report: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    console = Console(stderr=True)
+    text = TextColumn("{task.fields[text]}")
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), text)
+    hidden = not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+        task = bar.add_task("", total=total, text="")
+        done = errors = 0
 
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[said]}"))
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("", total=total, said="starting")
-        pace = Pace(total)
-
-        def watch(report: Any) -> None:
-            said = pace.after(report, time.monotonic())
-            progress.update(task, completed=pace.seen, said=said)
+        def watch(report: "ShardReport") -> None:
+            nonlocal done, errors
+            processed = report.done + len(report.lost)
+            done += processed + report.unchanged
+            errors += report.failed + len(report.lost)
+            if processed:
+                speed = bar.tasks[0].speed
+                parts = [f"{speed:.1f} images/s"] if speed else []
+                parts += [f"{errors:,} errors"] if errors else []
+                bar.update(task, completed=done, text="  ".join(parts))
+            else:  # the speed is that of the images processed from here on
+                bar.reset(task, completed=done)
 
         yield watch
 
 
-def _row(result: "Extraction", out: str) -> dict[str, Any]:
+def _as_row(result: "Extraction", out: str) -> dict[str, Any]:
     from dataclasses import asdict
 
     return {
@@ -315,10 +295,10 @@ def _print(result: "Extraction", what: str, out: str) -> None:
         ["", ""],
         [
             ("images done now", f"{result.done:,}"),
-            ("done before", f"{result.unchanged:,}"),
-            ("images in all", f"{totals.images:,}"),
-            ("rows in all", f"{totals.rows:,}"),
+            ("images done before", f"{result.unchanged:,}"),
+            ("images in total", f"{totals.images:,}"),
+            ("rows in total", f"{totals.rows:,}"),
             ("errors", f"{totals.errors:,}"),
-            ("files", f"{totals.shards:,}"),
+            ("shards", f"{totals.shards:,}"),
         ],
     )

@@ -3,25 +3,60 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 Images = Annotated[
-    list[str],
-    typer.Argument(metavar="IMAGE...", help="Images, folders of images, or quoted patterns."),
+    list[str], Argument(metavar="IMAGE", help="Images, folders of images, or quoted patterns.")
 ]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for what is made.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
+LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file or folder.")]
+SequencePath = Annotated[
+    Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
+]
+Out = Annotated[Path, Option("--out", "-o", help="Output folder.")]
+Json = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 Preset = Annotated[
     str | None,
-    typer.Option("--preset", "-p", help="A named configuration; `saccade config` lists them."),
+    Option("--preset", "-p", help="Preset of the configuration; see saccade config KIND --all."),
 ]
-Settings = Annotated[
+Config = Annotated[
     Path | None,
-    typer.Option("--config", "-c", help="A TOML file as `saccade config` prints it."),
+    Option("--config", "-c", help="TOML file of settings, as printed by saccade config."),
 ]
 Report = Annotated[
-    Path | None,
-    typer.Option(
-        "--report", metavar="FILE", help="Also write the tables as a page, such as report.html."
+    Path | None, Option("--report", metavar="FILE", help="Also write the tables as an HTML page.")
+]
+Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
+MaxKeypoints = Annotated[
+    int | None, Option("--max", min=1, metavar="N", help="Keep only the N strongest keypoints.")
+]
+Spread = Annotated[
+    bool, Option("--spread", help="With --max: keep keypoints spread over the image.")
+]
+LogFormat = Annotated[
+    str | None,
+    Option(
+        "--format",
+        help="Format of LOG: csv, g2o, isam, mrclam, victoria-park or dlr; detected by default.",
+    ),
+]
+Robot = Annotated[
+    int | None, Option(min=1, help="Number of the robot, in a log of several robots.")
+]
+SequenceFormat = Annotated[
+    str | None,
+    Option(
+        "--format",
+        help="Format of SEQUENCE: kitti, tum-rgbd, euroc, rosbag, tracks, folder or video; "
+        "detected by default.",
+    ),
+]
+Film = Annotated[bool, Option(help="Write a film of the growing map.")]
+CheckpointInterval = Annotated[
+    float,
+    Option(
+        "--checkpoint",
+        min=0.0,
+        metavar="SECONDS",
+        help="Time between checkpoints, from which an interrupted run resumes.",
     ),
 ]

@@ -5,62 +5,71 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from saccade.errors import OutputError, SaccadeError
 from saccade.files import atomic_write
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
 T = TypeVar("T")
 
 
+class Progress(Protocol):
+    """Callback that reports the progress of a run."""
+
+    def __call__(self, done: int, total: int | None = None, stage: str = "") -> None:
+        """Report the steps done, their number, and the stage of the run."""
+
+
 def print_message(message: str) -> None:
-    """A message for the person at the terminal, on stderr."""
+    """Print a message for the user on stderr."""
     print(f"saccade: {message}", file=sys.stderr)
 
 
 @contextmanager
 def resumable(checkpoint: Path) -> Iterator[None]:
-    """Tell who interrupts a run how to go on with it."""
+    """On Ctrl-C, say how to resume the run."""
     try:
         yield
     except KeyboardInterrupt:
         if checkpoint.exists():
-            print_message(f"the same command goes on from {checkpoint}")
+            print_message(f"run the same command again to resume from {checkpoint}")
         raise
 
 
-def messages() -> "Console":
-    """The console of stderr; progress is shown only where it is a terminal."""
+@contextmanager
+def progress_bar(description: str, total: int | None = None) -> Iterator[Progress]:
+    """A progress bar on stderr if that is a terminal; yields the callback that advances it."""
+    from rich import progress
     from rich.console import Console
+    from rich.markup import escape
 
-    return Console(stderr=True)
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    with progress.Progress(console=console, transient=True, disable=hidden) as bar:
+        task = bar.add_task(escape(description), total=total)
+
+        def update(done: int, total: int | None = None, stage: str = "") -> None:
+            label = f"{description}: {stage}" if stage else description
+            bar.update(task, description=escape(label), completed=done, total=total)
+
+        yield update
 
 
-def tracked(items: Iterable[T], description: str, total: int) -> Iterable[T]:
-    """The items one by one, with a progress bar on stderr where that is a terminal."""
-    from rich.progress import track
-
-    console = messages()
-    return track(
-        items,
-        description=description,
-        total=total,
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
+def tracked(items: Iterable[T], description: str, total: int) -> Iterator[T]:
+    """Iterate with a progress bar."""
+    with progress_bar(description, total) as update:
+        for number, item in enumerate(items):
+            yield item
+            update(number + 1)
 
 
 def print_json(result: Mapping[str, Any]) -> None:
-    """A result for programs, on stdout."""
+    """Print a result as JSON on stdout."""
     print(json.dumps(result, indent=2, allow_nan=False))
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """A result for people, on stdout; without a head where no column has a name."""
+    """Print a table on stdout, without a header where no column has a name."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -76,14 +85,28 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]
     Console().print(table)
 
 
+def print_result(
+    result: Mapping[str, Any],
+    as_json: bool,
+    title: str,
+    facts: Mapping[str, object] | None = None,
+) -> None:
+    """Print a result as JSON, or as a table of names and values; of `facts` where given."""
+    if as_json:
+        print_json(result)
+        return
+    rows = (result if facts is None else facts).items()
+    print_table(title, ["", ""], [(name, str(value)) for name, value in rows])
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all; what is no text in a name is escaped."""
+    """Write a text file atomically; surrogates in file names are escaped."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write named arrays as .npz, whole or not at all."""
+    """Write named arrays as .npz atomically."""
     import numpy as np
 
     with atomic_write(path) as temporary:
@@ -91,7 +114,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 
 
 def names_for(paths: Sequence[Path]) -> dict[Path, str]:
-    """A name for the results of each input: its stem, numbered where two share one."""
+    """Unique names for the results of each input: its stem, numbered where it is taken."""
     names: dict[Path, str] = {}
     taken: set[str] = set()
     for path in dict.fromkeys(paths):
@@ -104,31 +127,21 @@ def names_for(paths: Sequence[Path]) -> dict[Path, str]:
 
 
 def for_each_image(
-    paths: Sequence[Path], out: Path, work: Callable[[Path, str], dict[str, Any]]
+    paths: Sequence[Path], out: Path, process: Callable[[Path, str], dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Do `work(path, name)` for every image; a bad one is told and the others still done.
+    """Process every image, with a progress bar; errors of single images do not stop the others.
 
-    Shows a progress bar on stderr where there are several.
-
-    Args:
-        paths: the images.
-        out: folder that is named where something was left out.
-        work: what to do for one; gives the row of the result.
-
-    Returns:
-        The rows of those that went well.
-
-    Raises:
-        SaccadeError: at the end, where an image was bad; the message of a single one as it is.
+    `process` gets a path and its unique name, and returns the row of the result. If an image
+    failed, SaccadeError is raised at the end, naming the output folder.
     """
     rows: list[dict[str, Any]] = []
     errors: list[SaccadeError] = []
-    named: Iterable[tuple[Path, str]] = names_for(paths).items()
+    items: Iterable[tuple[Path, str]] = names_for(paths).items()
     if len(paths) > 1:
-        named = tracked(named, f"{len(paths)} images", len(paths))
-    for path, name in named:
+        items = tracked(items, f"{len(paths)} images", len(paths))
+    for path, name in items:
         try:
-            rows.append(work(path, name))
+            rows.append(process(path, name))
         except OutputError:
             raise
         except SaccadeError as error:

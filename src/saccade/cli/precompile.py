@@ -1,4 +1,4 @@
-"""Compiling ahead in another process: Numba compiles one function at a time in each."""
+"""Compiles the filter in another process: Numba compiles one function at a time in each."""
 
 import os
 import subprocess
@@ -8,28 +8,28 @@ from contextlib import contextmanager
 from pathlib import Path
 
 TIMEOUT = 180
-"""Seconds that are waited for the other process; what it has not compiled is compiled here."""
+"""Seconds after which the other process is ended; the rest is compiled when it is called."""
 
 
 @contextmanager
 def filter_compiled_ahead(log: Path) -> Iterator[Callable[[], None]]:
-    """Let another process compile the filter meanwhile, where that was never done.
+    """Compile the filter in another process in the meantime, if it is not in the cache.
 
     Args:
-        log: of Victoria Park, which that process filters.
+        log: log of Victoria Park, with which that process runs the filter.
 
     Yields:
-        What waits until it is done.
+        A function that waits for the process.
     """
     from saccade._jit import needs_compiling
     from saccade.slam.stretch import replay
 
-    words = [sys.executable, "-c", f"import {__name__} as a; a.run_filter()", str(log)]
+    command = [sys.executable, "-c", f"import {__name__} as a; a.run_filter()", str(log)]
     if (os.cpu_count() or 1) < 2 or not sys.executable or not needs_compiling(replay):
         yield lambda: None
         return
     quiet = subprocess.DEVNULL
-    with subprocess.Popen(words, stdin=quiet, stdout=quiet, stderr=quiet) as process:
+    with subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet) as process:
 
         def wait() -> None:
             try:
@@ -44,7 +44,7 @@ def filter_compiled_ahead(log: Path) -> Iterator[Callable[[], None]]:
 
 
 def run_filter() -> None:
-    """Begin to filter the log that the command line names, and thereby compile the filter."""
+    """Run the filter over the first poses of the log in `sys.argv`, which compiles it."""
     from saccade import datasets, slam
 
     def stop(done: int, _: int) -> None:

@@ -1,30 +1,30 @@
-"""`saccade serve`: a local page that shows what is found in a photograph."""
+"""`saccade serve`: a local page for the analysis of photographs."""
 
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 if TYPE_CHECKING:
     from socket import socket
 
 SHUTDOWN_TIMEOUT = 2
-"""Seconds that an answer on its way has when the server is ended."""
+"""Seconds that requests in progress have when the server stops."""
 
 
 def serve(
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Of this machine; 0 takes a free one.")
+        int, Option(min=0, max=65535, help="Port on this machine; 0 for any free one.")
     ] = 8014,
     max_upload: Annotated[
-        float, typer.Option(min=0.1, max=1000, help="Megabytes that a photograph may have.")
+        float, Option(min=0.1, max=1000, metavar="MB", help="Maximum size of a photograph.")
     ] = 32.0,
-    browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    browser: Annotated[bool, Option(help="Open the page in the browser.")] = True,
 ) -> None:
-    """Drop a photograph on a page: attention, scanpath and interest points, with sliders.
+    """Serve a page that analyzes photographs: saliency, scanpath and keypoints.
 
-    The page is for this machine only (127.0.0.1); nothing is stored. Every
-    setting has its preset, and what was set can be copied as Python or as a
-    command. Ctrl-C ends it.
+    The page is served to this machine only (127.0.0.1), and nothing is stored.
+    Every setting has a control, and the settings can be copied as Python or as
+    a command. Ctrl-C stops the server.
     """
     from contextlib import suppress
     from importlib.resources import files
@@ -47,16 +47,16 @@ def serve(
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_TIMEOUT
         )
-        print_message(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C ends it")
+        print_message(f"open http://127.0.0.1:{port}/ in a browser; Ctrl-C stops the server")
         if browser:
             _open_browser(f"http://127.0.0.1:{port}/")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])
-    print_message("ended")
+    print_message("stopped")
 
 
 def _listening(port: int) -> "socket":
-    """A socket of this machine, to which no other machine has access."""
+    """A socket that other machines cannot reach."""
     import socket
 
     from saccade.errors import ConfigError
@@ -71,7 +71,7 @@ def _listening(port: int) -> "socket":
 
 
 def _open_browser(address: str) -> None:
-    """Open a page, where somebody sits before a screen."""
+    """Open a page if a terminal is attached."""
     import sys
     import webbrowser
     from threading import Thread

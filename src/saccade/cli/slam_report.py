@@ -1,79 +1,78 @@
 """The report of `saccade slam`."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from saccade.slam import SlamResult, SmoothResult
-    from saccade.types import IntArray, LandmarkLog, LandmarkMap, MapSnapshot
-    from saccade.viewing.report import Part
+import numpy as np
 
-WORDS = {
-    "poses": "poses",
-    "observations": "observations of landmarks",
-    "observations_used": "of these used",
-    "landmarks": "landmarks in the map",
-    "landmarks_dropped": "landmarks dropped on the way",
-    "odometry_end_error_m": "odometry alone ends off the truth by",
-    "odometry_end_from_estimate_m": "odometry alone ends off the filter's estimate by",
-    "nis_mean": "normalized innovation squared, mean",
-    "smoothing_iterations": "iterations of the smoother",
-    "odometry_rmse_m": "error of odometry alone (RMSE)",
-    "position_rmse_m": "error of the drive (RMSE)",
-    "smoothed_position_rmse_m": "error of the smoothed drive (RMSE)",
-    "odometry_gps_rmse_m": "odometry alone from GPS (RMSE)",
-    "position_gps_rmse_m": "drive from GPS (RMSE)",
-    "smoothed_position_gps_rmse_m": "smoothed drive from GPS (RMSE)",
-    "landmark_rmse_m": "error of the landmarks (RMSE)",
-    "smoothed_landmark_rmse_m": "error of the smoothed landmarks (RMSE)",
+from saccade.evaluation.slam_runs import has_headings
+from saccade.slam import SlamResult, SmoothResult
+from saccade.slam.consistency import chi_square_band
+from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, MapSnapshot
+from saccade.viewing.page import Section
+from saccade.viewing.report import Part
+from saccade.viewing.report_map import (
+    MapOverlays,
+    ObservedLandmarks,
+    innovation_charts,
+    map_part,
+    uncertainty_charts,
+)
+
+TEXT = (
+    "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
+    "landmark to see the poses from which it was observed; click a chart to go to that time."
+)
+COUNT, NUMBER, METERS = "{:,}", "{:.3f}", "{:.3f} m"
+LABELS = {
+    "poses": ("poses", COUNT),
+    "observations": ("observations of landmarks", COUNT),
+    "observations_used": ("observations used", COUNT),
+    "landmarks": ("landmarks in the map", COUNT),
+    "landmarks_culled": ("landmarks culled", COUNT),
+    "odometry_end_error_m": ("error of odometry at the end", METERS),
+    "odometry_end_from_estimate_m": ("odometry at the end, from the filter's estimate", METERS),
+    "nis_mean": ("mean normalized innovation squared", NUMBER),
+    "smoothing_iterations": ("iterations of the smoother", COUNT),
+    "odometry_rmse_m": ("odometry, position RMSE", METERS),
+    "position_rmse_m": ("filter, position RMSE", METERS),
+    "smoothed_position_rmse_m": ("smoother, position RMSE", METERS),
+    "odometry_gps_rmse_m": ("odometry, RMSE to GPS", METERS),
+    "position_gps_rmse_m": ("filter, RMSE to GPS", METERS),
+    "smoothed_position_gps_rmse_m": ("smoother, RMSE to GPS", METERS),
+    "landmark_rmse_m": ("landmarks, RMSE", METERS),
+    "smoothed_landmark_rmse_m": ("smoothed landmarks, RMSE", METERS),
 }
-"""What the figures of a run are called on the page and in the terminal."""
+"""Names and formats of the figures of run.json on the page and in the terminal."""
 
 
-def facts(numbers: Mapping[str, Any]) -> dict[str, str]:
-    """The figures of a run as a person reads them, those that there are.
-
-    Args:
-        numbers: by their names in run.json.
-    """
-    found = {words: numbers[name] for name, words in WORDS.items() if numbers.get(name) is not None}
-    meters = {words for name, words in WORDS.items() if name.endswith("_m")}
+def facts(summary: Mapping[str, Any]) -> dict[str, str]:
+    """The figures of run.json, formatted, with their labels; those that are None are left out."""
     shown = {
-        words: f"{value:.3f}" if isinstance(value, float) else f"{value:,}"
-        for words, value in found.items()
+        label: text.format(summary[name])
+        for name, (label, text) in LABELS.items()
+        if summary.get(name) is not None
     }
-    shown |= {words: f"{shown[words]} m" for words in meters & shown.keys()}
-    if numbers["nis_mean"] is not None:
-        low, high = numbers["nis_band"]
-        shown[WORDS["nis_mean"]] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
+    if summary["nis_mean"] is not None:
+        label, (low, high) = LABELS["nis_mean"][0], summary["nis_band"]
+        shown[label] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
     return shown
 
 
 def slam_part(
-    log: "LandmarkLog",
-    result: "SlamResult",
-    smoothed: "SmoothResult | None",
-    snapshots: "Sequence[MapSnapshot]",
+    log: LandmarkLog,
+    result: SlamResult,
+    smoothed: SmoothResult | None,
+    snapshots: Sequence[MapSnapshot],
     facts: Mapping[str, str],
-) -> "Part":
+) -> Part:
     """The map of a log as a part of a report."""
-    from saccade.cli.slam_files import is_in_frame, window_of
-    from saccade.slam.consistency import chi_square_band
-    from saccade.viewing.page import Section
-    from saccade.viewing.report_map import (
-        MapOverlays,
-        ObservedLandmarks,
-        innovation_charts,
-        map_part,
-        uncertainty_charts,
-    )
-
-    truth = log.truth if is_in_frame(log.truth) else None
-    drives = {"odometry": result.dead_reckoning}
-    drives |= {} if truth is None else {"truth": truth}
-    drives |= {} if smoothed is None else {"smoothed": smoothed.trajectory}
+    truth = log.truth if log.truth is not None and has_headings(log.truth) else None
+    trajectories = {"odometry": result.dead_reckoning}
+    trajectories |= {} if truth is None else {"truth": truth}
+    trajectories |= {} if smoothed is None else {"smoothed": smoothed.trajectory}
     used = result.association >= 0
-    consistency, window = result.consistency, window_of(result.consistency.nis)
+    consistency, window = result.consistency, averaging_window(result.consistency.nis)
     charts = innovation_charts(
         log.time[log.observation_pose],
         result.innovation,
@@ -82,26 +81,26 @@ def slam_part(
         chi_square_band(consistency.dof, window),
         window,
     )
-    text = (
-        "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; "
-        "click a landmark to see from where it was seen; click a chart to go to that time."
-    )
     return map_part(
-        Section(f"{log.name}: the map while it grows", text, facts=facts),
+        Section(f"{log.name}: the growing map", TEXT, facts=facts),
         result.trajectory,
         snapshots,
         ObservedLandmarks(
             log.observation_pose[used],
-            _names_at_the_end(result.map, snapshots[-1])[result.association[used]],
+            _final_ids(result.map, snapshots[-1])[result.association[used]],
         ),
         [*charts, *uncertainty_charts(result.trajectory, truth)],
-        MapOverlays(drives, log.landmark_truth),
+        MapOverlays(trajectories, log.landmark_truth),
     )
 
 
-def _names_at_the_end(landmarks: "LandmarkMap", last: "MapSnapshot") -> "IntArray":
-    """(n,) names of the landmarks of the map: those of the last snapshot that were kept."""
-    import numpy as np
+def _final_ids(landmarks: LandmarkMap, last: MapSnapshot) -> IntArray:
+    """(n,) identities in the last snapshot of the landmarks of the final map."""
+    distance = np.square(landmarks.xy[:, None] - last.landmarks).sum(2)  # 0 to itself
+    return last.ids[distance.argmin(1)] if len(last.ids) else np.zeros(len(landmarks), np.int64)
 
-    apart = np.square(landmarks.xy[:, None] - last.landmarks).sum(2)  # 0 to what it was there
-    return last.ids[apart.argmin(1)] if len(last.ids) else np.zeros(len(landmarks), np.int64)
+
+def averaging_window(nis: FloatArray) -> int:
+    """Number of observations in the running mean of the NIS (k,), NaN where one was not used."""
+    used = int(np.isfinite(nis).sum())
+    return int(np.clip(used // 50, 5, 500))

@@ -1,1 +1,1 @@
-"""How good the results are, against people, peers and truth."""
+"""Scores of saliency maps, keypoints, trajectories, maps and landmark selection."""

@@ -1,32 +1,34 @@
-"""How well a drive was mapped, where the truth is known."""
+"""Scores of a mapped camera drive whose truth is known."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade.evaluation.trajectory import position_rmse
-from saccade.frames import steps_between
-from saccade.types import THREE_SIGMA_2D, FloatArray, IntArray, Trajectory
+from saccade.evaluation.trajectory import none_if_nan, position_rmse
+from saccade.frames import Drive, steps_between
+from saccade.slam.consistency import normalized_squared
+from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, IntArray, Trajectory
+from saccade.visual import ObservationKind, VisualResult
 
-SAME_PLACE = 0.1
-"""Metres, and a tenth of it for each metre of range, by which two sightings of one place may be
-apart besides their deviations."""
+POSITION_TOLERANCE = 0.1
+"""Metres, plus a tenth of it for each metre of range, by which two observations of one landmark
+may differ besides their standard deviations."""
 
 
 @dataclass(frozen=True)
 class DriveScore:
-    """One estimate of a way against the truth."""
+    """Errors of an estimated trajectory."""
 
     ate_m: float
-    """Root mean square distance after alignment without scale (evo's APE)."""
+    """Absolute trajectory error: RMSE of the position after alignment without scale (evo's APE)."""
     rpe_m: float
-    """Root mean square error of the way from one frame to the next (evo's RPE, translation)."""
+    """Relative pose error: RMSE of the translation between frames (evo's RPE)."""
     end_m: float
-    """Distance from the true place at the end; the start is given."""
+    """Position error at the end, with the start given."""
     inside_3sigma: float
-    """Share of the frames at which the true place is in the ellipse of three sigma; NaN where
-    the estimate does not say how sure it is."""
+    """Fraction of the frames whose true position lies in the 99.7 % ellipse; NaN for an estimate
+    without covariance."""
 
 
 def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
@@ -34,60 +36,90 @@ def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
 
     Args:
         estimate: n poses.
-        truth: with headings, in the same frame; times between its own are interpolated.
+        truth: poses in the same frame; interpolated between its times.
     """
-    there = truth.at(estimate.time)
-    apart = estimate.pose[:, :2] - there[:, :2]
-    steps, true_steps = (steps_between(each)[:, :2] for each in (estimate.pose, there))
-    missed = np.hypot(*(steps - true_steps).T) if len(steps) else np.full(1, np.nan)
+    true_pose = truth.at(estimate.time)
+    error = estimate.pose[:, :2] - true_pose[:, :2]
+    steps, true_steps = (steps_between(each)[:, :2] for each in (estimate.pose, true_pose))
+    step_error = np.hypot(*(steps - true_steps).T) if len(steps) else np.full(1, np.nan)
+    inside = float("nan")
+    if estimate.covariance is not None and len(error) >= 2:
+        covariance = estimate.covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first is exact
+        inside = float((normalized_squared(error[1:], covariance) < THREE_SIGMA_2D).mean())
     return DriveScore(
         ate_m=position_rmse(Trajectory(estimate.time, estimate.pose), truth),
-        rpe_m=float(np.sqrt(np.square(missed).mean())),
-        end_m=float(np.hypot(*apart[-1])),
-        inside_3sigma=_inside(apart, estimate.covariance),
+        rpe_m=float(np.sqrt(np.square(step_error).mean())),
+        end_m=float(np.hypot(*error[-1])),
+        inside_3sigma=inside,
     )
 
 
-def same_places(
+def correct_associations(
     frame: IntArray, landmark: IntArray, z: FloatArray, sigma: FloatArray, poses: FloatArray
-) -> npt.NDArray[np.bool_]:
-    """Whether each sighting is of the place that its landmark was first seen at.
+) -> BoolArray:
+    """Whether each observation agrees with the first one of its landmark.
 
-    The truth says where the robot was, the sighting where it saw something from there.
+    Observations are projected from the true poses. Two agree where they lie within three sigma
+    (99.7 %) of their covariances, long along the line of sight where the range is uncertain.
 
     Args:
-        frame: (k,) in the order of the frames.
-        landmark: (k,) numbers.
+        frame: (k,) ascending frame numbers.
+        landmark: (k,) landmark numbers.
         z: (k, 2) range and bearing.
-        sigma: (k, 2) their deviations.
+        sigma: (k, 2) their standard deviations.
         poses: (n, 3) true poses of the frames.
 
     Returns:
-        (k,) true where the two are as near as their deviations allow: along the line of sight that
-        of the range, which of far points is large, and across it that of the bearing.
+        (k,) mask.
     """
-    here = poses[frame]
-    beta = here[:, 2] + z[:, 1]
+    pose = poses[frame]
+    beta = pose[:, 2] + z[:, 1]
     ray = np.stack([np.cos(beta), np.sin(beta)], 1)
-    place = here[:, :2] + z[:, :1] * ray
+    position = pose[:, :2] + z[:, :1] * ray
     across = np.stack([-ray[:, 1], ray[:, 0]], 1)
     axes = np.stack([ray * sigma[:, :1], across * z[:, :1] * sigma[:, 1:]], 1)
-    spread = axes.transpose(0, 2, 1) @ axes
-    _, first, which = np.unique(landmark, return_index=True, return_inverse=True)
-    alike = SAME_PLACE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_2D)
-    spread = spread + spread[first][which] + np.square(alike)[:, None, None] * np.eye(2)
-    return _are_within(place - place[first][which], spread)
+    covariance = axes.transpose(0, 2, 1) @ axes
+    _, first, index = np.unique(landmark, return_index=True, return_inverse=True)
+    tolerance = POSITION_TOLERANCE * (1 + z[:, 0] / 10) / np.sqrt(THREE_SIGMA_2D)
+    covariance = covariance + covariance[first][index]
+    covariance = covariance + np.square(tolerance)[:, None, None] * np.eye(2)
+    difference = position - position[first][index]
+    return np.asarray(normalized_squared(difference, covariance) < THREE_SIGMA_2D)
 
 
-def _inside(apart: FloatArray, covariance: FloatArray | None) -> float:
-    if covariance is None or len(apart) < 2:
-        return float("nan")
-    spread = covariance[1:, :2, :2] + 1e-12 * np.eye(2)  # the first pose is given
-    return float(_are_within(apart[1:], spread).mean())
+def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
+    """The figures of a mapped drive, as in run.json; errors are None without truth."""
+    n, observed = len(result.trajectory), result.observations
+    reidentified = observed.kind == ObservationKind.REIDENTIFIED
+    precision = None
+    if drive.truth is not None and reidentified.any():
+        correct = correct_associations(
+            observed.frame,
+            observed.landmark,
+            observed.z,
+            observed.sigma,
+            drive.truth.at(drive.time),
+        )
+        precision = float(correct[reidentified].mean())
+    return {
+        "sequence": drive.name,
+        "frames": n,
+        **_errors(result.trajectory, drive.truth),
+        "odometry": _errors(result.odometry, drive.truth),
+        "visual_odometry": _errors(result.visual_odometry, drive.truth),
+        "association_precision": precision,
+        "landmarks": len(result.map),
+        "landmarks_observed": len(np.unique(observed.landmark)),
+        "observations": len(observed),
+        "reidentified": int(reidentified.sum()),
+        "missed": result.missed,
+        "ms_per_frame": 1000 * float(result.frame_seconds.mean()),
+        "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},
+    }
 
 
-def _are_within(apart: FloatArray, spread: FloatArray) -> npt.NDArray[np.bool_]:
-    """(n,) whether what is apart by (n, 2) is inside three sigma of covariances (n, 2, 2)."""
-    return np.asarray(
-        (apart * np.linalg.solve(spread, apart[..., None])[..., 0]).sum(1) < THREE_SIGMA_2D
-    )
+def _errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, float | None]:
+    if truth is None:
+        return dict.fromkeys(field.name for field in fields(DriveScore))
+    score = asdict(score_drive(estimate, truth))
+    return {name: none_if_nan(value) for name, value in score.items()}

@@ -1,67 +1,70 @@
-"""A detector scored on many pairs of images."""
+"""Repeatability and matching of a detector over many image pairs."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import astuple, dataclass
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from saccade.evaluation.intervals import mean_interval
-from saccade.evaluation.repeatability import RADIUS, Features, Neighbors, PairScores, score_pair
-from saccade.types import FloatArray
+from saccade.datasets.homography_pairs import HomographyPair
+from saccade.evaluation.degradation import Degradation
+from saccade.evaluation.detectors import Detector
+from saccade.evaluation.intervals import ScoreSet
+from saccade.evaluation.repeatability import RADIUS, Features, PairScores, score_pair
+from saccade.image import read_image
+from saccade.types import Float32Array
 
-Name = TypeVar("Name")
 
-SEED = 20102  # of the bootstrap: the interval of the same scores is always the same
+class FeatureScores(ScoreSet[tuple[str, str], PairScores]):
+    """Scores of image pairs, named by sequence and second image."""
 
-
-@dataclass(frozen=True, eq=False)
-class FeatureScores:
-    """What each pair scored, and all of them together."""
-
-    pair: Sequence[tuple[str, str]]
-    """Sequence and name of each."""
-    scores: Sequence[PairScores]
-    """One for each pair."""
-
-    def mean(self) -> PairScores:
-        """Every score's mean over the pairs."""
-        return PairScores(*self._table().mean(axis=0).tolist())
-
-    def interval(self, confidence: float = 0.95) -> tuple[PairScores, PairScores]:
-        """Lower and upper end of each mean, by bootstrap over the pairs."""
-        low, high = mean_interval(self._table(), confidence, SEED)
-        return PairScores(*low.tolist()), PairScores(*high.tolist())
+    seed = 20102
 
     def of(self, sequence: str) -> "FeatureScores":
         """The pairs of one sequence."""
-        here = [number for number, (name, _) in enumerate(self.pair) if name == sequence]
-        return FeatureScores([self.pair[i] for i in here], [self.scores[i] for i in here])
-
-    def _table(self) -> FloatArray:
-        return np.array([astuple(each) for each in self.scores])  # (pairs, scores)
+        chosen = [i for i, (name, _) in enumerate(self.name) if name == sequence]
+        return FeatureScores([self.name[i] for i in chosen], [self.scores[i] for i in chosen])
 
 
-def score_pairs(
-    features: Callable[[Name], Features],
-    pairs: Sequence[tuple[Name, Name, FloatArray]],
-    neighbors: Neighbors,
+def score_detector(
+    detect: Detector,
+    pairs: Sequence[HomographyPair],
+    counts: Sequence[int | None] = (None,),
+    degradation: Degradation | None = None,
     ratio: float = 0.8,
     radius: float = RADIUS,
-) -> Iterator[PairScores]:
-    """Score a detector pair by pair.
+    progress: Callable[[int, int], object] | None = None,
+) -> list[FeatureScores]:
+    """Score a detector on image pairs, at several numbers of keypoint locations.
 
     Args:
-        features: what the detector finds in the image of a name.
-        pairs: names of the first and the second image, and the (3, 3) homography between
-            them; where the first is the same as before, it is not asked for again.
-        neighbors: finds nearest descriptors.
-        ratio: of the ratio test.
-        radius: within which a point counts as found again.
+        detect: the detector, its keypoints in the order in which they are to be kept.
+        pairs: the image pairs; an image shared by successive pairs is detected in once.
+        counts: numbers of locations kept in each image; None keeps all.
+        degradation: applied to the second image of each pair, seeded by its number.
+        ratio: threshold of the ratio test.
+        radius: distance in pixels within which a keypoint is repeated.
+        progress: called with the pairs done and their number.
+
+    Returns:
+        The scores at each of `counts`.
     """
-    last: Name | None = None
-    first: Features | None = None
-    for name, other, homography in pairs:
-        if first is None or name != last:
-            last, first = name, features(name)
-        yield score_pair(first, features(other), homography, neighbors, ratio, radius)
+
+    def features(image: Float32Array) -> Features:
+        keypoints = detect(image)
+        descriptors = np.asarray(keypoints.descriptors)
+        return Features(np.asarray(keypoints.xy, np.float64), descriptors, image.shape[:2])
+
+    scores: list[list[PairScores]] = [[] for _ in counts]
+    path: Path | None = None
+    for number, pair in enumerate(pairs):
+        if pair.first != path:
+            path, first = pair.first, features(read_image(pair.first))
+        image = read_image(pair.second)
+        second = features(image if degradation is None else degradation.apply(image, number))
+        for table, count in zip(scores, counts, strict=True):
+            kept = first.strongest(count), second.strongest(count)
+            table.append(score_pair(*kept, pair.homography, ratio, radius))
+        if progress is not None:
+            progress(number + 1, len(pairs))
+    names = [(pair.sequence, pair.second.stem) for pair in pairs]
+    return [FeatureScores(names, table) for table in scores]

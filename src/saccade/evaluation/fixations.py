@@ -1,6 +1,6 @@
-"""How well a saliency map predicts where people look.
+"""Metrics of fixation prediction by saliency maps.
 
-Every metric takes a map of any scale and offset that has the size of its image, and places in
+Every metric takes a map of any scale and offset, of the size of its image, and fixations in
 pixels. Names and definitions follow Bylinskii, Judd, Oliva, Torralba & Durand, *What do different
 evaluation metrics tell us about saliency models?* (TPAMI 2019).
 """
@@ -25,35 +25,35 @@ class FixationScores:
     """The scores of one map, or their means over images."""
 
     auc: float
-    """Area under the ROC curve, fixated places against all pixels; chance 0.5."""
+    """Area under the ROC curve, fixations against all pixels (AUC-Judd); chance 0.5."""
     shuffled_auc: float
-    """The same against places fixated in other images: a bias to the center earns nothing."""
+    """The same against fixations of other images: a center bias gains nothing; chance 0.5."""
     nss: float
-    """Mean of the standardized map at the fixations; chance 0."""
+    """Normalized scanpath saliency: mean of the standardized map at the fixations; chance 0."""
     cc: float
-    """Correlation with the blurred fixations; chance 0."""
+    """Pearson correlation with the fixation density; chance 0."""
     sim: float
-    """Overlap of the map and the blurred fixations as distributions, 0 to 1."""
+    """Similarity: histogram intersection of map and fixation density, 0 to 1."""
     kl: float
-    """Divergence of the map's distribution from that of the blurred fixations, in nats; best 0."""
+    """Kullback-Leibler divergence of the map from the fixation density, in nats; best 0."""
     information_gain: float
-    """Bits a fixation that the map, as a distribution, tells beyond the baseline."""
+    """Information gain over the baseline, in bits per fixation."""
 
 
 def score(
     saliency: Map, fixations: FloatArray, others: FloatArray, sigma: float = 24.0
 ) -> FixationScores:
-    """Every metric of one map.
+    """Score one saliency map by every metric.
 
     Args:
         saliency: (H, W) of the size of the image.
         fixations: (n, 2) x and y in pixels, in this image.
         others: (m, 2) fixations of the other images, scaled to this one; the negatives of the
             shuffled AUC and, blurred, the baseline of the information gain.
-        sigma: of the blur, in pixels; about one degree of visual angle.
+        sigma: standard deviation of the blur in pixels; about one degree of visual angle.
 
     Raises:
-        ImageError: the map is not finite, or a place lies outside it.
+        ImageError: the map is not finite, or a fixation lies outside it.
     """
     if saliency.ndim != 2:
         raise ImageError(f"saliency map: expected shape (H, W), found {saliency.shape}")
@@ -74,28 +74,17 @@ def score(
 
 
 def auc(saliency: Map, fixations: FloatArray) -> float:
-    """Chance that a fixated place is more salient than a pixel (AUC-Judd).
-
-    Args:
-        saliency: (H, W).
-        fixations: (n, 2) x and y in pixels.
-    """
+    """AUC-Judd: probability that a fixation is more salient than a pixel of the image."""
     return roc_area(values_at(saliency, fixations), saliency.ravel())
 
 
 def shuffled_auc(saliency: Map, fixations: FloatArray, others: FloatArray) -> float:
-    """Chance that a fixated place is more salient than one fixated in another image.
-
-    Args:
-        saliency: (H, W).
-        fixations: (n, 2) x and y in pixels.
-        others: (m, 2) fixations of the other images, scaled to this one.
-    """
+    """Shuffled AUC: probability that a fixation is more salient than one of another image."""
     return roc_area(values_at(saliency, fixations), values_at(saliency, others))
 
 
 def nss(saliency: Map, fixations: FloatArray) -> float:
-    """Normalized scanpath saliency: how many deviations above its mean the map is at fixations."""
+    """Normalized scanpath saliency: mean of the standardized map at the fixations."""
     deviation = float(saliency.std())
     if deviation == 0:
         return 0.0
@@ -103,55 +92,49 @@ def nss(saliency: Map, fixations: FloatArray) -> float:
 
 
 def correlation(first: Map, second: Map) -> float:
-    """Pearson's correlation of two maps; 0 where one is flat."""
+    """Pearson correlation of two maps; 0 where one is constant."""
     first, second = first - first.mean(), second - second.mean()
     norm = float(np.sqrt((first * first).sum() * (second * second).sum()))
     return float((first * second).sum()) / norm if norm > 0 else 0.0
 
 
 def similarity(first: Map, second: Map) -> float:
-    """Overlap of two maps as distributions: the sum of the smaller at each pixel."""
+    """Histogram intersection of two maps as distributions."""
     return float(np.minimum(distribution(first), distribution(second)).sum())
 
 
 def divergence(saliency: Map, density: Map) -> float:
-    """Kullback-Leibler divergence of the map from the density of fixations, in nats."""
+    """Kullback-Leibler divergence of a map from the fixation density, in nats."""
     predicted, observed = distribution(saliency), distribution(density)
     return float((observed * np.log(TINY + observed / (TINY + predicted))).sum())
 
 
 def information_gain(saliency: Map, baseline: Map, fixations: FloatArray) -> float:
-    """Bits per fixation that the map, as a distribution, tells beyond a baseline.
-
-    Args:
-        saliency: (H, W).
-        baseline: (H, W) what one knows without the image, such as the density of all fixations.
-        fixations: (n, 2) x and y in pixels.
-    """
+    """Information gain of a map over a baseline, such as the density of all fixations, in bits."""
     gain = np.log2(TINY + values_at(distribution(saliency), fixations))
     gain -= np.log2(TINY + values_at(distribution(baseline), fixations))
     return float(gain.mean())
 
 
 def fixation_density(fixations: FloatArray, shape: tuple[int, int], sigma: float) -> FloatArray:
-    """Fixations counted per pixel and blurred by a Gaussian.
+    """Fixation density: fixations per pixel, blurred by a Gaussian.
 
     Args:
         fixations: (n, 2) x and y in pixels.
         shape: (H, W).
-        sigma: of the Gaussian, in pixels; about one degree of visual angle.
+        sigma: standard deviation of the Gaussian in pixels.
 
     Returns:
         (H, W) counts per pixel.
     """
     counts = np.zeros(shape)
-    rows, columns = _cells(fixations, shape)
+    rows, columns = _pixels(fixations, shape)
     np.add.at(counts, (rows, columns), 1.0)
     return np.asarray(gaussian_filter(counts, sigma, mode="constant", truncate=4.0))
 
 
 def distribution(saliency: Map) -> FloatArray:
-    """A map shifted to be nowhere negative and scaled to the sum 1; even where it is flat."""
+    """A map as a distribution: shifted to be non-negative, scaled to sum 1; uniform if constant."""
     positive = np.asarray(saliency, np.float64) - min(0.0, float(saliency.min()))
     total = float(positive.sum())
     if total == 0:
@@ -160,13 +143,13 @@ def distribution(saliency: Map) -> FloatArray:
 
 
 def values_at(saliency: Map, fixations: FloatArray) -> Map:
-    """The map at the pixel that each fixation falls into."""
-    rows, columns = _cells(fixations, saliency.shape)
+    """The map at the pixel of each fixation."""
+    rows, columns = _pixels(fixations, saliency.shape)
     return saliency[rows, columns]
 
 
 def roc_area(positives: Map, negatives: Map) -> float:
-    """Chance that a positive exceeds a negative, ties counting half (Mann & Whitney 1947)."""
+    """Probability that a positive exceeds a negative, ties counting half (Mann & Whitney 1947)."""
     ordered = np.sort(negatives)
     below = np.searchsorted(ordered, positives, side="left")
     not_above = np.searchsorted(ordered, positives, side="right")
@@ -174,18 +157,18 @@ def roc_area(positives: Map, negatives: Map) -> float:
 
 
 def inside(fixations: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """The fixations that fall into an image of (H, W) pixels, (m, 2) of (n, 2)."""
-    cells = np.floor(fixations + 0.5)
-    return fixations[((cells >= 0) & (cells < (shape[1], shape[0]))).all(axis=1)]
+    """The fixations (m, 2) that lie inside an image of (H, W) pixels, of (n, 2)."""
+    pixels = np.floor(fixations + 0.5)
+    return fixations[((pixels >= 0) & (pixels < (shape[1], shape[0]))).all(axis=1)]
 
 
-def _cells(
+def _pixels(
     fixations: FloatArray, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     if len(fixations) == 0:
         raise ImageError("fixations: expected at least one, found none")
     if len(inside(fixations, shape)) < len(fixations):
         height, width = shape
-        raise ImageError(f"fixations: expected places inside {width} x {height}; some lie outside")
+        raise ImageError(f"fixations: expected points inside {width} x {height}; some lie outside")
     columns, rows = np.floor(fixations + 0.5).astype(np.intp).T
     return rows, columns

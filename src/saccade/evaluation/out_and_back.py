@@ -1,8 +1,7 @@
-"""A way out and the same way back, made of a drive that only goes out.
+"""Loop closure on a drive without loops: out on its even frames, back on the odd ones.
 
-The robot goes out on the even frames and comes back, in reverse, on the odd ones: no image is seen
-twice, yet every place is, and the drive ends where it began. Odometry is the truth with errors
-whose size is known.
+No image occurs twice, yet every place is revisited, and the drive ends where it began. Odometry is
+the truth with errors of known size.
 """
 
 from dataclasses import dataclass, replace
@@ -16,18 +15,18 @@ from saccade.types import FloatArray, IntArray, Trajectory
 
 @dataclass(frozen=True)
 class OutAndBackConfig:
-    """How many frames, and what the odometry gets wrong."""
+    """Number of frames, and errors of the odometry."""
 
     frames: int = 160
-    """Of the drive, from the first on; fewer where it has fewer."""
+    """Number of frames, from the first on; fewer where the drive has fewer."""
     scale_percent: float = 3.0
-    """By which every distance is too long."""
+    """Scale error of the distances, in per cent: they are too long."""
     white_percent: float = 5.0
-    """Standard deviation of a distance, in per cent of it, new with every step."""
+    """Standard deviation of the white noise of a distance, in per cent of it."""
     gyro_bias: float = 0.5
-    """Degrees per second by which every turn is too far to the left."""
+    """Bias of the turn rate to the left, in degrees per second."""
     gyro_walk: float = 1.0
-    """Standard deviation of the heading after a second, in degrees; it grows with the root."""
+    """Random walk of the heading, in degrees per root second."""
 
     def __post_init__(self) -> None:
         require(4 <= self.frames <= 10**6, "frames", "4 to 1e6", self.frames)
@@ -38,26 +37,26 @@ class OutAndBackConfig:
 def out_and_back(
     drive: Drive, config: OutAndBackConfig = OutAndBackConfig(), seed: int = 0
 ) -> Drive:
-    """Out on the even frames of a drive, back on the odd ones.
+    """A drive out on the even frames of another, and back on its odd ones.
 
     Args:
-        drive: with its truth.
-        config: the number of frames and the errors of odometry.
-        seed: of the white part of the errors.
+        drive: a drive with truth.
+        config: number of frames and errors of the odometry.
+        seed: seed of the noise.
 
     Returns:
-        As many frames, with the truth at each of them. `control_covariance` and `odometry_bias`
-        hold what the errors are drawn from; a bias of the gyroscope has no place among the
-        latter, and is covered by as much random walk as reaches it at the end of the drive.
+        The drive with truth. `control_covariance` and `odometry_bias` are those of the errors;
+        the gyroscope's bias, which is no part of the latter, is covered by a random walk that
+        reaches it at the end of the drive.
 
     Raises:
         DriveError: the drive has no truth, or fewer than four frames.
     """
     if drive.truth is None:
-        raise DriveError(f"{drive.name}: palindrome: expected a drive with truth, found none")
+        raise DriveError(f"{drive.name}: out and back: expected a drive with truth, found none")
     n = min(config.frames, len(drive))
     if n < 4:
-        raise DriveError(f"{drive.name}: palindrome: expected at least 4 frames, found {n}")
+        raise DriveError(f"{drive.name}: out and back: expected at least 4 frames, found {n}")
     order = out_and_back_order(n)
     duration = np.abs(np.diff(drive.time[order]))  # (n - 1,)
     time = drive.time[0] + np.concatenate([[0.0], np.cumsum(duration)])
@@ -68,7 +67,7 @@ def out_and_back(
         return replace(drive.load(int(order[i])), time=float(time[i]))
 
     return Drive(
-        name=f"{drive.name}, there and back, seed {seed}",
+        name=f"{drive.name}, out and back, seed {seed}",
         camera=drive.camera,
         time=time,
         control=control,
@@ -81,14 +80,14 @@ def out_and_back(
 
 
 def out_and_back_order(n: int) -> IntArray:
-    """Numbers of the even ones of n frames, then of the odd ones from the last on."""
+    """The even numbers below n, then the odd ones in descending order."""
     return np.concatenate([np.arange(0, n, 2), np.arange(1, n, 2)[::-1]])
 
 
 def _odometry(
     true: FloatArray, duration: FloatArray, config: OutAndBackConfig, seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Steps (m, 3) as odometry has them, and their covariance (m, 3, 3)."""
+    """Odometry steps (m, 3) with errors, and their covariance (m, 3, 3)."""
     white = np.random.default_rng(seed).standard_normal((len(true), 2))
     bias, walk = np.deg2rad([config.gyro_bias, config.gyro_walk])
     fraction = config.white_percent / 100
@@ -96,8 +95,8 @@ def _odometry(
     measured[:, :2] *= 1 + config.scale_percent / 100 + fraction * white[:, :1]
     measured[:, 2] += bias * duration + walk * np.sqrt(duration) * white[:, 1]
 
-    way = measured[:, :2]
+    step = measured[:, :2]
     covariance = np.zeros((len(true), 3, 3))
-    covariance[:, :2, :2] = fraction**2 * way[:, :, None] * way[:, None, :]
+    covariance[:, :2, :2] = fraction**2 * step[:, :, None] * step[:, None, :]
     covariance[:, 2, 2] = (walk**2 + bias**2 * duration.sum()) * duration
     return measured, covariance

@@ -1,38 +1,26 @@
-"""A saliency model scored on a set of images that people looked at."""
+"""Fixation prediction: saliency maps scored over a set of images."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 
 from saccade.errors import ImageError, LogError
-from saccade.evaluation.fixations import FixationScores, score
-from saccade.evaluation.intervals import mean_interval
-from saccade.types import Float32Array, FloatArray
+from saccade.evaluation.fixations import FixationScores, inside, score
+from saccade.evaluation.intervals import ScoreSet
+from saccade.image import as_gray, read_image
+from saccade.npz import map_array
+from saccade.pyramid import resize
+from saccade.types import FixationTable, Float32Array, FloatArray
 
-SEED = 20101  # of the bootstrap: the interval of the same scores is always the same
+MAX_SALIENCY = 1e15
+"""Largest magnitude in a map from a file: squares of float32 can be summed up to it."""
 
 
-@dataclass(frozen=True, eq=False)
-class PredictionScores:
-    """What each image scored, and all of them together."""
+class PredictionScores(ScoreSet[str, FixationScores]):
+    """Fixation scores by the names of the images."""
 
-    image: Sequence[str]
-    """Names, in the order of `scores`."""
-    scores: Sequence[FixationScores]
-    """One for each image."""
-
-    def mean(self) -> FixationScores:
-        """Every metric's mean over the images."""
-        return FixationScores(*self._table().mean(axis=0).tolist())
-
-    def interval(self, confidence: float = 0.95) -> tuple[FixationScores, FixationScores]:
-        """Lower and upper end of each mean, by bootstrap over the images."""
-        low, high = mean_interval(self._table(), confidence, SEED)
-        return FixationScores(*low.tolist()), FixationScores(*high.tolist())
-
-    def _table(self) -> FloatArray:
-        return np.array([astuple(each) for each in self.scores])  # (images, scores)
+    seed = 20101
 
 
 def score_model(
@@ -41,29 +29,108 @@ def score_model(
     sizes: Mapping[str, tuple[int, int]],
     sigma: float = 24.0,
 ) -> Iterator[tuple[str, FixationScores]]:
-    """Score a model image by image.
+    """Score a saliency model image by image.
 
     Args:
-        model: gives the (H, W) saliency map of the image of a name.
+        model: maps the name of an image to its (H, W) saliency.
         fixations: by image, (n, 2) x and y in pixels.
         sizes: by image, (H, W); fixations of one image are scaled to another by them.
-        sigma: of the blurred fixations, in pixels.
+        sigma: standard deviation of the fixation blur, in pixels.
 
     Yields:
         The name and the scores of each image.
 
     Raises:
         LogError: there is only one image, so that nothing can be shuffled.
-        ImageError: a map or a fixation is not of its image; names the image.
+        ImageError: a map or a fixation does not fit its image; names the image.
     """
     if len(fixations) < 2:
         raise LogError(f"fixations: expected at least two images, found {len(fixations)}")
     relative = {name: (xy + 0.5) / sizes[name][::-1] for name, xy in fixations.items()}
     for name, xy in fixations.items():
-        others = np.vstack([places for other, places in relative.items() if other != name])
+        others = np.vstack([points for other, points in relative.items() if other != name])
         height, width = sizes[name]
         scaled = (others * (width, height) - 0.5).clip(0, (width - 1, height - 1))
         try:
             yield name, score(model(name), xy, scaled, sigma)
         except ImageError as error:
             raise ImageError(f"{name}: {error}") from error
+
+
+def fixations_by_image(
+    table: FixationTable, images: Path, skip: int
+) -> tuple[dict[str, FloatArray], dict[str, tuple[int, int]], int]:
+    """The fixations of each image that lie inside it.
+
+    Args:
+        table: fixations of several viewers and images.
+        images: folder of the images.
+        skip: number of first fixations of each viewer that are left out.
+
+    Returns:
+        (n, 2) fixations and (H, W) size by image, and the number of fixations outside.
+
+    Raises:
+        ImageError: an image cannot be read.
+    """
+    counted = table.index >= skip
+    fixations: dict[str, FloatArray] = {}
+    sizes: dict[str, tuple[int, int]] = {}
+    outside = 0
+    for image in np.unique(table.image[counted]):
+        name = str(image)
+        height, width = read_image(images / name).shape[:2]
+        xy = table.xy[counted & (table.image == image)]
+        visible = inside(xy, (height, width))
+        outside += len(xy) - len(visible)
+        sizes[name] = (height, width)
+        if len(visible):
+            fixations[name] = visible
+    return fixations, sizes, outside
+
+
+def saliency_from_files(images: Path, maps: Path) -> Callable[[str], Float32Array]:
+    """A model that reads saliency maps from files, resized to their images.
+
+    Args:
+        images: folder of the images.
+        maps: folder with a map for each image: NAME.npy, NAME.png or a file of the same name.
+
+    Returns:
+        A function from the name of an image to its (H, W) map; it raises ImageError where
+        there is no valid map.
+    """
+
+    def read(name: str) -> Float32Array:
+        height, width = read_image(images / name).shape[:2]
+        stem = Path(name).stem
+        array = maps / f"{stem}.npy"
+        if array.is_file():
+            return resize(read_saliency_array(array), (height, width))
+        for path in (maps / name, maps / f"{stem}.png"):
+            if path.is_file():
+                return resize(as_gray(read_image(path)), (height, width))
+        raise ImageError(f"{maps}: expected a map for {name} (.npy, .png or the same name)")
+
+    return read
+
+
+def read_saliency_array(path: Path) -> Float32Array:
+    """The (h, w) saliency map in an .npy file of any numeric type.
+
+    Raises:
+        ImageError: the file is no array, or not one of finite numbers of shape (h, w).
+    """
+    try:
+        array = map_array(path)
+    except (OSError, ValueError) as error:
+        raise ImageError(f"{path}: expected a map as .npy, found another file") from error
+    if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":
+        raise ImageError(
+            f"{path}: expected numbers of shape (h, w), found {array.dtype} of shape {array.shape}"
+        )
+    if not (np.abs(array.astype(np.float64)) < MAX_SALIENCY).all():
+        raise ImageError(
+            f"{path}: expected finite numbers under {MAX_SALIENCY:g}, found NaN or others"
+        )
+    return array.astype(np.float32)

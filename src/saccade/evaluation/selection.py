@@ -1,36 +1,101 @@
-"""Which of several choices did best, over worlds, budgets and seeds.
+"""Landmark selection criteria compared over drives, budgets and seeds.
 
-Tables are (worlds, budgets, choices, seeds) throughout, NaN where a run had no such score.
+Tables are (drives, budgets, criteria, seeds) throughout, NaN where a run has no such score.
 """
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.stats import rankdata
 
 from saccade.evaluation.intervals import mean_interval
+from saccade.evaluation.selection_runs import SCORES
+from saccade.evaluation.trajectory import none_if_nan
 from saccade.types import FloatArray
 
 CONFIDENCE = 0.95
+REFERENCE = "random"
+"""The criterion with which the others are compared."""
+RANKED = {"ate_m": False, "reidentification_rate": True}
+"""Scores that rank the criteria, and whether larger ones are better."""
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionScores:
+    """The scores of all runs."""
+
+    drive: Sequence[str]
+    budget: Sequence[int]
+    """New landmarks per frame."""
+    criterion: Sequence[str]
+    seed: Sequence[int]
+    tables: dict[str, FloatArray]
+    """(drives, budgets, criteria, seeds) of each of `SCORES`."""
+
+    @classmethod
+    def of(cls, runs: Sequence[dict[str, Any]]) -> "SelectionScores":
+        """The tables of runs, their axes in the order of first appearance."""
+        names = ("drive", "budget", "criterion", "seed")
+        axes = [list(dict.fromkeys(run[name] for run in runs)) for name in names]
+        tables = {score: np.full([len(axis) for axis in axes], np.nan) for score in SCORES}
+        for run in runs:
+            cell = tuple(axis.index(run[name]) for name, axis in zip(names, axes, strict=True))
+            for score in SCORES:
+                if run[score] is not None:
+                    tables[score][cell] = run[score]
+        drive, budget, criterion, seed = axes
+        return cls(drive, budget, criterion, seed, tables)
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Mean, low and high of each score by drive, budget and criterion; None where missing."""
+        tables = {score: means(table) for score, table in self.tables.items()}
+        cells = [enumerate(axis) for axis in (self.drive, self.budget, self.criterion)]
+        for (d, drive), (b, budget), (c, criterion) in product(*cells):
+            row = {"drive": drive, "budget": budget, "criterion": criterion}
+            for score, mean in tables.items():
+                present = np.isfinite(mean[d, b, c, 0])
+                row[score] = mean[d, b, c].tolist() if present else None
+            yield row
+
+    def ranking(self) -> list[dict[str, Any]]:
+        """The criteria over all drives and budgets, best first.
+
+        Each has its mean rank by the scores of `RANKED`, and those scores as ratios to the
+        reference's, with their intervals, where that is among the criteria.
+        """
+        ranks = [mean_ranks(self.tables[score], larger) for score, larger in RANKED.items()]
+        rank = np.mean(ranks, axis=0)
+        rows: list[dict[str, Any]] = [
+            {"criterion": name, "mean_rank": float(rank[i])}
+            for i, name in enumerate(self.criterion)
+        ]
+        if REFERENCE in self.criterion:
+            for score in RANKED:
+                ratio = ratios(self.tables[score], self.criterion.index(REFERENCE))
+                for row, values in zip(rows, ratio.tolist(), strict=True):
+                    row[f"{score}_ratio"] = [none_if_nan(value) for value in values]
+        return sorted(rows, key=lambda row: float(row["mean_rank"]))
 
 
 def means(table: FloatArray) -> FloatArray:
-    """Mean over the seeds, lower and upper end of its interval: (worlds, budgets, choices, 3).
-
-    NaN where no run had the score.
-    """
-    found = np.full((*table.shape[:3], 3), np.nan)
+    """Mean over the seeds with its interval: (drives, budgets, criteria, 3), NaN where missing."""
+    result = np.full((*table.shape[:3], 3), np.nan)
     for cell in np.ndindex(table.shape[:3]):
         scores = table[cell]
         scores = scores[np.isfinite(scores)][:, None]
         if len(scores):
             low, high = mean_interval(scores, CONFIDENCE, seed=0)
-            found[cell] = scores.mean(), low[0], high[0]
-    return found
+            result[cell] = scores.mean(), low[0], high[0]
+    return result
 
 
 def mean_ranks(table: FloatArray, larger_is_better: bool) -> FloatArray:
-    """(choices,) place of each, 1 the best, by its mean over the seeds; averaged over all others.
+    """(criteria,) rank by the mean over the seeds, averaged over drives and budgets; 1 is best.
 
-    Equal ones share the mean of their places; those without a score come last.
+    Ties share the mean of their ranks; criteria without a score rank last.
     """
     mean = means(table)[..., 0]
     worst = -np.inf if larger_is_better else np.inf
@@ -40,12 +105,11 @@ def mean_ranks(table: FloatArray, larger_is_better: bool) -> FloatArray:
 
 
 def ratios(table: FloatArray, reference: int) -> FloatArray:
-    """(choices, 3) how many times as large a score is as that of one of the choices.
+    """(criteria, 3) ratio of a score to that of the reference criterion, with its interval.
 
-    Of each drive, which is a world with a seed, the sums over the budgets are compared; given
-    are the geometric mean over the drives and the ends of its interval, by bootstrap over the
-    drives: budgets on the same drive do not count as another one. Drives on which a choice has
-    no score, or 0, are left out.
+    Sums over the budgets are compared for each drive and seed, as budgets on the same drive are
+    not independent. Given are the geometric mean and its bootstrap interval. Drives on which a
+    criterion has no score, or 0, are left out.
     """
     per_drive = np.nansum(table, axis=1).transpose(0, 2, 1).reshape(-1, table.shape[2])
     per_drive = np.log(per_drive[(per_drive > 0).all(1)])

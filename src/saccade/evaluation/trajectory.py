@@ -1,55 +1,54 @@
-"""How far an estimated drive and map are from the true ones."""
+"""Errors of an estimated trajectory and map against the truth."""
 
-from typing import TypeAlias
+from math import isfinite
 
 import numpy as np
-import numpy.typing as npt
 
-from saccade.types import FloatArray, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, LandmarkMap, Trajectory
 
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
-TRIMS = 30
-"""Rounds in which the nearest are chosen and aligned anew."""
+TRIMMED_ITERATIONS = 30
+"""Iterations of the trimmed alignment."""
 
 
-def aligned(points: FloatArray, onto: FloatArray, by: BoolArray | None = None) -> FloatArray:
-    """Points (n, 2) turned and shifted onto their partners with the least squares.
+def align(points: FloatArray, onto: FloatArray, inliers: BoolArray | None = None) -> FloatArray:
+    """Rigid least-squares alignment of points (n, 2) with their correspondences.
 
     Args:
-        points: to be moved.
-        onto: (n, 2) their partners.
-        by: (n,) which pairs decide; all unless told otherwise.
+        points: points to be moved.
+        onto: (n, 2) their correspondences.
+        inliers: (n,) mask of the pairs that determine the alignment; None for all.
 
     Source: Umeyama (1991), without scale.
     """
-    by = np.ones(len(points), bool) if by is None else by
-    here, there = points[by].mean(0), onto[by].mean(0)
-    U, _, Vt = np.linalg.svd((points[by] - here).T @ (onto[by] - there))
+    inliers = np.ones(len(points), bool) if inliers is None else inliers
+    mean, target_mean = points[inliers].mean(0), onto[inliers].mean(0)
+    U, _, Vt = np.linalg.svd((points[inliers] - mean).T @ (onto[inliers] - target_mean))
     flip = np.diag([1.0, np.sign(np.linalg.det(U @ Vt))])
-    return np.asarray((points - here) @ (U @ flip @ Vt) + there)
+    return np.asarray((points - mean) @ (U @ flip @ Vt) + target_mean)
 
 
 def position_rmse(trajectory: Trajectory, truth: Trajectory, keep: float = 1.0) -> float:
-    """Root mean square distance from the truth after alignment, in metres.
+    """Root mean square position error after alignment (ATE), in metres.
 
     Args:
-        trajectory: poses at times of their own.
-        truth: places at times of their own.
-        keep: share of the nearest places that count, and that decide the alignment; under 1 for
-            a truth that has outliers, such as GPS among trees.
+        trajectory: estimated poses.
+        truth: true positions, at times of their own.
+        keep: fraction of the nearest positions that count and determine the alignment; under 1
+            for a truth with outliers, such as GPS among trees.
 
     Returns:
-        Over the times that both have, those of the coarser one; NaN where they are fewer than two.
+        The error over the common time span, at the times of the trajectory that has fewer; NaN
+        for fewer than two.
     """
-    low, high = (end(trajectory.time[i], truth.time[i]) for end, i in ((max, 0), (min, -1)))
+    start = max(trajectory.time[0], truth.time[0])
+    end = min(trajectory.time[-1], truth.time[-1])
     coarse = min(trajectory, truth, key=len)
-    at = coarse.time[(coarse.time >= low) & (coarse.time <= high)]
-    ours, true = (_places(each, at) for each in (trajectory, truth))
-    return _rmse(ours, true, keep)
+    time = coarse.time[(coarse.time >= start) & (coarse.time <= end)]
+    return _rmse(_positions(trajectory, time), _positions(truth, time), keep)
 
 
 def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap) -> float:
-    """Root mean square distance of the landmarks that both maps have, after alignment, in metres.
+    """Root mean square error of the landmarks in both maps after alignment, in metres.
 
     NaN where there are fewer than two.
     """
@@ -57,16 +56,21 @@ def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap) -> float:
     return _rmse(landmarks.xy[ours], truth.xy[theirs])
 
 
-def _places(trajectory: Trajectory, at: FloatArray) -> FloatArray:
-    columns = [np.interp(at, trajectory.time, trajectory.pose[:, i]) for i in (0, 1)]
+def none_if_nan(value: float) -> float | None:
+    """A finite number, else None: JSON has neither NaN nor infinity."""
+    return value if isfinite(value) else None
+
+
+def _positions(trajectory: Trajectory, time: FloatArray) -> FloatArray:
+    columns = [np.interp(time, trajectory.time, trajectory.pose[:, i]) for i in (0, 1)]
     return np.stack(columns, 1)
 
 
-def _rmse(points: FloatArray, true: FloatArray, keep: float = 1.0) -> float:
+def _rmse(points: FloatArray, truth: FloatArray, keep: float = 1.0) -> float:
     if len(points) < 2:
         return float("nan")
-    near = np.ones(len(points), bool)
-    for _ in range(TRIMS if keep < 1 else 1):
-        apart = np.hypot(*(aligned(points, true, near) - true).T)
-        near = apart <= np.quantile(apart, keep)
-    return float(np.sqrt(np.square(apart[near]).mean()))
+    inliers = np.ones(len(points), bool)
+    for _ in range(TRIMMED_ITERATIONS if keep < 1 else 1):
+        error = np.hypot(*(align(points, truth, inliers) - truth).T)
+        inliers = error <= np.quantile(error, keep)
+    return float(np.sqrt(np.square(error[inliers]).mean()))

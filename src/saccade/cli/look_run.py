@@ -1,0 +1,116 @@
+"""Saliency and scanpaths of images and videos, written to files."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saccade.attention.models import AttentionModel, contrast_of
+from saccade.attention.proto_object import proto_object
+from saccade.attention.scanpath import scanpath
+from saccade.cli.output import progress_bar, write_arrays
+from saccade.errors import ImageError
+from saccade.formats import FORMATS
+from saccade.image import read_image
+from saccade.keypoints import Sift, SiftConfig
+from saccade.types import Float32Array, Scanpath
+from saccade.video import read_video, video_rate, video_writer
+from saccade.viewing import (
+    Section,
+    attention_figure,
+    heat_beside,
+    save_figure,
+    save_film,
+    scanpath_frames,
+)
+from saccade.viewing.report import Part
+from saccade.viewing.report_builder import ReportBuilder
+from saccade.viewing.report_image import MAX_POINTS, image_part
+
+LEAD = "Saliency by contrast and symmetry, scanpaths, and the strongest interest points."
+TEXT = (
+    "The map is laid over the photograph, and the scanpath plays four times slower than in the "
+    "model; point at an interest point to see its size, angle and descriptor."
+)
+
+
+def analyze_image(
+    path: Path,
+    out: Path,
+    attention: AttentionModel,
+    fixations: int,
+    builder: ReportBuilder,
+    *,
+    by_shape: bool = False,
+    film: bool = False,
+) -> dict[str, Any]:
+    """Write `out`.png, `out`.npz and the scanpath's film, return the row for --json.
+
+    The image is added to a report. `by_shape` inhibits proto-objects rather than discs.
+    """
+    image = read_image(path)
+    try:
+        maps = attention.maps(image)
+    except ImageError as error:
+        raise ImageError(f"{path}: {error}") from error
+    region = partial(proto_object, contrast_of(maps)) if by_shape else None
+    scan = scanpath(maps.saliency, image.shape, fixations=fixations, region=region)
+    layers = maps.layers
+    pairs = attention.pairs(image, scan.xy)
+    picture = save_figure(attention_figure(image, layers, scan, pairs), f"{out}.png")
+    arrays = Path(f"{out}.npz")
+    scanpath_arrays = {
+        "scanpath_xy": scan.xy,
+        "scanpath_time": scan.time,
+        "scanpath_saliency": scan.saliency,
+    }
+    write_arrays(arrays, layers | scanpath_arrays | {"format": FORMATS["look"]})
+    row = {
+        "image": str(path),
+        "width": image.shape[1],
+        "height": image.shape[0],
+        "scanpath": np.column_stack([scan.xy, scan.time, scan.saliency]).tolist(),
+        "picture": str(picture),
+        "arrays": str(arrays),
+    }
+    section = Section(path.name, "" if len(builder) else TEXT)
+    builder.add(lambda: _part(section, image, layers, scan))
+    if film:
+        file = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
+        row["film"] = str(save_film(*scanpath_frames(image, scan), file))
+    return row
+
+
+def _part(
+    section: Section,
+    image: Float32Array,
+    layers: dict[str, Float32Array],
+    scan: Scanpath,
+) -> Part:
+    """The image as a part of a report, with its strongest interest points."""
+    keypoints = Sift(SiftConfig(max_keypoints=MAX_POINTS, spread=True))(image)
+    return image_part(section, image, layers, scan, keypoints)
+
+
+def analyze_video(path: Path, out: Path, attention: AttentionModel, stride: int) -> dict[str, Any]:
+    """Write the saliency of a video as `out`.mp4 and `out`.npz, return the row for --json.
+
+    The film shows each frame beside its saliency; the arrays are the saliency (n, h, w) and the
+    times (n,) in seconds.
+    """
+    times, maps = [], []
+    film = Path(f"{out}.mp4")
+    with (
+        progress_bar(path.name) as progress,
+        video_writer(film, video_rate(path) / stride) as write,
+    ):
+        for time, frame in read_video(path, stride):
+            saliency = attention.maps(frame).saliency
+            write(heat_beside(frame, saliency))
+            times.append(time)
+            maps.append(saliency)
+            progress(len(maps))
+    arrays = Path(f"{out}.npz")
+    write_arrays(arrays, {"saliency": np.stack(maps), "time": np.array(times)})
+    return {"image": str(path), "frames": len(maps), "film": str(film), "arrays": str(arrays)}

@@ -1,0 +1,74 @@
+"""Keypoint matches of two images, written to files."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saccade.cli.output import write_text
+from saccade.image import read_image
+from saccade.keypoints import Sift, match, verify
+from saccade.keypoints.verification import Geometry
+from saccade.viewing import Section, match_figure, save_figure
+from saccade.viewing.report_builder import ReportBuilder
+from saccade.viewing.report_image import match_part
+
+LEAD = "Matching interest points of two photographs."
+TEXT = (
+    "Lines join matched points: the inliers of one geometry, and the others. Click near the end of "
+    "a line to see one match alone."
+)
+
+
+def match_images(
+    first: Path,
+    second: Path,
+    out: Path,
+    sift: Sift,
+    builder: ReportBuilder,
+    ratio: float = 0.8,
+    mutual: bool = True,
+    geometry: Geometry | None = "fundamental",
+    tolerance: float = 2.0,
+) -> dict[str, Any]:
+    """Match two images: write matches.png and .csv into `out`, return the row for --json."""
+    images = (read_image(first), read_image(second))
+    keypoints = (sift(images[0]), sift(images[1]))
+    pairs = match(*keypoints, ratio=ratio, mutual=mutual)
+    verified = None if geometry is None else verify(*keypoints, pairs, geometry, tolerance)
+    inliers = None if verified is None else verified.inliers
+    picture = save_figure(match_figure(images, keypoints, pairs, inliers), out / "matches.png")
+    xy = np.hstack([keypoints[0].xy[pairs[:, 0]], keypoints[1].xy[pairs[:, 1]]])
+    lines = [
+        f"{i},{j},{x1:.3f},{y1:.3f},{x2:.3f},{y2:.3f}"
+        for (i, j), (x1, y1, x2, y2) in zip(pairs.tolist(), xy.tolist(), strict=True)
+    ]
+    header = "first,second,x1,y1,x2,y2"
+    facts = {
+        "interest points": " and ".join(f"{len(each):,}" for each in keypoints),
+        "matches": f"{len(pairs):,}",
+    }
+    if inliers is not None:
+        header += ",inlier"
+        lines = [f"{line},{inlier:d}" for line, inlier in zip(lines, inliers, strict=True)]
+        facts["inliers"] = f"{inliers.sum():,} ({inliers.mean() if len(pairs) else 0:.0%})"
+    table = out / "matches.csv"
+    write_text(table, "\n".join([header, *lines]) + "\n")
+    section = Section(f"{first.name} and {second.name}", TEXT, facts=facts)
+    builder.add(lambda: match_part(section, images, keypoints, pairs, inliers))
+    row: dict[str, Any] = {
+        "first": str(first),
+        "second": str(second),
+        "first_points": len(keypoints[0]),
+        "second_points": len(keypoints[1]),
+        "matches": len(pairs),
+        "picture": str(picture),
+        "table": str(table),
+    }
+    if verified is not None:
+        row |= {
+            "inliers": int(verified.inliers.sum()),
+            "geometry": verified.geometry,
+            "matrix": None if verified.matrix is None else verified.matrix.tolist(),
+        }
+    return row

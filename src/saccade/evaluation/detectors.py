@@ -1,0 +1,156 @@
+"""Detectors by name: those of this package, peers, and any callable of the user."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+from types import SimpleNamespace
+from typing import Any, TypeAlias, cast
+
+import cv2
+import numpy as np
+
+from saccade.attention import attention_saliency
+from saccade.errors import ConfigError
+from saccade.exchange.colmap import import_pycolmap
+from saccade.image import as_gray
+from saccade.keypoints import Must, MustConfig, Sift, SiftConfig, SymRoid, SymRoidConfig
+from saccade.pyramid import resize
+from saccade.types import Float32Array
+
+Detector: TypeAlias = Callable[[Float32Array], Any]
+"""From an (H, W, 3) image in [0, 1] to an object with xy (n, 2) and descriptors (n, d)."""
+
+OURS: dict[str, tuple[Any, Any, dict[str, float]]] = {
+    "sift": (Sift, SiftConfig, {"contrast_threshold": 1e-4}),
+    "must": (Must, MustConfig, {"contrast_threshold": 1e-4}),
+    "symroid": (SymRoid, SymRoidConfig, {"seed_threshold": 1e-3}),
+}
+"""Class, configuration, and the threshold that passes all but rounding errors."""
+CONFIGURATIONS = {**{name: name for name in OURS}, "sift-random": "sift", "sift-salient": "sift"}
+"""Detectors that take a configuration, and its kind."""
+NAMES = (*CONFIGURATIONS, "opencv", "colmap")
+"""All names besides module:callable."""
+ORIENTATIONS = 2
+"""Keypoints for each location, about: a location may have several orientations."""
+UNLIMITED = 1_000_000
+"""Keypoints of an image; COLMAP's default of 8192 truncates the richest images."""
+SEED = 2010
+"""Seed of the random order."""
+
+
+def find_detector(name: str, settings: Any = None, max_locations: int | None = None) -> Detector:
+    """The detector of a name.
+
+    Keypoints are ordered by descending response, COLMAP's by descending scale, those of a
+    callable as it returns them.
+
+    Args:
+        name: one of `NAMES`, or module:callable.
+        settings: configuration of one in `CONFIGURATIONS`; None for the default.
+        max_locations: number of distinct locations wanted of one in `OURS`, however weak; None
+            for those above its threshold.
+
+    Raises:
+        ConfigError: there is no detector of this name, or a library is not installed.
+    """
+    if name in OURS:
+        detector, default, threshold = OURS[name]
+        settings = settings or default()
+        if max_locations is not None:
+            count = ORIENTATIONS * max_locations
+            settings = replace(settings, max_keypoints=count, **threshold)
+        return cast("Detector", detector(settings))
+    if name == "sift-random":
+        return _in_random_order(Sift(settings or SiftConfig()))
+    if name == "sift-salient":
+        return _by_saliency(Sift(settings or SiftConfig()))
+    if name == "opencv":
+        return _opencv()
+    if name == "colmap":
+        return _colmap()
+    if ":" in name:
+        return _imported(name)
+    raise ConfigError(f"detector: expected {', '.join(NAMES)} or module:callable, found {name!r}")
+
+
+def _in_random_order(sift: Sift) -> Detector:
+    def detect(image: Float32Array) -> Any:
+        keypoints = sift(image)
+        return keypoints[np.random.default_rng(SEED).permutation(len(keypoints))]
+
+    return detect
+
+
+def _by_saliency(sift: Sift) -> Detector:
+    """SIFT keypoints by descending attention saliency at their locations."""
+
+    def detect(image: Float32Array) -> Any:
+        keypoints = sift(image)
+        saliency = resize(attention_saliency(image).saliency, image.shape[:2])
+        column, row = np.rint(keypoints.xy).astype(np.int64).T
+        return keypoints[np.argsort(-saliency[row, column], kind="stable")]
+
+    return detect
+
+
+def _opencv() -> Detector:
+    """OpenCV's SIFT with its defaults; it returns keypoints by location, hence the sorting."""
+    sift = cv2.SIFT.create()
+
+    def detect(image: Float32Array) -> Any:
+        gray = np.rint(as_gray(image) * 255).astype(np.uint8)
+        keypoints, descriptors = sift.detectAndCompute(gray, None)
+        if not keypoints:
+            return SimpleNamespace(xy=np.zeros((0, 2)), descriptors=np.zeros((0, 128)))
+        order = np.argsort([-keypoint.response for keypoint in keypoints], kind="stable")
+        xy = np.array([keypoint.pt for keypoint in keypoints])[order]
+        return SimpleNamespace(xy=xy, descriptors=descriptors[order].astype(np.uint8))
+
+    return detect
+
+
+def _colmap() -> Detector:
+    """COLMAP's SIFT by descending scale: it has no responses, and prefers large keypoints."""
+    pycolmap = import_pycolmap()
+    options = pycolmap.FeatureExtractionOptions()
+    options.sift.max_num_features = UNLIMITED
+    sift = pycolmap.FeatureExtractor.create(options)
+
+    def detect(image: Float32Array) -> Any:
+        gray = np.ascontiguousarray(as_gray(image), np.float32)
+        keypoints, descriptors = sift.extract_from_float32_array(gray)
+        order = np.argsort([-keypoint.compute_scale() for keypoint in keypoints], kind="stable")
+        # The center of its first pixel is (0.5, 0.5).
+        xy = np.array([(each.x, each.y) for each in keypoints]).reshape(-1, 2)[order] - 0.5
+        return SimpleNamespace(xy=xy, descriptors=descriptors.data[order])
+
+    return detect
+
+
+def _imported(name: str) -> Detector:
+    """The callable at module:path, its results checked."""
+    module, _, path = name.partition(":")
+    try:
+        detector: Any = import_module(module)
+        for part in path.split("."):
+            detector = getattr(detector, part)
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(f"detector: {name}: {error}") from error
+    if not callable(detector):
+        raise ConfigError(f"detector: {name}: expected a callable, found {type(detector).__name__}")
+
+    def detect(image: Float32Array) -> Any:
+        result = detector(image)
+        xy, descriptors = getattr(result, "xy", None), getattr(result, "descriptors", None)
+        if xy is None or descriptors is None:
+            found = type(result).__name__
+            raise ConfigError(f"{name}: expected an object with xy and descriptors, found {found}")
+        xy, descriptors = np.asarray(xy, np.float64), np.asarray(descriptors)
+        if xy.ndim != 2 or xy.shape[1] != 2 or descriptors.ndim != 2 or len(xy) != len(descriptors):
+            raise ConfigError(
+                f"{name}: expected xy (n, 2) and descriptors (n, d), "
+                f"found {xy.shape} and {descriptors.shape}"
+            )
+        return SimpleNamespace(xy=xy, descriptors=descriptors)
+
+    return detect

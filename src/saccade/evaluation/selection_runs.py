@@ -1,0 +1,156 @@
+"""Runs over drives with each landmark selection criterion, stored so that they can be resumed."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from multiprocessing import get_context
+from pathlib import Path
+from types import NoneType
+from typing import Any
+
+import cv2
+
+import saccade
+from saccade import datasets, visual
+from saccade.errors import ConfigError
+from saccade.evaluation.drives import summarize_drive
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
+from saccade.files import atomic_write, read_text, reason_of
+from saccade.frames import Drive
+from saccade.simulation import DriveConfig, simulate_drive
+from saccade.visual import FeatureCache, VisualConfig
+from saccade.visual.config import SELECTIONS
+
+CRITERIA: dict[str, dict[str, Any]] = {
+    **{name: {"selection": name} for name in SELECTIONS},
+    **{name: {"detector": name, "selection": "strength"} for name in ("must", "symroid")},
+}
+"""Selection criteria of SIFT keypoints, and two other detectors by strength: settings of each."""
+SCORES = (
+    "reidentification_rate",
+    "association_precision",
+    "ate_m",
+    "inside_3sigma",
+    "landmarks",
+    "end_m",
+)
+"""Scores that are stored of each run, beside its time."""
+FRAMES_PER_LAP = 150
+"""Of the simulated ring; its robot goes as far in one frame as in the default ring."""
+RING_SIZE = (7.0, 5.5)
+"""Metres between the outer walls of the simulated ring."""
+
+
+@dataclass(frozen=True)
+class RunSeries:
+    """The runs over one drive with one seed, which process the same frames."""
+
+    source: Path | None
+    """A recorded drive, driven out and back; None for the simulated ring."""
+    seed: int
+    """Seed of the noise, of the simulated world, and of the random selection."""
+    frames: int
+    """Maximum number of frames of the drive."""
+    budgets: tuple[int, ...]
+    """New landmarks per frame."""
+    criteria: tuple[str, ...]
+
+    @property
+    def drive(self) -> str:
+        """Name of the drive."""
+        return "simulator" if self.source is None else self.source.resolve().name
+
+    def path(self, out: Path, budget: int, criterion: str) -> Path:
+        """The file of a run; each version of the package has its own."""
+        name = f"{self.drive}-{self.frames}-{budget}-{criterion}-{self.seed}.json"
+        return out / "runs" / saccade.__version__ / name
+
+
+def run_all(
+    series: Sequence[RunSeries],
+    out: Path,
+    jobs: int = 1,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[dict[str, Any]]:
+    """The results of all runs, computed in `jobs` processes where they are not stored yet.
+
+    Args:
+        series: the runs.
+        out: folder in which they are stored.
+        jobs: number of processes; with several, each has a single OpenCV thread.
+        progress: called with the series done and their number.
+    """
+    results = []
+    work = partial(run_series, out=out)
+    with ExitStack() as stack:
+        run: Any = map
+        if jobs > 1:
+            one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
+            pool = ProcessPoolExecutor(jobs, get_context("spawn"), one_thread)
+            run = stack.enter_context(pool).map
+        for rows in run(work, series):
+            results.append(rows)
+            if progress is not None:
+                progress(len(results), len(series))
+    return [row for rows in results for row in rows]
+
+
+def run_series(series: RunSeries, out: Path) -> list[dict[str, Any]]:
+    """The results of a series in the order of budgets and criteria; missing ones are computed."""
+    return list(_runs(series, out))
+
+
+def _runs(series: RunSeries, out: Path) -> Iterator[dict[str, Any]]:
+    drive, features = None, FeatureCache()
+    for budget in series.budgets:
+        for criterion in series.criteria:
+            path = series.path(out, budget, criterion)
+            row: dict[str, Any] = {
+                "drive": series.drive,
+                "budget": budget,
+                "criterion": criterion,
+                "seed": series.seed,
+            }
+            if path.exists():
+                yield _stored(path, row)
+                continue
+            if drive is None:
+                drive = _load(series)
+                drive = replace(drive, load=cache(drive.load))
+            config = VisualConfig(new_per_frame=budget, max_tracked=10**5, seed=series.seed)
+            row |= _score(drive, replace(config, **CRITERIA[criterion]), features)
+            with atomic_write(path) as temporary:
+                temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+            yield row
+
+
+def _stored(path: Path, expected: dict[str, Any]) -> dict[str, Any]:
+    """A run read from its file, which has to match `expected`."""
+    try:
+        content: Any = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
+    row: dict[str, Any] = content if isinstance(content, dict) else {}
+    scored = all(isinstance(row.get(name, ""), (float, int, NoneType)) for name in SCORES)
+    if not scored or any(row.get(name) != value for name, value in expected.items()):
+        raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
+    return row
+
+
+def _load(series: RunSeries) -> Drive:
+    if series.source is None:
+        ring = DriveConfig(size=RING_SIZE, frames_per_lap=FRAMES_PER_LAP, frames=series.frames)
+        return simulate_drive(ring, seed=series.seed)
+    drive = datasets.load_drive("auto", series.source)
+    return out_and_back(drive, OutAndBackConfig(series.frames), series.seed)
+
+
+def _score(drive: Drive, config: VisualConfig, features: FeatureCache) -> dict[str, Any]:
+    row = summarize_drive(drive, visual.run(drive, config, cache=features))
+    attempts = row["reidentified"] + row["missed"]
+    row["reidentification_rate"] = row["reidentified"] / attempts if attempts else None
+    stored = (*SCORES, "reidentified", "landmarks_observed", "ms_per_frame")
+    return {name: row[name] for name in stored}

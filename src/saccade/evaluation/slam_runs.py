@@ -1,0 +1,66 @@
+"""Scores of a SLAM run over a landmark log."""
+
+from typing import Any
+
+import numpy as np
+
+from saccade.evaluation.trajectory import landmark_rmse, none_if_nan, position_rmse
+from saccade.slam import SlamResult, SmoothResult
+from saccade.types import LandmarkLog, Trajectory
+
+GPS_INLIERS = 0.9
+"""Fraction of the GPS positions that count; the others may be multipath reflections."""
+
+
+def summarize_run(
+    log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None = None
+) -> dict[str, Any]:
+    """The figures of a run, as in run.json; errors where the log has the truth."""
+    bias = None
+    if result.odometry_bias is not None:
+        names = ("distance_scale", "turn_rad_per_m", "distance_m_per_rad")
+        bias = dict(zip(names, result.odometry_bias.tolist(), strict=True))
+    row: dict[str, Any] = {
+        "log": log.name,
+        "poses": len(result.trajectory),
+        "observations": len(log.observation),
+        "observations_used": int((result.association >= 0).sum()),
+        "landmarks": len(result.map),
+        "landmarks_culled": result.removed,
+        **_odometry_end(log, result),
+        "odometry_bias": bias,
+        "nis_mean": none_if_nan(result.consistency.mean),
+        "nis_band": list(result.consistency.band),
+        "warning": result.consistency.warning,
+        "remark": result.consistency.remark,
+    }
+    trajectories = {"odometry": result.dead_reckoning, "position": result.trajectory}
+    maps = {"landmark": result.map}
+    if smoothed is not None:
+        row["smoothing_iterations"] = smoothed.iterations
+        trajectories["smoothed_position"] = smoothed.trajectory
+        maps["smoothed_landmark"] = smoothed.map
+    if log.truth is not None:
+        exact = has_headings(log.truth)
+        for name, trajectory in trajectories.items():
+            rmse = position_rmse(trajectory, log.truth, keep=1.0 if exact else GPS_INLIERS)
+            row[f"{name}_{'rmse_m' if exact else 'gps_rmse_m'}"] = none_if_nan(rmse)
+    if log.landmark_truth is not None:
+        for name, landmarks in maps.items():
+            row[f"{name}_rmse_m"] = none_if_nan(landmark_rmse(landmarks, log.landmark_truth))
+    return row
+
+
+def has_headings(truth: Trajectory) -> bool:
+    """Whether a truth has headings; one without, such as GPS, is not in the frame of the log."""
+    return bool(np.isfinite(truth.pose[:, 2]).all())
+
+
+def _odometry_end(log: LandmarkLog, result: SlamResult) -> dict[str, float]:
+    """Error of dead reckoning at the end, against the truth or else the filter's estimate."""
+    odometry, reference = result.dead_reckoning, result.trajectory
+    name = "odometry_end_from_estimate_m"
+    if log.truth is not None and has_headings(log.truth):
+        reference, name = log.truth, "odometry_end_error_m"
+    end = np.array([min(odometry.time[-1], reference.time[-1])])
+    return {name: float(np.hypot(*(odometry.at(end) - reference.at(end))[0, :2]))}

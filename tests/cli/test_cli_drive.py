@@ -1,0 +1,31 @@
+"""`saccade drive` as a person runs it: options over the configuration, and what it writes."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+
+def test_options_override_the_configuration(run, tmp_path):
+    assert run("simulate", "drive", "--frames", 8, "--out", "ring")[0] == 0
+    (tmp_path / "mine.toml").write_text("max_landmarks = 50\nselection = 'strength'\n")
+    words = ("drive", "ring", "--no-film", "--json", "--config", "mine.toml")
+    code, out, _ = run(*words, "--max-landmarks", 5, "--selection", "random")
+    assert code == 0
+    row = json.loads(out)
+    assert row["settings"]["max_landmarks"] == 5
+    assert row["settings"]["selection"] == "random"
+    assert 0 < row["landmarks"] <= 5
+    assert "film" not in row["files"]
+    with Path(row["files"]["observations"]).open(newline="") as file:
+        observations = list(csv.DictReader(file))
+    assert len(observations) == row["observations"]
+    assert len({each["landmark"] for each in observations}) == row["landmarks_observed"]
+    trajectory = np.loadtxt(row["files"]["trajectory"])
+    truth = np.loadtxt("ring/groundtruth.tum")[:8]
+    end = np.hypot(*(trajectory[-1, 1:3] - truth[-1, 1:3]))
+    np.testing.assert_allclose(row["end_m"], end, atol=1e-3)
+    code, _, err = run(*words, "--selection", "luck")
+    assert code == 2
+    assert "selection: expected one of" in err
