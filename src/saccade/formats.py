@@ -9,7 +9,7 @@ FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
     "map": 1,  # map.npz of `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
-    "checkpoint": 3,  # of an interrupted run; another version begins anew
+    "checkpoint": 4,  # of an interrupted run; another version begins anew
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 1,  # the folder of `saccade extract`: manifest.json speaks for all of it
     "index": 1,  # the index of `saccade index`: images.json speaks for all of it

@@ -75,10 +75,7 @@ def presets_as_toml(kind: str) -> str:
     import tomli_w
 
     return tomli_w.dumps(
-        {
-            name: asdict(_named(kind, name), dict_factory=_with_none)
-            for name in preset_names(kind)
-        }
+        {name: asdict(_named(kind, name), dict_factory=_with_none) for name in preset_names(kind)}
     )
 
 

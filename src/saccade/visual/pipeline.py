@@ -3,14 +3,21 @@
 from collections.abc import Callable
 from dataclasses import fields, replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.frames import Drive, Frame
 from saccade.pyramid import FloatMap
-from saccade.slam.checkpoint import Checkpoint
+from saccade.slam.checkpoint import (
+    Arrays,
+    Checkpoint,
+    Stateful,
+    attribute_arrays,
+    merge,
+    restore_attributes,
+    select,
+)
 from saccade.slam.results import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
@@ -75,8 +82,8 @@ def run(
     done = 0
     if checkpoint is not None:
         data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
-        done = checkpoint.resume(drive, (config, *data), {**pipeline.state, "recorder": recorder})
-        pipeline.resume_from(done)
+        parts: dict[str, Stateful | None] = {"pipeline": pipeline, "recorder": recorder}
+        done = checkpoint.resume((config, data), parts)
     with shorter_switch_interval():
         for number in range(done, len(drive)):
             pipeline.step(number)
@@ -85,7 +92,7 @@ def run(
                 seen = pipeline.map.landmarks.rows(tracked.landmark[tracked.is_landmark])
                 recorder.add(number, len(drive), pipeline.map.ekf, seen)
             if checkpoint is not None:
-                checkpoint.save(number + 1, {**pipeline.state, "recorder": recorder})
+                checkpoint.save(number + 1, parts)
             if progress is not None:
                 progress(number + 1, len(drive))
     return pipeline.result()
@@ -114,19 +121,24 @@ class Pipeline:
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
 
-    @property
-    def state(self) -> dict[str, Any]:
-        """What changes from frame to frame, for a checkpoint."""
-        return {
-            "world": self.map,
-            "recording": self.log,
-            "followed": self.tracked,
-            "way": self._camera_trajectory,
-        }
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, for a checkpoint."""
+        return merge(
+            {
+                "map": self.map.to_arrays(),
+                "log": self.log.to_arrays(),
+                "tracked": attribute_arrays(self.tracked),
+                "camera_trajectory": attribute_arrays(self._camera_trajectory),
+            }
+        )
 
-    def resume_from(self, done: int) -> None:
-        """Take up a drive whose state has been restored after so many frames."""
-        if done > 0 and self.log.last_visible >= 0:
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self.map.from_arrays(select(arrays, "map"))
+        self.log.from_arrays(select(arrays, "log"))
+        self.tracked = TrackedPoints(**select(arrays, "tracked"))
+        restore_attributes(self._camera_trajectory, select(arrays, "camera_trajectory"))
+        if self.log.last_visible >= 0:
             self._last = self._analyzer.features(self.log.last_visible).frame
 
     def step(self, number: int) -> None:

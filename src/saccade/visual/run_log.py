@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.frames import Drive
+from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
 from saccade.types import Float32Array, FloatArray, IntArray, LandmarkMap, Trajectory
 from saccade.visual.camera import RangeBearings
@@ -23,7 +24,7 @@ INITIALIZED, TRACKED, REIDENTIFIED = 0, 1, 2
 MAX_NAMED = 5
 """Frames that cannot be used are named, at most."""
 MAX_CHUNKS = 512
-"""Meetings are kept in so many pieces at most: a checkpoint writes each by itself."""
+"""Pieces in which meetings are kept, at most."""
 
 
 @dataclass(eq=False)
@@ -120,6 +121,17 @@ class RunLog:
             frame_seconds=np.array(self._frame_seconds),
             remarks=(*self._remarks(), *world.planarity.remarks()),
         )
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, for a checkpoint."""
+        observations = {str(i): column for i, column in enumerate(self._columns())}
+        return {**attribute_arrays(self), **merge({"observations": observations})}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        restore_attributes(self, arrays)
+        columns = select(arrays, "observations")
+        self._observations = [tuple(columns[str(i)] for i in range(len(columns)))]
 
     def _columns(self) -> list[npt.NDArray[Any]]:
         if not self._observations:

@@ -6,6 +6,7 @@ from scipy.linalg import block_diag
 
 from saccade.frames import Drive, steps_between
 from saccade.slam.association.jcbb import predict_jointly
+from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.models import compose
@@ -280,6 +281,30 @@ class VisualMap:
         kept[rows] = False
         self.ekf.remove(rows)
         self.landmarks.keep(kept)
+
+    def _parts(self) -> dict[str, object]:
+        return {
+            "landmarks": self.landmarks,
+            "scale": self.scale,
+            "planarity": self.planarity,
+            "turn_bias": self._turn_bias,
+            "motion_prior": self._motion_prior,
+        }
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, for a checkpoint."""
+        parts = {name: attribute_arrays(part) for name, part in self._parts().items()}
+        return {
+            **merge({"ekf": self.ekf.to_arrays(), **parts}),
+            "map_scale": np.array(self._map_scale),
+        }
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self.ekf.from_arrays(select(arrays, "ekf"))
+        for name, part in self._parts().items():
+            restore_attributes(part, select(arrays, name))
+        self._map_scale = float(arrays["map_scale"])
 
     def _covariance(self, seen: RangeBearings, together: int) -> FloatArray:
         fraction, degrees = self._config.shared_error_sigma
