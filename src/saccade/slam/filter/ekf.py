@@ -354,11 +354,6 @@ class EkfSlam:
         return dense(self.filter_state)
 
     @property
-    def motion(self) -> Motion:
-        """The motion model."""
-        return self._motion
-
-    @property
     def sensor(self) -> Sensor:
         """The sensor model."""
         return self._sensor
