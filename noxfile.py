@@ -86,6 +86,18 @@ def oldest(session: nox.Session) -> None:
     run_tests(session)
 
 
+NUMBAS = ("0.61.2", "0.62", "0.63", "0.64", "0.65", "0.66", "0.67", "0.68")
+
+
+@nox.session(python=PYTHONS[1])
+@nox.parametrize("numba", NUMBAS)
+def jit(session: nox.Session, numba: str) -> None:
+    """The cache of compiled kernels, on each supported version of Numba."""
+    session.install(".", *TESTING)
+    session.install(f"numba=={numba}.*")
+    session.run("pytest", "-q", "tests/test_jit.py", "tests/cli/test_precompile.py")
+
+
 @nox.session(python=PYTHONS[1])
 @nox.parametrize("opencv", ["4", "5"])
 def opencv(session: nox.Session, opencv: str) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 from saccade import datasets, slam
 from saccade.errors import ConfigError
 from saccade.slam import INVARIANT, STANDARD, CompressedSlam, EkfSlam, observe
-from saccade.slam.association.nearest_neighbor import mahalanobis_squared
+from saccade.slam.association.gating import mahalanobis_squared
 from saccade.types import LandmarkLog
 
 SIZES = (100, 500, 1000, 2000, 5000)

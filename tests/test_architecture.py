@@ -85,6 +85,50 @@ def test_a_package_imports_only_what_it_may(package):
         assert not strangers, f"{path.relative_to(SOURCE)} imports {strangers}"
 
 
+def is_kernel_file(module):
+    name = module.rpartition(".")[2]
+    return name.startswith("_") and name.endswith("kernels")
+
+
+def is_kernel(node):
+    return isinstance(node, ast.FunctionDef) and any(
+        isinstance(each, ast.Call) and ast.unparse(each.func) == "kernel"
+        for each in node.decorator_list
+    )
+
+
+def names_in_code(tree):
+    """Names that are used other than as the type of an argument, a field or a result."""
+    for node in ast.walk(tree):
+        for key in ("annotation", "returns"):
+            if hasattr(node, key):
+                setattr(node, key, None)
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.stem)
+def test_kernels_stand_in_files_of_their_own(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    if not is_kernel_file(path.stem):
+        assert not [node.name for node in tree.body if is_kernel(node)], path
+        return
+    others = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
+    assert [node.name for node in tree.body if is_kernel(node)] == others, f"{path}: no kernel"
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    modules = {
+        name.name for node in tree.body if isinstance(node, ast.Import) for name in node.names
+    }
+    assert modules <= {"numpy", "numpy.typing", "math", "ctypes"}, path
+    used = names_in_code(tree)
+    for node in imports:
+        if node.module in {"math", "ctypes", "typing", "saccade._jit"} or is_kernel_file(
+            node.module
+        ):
+            continue
+        strangers = {name.asname or name.name for name in node.names} & used
+        assert not strangers, f"{path}: {strangers} of {node.module} is no type of an argument"
+
+
 def test_every_package_has_its_rule():
     packages = {package_of(path) for path in SOURCE.rglob("*.py")}
     assert packages == set(ALLOWED) | {"__init__", "__main__", "cli"}

@@ -115,15 +115,14 @@ def test_a_folder_of_a_later_release_is_refused(tmp_path, name):
 
 def test_a_checkpoint_that_was_changed_or_is_of_another_version_is_said(tmp_path, caplog):
     path = tmp_path / "run.npz"
-    slam.run(a_log(), checkpoint=slam.Checkpoint(path, 0))
+    slam.run(a_log(), checkpoint=slam.Checkpoint(path, None))
     with np.load(path) as saved:
         arrays = dict(saved)
     changed = {name: values for name, values in arrays.items() if values.dtype.kind == "f"}
     name = max(changed, key=lambda each: changed[each].size)
-    told = json.loads(str(arrays["text"]))
     for word, odd in (
         ("broken", {name: changed[name][:-1]}),
-        ("another version", {"text": np.array(json.dumps({**told, "format": 99}))}),
+        ("another version", {"format": np.array(99)}),
     ):
         caplog.clear()
         np.savez(path, **{**arrays, **odd})

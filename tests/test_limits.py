@@ -143,7 +143,7 @@ NUMBERS = {
         "confirm_after": at_least(1),
         "candidate_timeout": ((ABOVE_0, OWN_INF), (0.0, nan)),
         "min_observations": at_least(1),
-        "culling_ratio": ((0.0, under(1)), (BELOW_0, 1.0, nan)),
+        "culling_ratio": ((None, ABOVE_0, under(1)), (BELOW_0, 0.0, 1.0, nan)),
         "motion_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
         "sensor_noise_scale": ((ABOVE_0, under(1e6)), (0.0, 1e6, nan)),
         "huber": ((ABOVE_0, OWN_INF), (0.0, nan)),

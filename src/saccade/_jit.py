@@ -1,7 +1,8 @@
-"""The one decorator for hot loops; only here is Numba.
+"""The decorator for compiled kernels; only here is Numba.
 
-A kernel and the kernels it calls share one package: what is cached on disk is compiled anew
-when a file of that package has changed.
+Kernels stand in files named `_*kernels.py`, and call others of their package or of such a file at
+the top level. A kernel that is cached on disk is compiled again when one of these files changes,
+and no other.
 """
 
 import ctypes
@@ -66,8 +67,8 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
             dispatcher = numba.njit(
                 function, cache=cache, nogil=True, error_model="numpy", fastmath=set(fastmath)
             )
-            if cache and hasattr(dispatcher, "_cache"):
-                _stamp(dispatcher, Path(inspect.getfile(function)))
+            if cache:
+                _stamp_cache(dispatcher, kernel_stamp(function))
             return cast("F", dispatcher)
 
         try:
@@ -78,16 +79,22 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
     return compile_lazily
 
 
-def needs_compiling(function: Callable[..., Any]) -> bool:
-    """Whether a kernel is still to be compiled, and will be cached then."""
-    file = getattr(getattr(function, "_cache", None), "_cache_file", None)
-    return file is not None and not file._load_index()
+def kernel_stamp(function: Callable[..., Any]) -> str:
+    """A hash of what a compiled kernel depends on.
+
+    The kernel files of its package and of the top level, and the names of the fields of the
+    NamedTuples it takes: compiled code has their positions only.
+    """
+    source = Path(inspect.getfile(function))
+    layouts = [_layout(each) for each in inspect.get_annotations(function).values()]
+    return hashlib.sha256(f"{_hash_kernels(_package(source))}{layouts}".encode()).hexdigest()
 
 
-def _stamp(dispatcher: Any, source: Path) -> None:
-    """Let a cache be stale when any file of the package changed; Numba looks at one file only."""
-    file = dispatcher._cache._cache_file
-    file._source_stamp = (file._source_stamp, _sources(_package(source)))
+def _layout(annotation: object) -> list[object]:
+    """The names of a NamedTuple's fields, each with the layout of its own type."""
+    names = getattr(annotation, "_fields", ())
+    types = inspect.get_annotations(annotation) if isinstance(annotation, type) and names else {}
+    return [(name, _layout(types.get(name))) for name in names]
 
 
 def _package(source: Path) -> Path:
@@ -97,12 +104,36 @@ def _package(source: Path) -> Path:
 
 
 @cache
-def _sources(folder: Path) -> str:
+def _hash_kernels(package: Path) -> str:
     digest = hashlib.sha256()
-    inside = folder != Path(__file__).parent
-    for path in sorted(folder.rglob("*.py") if inside else folder.glob("*.py")):
+    files = {*package.rglob("_*kernels.py"), *Path(__file__).parent.glob("_*kernels.py")}
+    for path in sorted(files):
         digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+# Numba's private attributes, here and nowhere else. Where a version of Numba has others, kernels
+# are cached in its plain way: one is compiled again only when its own file changes.
+
+
+def _cache_file(dispatcher: object) -> Any | None:
+    """Numba's index of what is cached of a kernel; None if there is none, or of another kind."""
+    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    known = hasattr(file, "_source_stamp") and callable(getattr(file, "_load_index", None))
+    return file if known else None
+
+
+def _stamp_cache(dispatcher: object, stamp: str) -> None:
+    """Let a kernel's cache be stale where the stamp is another one, too."""
+    file = _cache_file(dispatcher)
+    if file is not None:
+        file._source_stamp = (file._source_stamp, stamp)
+
+
+def needs_compiling(function: Callable[..., Any]) -> bool:
+    """Whether a kernel is still to be compiled, and will be cached then; False if unknown."""
+    file = _cache_file(function)
+    return file is not None and not file._load_index()
 
 
 def blas(name: str, *arguments: type) -> Callable[..., None]:

@@ -269,7 +269,7 @@ def _colmap(folder: Path) -> None:
 
 
 def _checkpoint(folder: Path) -> None:
-    slam.run(a_log(), checkpoint=slam.Checkpoint(folder / "run.npz", 0))
+    slam.run(a_log(), checkpoint=slam.Checkpoint(folder / "run.npz", None))
 
 
 def _resume(folder: Path) -> object:

@@ -20,20 +20,19 @@ from saccade.slam import (
     Retraction,
     observe,
 )
-from saccade.slam.association.gating import (
+from saccade.slam.association._jcbb_kernels import branch_and_bound
+from saccade.slam.association._kernels import (
     DROPPED,
     NEW,
     pair_mutual,
     pair_nearest_first,
     prefilter_landmarks,
-)
-from saccade.slam.association.jcbb import branch_and_bound
-from saccade.slam.association.nearest_neighbor import (
-    mahalanobis_squared,
-    number_by_first_observation,
     squared_distance,
 )
-from saccade.slam.map_management.culling import Culling, FieldOfView
+from saccade.slam.association.gating import mahalanobis_squared
+from saccade.slam.association.known import number_by_first_observation
+from saccade.slam.map_management._kernels import FieldOfView
+from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RangeBearing
 
 R = np.diag([0.01, 1e-4])
@@ -155,8 +154,10 @@ def test_numbers_of_a_whole_log_are_those_found_scan_by_scan(scans):
 def test_distance_is_normalized_by_the_covariance(v, root):
     S = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(2)
     expected = [each @ np.linalg.solve(spread, each) for each, spread in zip(v, S, strict=True)]
-    np.testing.assert_allclose(squared_distance(v, S), expected, rtol=1e-7, atol=1e-12)
-    assert np.isinf(squared_distance(v, 0 * S)).all()
+    parts = [(*each, C[0, 0], C[0, 1], C[1, 1]) for each, C in zip(v, S, strict=True)]
+    found = [squared_distance(*each) for each in parts]
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-12)
+    assert np.isinf(squared_distance(1.0, 2.0, 0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("retraction", Retraction)
@@ -182,7 +183,7 @@ def test_a_sensor_of_ones_own_finds_the_same_distances(retraction):
 
 def _confirmed(candidates, place, time):
     ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
-    return candidates.confirm(ekf, *_scan(place), time)
+    return candidates.confirm(ekf, *_scan(place), time).tolist()
 
 
 def test_a_place_becomes_a_landmark_when_seen_often_enough():
@@ -209,7 +210,8 @@ def test_observations_without_noise_find_no_candidate():
     z, _ = _scan(WORLD)
     exact = np.zeros((4, 2, 2))
     for time in (0.0, 0.1):
-        assert candidates.confirm(EkfSlam(np.zeros(3), np.zeros((3, 3))), z, exact, time) == []
+        ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
+        assert len(candidates.confirm(ekf, z, exact, time)) == 0
 
 
 def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
@@ -328,7 +330,7 @@ def test_bounded_search_ends():
     row = np.stack([np.full(12, 6.0), np.linspace(-1, 1, 12)], 1)
     ekf = _filter(row, spread=0.1)
     z, noise = _scan(row)
-    found = JointCompatibility(nodes=50)(ekf, z, noise, np.full(12, -1))
+    found = JointCompatibility(max_nodes=50)(ekf, z, noise, np.full(12, -1))
     used = found[found >= 0]
     assert len(set(used.tolist())) == len(used)
 
@@ -351,13 +353,14 @@ def test_removed_landmarks_leave_the_others_as_they_were(rng):
 
 
 def test_what_should_have_been_seen_and_was_not_is_gone():
-    presence = Culling(FieldOfView(max_range=10.0, left=1.0, right=-1.0), min_ratio=0.4)
+    culling = Culling(FieldOfView(max_range=10.0, left=1.0, right=-1.0), min_ratio=0.4)
     ekf = _filter(WORLD)  # the last of which is behind the robot
     z, _ = observe(np.zeros(3), WORLD)
-    gone = [presence.update(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
-    assert gone == [[]] * 5 + [[1]]
-    assert presence.removed == 1
-    assert presence.counts.counts.tolist() == [[6, 0], [6, 0], [0, 0]]
+    culled = [culling.update(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
+    assert culled == [[]] * 5 + [[1]]
+    assert culling.removed == 1
+    assert culling.counts.observed.tolist() == [6, 6, 0]
+    assert culling.counts.missed.tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("retraction", Retraction)
@@ -372,6 +375,6 @@ def test_what_is_out_of_reach_is_over_the_limit(retraction, seed, away):
     ekf.predict(np.array([0.5, 0.3]), np.diag([1e-4, rng.uniform(0, 0.3)]))
     z = ekf.predict_observations().z[:3] + rng.normal(size=(3, 2)) * [0.3, rng.uniform(0, 0.8)]
     noise, found = np.tile(R, (3, 1, 1)), np.empty(6, np.int64)
-    count = prefilter_landmarks(ekf._filter_state, z, noise, 9.0, found)
+    count = prefilter_landmarks(ekf.filter_state, z, noise, 9.0, found)
     near = (mahalanobis_squared(ekf, z, noise) <= 9.0).any(0)
     assert set(np.flatnonzero(near)) <= set(found[:count])

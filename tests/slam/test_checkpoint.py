@@ -1,7 +1,6 @@
 """A run that is interrupted anywhere goes on to the same bits."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from saccade import slam
 from saccade.errors import ConfigError
 from saccade.slam import Checkpoint, EkfConfig, Recorder
-from saccade.slam.checkpoint import _Decoder, _Encoder
 from support.circular_log import simulate
 from support.interrupted_run import interrupt_at
 
@@ -37,10 +35,10 @@ def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, 
     config = EkfConfig(filter=kind, association=association, candidate_timeout=10.0)
     films = [Recorder(frames=20), Recorder(frames=20), Recorder(frames=20)]
     whole = slam.run(log, config, recorder=films[0])
-    checkpoint = Checkpoint(tmp_path / "run.npz", every=0.0)
+    checkpoint = Checkpoint(tmp_path / "run.npz", every=None)
     with pytest.raises(KeyboardInterrupt):
         slam.run(log, config, interrupt_at(pose), recorder=films[1], checkpoint=checkpoint)
-    again = Checkpoint(tmp_path / "run.npz", every=0.0)
+    again = Checkpoint(tmp_path / "run.npz", every=None)
     resumed = slam.run(log, config, recorder=films[2], checkpoint=again)
     assert again.resumed == checkpoint.step >= pose
     _same(whole, resumed)
@@ -56,15 +54,17 @@ def test_a_run_that_is_interrupted_many_times_is_still_the_same(rng, tmp_path):
     whole = slam.run(log, config)
     for pose in range(5, 60, 9):
         with pytest.raises(KeyboardInterrupt):
-            slam.run(log, config, interrupt_at(pose), checkpoint=Checkpoint(tmp_path / "c.npz", 0))
-    _same(whole, slam.run(log, config, checkpoint=Checkpoint(tmp_path / "c.npz", 0)))
+            slam.run(
+                log, config, interrupt_at(pose), checkpoint=Checkpoint(tmp_path / "c.npz", None)
+            )
+    _same(whole, slam.run(log, config, checkpoint=Checkpoint(tmp_path / "c.npz", None)))
 
 
 def test_another_run_does_not_go_on_from_it(rng, tmp_path, caplog):
     log, _, _ = simulate(rng, steps=30)
     path = tmp_path / "run.npz"
     with pytest.raises(KeyboardInterrupt):
-        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, 0))
+        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, None))
     moved = dataclasses.replace(log, observation=log.observation + 1e-9)
     written = path.read_bytes()
     for other, config in (
@@ -82,7 +82,7 @@ def test_a_broken_checkpoint_is_said_and_left(rng, tmp_path, caplog, damage):
     log, _, _ = simulate(rng, steps=30)
     path = tmp_path / "run.npz"
     with pytest.raises(KeyboardInterrupt):
-        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, 0))
+        slam.run(log, EkfConfig(), interrupt_at(20), checkpoint=Checkpoint(path, None))
     path.write_bytes(damage(path.read_bytes()))
     _same(slam.run(log, checkpoint=Checkpoint(path)), slam.run(log))
     assert "no checkpoint, or a broken one; beginning anew" in caplog.text
@@ -91,7 +91,7 @@ def test_a_broken_checkpoint_is_said_and_left(rng, tmp_path, caplog, damage):
 def test_nothing_that_could_run_is_in_it(rng, tmp_path):
     log, _, _ = simulate(rng, steps=10)
     path = tmp_path / "run.npz"
-    slam.run(log, checkpoint=Checkpoint(path, 0))
+    slam.run(log, checkpoint=Checkpoint(path, None))
     with np.load(path, allow_pickle=False) as archive:
         kinds = {archive[name].dtype.kind for name in archive.files}
     assert "O" not in kinds
@@ -100,27 +100,36 @@ def test_nothing_that_could_run_is_in_it(rng, tmp_path):
 class _Stateful(slam.KnownIdentity):
     """A user's own rule, with a generator that no array describes."""
 
-    def __init__(self):
-        super().__init__()
-        self.lines = iter([])
+    def to_arrays(self):
+        return {"lines": iter([])}
 
 
 def test_a_state_that_cannot_be_saved_is_named(rng, tmp_path):
     log, _, _ = simulate(rng, steps=10)
-    checkpoint = Checkpoint(tmp_path / "run.npz", 0)
-    with pytest.raises(ConfigError, match=r"checkpoint: .*list_iterator"):
+    checkpoint = Checkpoint(tmp_path / "run.npz", None)
+    with pytest.raises(ConfigError, match=r"checkpoint: .*associate\.lines.*list_iterator"):
         slam.run(log, associate=_Stateful(), checkpoint=checkpoint)
 
 
-def test_what_is_pointed_at_twice_is_one_thing_again():
-    """Rows of a stack too, behind objects that were met before them."""
-    rows = [np.full(2, float(i)) for i in range(5)]
-    encoder = _Encoder()
-    text = json.dumps(encoder.encode({"first": [0, 1], "rows": rows, "again": [*rows, rows]}))
-    arrays = {str(number): array for number, array in enumerate(encoder.arrays)}
-    assert len(arrays) == 1
-    held = _Decoder(arrays).decode(json.loads(text), {})
-    assert held["first"] == [0, 1]
-    assert [row.tolist() for row in held["rows"]] == [[i, i] for i in range(5)]
-    assert all(one is two for one, two in zip(held["again"], held["rows"], strict=False))
-    assert held["again"][-1] is held["rows"]
+class _Bare:
+    """A rule that is a function with a state, and says nothing of it."""
+
+    def __call__(self, ekf, z, R, identity):
+        return np.full(len(z), -2)
+
+
+def test_a_rule_without_a_state_to_save_is_named(rng, tmp_path):
+    log, _, _ = simulate(rng, steps=10)
+    checkpoint = Checkpoint(tmp_path / "run.npz", None)
+    with pytest.raises(ConfigError, match=r"checkpoint: expected associate to have to_arrays"):
+        slam.run(log, associate=_Bare(), checkpoint=checkpoint)
+
+
+def test_every_part_of_a_run_is_saved_by_name(rng, tmp_path):
+    log, _, _ = simulate(rng, steps=10)
+    slam.run(log, recorder=Recorder(), checkpoint=Checkpoint(tmp_path / "run.npz", None))
+    with np.load(tmp_path / "run.npz", allow_pickle=False) as archive:
+        assert {"format", "identity", "step", "checksum", "ekf.P", "ekf.ids"} <= set(archive.files)
+        assert {name.split(".")[0] for name in archive.files if "." in name} == {
+            *("ekf", "associate", "candidates", "results", "recorder")
+        }

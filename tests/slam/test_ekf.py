@@ -20,7 +20,7 @@ from saccade.slam import (
     observe,
 )
 from saccade.slam.filter.error_state import linearize
-from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, size_of
+from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, state_size
 from support.oracles_slam import (
     DenseEkf,
     DenseFirstEstimatesEkf,
@@ -307,15 +307,15 @@ def test_rows_that_are_added_are_in_the_covariance_of_all_and_of_each(rng, count
     ekf = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]))
     for _ in _wander(ekf, rng, steps=4, landmarks=4):
         pass
-    b = ekf._filter_state
-    before, rows = dense(b, STANDARD), rng.normal(size=(count, size_of(b)))
+    f = ekf.filter_state
+    before, rows = dense(f), rng.normal(size=(count, state_size(f)))
     rows[:, :3] = 0
     for sign in (1.0, -1.0):
-        add_rows(b, sign, rows)
+        add_rows(f, sign, rows)
         expected = before + rows.T @ rows if sign > 0 else before
-        np.testing.assert_allclose(dense(b, STANDARD), expected, atol=1e-9)
+        np.testing.assert_allclose(dense(f), expected, atol=1e-9)
         blocks = [expected[i : i + 2, i : i + 2] for i in range(3, len(expected), 2)]
-        np.testing.assert_allclose(landmark_blocks(b, STANDARD), blocks, atol=1e-9)
+        np.testing.assert_allclose(landmark_blocks(f), blocks, atol=1e-9)
 
 
 @every

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.slam import EkfConfig, NearestNeighbor, observe
-from saccade.slam.map_management.candidates import CandidateBuffer, ConfirmationPolicy, confirm
+from saccade.slam.map_management._kernels import ConfirmationPolicy, confirm
+from saccade.slam.map_management.candidates import Candidates
 from support.circular_log import simulate
 from support.oracles_slam import ListedCandidates
 
@@ -70,15 +71,17 @@ def test_many_poses_at_once_are_the_same_as_one_by_one(rng, kind, rule, biased):
 @given(st.integers(0, 10**6))
 def test_candidates_are_those_of_a_list(seed):
     rng = np.random.default_rng(seed)
-    patience = ConfirmationPolicy(confirm_after=3, timeout=2.0, max_distance=9.2)
-    kept, listed = CandidateBuffer.empty(200), ListedCandidates(*patience)
+    policy = ConfirmationPolicy(confirm_after=3, timeout=2.0, gate=9.2)
+    candidates, listed = Candidates(3, 2.0), ListedCandidates(*policy)
+    candidates.reserve(200)
+    kept = candidates.buffer
     for time in np.cumsum(rng.uniform(0, 1.5, 12)):
         xy = rng.integers(0, 4, (rng.integers(0, 6), 2)) + 0.1 * rng.normal(size=(1, 2))
         root = 0.3 * rng.normal(size=(len(xy), 2, 2))
         covariance = root @ root.transpose(0, 2, 1) * rng.integers(0, 2, (len(xy), 1, 1))
         confirmed = np.empty(len(xy), np.bool_)
-        confirm(kept, patience, xy, covariance, float(time), confirmed)
+        confirm(kept, policy, xy, covariance, float(time), confirmed)
         assert confirmed.tolist() == listed.confirm(xy, covariance, time)
     np.testing.assert_array_equal(
-        kept.xy[: kept.size[0]], np.reshape([c[0] for c in listed.waiting], (-1, 2))
+        kept.xy[: kept.length[0]], np.reshape([c[0] for c in listed.waiting], (-1, 2))
     )

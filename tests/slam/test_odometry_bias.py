@@ -7,7 +7,7 @@ import pytest
 
 from saccade import slam
 from saccade.slam import RANGE_BEARING, compose
-from saccade.slam.association.nearest_neighbor import number_by_first_observation
+from saccade.slam.association.known import number_by_first_observation
 from saccade.slam.filter.odometry_bias import unbiased
 from support.circular_log import simulate
 

@@ -1,8 +1,10 @@
-"""Where things are: range-bearing landmark SLAM; it never sees an image."""
+"""Range-bearing landmark SLAM; independent of images."""
 
-from saccade.slam.association.gating import DROPPED, NEW
+from saccade.slam.association._kernels import DROPPED, NEW
 from saccade.slam.association.jcbb import JointCompatibility
-from saccade.slam.association.nearest_neighbor import Association, KnownIdentity, NearestNeighbor
+from saccade.slam.association.known import KnownIdentity
+from saccade.slam.association.nearest_neighbor import NearestNeighbor
+from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.compressed import CompressedSlam

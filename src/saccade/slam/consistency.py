@@ -1,4 +1,4 @@
-"""Whether a filter's errors are as large as it says: NIS, NEES and their bands.
+"""Filter consistency: NIS, NEES and their chi-square bands.
 
 After Bar-Shalom, Li & Kirubarajan (2001), section 5.4.
 """
@@ -17,14 +17,14 @@ from saccade.slam.models import wrap
 from saccade.types import FloatArray, Trajectory
 
 REGULAR = 1e-6
-"""Smallest eigenvalue of the correlations of a covariance that counts as regular."""
+"""Smallest eigenvalue of the correlation matrix of a regular covariance."""
 
 MIN_OBSERVATIONS = 20
-"""Innovations that say something about a model."""
+"""Innovations below which nothing is said of the model."""
 TOLERATED_FRACTION = 1.5
-"""Factor by which deviations may be wrong before it is worth a word."""
+"""Factor by which standard deviations may be wrong without a message."""
 WRONG_FRACTION = 0.005
-"""Share of observations that may be wrong before it is worth a warning."""
+"""Fraction of observations that may be outliers without a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,22 +32,21 @@ class Consistency:
     """Normalized innovations squared of a run, against the chi-square distribution."""
 
     nis: FloatArray
-    """(k,) of each observation; NaN where it corrected nothing (a new landmark, or not used)."""
+    """(k,) of each observation; NaN where it updated nothing (a new landmark, or not used)."""
     dof: int
-    """Degrees of freedom of one innovation: the mean that a consistent filter has."""
+    """Degrees of freedom of one innovation: the expected mean."""
     mean: float
-    """Of the observations that corrected; NaN if there were none."""
+    """Mean NIS; NaN without any."""
     band: tuple[float, float]
-    """Where the mean of a consistent filter lies, with 95 % probability."""
+    """95 % band of the mean of a consistent filter."""
     inside: float
-    """Share of the innovations within the 95 % band of a single one; NaN if there were none."""
+    """Fraction of the innovations within the 95 % band of a single one; NaN without any."""
 
     @property
     def warning(self) -> str:
-        """What the innovations say against the model, in a sentence; empty if nothing.
+        """Signs of an overconfident filter, in a sentence; empty if there are none.
 
-        Of a filter that is surer than it may be. The median tells of the noise, whatever wrong
-        observations there are; how many are far out tells of those.
+        The median is a robust measure of the noise; the fraction far outside is one of outliers.
         """
         if self._count < MIN_OBSERVATIONS:
             return ""
@@ -60,7 +59,7 @@ class Consistency:
 
     @property
     def remark(self) -> str:
-        """What is worth knowing of the innovations though no harm is done; empty if nothing."""
+        """Signs of a conservative filter and of few outliers; empty if there are none."""
         if self._count < MIN_OBSERVATIONS:
             return ""
         found = []
@@ -114,13 +113,13 @@ def normalized_squared(error: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -> FloatArray:
-    """NEES of the poses of a trajectory, in the coordinates in which its filter measures errors.
+    """NEES of the poses of a trajectory, in the filter's error parametrization.
 
     Args:
         estimate: (t) poses with covariance.
         truth: the true poses at the same times.
-        retraction: the filter's; the error of the invariant one is that whose exponential
-            takes the estimate to the truth.
+        retraction: the filter's error parametrization; the error of the invariant one is that
+            whose exponential moves the estimate to the truth.
 
     Returns:
         (t,) values, chi-square with three degrees if the filter is consistent; NaN where
@@ -132,8 +131,8 @@ def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -
     error[:, 2] = wrap(error[:, 2])
     if retraction == INVARIANT:  # xi, in the coordinates of the covariance
         x, y = estimate.pose[:, 0], estimate.pose[:, 1]
-        swing = error[:, 2:] * np.stack([-y, x], 1)
-        error[:, :2] = _shift(estimate.pose, truth.pose[:, :2], error[:, 2]) + swing
+        rotation = error[:, 2:] * np.stack([-y, x], 1)
+        error[:, :2] = _translation(estimate.pose, truth.pose[:, :2], error[:, 2]) + rotation
     scale = np.sqrt(np.maximum(C.diagonal(0, 1, 2), TINY))
     correlation = C / (scale[:, :, None] * scale[:, None, :])
     regular = np.linalg.eigvalsh(correlation)[:, 0] > REGULAR
@@ -142,8 +141,8 @@ def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -
     return nees
 
 
-def _shift(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
-    """The xi (t, 2) whose exponential, with a turn (t,), takes the pose to xy."""
+def _translation(pose: FloatArray, xy: FloatArray, turn: FloatArray) -> FloatArray:
+    """The xi (t, 2) whose exponential, with a turn (t,), moves the pose to xy."""
     c, s = np.cos(turn), np.sin(turn)
     x = xy[:, 0] - c * pose[:, 0] + s * pose[:, 1]
     y = xy[:, 1] - s * pose[:, 0] - c * pose[:, 1]
@@ -160,12 +159,12 @@ def chi_square_gate(dof: int, confidence: float) -> float:
 
 
 def chi_square_band(dof: int, count: int = 1, confidence: float = 0.95) -> tuple[float, float]:
-    """Where the mean of `count` independent chi-square variables lies with `confidence`.
+    """Band of the mean of `count` independent chi-square variables.
 
     Args:
         dof: degrees of freedom of each.
         count: how many are averaged.
-        confidence: probability of the band, which leaves out as much below as above.
+        confidence: probability of the band, with equal tails.
 
     Returns:
         Its lower and upper end.
@@ -177,7 +176,7 @@ def chi_square_band(dof: int, count: int = 1, confidence: float = 0.95) -> tuple
 
 
 def summarize(nis: FloatArray, dof: int = 2) -> Consistency:
-    """The NIS of a run, NaN where an observation corrected nothing, in a few numbers."""
+    """Consistency of a run by its NIS, NaN where an observation updated nothing."""
     used = nis[np.isfinite(nis)]
     low, high = chi_square_band(dof)
     inside = (used >= low) & (used <= high)

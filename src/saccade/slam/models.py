@@ -1,8 +1,7 @@
-"""Motion, observation and initialization, each with its Jacobians (appendix C).
+"""Motion, observation and inverse observation models, each with its Jacobians (appendix C).
 
-A motion model is a function of pose and control. A sensor model is a `Sensor`:
-what is expected of a landmark, where an observation puts one, and the
-difference of two observations. A model of one's own is handed to `run` or `EkfSlam`.
+A motion model is a function of pose and control; a sensor model is a `Sensor`. Custom models are
+passed to `run` or `EkfSlam`.
 """
 
 from collections.abc import Callable
@@ -12,20 +11,19 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from saccade.slam.filter._kernels import wrapped
+from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
 from saccade.types import FloatArray
 
 Motion: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """(pose (3,), control (c,)) -> next pose (3,), Jacobians by pose (3, 3) and control (3, c)."""
 
-NEAREST = 1e-6
-"""Metres; a landmark closer than this to the robot has no direction."""
-
 
 class Sensor(Protocol):
-    """What an observation of a landmark is."""
+    """A sensor model."""
 
     def observe(self, pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What is expected of landmarks (..., 2) from a pose (3,).
+        """Predicted observations of landmarks (..., 2) from a pose (3,).
 
         Returns:
             (..., 2), and its Jacobian (..., 2, 5) by the pose and the landmark.
@@ -34,14 +32,14 @@ class Sensor(Protocol):
     def inverse_observe(
         self, pose: FloatArray, z: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Where observations (..., 2) from a pose (3,) put their landmarks.
+        """Positions of landmarks observed (..., 2) from a pose (3,).
 
         Returns:
             (..., 2), and its Jacobians by the pose (..., 2, 3) and by z (..., 2, 2).
         """
 
     def difference(self, z: FloatArray, expected: FloatArray) -> FloatArray:
-        """Observations less what is expected, (..., 2), angles wrapped."""
+        """Innovations (..., 2): observed minus predicted, angles wrapped."""
 
 
 def wrap(angle: npt.ArrayLike) -> FloatArray:
@@ -51,15 +49,8 @@ def wrap(angle: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.where((a > -np.pi) & (a <= np.pi), a, inside))
 
 
-def wrapped(angle: float) -> float:
-    """`wrap` of a single number, without an array around it."""
-    if -np.pi < angle <= np.pi:
-        return angle
-    return float(np.pi - (np.pi - angle) % (2 * np.pi))
-
-
 def drive(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Turn, then go ahead (C.5-C.9).
+    """Turn-then-translate motion model (C.5-C.9).
 
     Args:
         pose: (3,) x, y in metres, heading in radians.
@@ -78,7 +69,7 @@ def drive(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Go to a pose that is given in the frame of the last one.
+    """Pose composition: the control is the next pose in the frame of the last one.
 
     Args:
         pose: (3,) x, y in metres, heading in radians.
@@ -106,37 +97,37 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
 
     Returns:
         Range in metres and bearing in radians (..., 2), and the Jacobian (..., 2, 5)
-        by x, y, theta, mx, my. A landmark within a micrometre of the robot has no
-        direction: its bearing and its Jacobian are zero, so that it moves nothing.
+        by x, y, theta, mx, my. Within a micrometre of the robot the bearing is undefined:
+        it and its Jacobian are zero, so that the observation corrects nothing.
     """
     dx, dy = pose[0] - landmarks[..., 0], pose[1] - landmarks[..., 1]
     q = np.hypot(dx, dy)
-    seen = q > NEAREST
-    safe = np.where(seen, q, 1.0)
-    cx, cy = np.where(seen, dx / safe, 0.0), np.where(seen, dy / safe, 0.0)
+    defined = q > MIN_RANGE
+    safe = np.where(defined, q, 1.0)
+    cx, cy = np.where(defined, dx / safe, 0.0), np.where(defined, dy / safe, 0.0)
     z = np.empty(landmarks.shape)
     z[..., 0] = q
-    z[..., 1] = np.where(seen, wrap(np.arctan2(-dy, -dx) - pose[2]), 0.0)
+    z[..., 1] = np.where(defined, wrap(np.arctan2(-dy, -dx) - pose[2]), 0.0)
     H = np.zeros((*landmarks.shape, len(pose) + 2))
     H[..., 0, 0] = cx
     H[..., 0, 1] = cy
     H[..., 0, 2] = 0.0
     H[..., 1, 0] = -cy / safe
     H[..., 1, 1] = cx / safe
-    H[..., 1, 2] = -1.0 * seen
+    H[..., 1, 2] = -1.0 * defined
     H[..., -2:] = -H[..., :2]
     return z, H  # (..., 2), (..., 2, 5)
 
 
 def inverse_observe(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where observed landmarks are (C.15, C.18).
+    """Positions of observed landmarks (C.15, C.18).
 
     Args:
         pose: (3,) x, y in metres, heading in radians.
         z: (..., 2) range in metres, bearing in radians.
 
     Returns:
-        Places in metres (..., 2), and their Jacobians by pose (..., 2, 3) and
+        Positions in metres (..., 2), and their Jacobians by pose (..., 2, 3) and
         by z (..., 2, 2).
     """
     r, beta = z[..., 0], pose[2] + z[..., 1]
@@ -159,7 +150,7 @@ def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
 
 
 class RangeBearing:
-    """Range in metres and bearing in radians, from the robot's place and heading."""
+    """Range in metres and bearing in radians, from the robot's position and heading."""
 
     observe = staticmethod(observe)
     inverse_observe = staticmethod(inverse_observe)
@@ -167,4 +158,4 @@ class RangeBearing:
 
 
 RANGE_BEARING = RangeBearing()
-"""The sensor of a log that does not say otherwise."""
+"""The default sensor model."""

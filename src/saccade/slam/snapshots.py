@@ -1,20 +1,23 @@
-"""The map while it grows, for a film or for someone who watches."""
+"""Snapshots of the map while it grows, for a film or a live view."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 from saccade.errors import require
+from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import FloatArray, IntArray, MapSnapshot
 
 
 class Recorder:
-    """Takes a snapshot of the map every so many poses.
+    """Records snapshots of the map at regular intervals.
 
     Args:
-        frames: how many snapshots there will be, at most.
-        heard: told after each of them, with all there are.
+        frames: largest number of snapshots.
+        on_snapshot: called after each of them, with all there are.
     """
 
     def __init__(
@@ -25,21 +28,21 @@ class Recorder:
         self._frames = frames
         self._on_snapshot = on_snapshot
         self._path: list[FloatArray] = []
-        self._seen: set[int] = set()
+        self._observed: set[int] = set()
 
-    def add(self, step: int, steps: int, ekf: EkfSlam, seen: IntArray) -> None:
-        """Hear of a pose.
+    def add(self, step: int, steps: int, ekf: EkfSlam, observed: IntArray) -> None:
+        """Record a pose.
 
         Args:
             step: its number.
             steps: how many poses the log has.
             ekf: the filter, after all observations of this pose.
-            seen: numbers of the landmarks that were observed from here, negative where one
-                was not used.
+            observed: numbers of the landmarks that were observed from this pose, negative for
+                unused observations.
         """
         self._path.append(ekf.pose)
-        self._seen.update(seen[seen >= 0].tolist())
-        if (steps - 1 - step) % -(-steps // self._frames) != 0:  # the last one is always taken
+        self._observed.update(observed[observed >= 0].tolist())
+        if (steps - 1 - step) % -(-steps // self._frames) != 0:  # includes the last pose
             return
         self.snapshots.append(
             MapSnapshot(
@@ -49,9 +52,28 @@ class Recorder:
                 landmarks=ekf.landmarks,
                 landmark_covariance=ekf.landmark_covariances,
                 ids=ekf.ids,
-                observed=np.array(sorted(n for n in self._seen if n < len(ekf)), np.int64),
+                observed=np.array(sorted(n for n in self._observed if n < len(ekf)), np.int64),
             )
         )
-        self._path, self._seen = [], set()
+        self._path, self._observed = [], set()
         if self._on_snapshot is not None:
             self._on_snapshot(self.snapshots)
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays."""
+        snapshots = {
+            str(i): {name: np.asarray(value) for name, value in asdict(snapshot).items()}
+            for i, snapshot in enumerate(self.snapshots)
+        }
+        return {
+            **merge(snapshots),
+            "count": np.array(len(self.snapshots)),
+            "path": np.array(self._path).reshape(-1, 3),
+            "observed": np.array(sorted(self._observed), np.int64),
+        }
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        saved: list[dict[str, Any]] = [select(arrays, str(i)) for i in range(int(arrays["count"]))]
+        self.snapshots = [MapSnapshot(**{**each, "step": int(each["step"])}) for each in saved]
+        self._path, self._observed = list(arrays["path"]), set(arrays["observed"].tolist())

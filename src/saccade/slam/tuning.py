@@ -1,8 +1,8 @@
-"""How large the noise of a log is, as its own innovations say.
+"""Maximum-likelihood noise scales of a log.
 
-Of all factors on the deviations of controls and observations, those under which the innovations
-of the filter are the likeliest: the prediction error decomposition of the likelihood
-(Schweppe 1965), in which a wrong observation counts no more than one that is barely possible.
+The factors on the standard deviations of controls and observations that maximize the likelihood
+of the filter's innovations: the prediction error decomposition (Schweppe 1965), with a bounded
+loss of outliers.
 """
 
 from dataclasses import dataclass, replace
@@ -15,31 +15,30 @@ from saccade.slam.run import EkfConfig, run
 from saccade.types import LandmarkLog
 
 STEPS = (2.0, 2.0**0.5, 2.0**0.25)
-"""Factors by which the scales are changed, until none of them helps."""
+"""Factors of the coordinate search, from coarse to fine."""
 RANGE = (1 / 64, 64.0)
-"""Of the scales."""
-LARGEST = 25.0
-"""Normalized square of an innovation beyond which it is wrong, and it is all the same by how
-much; of right ones that far are four in a million."""
-FEWEST = 20
-"""Innovations that say something about noise."""
+"""Limits of the scales."""
+MAX_NIS = 25.0
+"""Bound of the loss of an outlier; four in a million of the other innovations are beyond it."""
+MIN_INNOVATIONS = 20
+"""Innovations that an estimate needs."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """The noise that a log turned out to have."""
+    """Estimated noise scales of a log."""
 
     config: EkfConfig
-    """With the scales found."""
+    """With the estimated scales."""
     before: float
-    """Mean loss of an innovation with the scales that were given: its robust normalized square,
-    and the logarithm of its covariance's determinant."""
+    """Mean loss of an innovation with the initial scales: its bounded NIS plus the logarithm of its
+    covariance's determinant."""
     after: float
-    """With the scales found; never larger."""
+    """With the estimated scales; never larger."""
 
     @property
     def words(self) -> str:
-        """What was found, in a sentence."""
+        """The result in a sentence."""
         found = self.config.motion_noise_scale, self.config.sensor_noise_scale
         return (
             f"the innovations say that the deviations of the controls are {found[0]:.2f} and "
@@ -48,13 +47,13 @@ class Tuning:
 
 
 def tune(log: LandmarkLog, config: EkfConfig) -> Tuning:
-    """Find the noise scales under which a log is the likeliest.
+    """Estimate the noise scales of a log by maximum likelihood.
 
-    The association is that of the filter with the scales given.
+    The association is that of the filter with the initial scales.
 
     Args:
         log: to be filtered.
-        config: where the search begins.
+        config: the filter, with the initial scales.
 
     Raises:
         LogError: there are too few innovations.
@@ -78,23 +77,25 @@ def tune(log: LandmarkLog, config: EkfConfig) -> Tuning:
                 (best[0] * step**i, best[1] * step**j) for i, j in product((-1, 0, 1), repeat=2)
             ]
             inside = [s for s in around if all(RANGE[0] <= x <= RANGE[1] for x in s)]
-            least = min([best, *inside], key=loss)
-            if not loss(least) < loss(best):
+            candidate = min([best, *inside], key=loss)
+            if not loss(candidate) < loss(best):
                 break
-            best = least
+            best = candidate
     found = replace(config, motion_noise_scale=best[0], sensor_noise_scale=best[1])
     return Tuning(found, loss(first), loss(best))
 
 
 def _loss(log: LandmarkLog, config: EkfConfig) -> float:
-    """Mean of Huber's loss of the innovations and of log det S."""
+    """Mean of the bounded NIS and of log det S."""
     if not (log.landmark >= 0).any():
         raise LogError("tune: expected observations of landmarks, found none that could be used")
     result = run(log, config)
     nis = result.consistency.nis
     used = np.isfinite(nis)
-    if used.sum() < FEWEST:
-        raise LogError(f"tune: expected at least {FEWEST} innovations, found {int(used.sum())}")
-    robust = np.minimum(nis[used], LARGEST)
+    if used.sum() < MIN_INNOVATIONS:
+        raise LogError(
+            f"tune: expected at least {MIN_INNOVATIONS} innovations, found {int(used.sum())}"
+        )
+    robust = np.minimum(nis[used], MAX_NIS)
     _, size = np.linalg.slogdet(result.innovation_covariance[used])
     return float((robust + size).mean())

@@ -3,12 +3,20 @@
 from collections.abc import Callable
 from dataclasses import fields, replace
 from time import perf_counter
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from saccade.frames import Drive, Frame
-from saccade.slam.checkpoint import Checkpoint
+from saccade.slam.checkpoint import (
+    Arrays,
+    Checkpoint,
+    Stateful,
+    attribute_arrays,
+    merge,
+    restore_attributes,
+    select,
+)
 from saccade.slam.results import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import IntArray
@@ -59,9 +67,8 @@ def run(
         first = 0
         if checkpoint is not None:
             data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
-            state = {**pipeline.state, "recorder": recorder}
-            first = checkpoint.resume(drive, (config, *data), state)
-            pipeline.resume()
+            parts: dict[str, Stateful | None] = {"pipeline": pipeline, "recorder": recorder}
+            first = checkpoint.resume((config, data), parts)
         for number in range(first, len(drive)):
             pipeline.step(number)
             if recorder is not None:
@@ -69,7 +76,7 @@ def run(
                 rows = pipeline.map.landmarks.rows(tracked)
                 recorder.add(number, len(drive), pipeline.map.ekf, rows)
             if checkpoint is not None:
-                checkpoint.save(number + 1, {**pipeline.state, "recorder": recorder})
+                checkpoint.save(number + 1, parts)
             if progress is not None:
                 progress(number + 1, len(drive))
         return pipeline.result()
@@ -130,18 +137,23 @@ class Pipeline:
         """The result of the frames so far."""
         return self.log.result(self.map)
 
-    @property
-    def state(self) -> dict[str, Any]:
-        """What changes from frame to frame, for a checkpoint."""
-        return {
-            "map": self.map,
-            "log": self.log,
-            "tracked": self.tracked,
-            "camera_trajectory": self._camera_trajectory,
-        }
+    def to_arrays(self) -> Arrays:
+        """The state as named arrays, for a checkpoint."""
+        return merge(
+            {
+                "map": self.map.to_arrays(),
+                "log": self.log.to_arrays(),
+                "tracked": attribute_arrays(self.tracked),
+                "camera_trajectory": attribute_arrays(self._camera_trajectory),
+            }
+        )
 
-    def resume(self) -> None:
-        """Continue after the state was restored."""
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore the state from the arrays of `to_arrays`."""
+        self.map.from_arrays(select(arrays, "map"))
+        self.log.from_arrays(select(arrays, "log"))
+        self.tracked = TrackedPoints(**select(arrays, "tracked"))
+        restore_attributes(self._camera_trajectory, select(arrays, "camera_trajectory"))
         if self.log.last_visible is not None:
             self._previous = self._extract(self.log.last_visible).frame
 

@@ -8,6 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from saccade.frames import Drive
+from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
 from saccade.types import FloatArray, LandmarkMap, Trajectory
 from saccade.visual.egomotion import Motion
@@ -19,7 +20,7 @@ from saccade.visual.visual_map import VisualMap
 MAX_REMARKS = 5
 """Remarks on frames that are given in full; the others are counted."""
 MAX_TABLES = 512
-"""Tables of observations, at most: a checkpoint writes each by itself."""
+"""Tables of observations before they are joined."""
 
 
 @dataclass(eq=False)
@@ -113,12 +114,23 @@ class RunLog:
             map=LandmarkMap(landmarks.id, ekf.landmarks, covariances, landmarks.observations),
             descriptors=landmarks.descriptor,
             height=landmarks.height,
-            observations=LandmarkObservations.concatenate(
-                [LandmarkObservations(), *self._observations]
-            ),
+            observations=self._all_observations(),
             off_plane=np.array(self._off_plane),
             missed=self.missed,
             seconds=dict(self.seconds),
             frame_seconds=np.array(self._frame_seconds),
             remarks=(*self.remarks[:MAX_REMARKS], *others, *visual_map.planarity.remarks()),
         )
+
+    def to_arrays(self) -> Arrays:
+        """The state as named arrays, for a checkpoint."""
+        observations = attribute_arrays(self._all_observations())
+        return {**attribute_arrays(self), **merge({"observations": observations})}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore the state from the arrays of `to_arrays`."""
+        restore_attributes(self, arrays)
+        self._observations = [LandmarkObservations(**select(arrays, "observations"))]
+
+    def _all_observations(self) -> LandmarkObservations:
+        return LandmarkObservations.concatenate([LandmarkObservations(), *self._observations])

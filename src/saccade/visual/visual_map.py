@@ -5,6 +5,7 @@ from scipy.linalg import block_diag
 
 from saccade.frames import Drive, steps_between
 from saccade.slam.association.jcbb import predict_jointly
+from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.models import compose
@@ -69,6 +70,29 @@ class VisualMap:
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
         speed_sigma, turn_rate_change = config.acceleration_sigma
         self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_change]))
+
+    def to_arrays(self) -> Arrays:
+        """The state as named arrays, for a checkpoint."""
+        parts = {name: attribute_arrays(part) for name, part in self._parts().items()}
+        landmarks = attribute_arrays(self.landmarks)
+        parts = {"ekf": self.ekf.to_arrays(), "landmarks": landmarks, **parts}
+        return {**attribute_arrays(self), **merge(parts)}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore the state from the arrays of `to_arrays`."""
+        restore_attributes(self, arrays)
+        self.ekf.from_arrays(select(arrays, "ekf"))
+        self.landmarks = Landmarks(**select(arrays, "landmarks"))
+        for name, part in self._parts().items():
+            restore_attributes(part, select(arrays, name))
+
+    def _parts(self) -> dict[str, object]:
+        return {
+            "odometry_scale": self.scale,
+            "tilt": self.planarity,
+            "turn_rate_bias": self._turn_bias,
+            "prior": self._motion_prior,
+        }
 
     def predict_motion(self, number: int) -> Prior:
         """The control that is expected to lead to a frame after the first.

@@ -1,1 +1,1 @@
-"""Data association: which landmark each observation is of."""
+"""Data association."""

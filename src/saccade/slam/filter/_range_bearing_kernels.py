@@ -1,35 +1,34 @@
-"""The steps of `_kernels` by the models of this package: `drive`, `compose`, range and bearing."""
+"""EKF steps with the models of this package: `drive` and `compose`, range and bearing."""
 
 from math import atan2, cos, hypot, sin
 
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import augment, predict, sandwich, update, wrapped
-from saccade.slam.filter.state import INVARIANT, STANDARD, FilterState
-from saccade.slam.models import NEAREST
+from saccade.slam.filter._state_kernels import INVARIANT, STANDARD, FilterState, Scratch
 from saccade.types import FloatArray
+
+MIN_RANGE = 1e-6
+"""Metres; a landmark closer than this to the robot has no bearing."""
 
 
 @kernel()
 def predict_by_control(
-    b: FilterState, kind: int, u: FloatArray, U: FloatArray, D: FloatArray
+    f: FilterState, w: Scratch, u: FloatArray, U: FloatArray, D: FloatArray
 ) -> None:
     """`predict` by `models.drive`, u (2,), or by `models.compose`, u (3,).
 
-    D (c, r - 3) is the slope of the control by what the robot's state has behind the pose.
+    D (c, r - 3) is the Jacobian of the control by the robot's states beyond the pose.
     """
-    s, r, c = b.state, len(b.workspace), len(u)
-    F, B, Q, real, moved = (
-        b.scratch[3],
-        b.scratch[4],
-        b.scratch[5],
-        b.scratch[6, 0],
-        b.scratch[6, 1],
-    )
+    s, r, c = f.state, f.robot_size, len(u)
+    Fx, Fu, Q = w.Fx, w.Fu, w.Q
+    real, moved = w.control, w.pose
     for i in range(r):
         moved[i] = s[i]
         for k in range(r):
-            F[i, k], B[i, k] = 0.0, 0.0
-        F[i, i] = 1.0
+            Fx[i, k] = 0.0
+        for k in range(3):
+            Fu[i, k] = 0.0
+        Fx[i, i] = 1.0
     for i in range(c):
         real[i] = u[i]
         for k in range(r - 3):
@@ -37,103 +36,102 @@ def predict_by_control(
     angle = s[2] + real[1] if c == 2 else s[2]
     cosine, sine = cos(angle), sin(angle)
     dx, dy = cosine * real[0], sine * real[0]
-    B[0, 0], B[1, 0], B[2, c - 1] = cosine, sine, 1.0
+    Fu[0, 0], Fu[1, 0], Fu[2, c - 1] = cosine, sine, 1.0
     if c == 3:
-        B[0, 1], B[1, 1] = -sine, cosine
+        Fu[0, 1], Fu[1, 1] = -sine, cosine
         dx, dy = dx - sine * real[1], dy + cosine * real[1]
     else:
-        B[0, 1], B[1, 1] = -dy, dx
-    F[0, 2], F[1, 2] = -dy, dx
+        Fu[0, 1], Fu[1, 1] = -dy, dx
+    Fx[0, 2], Fx[1, 2] = -dy, dx
     for i in range(3):
         for k in range(r - 3):
             for j in range(c):
-                F[i, 3 + k] += B[i, j] * D[j, k]
+                Fx[i, 3 + k] += Fu[i, j] * D[j, k]
     moved[0], moved[1], moved[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[c - 1])
-    sandwich(B, U, F, 0.0, Q, (r, c))
-    predict(b, kind, moved, F, Q)
+    sandwich(Fu, U, Fx, 0.0, Q, (r, c))
+    predict(f, w, moved, Fx, Q)
 
 
 @kernel()
 def update_range_bearing(
-    b: FilterState,
-    kind: int,
+    f: FilterState,
+    w: Scratch,
     m: int,
     z: FloatArray,
     R: FloatArray,
-    huber: float,
     v: FloatArray,
     S: FloatArray,
 ) -> float:
-    """`update` by range and bearing, as `error_state.linearize` has them; fills v (2,) and S."""
-    s, a, r, H, noise = b.state, b.heading_lever, len(b.workspace), b.scratch[4], b.scratch[5]
+    """`update` by range and bearing, see `error_state.linearize`; fills v (2,) and S."""
+    s, a, r, H, noise = f.state, f.heading_lever, f.robot_size, w.H, w.R
     for i in range(r + 2):
         H[0, i] = H[1, i] = 0.0
     dx, dy = s[m] - s[0], s[m + 1] - s[1]
-    if kind != STANDARD:
-        _inverse_slope(s, z, b.scratch[6])
-        B = b.scratch[6]
-        v[0], v[1] = z[0] * B[0, 0] - dx, z[0] * B[1, 0] - dy
+    if f.error_state != STANDARD:
+        Gz = w.Gz
+        _inverse_jacobian(s, z, Gz)
+        v[0], v[1] = z[0] * Gz[0, 0] - dx, z[0] * Gz[1, 0] - dy
         H[0, 0], H[1, 1], H[0, r], H[1, r + 1] = -1.0, -1.0, 1.0, 1.0
         H[0, 2], H[1, 2] = dy + a[m] - a[0], a[m + 1] - a[1] - dx  # J (f_p - f_m)
-        sandwich(B, R, R, 0.0, noise, (2, 2))
-        return update(b, kind, m, v, H, noise, huber, S)
+        sandwich(Gz, R, R, 0.0, noise, (2, 2))
+        return update(f, w, m, v, H, noise, S)
     q = hypot(dx, dy)
-    if q > NEAREST:
+    if q > MIN_RANGE:
         H[0, r], H[0, r + 1], H[1, r], H[1, r + 1] = dx / q, dy / q, -dy / q**2, dx / q**2
         for k in range(2):
             H[k, 0], H[k, 1] = -H[k, r], -H[k, r + 1]
         H[1, 2] = -1.0
-    v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > NEAREST else 0.0))
-    return update(b, kind, m, v, H, R, huber, S)
+    v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > MIN_RANGE else 0.0))
+    return update(f, w, m, v, H, R, S)
 
 
 @kernel()
-def expected_observation(b: FilterState, landmark: int) -> tuple[float, float]:
-    """Range and bearing of a landmark (C.14), zero if it is where the robot is."""
-    m = len(b.workspace) + 2 * landmark
-    dx, dy = b.state[m] - b.state[0], b.state[m + 1] - b.state[1]
+def expected_observation(f: FilterState, landmark: int) -> tuple[float, float]:
+    """Range and bearing of a landmark (C.14); zero within `MIN_RANGE`."""
+    m = f.robot_size + 2 * landmark
+    dx, dy = f.state[m] - f.state[0], f.state[m + 1] - f.state[1]
     q = hypot(dx, dy)
-    return q, wrapped(atan2(dy, dx) - b.state[2]) if q > NEAREST else 0.0
+    return q, wrapped(atan2(dy, dx) - f.state[2]) if q > MIN_RANGE else 0.0
 
 
 @kernel()
 def inverse_observe(
-    b: FilterState, z: FloatArray, R: FloatArray, xy: FloatArray, C: FloatArray
+    f: FilterState, w: Scratch, z: FloatArray, R: FloatArray, xy: FloatArray, C: FloatArray
 ) -> None:
-    """Fill the place (2,) of an observation by range and bearing, and Gz R Gz^T (2, 2)."""
-    B = b.scratch[6]
-    _inverse_slope(b.state, z, B)
-    xy[0], xy[1] = b.state[0] + z[0] * B[0, 0], b.state[1] + z[0] * B[1, 0]
-    sandwich(B, R, R, 0.0, C, (2, 2))
+    """Fill the position (2,) of an observed point (C.15), and Gz R Gz^T (2, 2)."""
+    Gz = w.Gz
+    _inverse_jacobian(f.state, z, Gz)
+    xy[0], xy[1] = f.state[0] + z[0] * Gz[0, 0], f.state[1] + z[0] * Gz[1, 0]
+    sandwich(Gz, R, R, 0.0, C, (2, 2))
 
 
 @kernel()
-def augment_range_bearing(b: FilterState, z: FloatArray, R: FloatArray) -> None:
+def augment_range_bearing(f: FilterState, w: Scratch, z: FloatArray, R: FloatArray) -> None:
     """`augment` by range and bearing (C.15-C.18)."""
-    xy, C, G = b.scratch[3, 0], b.scratch[4], b.scratch[5]
-    inverse_observe(b, z, R, xy, C)
-    for i in range(len(b.workspace)):
-        G[0, i] = G[1, i] = 0.0
-    G[0, 0] = G[1, 1] = 1.0
-    G[0, 2], G[1, 2] = b.state[1] - xy[1], xy[0] - b.state[0]
-    augment(b, xy, G, C)
+    xy, noise, Gx = w.xy, w.R, w.Gx
+    inverse_observe(f, w, z, R, xy, noise)
+    for i in range(f.robot_size):
+        Gx[0, i] = Gx[1, i] = 0.0
+    Gx[0, 0] = Gx[1, 1] = 1.0
+    Gx[0, 2], Gx[1, 2] = f.state[1] - xy[1], xy[0] - f.state[0]
+    augment(f, w, xy, Gx, noise)
 
 
 @kernel()
-def _inverse_slope(s: FloatArray, z: FloatArray, B: FloatArray) -> None:
-    """Fill the slope (2, 2) of the place of an observation by z (C.18)."""
+def _inverse_jacobian(s: FloatArray, z: FloatArray, Gz: FloatArray) -> None:
+    """Fill the Jacobian (2, 2) of an observed point's position by z (C.18)."""
     c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
-    B[0, 0], B[0, 1], B[1, 0], B[1, 1] = c, -z[0] * d, d, z[0] * c
+    Gz[0, 0], Gz[0, 1], Gz[1, 0], Gz[1, 1] = c, -z[0] * d, d, z[0] * c
 
 
 @kernel()
-def write_pose(b: FilterState, kind: int, pose: FloatArray, covariance: FloatArray) -> None:
+def write_pose(f: FilterState, w: Scratch, pose: FloatArray, covariance: FloatArray) -> None:
     """Fill the pose (3,) and its covariance (3, 3), of e."""
-    F = b.scratch[0]
+    F = w.Fx
     for i in range(3):
-        pose[i] = b.state[i]
+        pose[i] = f.state[i]
         for k in range(3):
             F[i, k] = 1.0 if i == k else 0.0
-    if kind == INVARIANT:
-        F[0, 2], F[1, 2] = b.heading_lever[0], b.heading_lever[1]
-    sandwich(F, b.P, F, 0.0, covariance, (3, 3))
+    if f.error_state == INVARIANT:
+        F[0, 2], F[1, 2] = f.heading_lever[0], f.heading_lever[1]
+    sandwich(F, f.P, F, 0.0, covariance, (3, 3))

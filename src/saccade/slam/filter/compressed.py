@@ -1,31 +1,27 @@
-"""The same filter at a cost that does not grow with the map.
+"""Compressed EKF-SLAM: steps at a cost that does not grow with the map.
 
-After Guivant & Nebot (2001): while the robot stays among some landmarks A, all that it does
-to the others B is linear in what they had in common with A when it came. With J a quarter
-turn, E = [C_BA, J C_BA, d, J d] of that time, d how far each point of B is from where it
-was first, at any later time
+After Guivant & Nebot (2001): while the robot stays among some landmarks A, the changes of the
+others B are linear in their covariance with A at its arrival. With J a quarter turn,
+E = [C_BA, J C_BA, d, J d] of that time, d the differences of the points of B from their first
+estimates, at any later time
 
     C_BA = E Phi,    C_BB <- C_BB + E Psi E^T,    d = E delta.
 
-Phi, Psi and delta change as the covariances with A, the covariance and the state of
-landmarks would: they are landmarks that are never seen. Thus the filter of `ekf` on A and
-on as many of them as A has coordinates is the whole filter, and B waits.
+Phi, Psi and delta change as the covariances with A, the covariance and the state of landmarks
+that are never observed. Thus the filter of `ekf` on A and on as many of these auxiliary landmarks
+as A has coordinates is equivalent to the full filter, and the update of B is deferred.
 """
-
-import copy
 
 import numpy as np
 
+from saccade.slam.filter._state_kernels import LANDMARKS, STANDARD, FilterState
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import (
-    LANDMARKS,
-    STANDARD,
-    FilterState,
     add_rows,
     flush,
-    grown,
     new_state,
-    size_of,
+    state_rows,
+    state_size,
     symmetric,
 )
 from saccade.slam.filter.validation import check_landmark
@@ -33,20 +29,20 @@ from saccade.slam.results import Innovation, PredictedObservations
 from saccade.types import FloatArray, IntArray
 
 SPARE = 16
-"""New landmarks that a neighborhood takes at least before another one is made; or as many as
-it began with, if that is more."""
+"""Landmarks that can be added to a neighborhood before another one is entered; or as many as it
+began with, if that is more."""
 NEGLIGIBLE = 1e-15
-"""Share of the largest eigenvalue of Psi under which another one is its rounding."""
+"""Fraction of the largest eigenvalue of Psi below which others are rounding."""
 
 
 class CompressedSlam:
-    """`EkfSlam` that works in the neighborhood of the robot and brings the rest up to date later.
+    """`EkfSlam` that updates the neighborhood of the robot, and the other landmarks later.
 
-    Every method and property means what it means there, and gives the same but for
-    rounding. What asks for the whole map brings all of it up to date.
+    Methods and properties are those of `EkfSlam`, with equal results up to rounding. Those of
+    the whole map bring all of it up to date.
 
     Args:
-        ekf: the filter to begin with; it is taken over.
+        ekf: the filter to begin with; it is owned by this one from then on.
         radius: metres around the robot within which landmarks belong to its neighborhood.
             An observation of another one moves the neighborhood to where the robot is.
     """
@@ -57,22 +53,22 @@ class CompressedSlam:
         self._enter(np.empty(0, np.int64))
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
-        """Move the robot (C.5-C.9)."""
+        """See `EkfSlam.predict`."""
         self._local.predict(u, U)
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """Correct the state by an observation of a landmark of the map (C.10-C.14)."""
+        """See `EkfSlam.update`."""
         number = self._local_number(landmark)
         return self._local.update(z, R, number)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """What `update` would find."""
+        """See `EkfSlam.innovation`."""
         number = self._local_number(landmark)
         return self._local.innovation(z, R, number)
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
-        """Take a new landmark into the map (C.15-C.18), and into the neighborhood."""
-        if len(self._number) >= self._most:
+        """See `EkfSlam.augment`; the landmark belongs to the neighborhood."""
+        if len(self._number) >= self._capacity:
             self._leave()
             self._enter(np.empty(0, np.int64))
         new = len(self)
@@ -80,7 +76,7 @@ class CompressedSlam:
         return new
 
     def predict_observations(self) -> PredictedObservations:
-        """What should be seen of every landmark from here."""
+        """See `EkfSlam.predict_observations`."""
         return self.whole.predict_observations()
 
     def marginal(self, landmarks: IntArray) -> FloatArray:
@@ -138,106 +134,97 @@ class CompressedSlam:
         return f"CompressedSlam({len(self._number)} of {len(self)} landmarks, {self._local!r})"
 
     def _local_number(self, landmark: int) -> int:
-        """The number of a landmark in the neighborhood, which moves if it is not there."""
+        """The number of a landmark in the neighborhood, after a move if it was outside."""
         check_landmark(landmark, len(self))
         if landmark not in self._number:
             self._leave()
             self._enter(np.array([landmark]))
         return self._number[landmark]
 
-    def _enter(self, wanted: IntArray) -> None:
-        """Make a neighborhood of the landmarks around the robot and of those wanted."""
-        b, r = self._whole._filter_state, len(self._whole._robot)
-        flush(b)
-        apart = self._whole.landmarks - b.state[:2]
-        near = np.hypot(apart[:, 0], apart[:, 1]) <= self._radius
-        near[wanted] = True
-        here, self._rest = np.flatnonzero(near), np.flatnonzero(~near)
-        rows, rest = _rows(here, r), _rows(self._rest, r)[r:]
-        L = len(rows)
-        self._number = {number: i for i, number in enumerate(here.tolist())}
-        self._most = len(here) + max(len(here), SPARE)
-        self._waiting = range(len(here), len(here) + L + 1)
+    def _enter(self, required: IntArray) -> None:
+        """Make a neighborhood of the landmarks around the robot and of the required ones."""
+        f, r = self._whole.filter_state, self._whole.filter_state.robot_size
+        flush(f)
+        offset = self._whole.landmarks - f.state[:2]
+        near = np.hypot(offset[:, 0], offset[:, 1]) <= self._radius
+        near[required] = True
+        inside, self._rest = np.flatnonzero(near), np.flatnonzero(~near)
+        rows, rest = state_rows(inside, r), state_rows(self._rest, r)[r:]
+        L, k = len(rows), len(inside)
+        self._number = {number: i for i, number in enumerate(inside.tolist())}
+        self._capacity = k + max(k, SPARE)
+        self._auxiliary = np.arange(k, k + L + 1)
 
         self._E = np.empty((len(rest), L + 1, 2))
-        self._E[:, :L, 0] = _block(b, rest, rows)
-        self._E[:, L, 1] = b.heading_lever[rest]
-        self._E[:, L, 0] = _turned(-b.heading_lever[rest])  # d = -J a
-        self._E[:, :L, 1] = _turned(self._E[:, :L, 0])
-        self._E[:, L, 1] = b.heading_lever[rest]
+        self._E[:, :L, 0] = _block(f, rest, rows)
+        self._E[:, L, 0] = _quarter_turn(-f.heading_lever[rest])  # d = -J a
+        self._E[:, :L, 1] = _quarter_turn(self._E[:, :L, 0])
+        self._E[:, L, 1] = f.heading_lever[rest]
 
-        local = new_state(b.state[:r], b.P[:r, :r], self._most + L + 1)
-        local.state[:L], local.heading_lever[:L], local.P[:L, :L] = (
-            b.state[rows],
-            b.heading_lever[rows],
-            _block(b, rows, rows),
-        )
-        local.blocks[: len(here)] = b.blocks[here]
-        local.blocks[len(here) : len(here) + L + 1] = np.inf  # has no variance that could run out
+        capacity = self._capacity + L + 1
+        local = new_state(f.state[:r], f.P[:r, :r], capacity, f.error_state, f.huber)
+        local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
+        local.P[:L, :L] = _block(f, rows, rows)
+        local.blocks[:k] = f.blocks[inside]
+        local.blocks[self._auxiliary] = np.inf  # of no variance that an update could exhaust
         local.P[np.arange(L), L + 2 * np.arange(L)] = 1.0
         local.state[3 * L] = 1.0
-        local.heading_lever[3 * L + 1] = 0.0 if self._whole._retraction == STANDARD else 1.0
-        local.counts[LANDMARKS] = len(here) + L + 1
-        self._local = copy.copy(self._whole)
-        self._local._filter_state = local
+        local.heading_lever[3 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
+        local.counts[LANDMARKS] = k + L + 1
+        self._local = self._whole.with_filter_state(local)
 
     def _leave(self) -> None:
         """Bring the whole filter up to date."""
-        local, r = self._local._filter_state, len(self._whole._robot)
+        local, r = self._local.filter_state, self._local.filter_state.robot_size
         flush(local)
-        C = symmetric(local.P[: size_of(local), : size_of(local)])
-        while len(self) > len(self._whole._filter_state.blocks):
-            self._whole._filter_state = grown(self._whole._filter_state)
-        b = self._whole._filter_state
-        b.counts[LANDMARKS] = len(self)
-        here = np.array(list(self._number), np.int64)
+        C = symmetric(local.P[: state_size(local), : state_size(local)])
+        self._whole.reserve(len(self) - len(self._whole))
+        f = self._whole.filter_state
+        f.counts[LANDMARKS] = len(self)
+        inside = np.array(list(self._number), np.int64)
         numbers = np.array(list(self._number.values()), np.int64)
-        rows, theirs = _rows(here, r), _rows(numbers, r)
-        b.state[rows], b.heading_lever[rows] = local.state[theirs], local.heading_lever[theirs]
-        b.blocks[here] = local.blocks[numbers]
-        _put(b, rows, rows, C[np.ix_(theirs, theirs)])
+        rows, local_rows = state_rows(inside, r), state_rows(numbers, r)
+        f.state[rows] = local.state[local_rows]
+        f.heading_lever[rows] = local.heading_lever[local_rows]
+        f.blocks[inside] = local.blocks[numbers]
+        _set_block(f, rows, rows, C[np.ix_(local_rows, local_rows)])
         if len(self._rest) > 0:
-            self._apply_deferred(b, C, rows, theirs)
+            self._apply_deferred(f, C, rows, local_rows)
 
     def _apply_deferred(
-        self, b: FilterState, C: FloatArray, rows: IntArray, theirs: IntArray
+        self, f: FilterState, C: FloatArray, rows: IntArray, local_rows: IntArray
     ) -> None:
-        """Do to the landmarks that waited what was done in the meantime."""
-        r, rest = len(b.workspace), _rows(self._rest, len(b.workspace))[len(b.workspace) :]
-        waiting = _rows(np.array(self._waiting), r)[r:]
+        """Apply the deferred updates to the landmarks outside the neighborhood."""
+        r = f.robot_size
+        rest, auxiliary = state_rows(self._rest, r)[r:], state_rows(self._auxiliary, r)[r:]
         E = self._E.reshape(len(rest), -1)
-        _put(b, rest, rows, E @ C[np.ix_(waiting, theirs)])  # C_BA
-        delta = self._local._filter_state.state[waiting]
-        b.heading_lever[rest] = _turned(E @ delta) if self._whole._retraction != STANDARD else 0.0
+        _set_block(f, rest, rows, E @ C[np.ix_(auxiliary, local_rows)])  # C_BA
+        delta = self._local.filter_state.state[auxiliary]
+        f.heading_lever[rest] = _quarter_turn(E @ delta) if f.error_state != STANDARD else 0.0
         delta[-2] -= 1.0
-        b.state[rest] += E @ delta
-        values, vectors = np.linalg.eigh(C[np.ix_(waiting, waiting)])  # Psi
+        f.state[rest] += E @ delta
+        values, vectors = np.linalg.eigh(C[np.ix_(auxiliary, auxiliary)])  # Psi
         kept = np.abs(values) > NEGLIGIBLE * np.abs(values).max()
-        Y = np.zeros((kept.sum(), size_of(b)))
+        Y = np.zeros((kept.sum(), state_size(f)))
         Y[:, rest] = (E @ (vectors[:, kept] * np.sqrt(np.abs(values[kept])))).T
-        add_rows(b, -1.0, Y[values[kept] < 0])
-        add_rows(b, 1.0, Y[values[kept] > 0])
+        add_rows(f, -1.0, Y[values[kept] < 0])
+        add_rows(f, 1.0, Y[values[kept] > 0])
 
 
-def _rows(landmarks: IntArray, r: int) -> IntArray:
-    """Rows of the robot and of some landmarks."""
-    return np.append(np.arange(r), (r + 2 * landmarks[:, None] + [0, 1]).ravel())
-
-
-def _turned(points: FloatArray) -> FloatArray:
+def _quarter_turn(points: FloatArray) -> FloatArray:
     """J x of points x, whose coordinates alternate along the first axis."""
     turned = np.empty_like(points)
     turned[::2], turned[1::2] = -points[1::2], points[::2]
     return turned
 
 
-def _block(b: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
+def _block(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
     i, j = rows[:, None], columns
-    return b.P[np.minimum(i, j), np.maximum(i, j)]
+    return f.P[np.minimum(i, j), np.maximum(i, j)]
 
 
-def _put(b: FilterState, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
+def _set_block(f: FilterState, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
     i, j = rows[:, None], columns
-    b.P[np.minimum(i, j), np.maximum(i, j)] = block
-    r = len(b.workspace)
-    b.P[:r, :r] = symmetric(b.P[:r, :r])
+    f.P[np.minimum(i, j), np.maximum(i, j)] = block
+    r = f.robot_size
+    f.P[:r, :r] = symmetric(f.P[:r, :r])

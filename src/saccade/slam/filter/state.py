@@ -1,28 +1,33 @@
-"""A `FilterState` and its buffers: made, grown, read, and all that is quadratic in the map.
+"""Allocation, growth and read-out of a `FilterState`, and all that is quadratic in the map.
 
-The steps leave thin rows beside the covariance between landmarks. Some dozens of them are
-added up at once, in one pass over the matrix: at the speed of the arithmetic, where adding
-each by itself goes at the speed of the memory.
+The steps leave low-rank rows beside the covariance between landmarks. Some dozens of them are
+added in one pass over the matrix (a blocked symmetric rank-k update), which is limited by
+arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
 from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
-from saccade._jit import blas, kernel
+from saccade._jit import blas
+from saccade.slam.checkpoint import Arrays
+from saccade.slam.filter._state_kernels import (
+    CACHED,
+    DOWNDATES,
+    INVARIANT,
+    LANDMARKS,
+    UPDATES,
+    FilterState,
+    Scratch,
+    gather,
+)
 from saccade.types import FloatArray, IntArray
 
-STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
-"""The filters: how errors are measured."""
-LANDMARKS, DOWNDATES, UPDATES, CACHED = 0, 1, 2, 3
-"""Places in `FilterState.counts`."""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
 RANK = 64
-"""Rows of either kind that are kept beside the covariance before they are added up."""
-SCRATCH_MATRICES = 7
-"""Small matrices that steps and the steps they call need at once."""
+"""Rows of `downdates` and of `updates` that are kept before they are added to P."""
 
 _int, _double = POINTER(c_int), POINTER(c_double)
 _dsyrk = blas(
@@ -31,185 +36,185 @@ _dsyrk = blas(
 """uplo, trans, n, k, alpha, A, lda, beta, C, ldc: C becomes alpha A A^T + beta C."""
 
 
-class FilterState(NamedTuple):
-    """A Gaussian over the robot, r numbers of which three are its pose, and N landmarks."""
-
-    state: FloatArray
-    """(size,) x, y, theta, other states of the robot, m1x, m1y, ... (C.3); n = r + 2 N in use."""
-    heading_lever: FloatArray
-    """(size,) a."""
-    P: FloatArray
-    """(size, size) of eta (C.4): the robot's r rows, and the base's upper triangle."""
-    blocks: FloatArray
-    """(size, 3) of eta: xx, xy, yy of landmark after landmark, up to date."""
-    downdates: FloatArray
-    """(rank, size)."""
-    updates: FloatArray
-    """(rank, size)."""
-    workspace: FloatArray
-    """(r, size)."""
-    mergeable_variance: FloatArray
-    """(1,) heading variance of the last row given if no swing has changed since, else 0."""
-    cached_rows: FloatArray
-    """(rank, size) pairs of rows of what is added up, of landmarks that were observed since."""
-    cached_pair: IntArray
-    """(N,) pair of each landmark, negative if there is none."""
-    scratch: FloatArray
-    """(SMALL, r + 2, r + 2) for the small matrices of a step."""
-    counts: IntArray
-    """(4,) of landmarks, of rows taken and given, and of pairs."""
-
-
-def new_state(robot: FloatArray, covariance: FloatArray, landmarks: int) -> FilterState:
-    """The state of a robot (r,) with its covariance (r, r), and room for `landmarks`."""
+def new_state(
+    robot: FloatArray, covariance: FloatArray, capacity: int, error_state: int, huber: float
+) -> FilterState:
+    """The state of a robot (r,) with its covariance (r, r), and room for `capacity` landmarks."""
     r = len(robot)
-    size = r + 2 * landmarks
-    b = FilterState(
+    size = r + 2 * capacity
+    f = FilterState(
+        robot_size=r,
+        error_state=error_state,
+        huber=float(huber),
         state=np.zeros(size),
         heading_lever=np.zeros(size),
         P=np.zeros((size, size)),
-        blocks=np.zeros((landmarks, 3)),
+        blocks=np.zeros((capacity, 3)),
         downdates=np.zeros((RANK, size)),
         updates=np.zeros((RANK, size)),
-        workspace=np.zeros((r, size)),
         mergeable_variance=np.zeros(1),
         cached_rows=np.zeros((RANK, size)),
-        cached_pair=np.full(landmarks, -1),
-        scratch=np.zeros((SCRATCH_MATRICES, r + 2, r + 2)),
+        cached_pair=np.full(capacity, -1),
         counts=np.zeros(4, np.int64),
     )
-    b.state[:r], b.P[:r, :r] = robot, covariance
-    return b
+    f.state[:r], f.P[:r, :r] = robot, covariance
+    return f
 
 
-def grown(b: FilterState) -> FilterState:
-    """The same belief with twice the room."""
-    flush(b)
-    r, n, N = len(b.workspace), size_of(b), len(b.blocks)
-    new = new_state(b.state[:r], b.P[:r, :r], 2 * N)
-    new.state[:n], new.heading_lever[:n] = b.state[:n], b.heading_lever[:n]
-    new.P[:n, :n], new.blocks[:N] = b.P[:n, :n], b.blocks
-    new.counts[LANDMARKS] = b.counts[LANDMARKS]
+def new_scratch(f: FilterState) -> Scratch:
+    """Memory for the steps of a filter with this state."""
+    r, size = f.robot_size, len(f.state)
+    return Scratch(
+        control=np.zeros(3),
+        pose=np.zeros(r),
+        Fx=np.zeros((r, r)),
+        Fu=np.zeros((r, 3)),
+        Q=np.zeros((r, r)),
+        G=np.zeros((r, r)),
+        Pxx=np.zeros((r, r)),
+        rows=np.zeros((r, size)),
+        heading_row=np.zeros(r),
+        heading_covariance=np.zeros(r),
+        H=np.zeros((2, r + 2)),
+        R=np.zeros((2, 2)),
+        Gz=np.zeros((2, 2)),
+        Gx=np.zeros((2, r)),
+        xy=np.zeros(2),
+        row=np.zeros(r),
+        C=np.zeros((r + 2, r + 2)),
+        D=np.zeros((2, r + 2)),
+        A=np.zeros((2, 2)),
+        S=np.zeros((2, 2)),
+    )
+
+
+def saved(f: FilterState) -> Arrays:
+    """The arrays of a state, for a checkpoint."""
+    return {name: array for name, array in f._asdict().items() if isinstance(array, np.ndarray)}
+
+
+def restored(f: FilterState, arrays: Arrays) -> FilterState:
+    """A state with `saved` arrays, and the parameters of another one."""
+    fields: dict[str, Any] = {name: arrays[name] for name in saved(f)}
+    return f._replace(**fields)
+
+
+def state_rows(landmarks: IntArray, r: int) -> IntArray:
+    """(r + 2 k,) rows of the robot and of landmarks (k,)."""
+    return np.concatenate([np.arange(r), (r + 2 * landmarks[:, None] + [0, 1]).ravel()])
+
+
+def state_size(f: FilterState) -> int:
+    """n: numbers in the state."""
+    return f.robot_size + 2 * int(f.counts[LANDMARKS])
+
+
+def grown(f: FilterState) -> FilterState:
+    """The same state with twice the capacity."""
+    flush(f)
+    r, n, N = f.robot_size, state_size(f), len(f.blocks)
+    new = new_state(f.state[:r], f.P[:r, :r], 2 * N, f.error_state, f.huber)
+    new.state[:n], new.heading_lever[:n] = f.state[:n], f.heading_lever[:n]
+    new.P[:n, :n], new.blocks[:N] = f.P[:n, :n], f.blocks
+    new.counts[LANDMARKS] = f.counts[LANDMARKS]
     return new
 
 
-def without(b: FilterState, landmarks: IntArray) -> None:
-    """Forget landmarks; those behind them move up."""
-    flush(b)
-    r, N = len(b.workspace), int(b.counts[LANDMARKS])
-    kept = np.setdiff1d(np.arange(N), landmarks)
-    rows = np.concatenate([np.arange(r), (r + 2 * kept[:, None] + [0, 1]).ravel()])
-    m = len(rows)
-    _gather(b.P, rows)
-    b.state[:m], b.heading_lever[:m], b.blocks[: len(kept)] = (
-        b.state[rows],
-        b.heading_lever[rows],
-        b.blocks[kept],
-    )
-    b.counts[LANDMARKS] = len(kept)
+def remove_landmarks(f: FilterState, landmarks: IntArray) -> None:
+    """Marginalize landmarks out; those behind them move up."""
+    flush(f)
+    kept = np.setdiff1d(np.arange(f.counts[LANDMARKS]), landmarks)
+    rows = state_rows(kept, f.robot_size)
+    gather(f.P, rows)
+    f.state[: len(rows)], f.heading_lever[: len(rows)] = f.state[rows], f.heading_lever[rows]
+    f.blocks[: len(kept)] = f.blocks[kept]
+    f.counts[LANDMARKS] = len(kept)
 
 
-@kernel()
-def _gather(P: FloatArray, rows: IntArray) -> None:
-    """Move these rows (m,), ascending, and their columns to the beginning of the upper triangle."""
-    first = 0
-    while first < len(rows) and rows[first] == first:
-        first += 1
-    for i in range(len(rows)):
-        to, whence = P[i], P[rows[i]]
-        for j in range(max(first, i), len(rows)):
-            to[j] = whence[rows[j]]
-
-
-def size_of(b: FilterState) -> int:
-    """n: numbers in the state."""
-    return len(b.workspace) + 2 * int(b.counts[LANDMARKS])
-
-
-def flush(b: FilterState) -> None:
-    """Add up the rows that were taken and given."""
-    r, n = len(b.workspace), size_of(b)
-    for sign, rows, which in ((-1.0, b.downdates, DOWNDATES), (1.0, b.updates, UPDATES)):
-        if b.counts[which] > 0:
-            size = byref(c_int(len(b.state)))
+def flush(f: FilterState) -> None:
+    """Add `updates` to P and subtract `downdates`."""
+    r, n = f.robot_size, state_size(f)
+    for sign, rows, which in ((-1.0, f.downdates, DOWNDATES), (1.0, f.updates, UPDATES)):
+        if f.counts[which] > 0:
+            size = byref(c_int(len(f.state)))
             _dsyrk(
                 b"L",  # Fortran's lower triangle is our upper one
                 b"N",
                 byref(c_int(n - r)),
-                byref(c_int(int(b.counts[which]))),
+                byref(c_int(int(f.counts[which]))),
                 byref(c_double(sign)),
                 rows[:, r:].ctypes.data,
                 size,
                 byref(c_double(1.0)),
-                b.P[r:, r:].ctypes.data,
+                f.P[r:, r:].ctypes.data,
                 size,
             )
-        b.counts[which] = 0
-    b.cached_pair[:] = -1
-    b.counts[CACHED] = 0
-    b.mergeable_variance[0] = 0.0
+        f.counts[which] = 0
+    f.cached_pair[:] = -1
+    f.counts[CACHED] = 0
+    f.mergeable_variance[0] = 0.0
 
 
-def add_rows(b: FilterState, sign: float, Y: FloatArray) -> None:
+def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
     """Add sign Y^T Y, Y (k, n) zero for the robot, to the covariance."""
-    r, n = len(b.workspace), size_of(b)
+    r, n = f.robot_size, state_size(f)
     for start in range(0, len(Y), RANK):
         rows = Y[start : start + RANK]
-        which, kept = (UPDATES, b.updates) if sign > 0 else (DOWNDATES, b.downdates)
-        kept[: len(rows), :n] = rows
-        b.counts[which] = len(rows)
-        flush(b)
+        which, pending = (UPDATES, f.updates) if sign > 0 else (DOWNDATES, f.downdates)
+        pending[: len(rows), :n] = rows
+        f.counts[which] = len(rows)
+        flush(f)
     x, y = Y[:, r::2], Y[:, r + 1 :: 2]
-    N = b.counts[LANDMARKS]
+    N = f.counts[LANDMARKS]
     for i, product in enumerate((x * x, x * y, y * y)):
-        b.blocks[:N, i] += sign * product.sum(0)
+        f.blocks[:N, i] += sign * product.sum(0)
 
 
-def marginal(b: FilterState, kind: int, landmarks: IntArray) -> FloatArray:
+def marginal(f: FilterState, landmarks: IntArray) -> FloatArray:
     """The covariance of e of the robot and of some landmarks (k,): (r + 2 k, r + 2 k)."""
-    r = len(b.workspace)
-    at = np.concatenate([np.arange(r), (r + 2 * landmarks[:, None] + [0, 1]).ravel()])
-    C = b.P[np.minimum(at[:, None], at), np.maximum(at[:, None], at)]
-    downdates, updates = (
-        b.downdates[: b.counts[DOWNDATES], at[r:]],
-        b.updates[: b.counts[UPDATES], at[r:]],
-    )
+    r = f.robot_size
+    rows = state_rows(landmarks, r)
+    C = f.P[np.minimum(rows[:, None], rows), np.maximum(rows[:, None], rows)]
+    downdates = f.downdates[: f.counts[DOWNDATES], rows[r:]]
+    updates = f.updates[: f.counts[UPDATES], rows[r:]]
     C[r:, r:] += updates.T @ updates - downdates.T @ downdates
-    return _by_map(C, _heading_lever(b, kind)[at])
+    return _by_map(C, _heading_lever(f)[rows])
 
 
-def dense(b: FilterState, kind: int) -> FloatArray:
-    """The covariance of e of all (n, n)."""
-    flush(b)
-    n = size_of(b)
-    return _by_map(symmetric(b.P[:n, :n]), _heading_lever(b, kind)[:n])
+def dense(f: FilterState) -> FloatArray:
+    """The covariance of e of the whole state (n, n)."""
+    flush(f)
+    n = state_size(f)
+    return _by_map(symmetric(f.P[:n, :n]), _heading_lever(f)[:n])
 
 
 def symmetric(upper: FloatArray) -> FloatArray:
-    """The matrix whose upper triangle this is."""
+    """The symmetric matrix with this upper triangle."""
     triangle = np.triu(upper)
     return triangle + np.triu(triangle, 1).T
 
 
-def robot_rows(b: FilterState, kind: int) -> FloatArray:
-    """The covariance of e of the robot with all (r, n)."""
-    r, n, a = len(b.workspace), size_of(b), _heading_lever(b, kind)
-    half = b.P[:r, :n] + np.outer(b.P[:r, 2], a[:n])
+def robot_rows(f: FilterState) -> FloatArray:
+    """The covariance of e of the robot with the whole state (r, n)."""
+    r, n, a = f.robot_size, state_size(f), _heading_lever(f)
+    half = f.P[:r, :n] + np.outer(f.P[:r, 2], a[:n])
     return np.asarray(half + np.outer(a[:r], half[2]))
 
 
-def landmark_blocks(b: FilterState, kind: int) -> FloatArray:
+def landmark_blocks(f: FilterState) -> FloatArray:
     """The covariance of e of each landmark (N, 2, 2)."""
-    r, n = len(b.workspace), size_of(b)
-    blocks = b.blocks[: b.counts[LANDMARKS]][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    a = _heading_lever(b, kind)[r:n].reshape(-1, 2)
-    half = a[:, :, None] * (b.P[2, r:n].reshape(-1, 2) + b.P[2, 2] / 2 * a)[:, None, :]
+    r, n = f.robot_size, state_size(f)
+    blocks = f.blocks[: f.counts[LANDMARKS]][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    a = _heading_lever(f)[r:n].reshape(-1, 2)
+    half = a[:, :, None] * (f.P[2, r:n].reshape(-1, 2) + f.P[2, 2] / 2 * a)[:, None, :]
     return np.asarray(blocks + half + half.transpose(0, 2, 1))
 
 
-def _heading_lever(b: FilterState, kind: int) -> FloatArray:
+def _heading_lever(f: FilterState) -> FloatArray:
     """(size,) a of e = eta + a e_theta."""
-    return b.heading_lever if kind == INVARIANT else np.zeros(len(b.heading_lever))
+    if f.error_state == INVARIANT:
+        return f.heading_lever
+    return np.zeros(len(f.heading_lever))
 
 
 def _by_map(C: FloatArray, a: FloatArray) -> FloatArray:

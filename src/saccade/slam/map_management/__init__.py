@@ -1,1 +1,1 @@
-"""Which landmarks enter the map, and which are culled."""
+"""Confirmation of new landmarks, and culling of wrong ones."""

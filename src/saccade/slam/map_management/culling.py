@@ -1,145 +1,107 @@
-"""Landmarks that should have been seen and were not are no landmarks for long."""
-
-from typing import NamedTuple
+"""Culls landmarks that are repeatedly missed while in view."""
 
 import numpy as np
 
-from saccade._jit import kernel
+from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
+from saccade.slam.map_management._kernels import (
+    CullingRule,
+    FieldOfView,
+    VisibilityCounts,
+    check_visibility,
+)
+from saccade.types import FloatArray, IntArray, LandmarkLog
 
-
-class FieldOfView(NamedTuple):
-    """Where a sensor mostly sees what is there."""
-
-    max_range: float
-    """Range."""
-    left: float
-    right: float
-    """Bearings, left over right."""
-
-    @classmethod
-    def from_log(cls, log: LandmarkLog) -> "FieldOfView":
-        """The nearer half of what a log saw, and all but the last of its bearings."""
-        if len(log.observation) == 0:
-            return cls(0.0, 0.0, 0.0)
-        right, left = np.quantile(log.observation[:, 1], [0.05, 0.95]).tolist()
-        return cls(float(np.median(log.observation[:, 0])), left, right)
-
-
-class VisibilityCounts(NamedTuple):
-    """What is kept of each landmark, with room for more."""
-
-    counts: IntArray
-    """(c, 2) how often it was seen, and missed; zero for what is to come."""
-    expected: FloatArray
-    """(c, 2) range and bearing at which it should be seen in a scan."""
-    mapped_before: IntArray
-    """(1,) how many landmarks were in the map before that scan."""
-    culled: BoolArray
-    """(c,) whether it should have been seen more often."""
-
-    @classmethod
-    def from_counts(cls, times: IntArray) -> "VisibilityCounts":
-        """Of landmarks that were seen and missed so often."""
-        c = len(times)
-        return cls(times, np.zeros((c, 2)), np.zeros(1, np.int64), np.zeros(c, np.bool_))
-
-
-class CullingRule(NamedTuple):
-    """When a landmark is none."""
-
-    field_of_view: FieldOfView
-    min_ratio: float
-    max_missed: int
-    interval: int
-    """Poses from one look at the whole map to the next; 0 never looks."""
-
-
-NO_CULLING = CullingRule(FieldOfView(0.0, 0.0, 0.0), 0.0, 0, 0)
+NO_CULLING = CullingRule(
+    enabled=False, field_of_view=FieldOfView(0.0, 0.0, 0.0), min_ratio=0.0, max_missed=0, interval=1
+)
 """All landmarks stay."""
 
 
+def field_of_view(log: LandmarkLog) -> FieldOfView:
+    """The field of view of a log's sensor: ranges up to the median, and 90 % of the bearings.
+
+    These quantiles are those of the whole log: with culling, a filtered pose depends, through
+    these three numbers, on observations that come after it.
+    """
+    if len(log.observation) == 0:
+        return FieldOfView(0.0, 0.0, 0.0)
+    right, left = np.quantile(log.observation[:, 1], [0.05, 0.95]).tolist()
+    return FieldOfView(float(np.median(log.observation[:, 0])), left, right)
+
+
 class Culling:
-    """Counts how often each landmark was seen, and how often it was not but should have been.
+    """Counts how often each landmark was observed, and how often missed while in view.
 
     Args:
-        view: where a landmark should be seen.
-        least: share of the times at which a landmark should have been seen that it must be.
-        patience: times for which a landmark may hide before that counts.
-        every: poses from one look at the whole map to the next.
+        view: where a landmark is reliably detected; `field_of_view` takes it from the whole log.
+        min_ratio: fraction of the checks in which a landmark was in view that it must have been
+            observed.
+        max_missed: misses that are tolerated before that fraction counts.
+        interval: poses from one check of the whole map to the next.
     """
 
     def __init__(
-        self, field_of_view: FieldOfView, min_ratio: float, max_missed: int = 5, interval: int = 4
+        self, view: FieldOfView, min_ratio: float, max_missed: int = 5, interval: int = 4
     ) -> None:
-        self.rule = CullingRule(field_of_view, min_ratio, max_missed, interval)
-        self.counts = VisibilityCounts.from_counts(np.zeros((0, 2), np.int64))
+        self.rule = CullingRule(True, view, min_ratio, max_missed, interval)
+        self.counts = _new_counts(0)
         self.removed = 0
-        """Landmarks that were taken out of the map."""
+        """Landmarks that were culled."""
 
-    def update(self, ekf: EkfSlam, expected: FloatArray, found: IntArray) -> IntArray:
-        """Hear what was seen in a scan.
+    def is_due(self, step: int) -> bool:
+        """Whether the map is checked at this pose."""
+        return step % self.rule.interval == 0
+
+    def update(self, ekf: EkfSlam, expected: FloatArray, association: IntArray) -> IntArray:
+        """Count the observed and the missed landmarks of a scan.
 
         Args:
             ekf: the filter, after the scan.
-            expected: (n, 2) range and bearing of the landmarks that were in the map before it.
-            found: (m,) landmark of each observation, negative where it is of none.
+            expected: (n, 2) range and bearing, predicted before it, of the landmarks in the map.
+            association: (m,) landmark of each observation, negative for none.
 
         Returns:
-            (k,) landmarks to be removed, of which nothing is kept here any more.
+            (k,) landmarks to be removed from the map; their counts are removed already.
         """
-        self.make_room(len(ekf))
-        self.counts.expected[: len(expected)], self.counts.mapped_before[0] = (
-            expected,
-            len(expected),
-        )
-        check_visibility(self.counts, self.rule, len(ekf), found)
+        self.reserve(len(ekf))
+        self.counts.expected[: len(expected)] = expected
+        self.counts.mapped_before[0] = len(expected)
+        check_visibility(self.counts, self.rule, len(ekf), association)
         return self.remove_culled()
 
-    def make_room(self, landmarks: int) -> None:
-        """For a map of so many."""
-        old, more = self.counts, landmarks - len(self.counts.culled)
-        if more > 0:
-            self.counts = VisibilityCounts.from_counts(
-                np.concatenate([old.counts, np.zeros((more, 2), np.int64)])
-            )
-            self.counts.expected[: len(old.culled)], self.counts.mapped_before[:] = (
-                old.expected,
-                old.mapped_before,
-            )
+    def reserve(self, landmarks: int) -> None:
+        """Make room for a map of so many landmarks."""
+        if landmarks > len(self.counts.culled):
+            old, self.counts = self.counts, _new_counts(landmarks)
+            for source, target in zip(old, self.counts, strict=True):
+                target[: len(source)] = source
 
     def remove_culled(self) -> IntArray:
-        """Keep nothing of the landmarks (k,) that are gone."""
-        gone = np.flatnonzero(self.counts.culled)
-        if len(gone) > 0:
-            self.counts = VisibilityCounts.from_counts(np.delete(self.counts.counts, gone, 0))
-            self.removed += len(gone)
-        return gone
+        """Remove the counts of the landmarks (k,) that are to be culled; returns these."""
+        culled = np.flatnonzero(self.counts.culled)
+        if len(culled) > 0:
+            kept = ~self.counts.culled
+            old, self.counts = self.counts, _new_counts(int(kept.sum()))
+            self.counts.observed[:], self.counts.missed[:] = old.observed[kept], old.missed[kept]
+            self.removed += len(culled)
+        return culled
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays."""
+        return {**self.counts._asdict(), "removed": np.array(self.removed)}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self.removed = int(arrays["removed"])
+        self.counts = VisibilityCounts(*(arrays[name] for name in VisibilityCounts._fields))
 
 
-@kernel()
-def _in_view(view: FieldOfView, z: FloatArray) -> bool:
-    return bool(z[0] < view.max_range and view.right < z[1] < view.left)
-
-
-@kernel()
-def check_visibility(
-    w: VisibilityCounts, rule: CullingRule, landmarks: int, found: IntArray
-) -> bool:
-    """Count what was `found` (m,) of so many landmarks; gives whether any of them is gone."""
-    seen, missed, before = w.counts[:, 0], w.counts[:, 1], w.mapped_before[0]
-    for i in range(before):
-        missed[i] += _in_view(rule.field_of_view, w.expected[i])
-    for i in range(len(found)):
-        if found[i] >= 0:
-            seen[found[i]] += 1
-            if found[i] < before:
-                missed[found[i]] -= _in_view(rule.field_of_view, w.expected[found[i]])
-    any_gone = False
-    for i in range(landmarks):
-        w.culled[i] = missed[i] > rule.max_missed and seen[i] < rule.min_ratio * (
-            seen[i] + missed[i]
-        )
-        any_gone = any_gone or w.culled[i]
-    return any_gone
+def _new_counts(capacity: int) -> VisibilityCounts:
+    return VisibilityCounts(
+        observed=np.zeros(capacity, np.int64),
+        missed=np.zeros(capacity, np.int64),
+        expected=np.zeros((capacity, 2)),
+        mapped_before=np.zeros(1, np.int64),
+        culled=np.zeros(capacity, np.bool_),
+    )

@@ -1,6 +1,6 @@
-"""A drive smoothed by GTSAM with robust noise, over what the filter associated.
+"""Smoothing of a log by GTSAM with robust noise, over the filter's association.
 
-The whole of it at once, as one least-squares problem, or with a fixed lag.
+As one batch least-squares problem, or with a fixed lag.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from saccade.slam.smoothing.problem import SmoothConfig, SmoothingProblem, Smoot
 from saccade.types import LandmarkLog
 
 RELATIVE_CHANGE = 1e-6
-"""Of the error, below which an iteration is the last."""
+"""Relative decrease of the error below which the optimizer stops."""
 
 
 def smooth(
@@ -21,16 +21,16 @@ def smooth(
     config: SmoothConfig | None = None,
     motion: Motion | None = None,
 ) -> SmoothResult:
-    """Smooth a log over the association that the filter found.
+    """Smooth a log over the filter's association.
 
-    What the filter found the odometry to be off by is taken from the controls.
+    The controls are corrected for the odometry biases that the filter estimated.
 
     Args:
         log: controls and observations of range and bearing.
-        filtered: of the same log; where the smoothing begins.
-        config: method and noise; the whole drive at once unless told otherwise.
-        motion: what the controls mean; the log says it unless told otherwise. One whose way does
-            not depend on where it begins.
+        filtered: result of the same log; the initial estimate.
+        config: method and noise; batch by default.
+        motion: the motion model; by default that of the log's controls. It must be invariant to
+            the initial pose.
 
     Returns:
         Trajectory, map, and the weight of each observation.
@@ -52,12 +52,14 @@ def _solve(problem: SmoothingProblem) -> SmoothResult:
     best = optimizer.optimize()
     problem.check(best)
     marginals = gtsam.Marginals(problem.graph, best)
-    pose, spread = np.empty((len(problem), 3)), np.empty((len(problem), 3, 3))
+    pose, pose_covariance = np.empty((len(problem), 3)), np.empty((len(problem), 3, 3))
     for number in range(len(problem)):
         covariance = marginals.marginalCovariance(problem.pose_key(number))
-        pose[number], spread[number] = problem.pose(number, best, covariance)
+        pose[number], pose_covariance[number] = problem.pose(number, best, covariance)
     landmarks = [problem.landmark_key(number) for number in range(len(problem.filtered.map))]
     xy = np.array([best.atPoint2(key) for key in landmarks]).reshape(-1, 2)
-    around = np.array([marginals.marginalCovariance(key) for key in landmarks]).reshape(-1, 2, 2)
+    covariance = np.array([marginals.marginalCovariance(key) for key in landmarks])
     weights = np.array([problem.weight(number, best) for number in range(len(problem.used))])
-    return problem.result((pose, spread), (xy, around), weights, optimizer.iterations())
+    landmark_estimates = (xy, covariance.reshape(-1, 2, 2))
+    iterations = optimizer.iterations()
+    return problem.result((pose, pose_covariance), landmark_estimates, weights, iterations)

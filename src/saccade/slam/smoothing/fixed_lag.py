@@ -1,8 +1,8 @@
-"""Smoothing as it goes: each pose by all that is seen until a fixed time after it.
+"""Fixed-lag smoothing: each pose by the measurements until a fixed time after it.
 
-A window moves along the drive. What leaves it is marginalized: it stays as a linear factor on
-what it was tied to (Dong-Si & Mourikis 2011, "Motion tracking with fixed-lag smoothing").
-Landmarks stay in the window. GTSAM's incremental smoother does the arithmetic.
+Poses that leave the sliding window are marginalized to a linear factor on their neighbors
+(Dong-Si & Mourikis 2011, "Motion tracking with fixed-lag smoothing"). Landmarks stay in the
+window. By GTSAM's incremental smoother.
 """
 
 from typing import Any
@@ -14,10 +14,10 @@ from saccade.slam.models import inverse_observe
 from saccade.slam.smoothing.problem import SmoothingProblem, SmoothResult
 from saccade.types import FloatArray
 
-MOVES = 10
-"""Times by which the window is moved on in the time of a lag."""
-RELINEARIZED = 0.003
-"""Metres and radians by which a variable must move before its factors are linearized again."""
+MOVES_PER_LAG = 10
+"""Times that the window is moved within one lag."""
+RELINEARIZE_THRESHOLD = 0.003
+"""Metres and radians by which a variable must change before its factors are relinearized."""
 
 
 def smooth_fixed_lag(problem: SmoothingProblem) -> SmoothResult:
@@ -30,42 +30,42 @@ def smooth_fixed_lag(problem: SmoothingProblem) -> SmoothResult:
         LogError: the measurements leave variables undetermined; names them.
     """
     time = problem.log.time[problem.first] - problem.log.time[0]
-    newest = _stops(time, problem.config.lag / MOVES)
+    newest = _newest_poses(time, problem.config.lag / MOVES_PER_LAG)
     window = _Window(problem)
     begin = 0
     for end, later in zip(newest, [*newest[1:], -1], strict=True):
         window.advance(begin, end, float(time[end]), time)
-        left = len(time)  # all leave at the end of the drive
-        if later >= 0:  # a pose that is as old as the lag may leave when the window moves
-            left = int(np.searchsorted(time, time[later] - problem.config.lag, "right"))
-        window.record(min(left, end + 1))
+        end_left = len(time)  # all poses leave at the end of the log
+        if later >= 0:  # those that are as old as the lag leave at the next move
+            end_left = int(np.searchsorted(time, time[later] - problem.config.lag, "right"))
+        window.record(min(end_left, end + 1))
         begin = end + 1
     return window.result(len(newest))
 
 
 class _Window:
-    """The smoother, and what is kept of the variables that it is about to forget."""
+    """The sliding window, and the estimates of the variables that left it."""
 
     def __init__(self, problem: SmoothingProblem) -> None:
         gtsam = problem.gtsam
         parameters = gtsam.ISAM2Params()
-        parameters.setFactorization("QR")  # Cholesky gives up on a blind stretch
-        parameters.setRelinearizeThreshold(RELINEARIZED)
+        parameters.setFactorization("QR")  # Cholesky fails on stretches without observations
+        parameters.setRelinearizeThreshold(RELINEARIZE_THRESHOLD)
         parameters.relinearizeSkip = 1
         parameters.findUnusedFactorSlots = True
         self.problem = problem
         self.smoother = gtsam.IncrementalFixedLagSmoother(problem.config.lag, parameters)
         self.values = gtsam.Values()
         self.known: set[int] = set()
-        seen_from = problem.variable[problem.log.observation_pose[problem.used]]
-        self.edge = np.searchsorted(seen_from, np.arange(len(problem) + 1))
+        observed_from = problem.variable[problem.log.observation_pose[problem.used]]
+        self.edge = np.searchsorted(observed_from, np.arange(len(problem) + 1))
         self.pose = np.empty((len(problem), 3))
-        self.spread = np.empty((len(problem), 3, 3))
+        self.covariance = np.empty((len(problem), 3, 3))
         self.weights = np.empty(len(problem.used))
         self.recorded = 0
 
     def advance(self, begin: int, end: int, now: float, time: FloatArray) -> None:
-        """Take in the pose variables from `begin` to `end`, with all that is seen from them."""
+        """Add the pose variables from `begin` to `end`, with the observations from them."""
         problem, gtsam = self.problem, self.problem.gtsam
         factors, values, stamps = gtsam.NonlinearFactorGraph(), gtsam.Values(), {}
         pose = self.values.atPose2(problem.pose_key(begin - 1)) if begin > 0 else None
@@ -90,11 +90,11 @@ class _Window:
             raise self._refusal(error) from error
 
     def record(self, end: int) -> None:
-        """Keep what is believed of the pose variables before `end`."""
+        """Record the estimates of the pose variables before `end`."""
         for number in range(self.recorded, end):
             covariance = self.smoother.marginalCovariance(self.problem.pose_key(number))
-            found = self.problem.pose(number, self.values, covariance)
-            self.pose[number], self.spread[number] = found
+            estimate = self.problem.pose(number, self.values, covariance)
+            self.pose[number], self.covariance[number] = estimate
             for each in range(self.edge[number], self.edge[number + 1]):
                 self.weights[each] = self.problem.weight(each, self.values)
         self.recorded = max(self.recorded, end)
@@ -108,21 +108,21 @@ class _Window:
         problem.check(drive)
         keys = list(map(self.problem.landmark_key, range(len(self.problem.filtered.map))))
         xy = np.array([self.values.atPoint2(key) for key in keys]).reshape(-1, 2)
-        around = np.array([self.smoother.marginalCovariance(key) for key in keys])
+        covariance = np.array([self.smoother.marginalCovariance(key) for key in keys])
         return self.problem.result(
-            (self.pose, self.spread), (xy, around.reshape(-1, 2, 2)), self.weights, moves
+            (self.pose, self.covariance), (xy, covariance.reshape(-1, 2, 2)), self.weights, moves
         )
 
     def _initialize(self, each: int, pose: Any, values: Any) -> None:
-        """A landmark that is seen for the first time begins where it is seen."""
+        """Initialize a landmark at its first observation."""
         k = self.problem.used[each]
         number = int(self.problem.filtered.association[k])
         if number not in self.known:
             self.known.add(number)
-            here = np.array([pose.x(), pose.y(), pose.theta()])
+            start = np.array([pose.x(), pose.y(), pose.theta()])
             values.insert(
                 self.problem.landmark_key(number),
-                inverse_observe(here, self.problem.log.observation[k])[0],
+                inverse_observe(start, self.problem.log.observation[k])[0],
             )
 
     def _refusal(self, error: RuntimeError) -> LogError:
@@ -134,8 +134,8 @@ class _Window:
         )
 
 
-def _stops(time: FloatArray, every: float) -> list[int]:
-    """The newest pose each time that the window is moved on."""
+def _newest_poses(time: FloatArray, every: float) -> list[int]:
+    """The newest pose of each position of the window."""
     stops, last = [], 0.0
     for number, now in enumerate(time.tolist()):
         if now - last >= every:

@@ -1,7 +1,7 @@
-"""A drive as a least-squares problem in GTSAM's terms: its variables, its factors, and its errors.
+"""Smoothing as a factor graph in GTSAM: variables, factors and errors.
 
-Every pose and every landmark is a variable (Dellaert & Kaess 2006, "Square root SAM"). An
-observation that does not fit counts less, after Huber (1964), instead of not at all.
+Every pose and every landmark is a variable (Dellaert & Kaess 2006, "Square root SAM").
+Observations have the robust loss of Huber (1964).
 """
 
 import re
@@ -17,27 +17,27 @@ from saccade.slam.models import Motion
 from saccade.slam.run import SlamResult, motion_of
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-STIFF = 1e-4
-"""Metres and radians of noise that everything has: without any its weight would be infinite."""
-EVEN = 1e-2
-"""Noise of a control in every direction, by its largest in metres and in radians: GTSAM gives
-up where weights differ by more than about four thousand in root."""
+MIN_SIGMA = 1e-4
+"""Metres and radians of noise added to every measurement, so that no weight is infinite."""
+ISOTROPIC_NOISE = 1e-2
+"""Noise added to a control in every direction, relative to its largest in metres and in radians:
+GTSAM fails where the roots of weights differ by more than a factor of about four thousand."""
 MAX_NAMED = 5
-"""Variables that a complaint names before it only counts them."""
+"""Undetermined variables that an error names at most."""
 
 
 @dataclass(frozen=True)
 class SmoothConfig:
-    """How a drive is smoothed."""
+    """Parameters of the smoother."""
 
     method: Literal["batch", "fixed-lag"] = "batch"
-    """All of the drive at once, or each pose by what is seen until a while after it."""
+    """The whole log at once, or with a fixed lag."""
     lag: float = 60.0
-    """Of "fixed-lag": units of the log's time for which a pose may still change. One that is
-    shorter than the loops of the drive keeps the drift that they would have closed."""
+    """Of "fixed-lag": units of the log's time for which a pose may still change. Loops longer than
+    the lag are not closed."""
     huber: float = 1.345
-    """Normalized error beyond which an observation counts less; the usual value keeps 95 % of
-    the efficiency where all is well."""
+    """Normalized error beyond which an observation has less weight; the usual value keeps 95 % of
+    the efficiency under Gaussian noise."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
@@ -45,7 +45,7 @@ class SmoothConfig:
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviation of the first pose: metres, metres, radians."""
     iterations: int = 100
-    """Of Levenberg and Marquardt's method, at most; "batch" only."""
+    """Largest number of Levenberg-Marquardt iterations; "batch" only."""
 
     def __post_init__(self) -> None:
         methods = ("batch", "fixed-lag")
@@ -66,30 +66,29 @@ class SmoothConfig:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SmoothResult:
-    """Where the robot was and where the landmarks are, given what the log says later too."""
+    """Smoothed trajectory and map: each estimate uses later measurements too."""
 
     trajectory: Trajectory
-    """(t + 1) poses with covariance, each as it is believed at the end of the log, or at the end
-    of the lag after it."""
+    """(t + 1) poses with covariance, given the whole log, or the lag after each."""
     map: LandmarkMap
     """The filter's landmarks, with covariance."""
     weight: FloatArray
-    """(k,) how much each observation counts, from 0 to 1; NaN where it was not used."""
+    """(k,) robust weight of each observation, from 0 to 1; NaN where it was not used."""
     iterations: int
-    """Until it converged; of a fixed lag, how often the window was moved on."""
+    """Iterations until convergence; of a fixed lag, moves of the window."""
 
     def __repr__(self) -> str:
         return f"SmoothResult({self.trajectory!r}, {self.map!r}, {self.iterations} iterations)"
 
 
 class SmoothingProblem:
-    """The log as GTSAM has it: variables x0, x1, ... and l0, l1, ..., a factor a measurement.
+    """The factor graph of a log: variables x0, x1, ... and l0, l1, ..., a factor a measurement.
 
     Args:
         log: controls and observations of range and bearing.
-        filtered: of the same log; its bias of the odometry is taken from the controls.
+        filtered: result of the same log; the controls are corrected for its odometry biases.
         config: noise.
-        motion: what the controls mean; the log says it unless told otherwise.
+        motion: the motion model; by default that of the log's controls.
 
     Raises:
         ConfigError: GTSAM is not installed.
@@ -104,10 +103,10 @@ class SmoothingProblem:
         self.log, self.filtered, self.config = log, filtered, config
         self.motion = motion_of(log, motion)
         self.used = np.flatnonzero(filtered.association >= 0)
-        """(u,) observations that are part of it."""
+        """(u,) associated observations."""
         moves = log.control.any(1) | log.control_covariance.any((1, 2))  # (t,)
         self.variable = np.concatenate([[0], np.cumsum(moves)])
-        """(t + 1,) of each pose; to stand is one variable."""
+        """(t + 1,) pose variable of each pose; poses at standstill share one."""
         self.first = np.unique(self.variable, return_index=True)[1]
         """(v,) the first pose of each variable."""
         self.graph = self.gtsam.NonlinearFactorGraph()
@@ -118,15 +117,15 @@ class SmoothingProblem:
         return len(self.first)
 
     def control_factor(self, number: int) -> Any:
-        """The factor that leads to a pose variable; the prior for the first."""
+        """The factor of the motion to a pose variable; the prior of the first."""
         return self.graph.at(number)
 
     def observation_factor(self, number: int) -> Any:
-        """The factor of an observation, by its place in `used`."""
+        """The factor of an observation, by its index in `used`."""
         return self.graph.at(len(self) + number)
 
     def estimates(self) -> Any:
-        """The filter's, as GTSAM's values."""
+        """The filter's estimates as GTSAM's values."""
         values = self.gtsam.Values()
         for number, pose in enumerate(self.filtered.trajectory.pose[self.first]):
             values.insert(self.pose_key(number), self.gtsam.Pose2(*pose))
@@ -135,15 +134,15 @@ class SmoothingProblem:
         return values
 
     def weight(self, number: int, values: Any) -> float:
-        """Of an observation by its place in `used`, from its loss: k e - k^2 / 2 beyond e = k."""
+        """Robust weight of an observation, by its index in `used`: k / e for errors e > k."""
         k, loss = self.config.huber, self.observation_factor(number).error(values)
         return 1.0 if loss <= k * k / 2 else k / (loss / k + k / 2)
 
     def pose(self, number: int, values: Any, covariance: Any) -> tuple[FloatArray, FloatArray]:
-        """A pose (3,) and its covariance (3, 3) from GTSAM's, whose errors are in its own frame."""
-        found = values.atPose2(self.pose_key(number))
-        turn = _turned(found.theta())
-        return np.array([found.x(), found.y(), found.theta()]), turn @ covariance @ turn.T
+        """A pose (3,) and its covariance (3, 3) from GTSAM's, whose errors are in its frame."""
+        pose = values.atPose2(self.pose_key(number))
+        rotation = _rotation(pose.theta())
+        return np.array([pose.x(), pose.y(), pose.theta()]), rotation @ covariance @ rotation.T
 
     def result(
         self,
@@ -152,19 +151,19 @@ class SmoothingProblem:
         weights: FloatArray,
         iterations: int,
     ) -> SmoothResult:
-        """Of the variables' values and covariances, and the weights (u,)."""
+        """The result by the variables' values and covariances, and the weights (u,)."""
         weight = np.full(len(self.log.observation), np.nan)
         weight[self.used] = weights
-        pose, spread = (each[self.variable] for each in poses)
+        pose, covariance = (each[self.variable] for each in poses)
         return SmoothResult(
-            trajectory=Trajectory(self.log.time, pose, spread),
+            trajectory=Trajectory(self.log.time, pose, covariance),
             map=replace(self.filtered.map, xy=landmarks[0], covariance=landmarks[1]),
             weight=weight,
             iterations=iterations,
         )
 
     def check(self, values: Any) -> None:
-        """Raise unless all variables are determined: the optimizer itself hides it if not."""
+        """Raise unless all variables are determined, which the optimizer does not report."""
         graph = self.gtsam.NonlinearFactorGraph(self.graph)
         named: list[str] = []
         while len(named) <= MAX_NAMED:
@@ -184,14 +183,14 @@ class SmoothingProblem:
             )
 
     def undetermined_variable(self, error: RuntimeError) -> tuple[str, int]:
-        """The variable that GTSAM names; raise its words in one line if it names none."""
+        """The variable that GTSAM's error names; without one, raises its message in one line."""
         found = re.search(r"Symbol: ([xl])(\d+)", str(error))
         if found is None:
             raise LogError(f"smoothing: {' '.join(str(error).split())}") from error
         return found[1], int(found[2])
 
     def name(self, kind: str, number: int) -> str:
-        """A variable in the words of the log."""
+        """A variable as a pose or landmark of the log."""
         if kind == "x":
             step = int(self.first[number])
             return f"pose {step} (at {self.log.time[step]:g})"
@@ -212,10 +211,10 @@ class SmoothingProblem:
         self.graph.add(self.gtsam.PriorFactorPose2(self.pose_key(0), start, self._noise(spread)))
         for step in steps.tolist():
             moved, _, Fu = self.motion(np.zeros(3), self.log.control[step])
-            A = _turned(-moved[2]) @ Fu  # GTSAM has errors in the frame of the later pose
+            A = _rotation(-moved[2]) @ Fu  # GTSAM has errors in the frame of the later pose
             spread = A @ self.log.control_covariance[step] @ A.T
             along, left, turn = spread.diagonal()
-            spread += EVEN**2 * np.diag([along + left, along + left, turn])
+            spread += ISOTROPIC_NOISE**2 * np.diag([along + left, along + left, turn])
             self.graph.add(
                 self.gtsam.BetweenFactorPose2(
                     self.pose_key(self.variable[step]),
@@ -242,7 +241,7 @@ class SmoothingProblem:
             )
 
     def _hold(self, graph: Any, values: Any, kind: str, number: int) -> None:
-        """Fix a variable, so that the next one that is not determined shows."""
+        """Fix a variable, to find the next undetermined one."""
         if kind == "x":
             key, noise = self.pose_key(number), self._noise(np.zeros((3, 3)))
             graph.add(self.gtsam.PriorFactorPose2(key, values.atPose2(key), noise))
@@ -252,11 +251,11 @@ class SmoothingProblem:
 
     def _noise(self, covariance: FloatArray) -> Any:
         return self.gtsam.noiseModel.Gaussian.Covariance(
-            covariance + STIFF**2 * np.eye(len(covariance))
+            covariance + MIN_SIGMA**2 * np.eye(len(covariance))
         )
 
 
-def _turned(angle: float) -> FloatArray:
-    """A pose's frame turned by an angle, (3, 3)."""
+def _rotation(angle: float) -> FloatArray:
+    """(3, 3) rotation of a pose by an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,237 @@
+"""Mahalanobis gating and pairing of observations with landmarks."""
+
+from math import atan2, hypot, inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.slam.filter._kernels import wrapped
+from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
+from saccade.slam.filter._state_kernels import INVARIANT, LANDMARKS, FilterState
+from saccade.types import FloatArray, IntArray
+
+NEW = -1
+"""No landmark of the map is near the observation: it may become one."""
+DROPPED = -2
+"""Ambiguous: near a landmark, but outside its gate, or not near that one alone."""
+AMBIGUITY_MARGIN = 3.0
+"""A pair is ambiguous if the squared Mahalanobis distance of the observation from an unpaired
+landmark is larger by less than this: the pair is less than four times as likely."""
+_SLACK = 1 + 1e-9
+"""Factor on gates, so that rounding excludes no landmark."""
+
+
+class Gates(NamedTuple):
+    """Parameters of nearest-neighbor association."""
+
+    gate: float
+    """Squared Mahalanobis distance up to which an observation may be paired with a landmark."""
+    new_gate: float
+    """Squared Mahalanobis distance from every landmark beyond which an observation is new."""
+    mutual: bool
+    """Whether a pair must be the nearest for both."""
+
+
+@kernel()
+def predict_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: FloatArray) -> None:
+    """Fill range and bearing z (c, 2) of landmarks (c,), and S = H P H^T (c, 2, 2)."""
+    r, s, a, P = f.robot_size, f.state, f.heading_lever, f.P
+    D, W = np.zeros((2, 5)), np.zeros((2, 5))  # x, y, heading, landmark
+    for i in range(len(landmark)):
+        m, blocks = r + 2 * landmark[i], f.blocks[landmark[i]]
+        dx, dy = s[m] - s[0], s[m + 1] - s[1]
+        q = hypot(dx, dy)
+        for k in range(2):
+            for p in range(5):
+                D[k, p] = 0.0
+        z[i, 0], z[i, 1] = q, 0.0
+        if q > MIN_RANGE:
+            z[i, 1] = wrapped(atan2(dy, dx) - s[2])
+            D[0, 3], D[0, 4], D[1, 3], D[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
+            D[1, 2] = -1.0
+            for k in range(2):
+                D[k, 0], D[k, 1] = -D[k, 3], -D[k, 4]
+                if f.error_state == INVARIANT:  # by eta
+                    D[k, 2] += D[k, 3] * (a[m] - a[0]) + D[k, 4] * (a[m + 1] - a[1])
+        for j in range(2):
+            d = D[j]
+            for p in range(3):
+                W[j, p] = P[p, m] * d[3] + P[p, m + 1] * d[4]
+                for o in range(3):
+                    W[j, p] += P[p, o] * d[o]
+            W[j, 3] = blocks[0] * d[3] + blocks[1] * d[4]
+            W[j, 4] = blocks[1] * d[3] + blocks[2] * d[4]
+            for p in range(3):
+                W[j, 3] += P[p, m] * d[p]
+                W[j, 4] += P[p, m + 1] * d[p]
+        for j in range(2):
+            for k in range(2):
+                S[i, j, k] = 0.0
+                for p in range(5):
+                    S[i, j, k] += D[max(j, k), p] * W[min(j, k), p]
+
+
+@kernel()
+def mahalanobis_distances(
+    expected: FloatArray,
+    S: FloatArray,
+    z: FloatArray,
+    R: FloatArray,
+    gate: float,
+    distance: FloatArray,
+) -> None:
+    """Fill squared Mahalanobis distances (m, c), infinite over `gate`.
+
+    Of observations z (m, 2) with R (m, 2, 2) from predicted ones, see `predict_observations`.
+    """
+    for i in range(len(z)):
+        for j in range(len(expected)):
+            distance[i, j] = inf
+            v = z[i, 0] - expected[j, 0]
+            a = S[j, 0, 0] + R[i, 0, 0]
+            if v * v > gate * a:
+                continue
+            w = wrapped(z[i, 1] - expected[j, 1])
+            c, d = S[j, 0, 1] + R[i, 0, 1], S[j, 1, 1] + R[i, 1, 1]
+            if w * w <= gate * d:
+                square = squared_distance(v, w, a, c, d)
+                if square <= gate:
+                    distance[i, j] = square
+
+
+@kernel()
+def squared_distance(v: float, w: float, a: float, c: float, d: float) -> float:
+    """Squared Mahalanobis distance of (v, w) by [[a, c], [c, d]]; infinite if that is singular."""
+    determinant = a * d - c * c
+    return (d * v * v - 2 * c * v * w + a * w * w) / determinant if determinant > 0 else inf
+
+
+@kernel()
+def prefilter_landmarks(
+    f: FilterState, z: FloatArray, R: FloatArray, gate: float, landmark: IntArray
+) -> int:
+    """Fill in the landmarks that may be inside the gate of an observation; returns their number.
+
+    The standard deviation of a sum is at most the sum of the standard deviations: this bound
+    excludes no pair inside the gate, and most others without their covariance.
+    """
+    r, s, a, P, count = f.robot_size, f.state, f.heading_lever, f.P, 0
+    position_sigma, heading_sigma = sqrt(abs(P[0, 0]) + abs(P[1, 1])), sqrt(abs(P[2, 2]))
+    nearest, farthest, range_variance, bearing_variance = inf, -inf, 0.0, 0.0
+    for k in range(len(z)):
+        nearest, farthest = min(nearest, z[k, 0]), max(farthest, z[k, 0])
+        range_variance = max(range_variance, R[k, 0, 0])
+        bearing_variance = max(bearing_variance, R[k, 1, 1])
+    radius, range_sigma = sqrt(gate) * _SLACK, sqrt(range_variance)
+    for i in range(f.counts[LANDMARKS]):
+        m = r + 2 * i
+        dx, dy = s[m] - s[0], s[m + 1] - s[1]
+        q = sqrt(dx * dx + dy * dy)
+        lever = abs(a[m] - a[0]) + abs(a[m + 1] - a[1])
+        sigma = position_sigma + sqrt(abs(f.blocks[i, 0]) + abs(f.blocks[i, 2]))
+        sigma += lever * heading_sigma
+        along = radius * (sigma + range_sigma)
+        if q - farthest > along or nearest - q > along:
+            continue
+        bearing, across = 0.0, inf
+        if q > MIN_RANGE:
+            bearing = atan2(dy, dx) - s[2]
+            across = radius * sqrt((sigma / q + heading_sigma) ** 2 + bearing_variance)
+        for k in range(len(z)):
+            if abs(z[k, 0] - q) <= along and abs(wrapped(z[k, 1] - bearing)) <= across:
+                landmark[count] = i
+                count += 1
+                break
+    return count
+
+
+@kernel()
+def associate_nearest(
+    f: FilterState,
+    z: FloatArray,
+    R: FloatArray,
+    gates: Gates,
+    association: IntArray,
+) -> None:
+    """Nearest-neighbor association: fill the landmark of each observation, `NEW` or `DROPPED`."""
+    landmark = np.empty(f.counts[LANDMARKS], np.int64)
+    landmark = landmark[: prefilter_landmarks(f, z, R, gates.new_gate, landmark)]
+    expected, S = np.empty((len(landmark), 2)), np.empty((len(landmark), 2, 2))
+    predict_observations(f, landmark, expected, S)
+    distance = np.empty((len(z), len(landmark)))
+    mahalanobis_distances(expected, S, z, R, gates.new_gate, distance)
+    select_pairs(distance, gates, association)
+    for i in range(len(z)):
+        if association[i] >= 0:
+            association[i] = landmark[association[i]]
+
+
+@kernel()
+def select_pairs(distance: FloatArray, gates: Gates, paired: IntArray) -> None:
+    """Fill the column of each row (m,) of distances (m, c), `NEW` or `DROPPED`."""
+    if gates.mutual:
+        pair_mutual(distance, gates.gate, paired)
+    else:
+        pair_nearest_first(distance, gates.gate, paired)
+    drop_ambiguous(distance, paired)
+    for i in range(len(distance)):
+        new = True
+        for j in range(distance.shape[1]):
+            new = new and distance[i, j] > gates.new_gate
+        if new:
+            paired[i] = NEW
+
+
+@kernel()
+def drop_ambiguous(distance: FloatArray, paired: IntArray) -> None:
+    """Drop pairs of (m, c) for which an unpaired column is almost as near."""
+    used = np.zeros(distance.shape[1], np.bool_)
+    for i in range(len(distance)):
+        if paired[i] >= 0:
+            used[paired[i]] = True
+    for i in range(len(distance)):
+        own = distance[i, paired[i]] if paired[i] >= 0 else inf
+        for j in range(distance.shape[1]):
+            if not used[j] and distance[i, j] <= own + AMBIGUITY_MARGIN and paired[i] >= 0:
+                paired[i] = DROPPED
+
+
+@kernel()
+def pair_nearest_first(distance: FloatArray, gate: float, paired: IntArray) -> None:
+    """Pair rows with columns of (m, c) greedily, the smallest distance first, none twice.
+
+    Pairs over the gate are not made; a row without one is `DROPPED`.
+    """
+    used = np.zeros(distance.shape[1], np.bool_)
+    paired[:] = DROPPED
+    while True:
+        least, row, column = inf, -1, -1
+        for i in range(len(distance)):
+            for j in range(distance.shape[1]):
+                if distance[i, j] < least and paired[i] == DROPPED and not used[j]:
+                    least, row, column = distance[i, j], i, j
+        if row < 0 or least > gate:
+            return
+        paired[row] = column
+        used[column] = True
+
+
+@kernel()
+def pair_mutual(distance: FloatArray, gate: float, paired: IntArray) -> None:
+    """Pair rows with columns of (m, c) that are mutually nearest; of ties, the first.
+
+    Pairs over the gate are not made; a row without one is `DROPPED`.
+    """
+    for i in range(len(distance)):
+        paired[i], least, column = DROPPED, gate, -1
+        for j in range(distance.shape[1]):
+            if distance[i, j] < least or (distance[i, j] == least and column < 0):
+                least, column = distance[i, j], j
+        for k in range(len(distance) if column >= 0 else 0):
+            other = distance[k, column]
+            if other < least or (other == least and k < i):
+                column = -1
+                break
+        if column >= 0:
+            paired[i] = column

@@ -1,0 +1,49 @@
+"""Validation of values and covariances."""
+
+from math import sqrt
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.types import FloatArray
+
+LARGEST = 1e9
+"""Metres or radians; larger numbers are invalid, and their squares might overflow."""
+SLACK = 1e-9
+"""Rounding tolerance of a covariance, as a fraction of its largest entry."""
+
+
+@kernel()
+def first_invalid(values: FloatArray, covariances: FloatArray) -> int:
+    """Index of the first invalid one of values (k, c) or covariances (k, c, c), -1 if none is.
+
+    A symmetric matrix plus a multiple of the identity has a Cholesky root if and only if no
+    eigenvalue is below minus that multiple.
+    """
+    k, c = values.shape
+    root = np.empty((c, c))
+    for n in range(k):
+        largest = 0.0
+        for i in range(c):
+            if not abs(values[n, i]) < LARGEST:
+                return n
+            for j in range(c):
+                if not abs(covariances[n, i, j]) < LARGEST * LARGEST:
+                    return n
+                largest = max(largest, abs(covariances[n, i, j]))
+        if largest == 0:
+            continue
+        for i in range(c):
+            for j in range(i + 1):
+                rest = covariances[n, i, j] + (SLACK * largest if i == j else 0.0)
+                if abs(covariances[n, i, j] - covariances[n, j, i]) > SLACK * largest:
+                    return n
+                for m in range(j):
+                    rest -= root[i, m] * root[j, m]
+                if i > j:
+                    root[i, j] = rest / root[j, j]
+                elif rest <= 0:
+                    return n
+                else:
+                    root[i, i] = sqrt(rest)
+    return -1
