@@ -22,6 +22,7 @@ from saccade.slam.models import (
     observe,
     wrap,
 )
+from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
 from saccade.slam.results import Innovation
 from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
 from saccade.slam.smoothing.batch import smooth
@@ -47,7 +48,10 @@ __all__ = [
     "KnownIdentity",
     "Motion",
     "NearestNeighbor",
+    "PoseHypotheses",
     "Recorder",
+    "RelocalizationConfig",
+    "Relocalizer",
     "Retraction",
     "Sensor",
     "SlamResult",

@@ -1,13 +1,14 @@
-"""Relocalization: which poses in a known map explain one or several scans.
+"""Relocalization: hypotheses of the pose in a known map, from one scan or several.
 
-Pairs of observed points are matched with pairs of landmarks at the same distance from each other,
-as in the constraint search of Neira, Tardos & Castellanos (2003). Each match of two pairs is a
-pose; those that explain most of the other points are refined and weighed against each other, and
-against a robot outside of the map.
+Pairs of observed points are matched to pairs of landmarks at the same distance, as in the
+constraint search of Neira, Tardos & Castellanos (2003). Every match of two pairs proposes a pose;
+the proposals with the most support are refined, and get probabilities by their evidence, relative
+to each other and to a robot outside of the map.
 """
 
 from dataclasses import dataclass
 from math import log, pi
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,16 +16,19 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from saccade.errors import require
+from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter.validation import check_all
 from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
 from saccade.types import FloatArray, IntArray
 
 NEIGHBORS = 4
-"""Landmarks around one, relative to which its error is taken."""
+"""Number of neighbors relative to which the error of a landmark is taken."""
 GATE = float(chi2.ppf(0.99, 2))
-"""Squared Mahalanobis distance of an observed point from its landmark."""
+"""Squared Mahalanobis distance within which a point is associated with its nearest landmark."""
 ITERATIONS = 4
-"""Gauss-Newton steps that refine a pose; the association settles in fewer."""
+"""Gauss-Newton steps of a refinement."""
+SAME_POSITION, SAME_HEADING = 0.5, 0.1
+"""Metres and radians within which proposals are the same."""
 
 
 @dataclass(frozen=True)
@@ -32,35 +36,35 @@ class RelocalizationConfig:
     """Parameters of relocalization."""
 
     unmapped: float = 0.2
-    """Prior probability that an observed point is of no landmark of the map."""
+    """Prior probability that an observed point is no landmark of the map."""
     elsewhere: float = 0.05
     """Prior probability that the robot is outside of the map."""
-    base_pairs: int = 12
-    """Pairs of observed points from which poses are proposed, the farthest apart first."""
+    max_pairs: int = 12
+    """Pairs of observed points that propose poses, the most distant ones first."""
     max_proposals: int = 50_000
-    """Proposed poses whose support is counted."""
+    """Proposed poses whose support is computed."""
     max_hypotheses: int = 50
-    """Proposed poses that are refined and weighed, those with the most support."""
+    """Proposed poses that are refined, those with the most support."""
 
     def __post_init__(self) -> None:
         for name in ("unmapped", "elsewhere"):
             require(0 < getattr(self, name) < 1, name, "between 0 and 1", getattr(self, name))
-        for name in ("base_pairs", "max_proposals", "max_hypotheses"):
+        for name in ("max_pairs", "max_proposals", "max_hypotheses"):
             require(getattr(self, name) >= 1, name, "at least 1", getattr(self, name))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoseHypotheses:
-    """Poses in the map that explain what was observed, the most probable first."""
+    """Hypotheses of the robot's pose in a map, the most probable first."""
 
     pose: FloatArray
     """(h, 3) x, y in metres, heading in radians."""
     covariance: FloatArray
     """(h, 3, 3)."""
     probability: FloatArray
-    """(h,); what they leave of 1 is the probability of being outside of the map."""
+    """(h,) posterior probabilities; the rest to 1 is that of being outside of the map."""
     association: IntArray
-    """(h, k) landmark of each of the k observed points, -1 for none."""
+    """(h, k) row of the landmark of each of the k observed points, -1 for none."""
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -76,17 +80,29 @@ class PoseHypotheses:
 
 
 class Relocalizer:
-    """Searches a map for the pose of a robot, scan by scan.
+    """Global localization in a map of point landmarks, scan by scan.
 
     Args:
         landmarks: (N, 2) metres.
-        covariance: (N, 2, 2) of each, or better (2N, 2N) of all: errors that neighboring
-            landmarks share do not count then.
+        covariance: (N, 2, 2) of each landmark or, better, (2N, 2N) of all: with correlations the
+            errors that neighboring landmarks share are left out.
         config: prior probabilities and limits of the search.
-        motion: motion model of the controls between two scans.
+        motion: motion model of the controls between scans.
 
     Raises:
-        ConfigError: shapes that do not agree.
+        ConfigError: the shapes do not agree.
+
+    Examples:
+        >>> import numpy as np
+        >>> from saccade import slam
+        >>> landmarks = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0], [6.0, 5.0], [2.0, 7.0]])
+        >>> search = slam.Relocalizer(landmarks, np.tile(1e-4 * np.eye(2), (5, 1, 1)))
+        >>> z, _ = slam.observe(np.array([3.0, 2.0, 0.5]), landmarks)
+        >>> hypotheses = search.add(z, np.tile(np.diag([1e-4, 1e-4]), (5, 1, 1)))
+        >>> hypotheses.pose[0].round(2)
+        array([3. , 2. , 0.5])
+
+    Source: Neira, Tardos & Castellanos (2003), "Linear time vehicle relocation in SLAM".
     """
 
     def __init__(
@@ -106,7 +122,7 @@ class Relocalizer:
         self._points, self._spread = np.empty((0, 2)), np.empty((0, 2, 2))
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
-        """Move the robot between two scans.
+        """Predict the motion between two scans.
 
         Args:
             u: (c,) control of the motion model.
@@ -122,11 +138,14 @@ class Relocalizer:
         self._spread = rotation @ self._spread @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
 
     def add(self, z: FloatArray, R: FloatArray) -> PoseHypotheses:
-        """Add a scan, and search for the pose from which it was made.
+        """Add a scan, and search for the pose at which it was made.
 
         Args:
             z: (k, 2) range in metres, bearing in radians.
             R: (k, 2, 2) their covariances.
+
+        Returns:
+            Hypotheses that explain all scans so far.
 
         Raises:
             LogError: an observation or covariance is not finite.
@@ -136,131 +155,141 @@ class Relocalizer:
         self._points, self._spread = _fused(
             self._points, self._spread, xy, Gz @ R @ Gz.transpose(0, 2, 1)
         )
-        return self.search()
-
-    def search(self) -> PoseHypotheses:
-        """The poses that explain all scans so far, the robot being where the last was made."""
-        proposals = self._proposals()
-        pose, covariance, score = [], [], []
-        for proposed in proposals[: self._config.max_hypotheses]:
-            found = self._refined(proposed)
-            if found is not None and not _is_known(found[0], pose, covariance):
-                pose.append(found[0])
-                covariance.append(found[1])
-                score.append(self._evidence(*found))
-        return self._weighed(pose, covariance, score)
+        modes: list[_Mode] = []
+        for proposed in self._proposals()[: self._config.max_hypotheses]:
+            mode = self._refine(proposed)
+            if mode is not None and not any(_is_same(mode, other) for other in modes):
+                modes.append(mode)
+        return self._posterior(modes)
 
     def _proposals(self) -> FloatArray:
-        """(h, 3) poses at which two observed points meet two landmarks, by decreasing support."""
-        p, k = self._points, len(self._points)
-        if k < 2 or len(self._landmarks) < 2:
+        """(h, 3) poses that map two observed points to two landmarks, by decreasing support."""
+        p, pairs = self._points, self._point_pairs()
+        if len(pairs) == 0 or len(self._landmarks) < 2:
             return np.empty((0, 3))
-        first, second = np.triu_indices(k, 1)
-        apart = np.linalg.norm(p[first] - p[second], axis=1)
-        ordered = np.argsort(-apart)
-        chosen = _spread_choice(first[ordered], second[ordered], self._config.base_pairs)
-        chosen = ordered[chosen]
-        reach = apart[chosen].max() * 1.1 + 1.0
+        separation = np.linalg.norm(p[pairs[:, 1]] - p[pairs[:, 0]], axis=1)
+        variance = np.trace(self._errors, axis1=1, axis2=2).mean()
+        ends, vector, distance = self._landmark_pairs(separation.max() * 1.1 + 3 * variance**0.5)
+        limit = self._config.max_proposals // len(pairs)
+        poses = []
+        for (i, j), d in zip(pairs, separation, strict=True):
+            along = (p[j] - p[i]) / d
+            sigma = np.sqrt(along @ (self._spread[i] + self._spread[j]) @ along + variance)
+            similar = np.arange(*np.searchsorted(distance, [d - 3 * sigma, d + 3 * sigma]))
+            order = np.argsort(np.abs(distance[similar] - d), kind="stable")
+            similar = similar[order[:limit]]
+            heading = np.arctan2(vector[similar, 1], vector[similar, 0])
+            heading = wrap(heading - np.arctan2(along[1], along[0]))
+            center = self._landmarks[ends[similar]].mean(1)
+            xy = center - _rotations(heading) @ ((p[i] + p[j]) / 2)
+            poses.append(np.column_stack([xy, heading]))
+        proposals = np.concatenate(poses)
+        ranking = np.argsort(-self._support(proposals), kind="stable")
+        return _distinct(proposals[ranking], 20 * self._config.max_hypotheses)
+
+    def _point_pairs(self) -> IntArray:
+        """(m, 2) observed points, the most distant pairs first, no point in many of them."""
+        first, second = np.triu_indices(len(self._points), 1)
+        separation = np.linalg.norm(self._points[first] - self._points[second], axis=1)
+        order = np.argsort(-separation, kind="stable")[: np.count_nonzero(separation)]
+        uses = np.zeros(len(self._points), np.int64)
+        chosen: dict[int, None] = {}
+        for limit in range(1, self._config.max_pairs + 1):
+            for pair in order:
+                ends = [first[pair], second[pair]]
+                if len(chosen) < self._config.max_pairs and uses[ends].max() < limit:
+                    if pair not in chosen:
+                        uses[ends] += 1
+                    chosen[pair] = None
+        return np.column_stack([first, second])[list(chosen)]
+
+    def _landmark_pairs(self, reach: float) -> tuple[IntArray, FloatArray, FloatArray]:
+        """(m, 2) ordered pairs up to a distance, their difference (m, 2), distance (m,) sorted."""
         pairs = self._tree.query_pairs(reach, output_type="ndarray")
         pairs = np.concatenate([pairs, pairs[:, ::-1]])
         vector = self._landmarks[pairs[:, 1]] - self._landmarks[pairs[:, 0]]
         distance = np.linalg.norm(vector, axis=1)
         order = np.argsort(distance, kind="stable")
-        pairs, vector, distance = pairs[order], vector[order], distance[order]
-        poses, share = [], self._config.max_proposals // len(chosen)
-        typical = np.trace(self._errors, axis1=1, axis2=2).mean()
-        for i, j, d in zip(first[chosen], second[chosen], apart[chosen], strict=True):
-            along = (p[j] - p[i]) / d
-            variance = along @ (self._spread[i] + self._spread[j]) @ along + typical
-            margin = 3.0 * np.sqrt(variance)
-            low, high = np.searchsorted(distance, [d - margin, d + margin])
-            within = np.arange(low, high)
-            if len(within) > share:
-                within = within[np.argsort(np.abs(distance[within] - d), kind="stable")[:share]]
-            heading = np.arctan2(*vector[within, ::-1].T) - np.arctan2(*(p[j] - p[i])[::-1])
-            middle = self._landmarks[pairs[within]].mean(1)
-            xy = middle - _rotations(heading) @ ((p[i] + p[j]) / 2)
-            poses.append(np.column_stack([xy, wrap(heading)]))
-        proposals = np.concatenate(poses)
-        support = self._support(proposals)
-        best = np.argsort(-support, kind="stable")
-        return _distinct(proposals[best], 20 * self._config.max_hypotheses)
+        return pairs[order], vector[order], distance[order]
 
     def _support(self, poses: FloatArray) -> FloatArray:
-        """(h,) how well poses explain the observed points, each by its nearest landmark."""
-        scale = np.sqrt(np.trace(self._spread, axis1=1, axis2=2) / 2)  # (k,)
-        typical = np.trace(self._errors, axis1=1, axis2=2).mean() / 2
-        sigma2 = 2 * (scale**2 + typical)  # the pose itself is proposed from noisy points
-        support = np.zeros(len(poses))
-        for k, point in enumerate(self._points):
-            at = poses[:, :2] + _rotations(poses[:, 2]) @ point
-            distance, _ = self._tree.query(at)
-            support += np.maximum(0.0, 1 - distance**2 / (sigma2[k] * GATE))
+        """(h,) sum over the points of a truncated quadratic of the distance to a landmark."""
+        variance = np.trace(self._spread, axis1=1, axis2=2) / 2  # (k,)
+        variance = variance + np.trace(self._errors, axis1=1, axis2=2).mean() / 2
+        rotations, support = _rotations(poses[:, 2]), np.zeros(len(poses))
+        for point, v in zip(self._points, variance, strict=True):
+            distance, _ = self._tree.query(poses[:, :2] + rotations @ point)
+            # Twice the variance: the proposed pose has errors of the same size.
+            support += np.maximum(0.0, 1 - distance**2 / (2 * v * GATE))
         return support
 
-    def _refined(self, pose: FloatArray) -> tuple[FloatArray, FloatArray, IntArray] | None:
-        """A pose by Gauss-Newton steps, its covariance, and the landmark of each point."""
-        which = np.full(len(self._points), -1)
-        information = np.zeros((3, 3))
+    def _refine(self, pose: FloatArray) -> "_Mode | None":
+        """Refine a pose by Gauss-Newton; None with fewer than two associated points."""
         for _ in range(ITERATIONS):
-            v, S, J, near = self._residuals(pose)
+            v, S, J, nearest = self._residuals(pose)
             inverse = np.linalg.inv(S)
-            square = np.einsum("ki,kij,kj->k", v, inverse, v)
-            which = np.where(square < GATE, near, -1)
-            use = which >= 0
-            if use.sum() < 2:
+            inside = normalized_squared(v, S) < GATE
+            if inside.sum() < 2:
                 return None
-            weighted = J[use].transpose(0, 2, 1) @ inverse[use]
-            information = (weighted @ J[use]).sum(0)
-            step = np.linalg.solve(information, (weighted @ v[use, :, None]).sum(0)[:, 0])
-            pose = pose + step
+            weighted = J[inside].transpose(0, 2, 1) @ inverse[inside]  # (m, 3, 2)
+            information = (weighted @ J[inside]).sum(0)
+            pose = pose + np.linalg.solve(information, (weighted @ v[inside, :, None]).sum(0)[:, 0])
         pose[2] = float(wrap(pose[2]))
-        return pose, np.linalg.inv(information), which
+        return _Mode(pose, np.linalg.inv(information), np.where(inside, nearest, -1))
 
     def _residuals(self, pose: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-        """Of each point: landmark less point in the map, covariance, Jacobian, the landmark."""
+        """Residuals of points and nearest landmarks, covariances, Jacobians, rows of landmarks."""
         rotation = _rotations(pose[2:])[0]
         at = self._points @ rotation.T
-        _, near = self._tree.query(pose[:2] + at)
+        near = self._nearest(pose[:2] + at)
         v = self._landmarks[near] - pose[:2] - at
         S = rotation @ self._spread @ rotation.T + self._errors[near]
         J = np.tile(np.eye(2, 3), (len(at), 1, 1))
         J[:, 0, 2], J[:, 1, 2] = -at[:, 1], at[:, 0]
         return v, S, J, near
 
-    def _evidence(self, pose: FloatArray, covariance: FloatArray, which: IntArray) -> float:
+    def _nearest(self, xy: FloatArray) -> IntArray:
+        """(k,) landmarks nearest to positions (k, 2)."""
+        return np.asarray(self._tree.query(xy)[1], np.int64)
+
+    def _log_evidence(self, mode: "_Mode") -> float:
         """Log of the density of the points for a robot near a pose (Laplace's approximation)."""
-        v, S, _, _ = self._residuals(pose)
-        reach = np.linalg.norm(self._points, axis=1).max()
-        visible = max(1, len(self._tree.query_ball_point(pose[:2], reach)))
-        square = np.einsum("ki,kij,kj->k", v, np.linalg.inv(S), v)
-        density = np.exp(-square / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
-        share = self._config.unmapped
-        mixture = share / self._area + (1 - share) / visible * density
-        volume = (2 * pi) ** 1.5 * np.sqrt(np.linalg.det(covariance))
+        v, S, _, _ = self._residuals(mode.pose)
+        reach = self._reach
+        visible = max(1, len(self._tree.query_ball_point(mode.pose[:2], reach)))
+        density = np.exp(-normalized_squared(v, S) / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
+        unmapped = self._config.unmapped
+        mixture = unmapped / (pi * reach**2) + (1 - unmapped) / visible * density
+        volume = (2 * pi) ** 1.5 * np.sqrt(np.linalg.det(mode.covariance))
         low, high = self._landmarks.min(0), self._landmarks.max(0)
-        extent = float(np.prod(high - low + 2 * reach)) * 2 * pi
-        return float(np.log(mixture).sum() + log(volume / extent))
+        prior = 1 / (float(np.prod(high - low + 2 * reach)) * 2 * pi)
+        return float(np.log(mixture).sum() + log(volume * prior))
+
+    def _posterior(self, modes: "list[_Mode]") -> PoseHypotheses:
+        k, elsewhere = len(self._points), self._config.elsewhere
+        outside = log(elsewhere) - k * log(pi * self._reach**2)
+        inside = np.array([self._log_evidence(mode) for mode in modes]) + log(1 - elsewhere)
+        probability = np.exp(inside - logsumexp(np.append(inside, outside)))
+        ordered = [modes[i] for i in np.argsort(-probability, kind="stable")]
+        return PoseHypotheses(
+            pose=np.array([mode.pose for mode in ordered]).reshape(-1, 3),
+            covariance=np.array([mode.covariance for mode in ordered]).reshape(-1, 3, 3),
+            probability=-np.sort(-probability),
+            association=np.array([mode.association for mode in ordered], int).reshape(
+                len(modes), k
+            ),
+        )
 
     @property
-    def _area(self) -> float:
-        """Square metres in which an unmapped point may be."""
-        return pi * float(np.linalg.norm(self._points, axis=1).max()) ** 2
+    def _reach(self) -> float:
+        """Metres to the most distant point observed."""
+        return float(np.linalg.norm(self._points, axis=1).max(initial=1e-6))
 
-    def _weighed(
-        self, pose: list[FloatArray], covariance: list[FloatArray], score: list[float]
-    ) -> PoseHypotheses:
-        elsewhere = log(self._config.elsewhere) - len(self._points) * log(self._area)
-        inside = np.array(score) + log(1 - self._config.elsewhere)
-        weight = inside - logsumexp(np.append(inside, elsewhere))
-        order = np.argsort(-weight, kind="stable")
-        k = len(self._points)
-        return PoseHypotheses(
-            pose=np.array(pose).reshape(-1, 3)[order],
-            covariance=np.array(covariance).reshape(-1, 3, 3)[order],
-            probability=np.exp(weight[order]),
-            association=np.full((len(order), k), -1),
-        )
+
+class _Mode(NamedTuple):
+    pose: FloatArray
+    covariance: FloatArray
+    association: IntArray
 
 
 def _rotations(angle: FloatArray) -> FloatArray:
@@ -275,12 +304,12 @@ def _local_errors(tree: cKDTree, xy: FloatArray, covariance: FloatArray) -> Floa
     if covariance.shape == (n, 2, 2) or n < 2:
         return covariance.reshape(n, 2, 2) if n else np.empty((0, 2, 2))
     blocks = covariance.reshape(n, 2, n, 2).transpose(0, 2, 1, 3)
-    _, near = tree.query(xy, min(NEIGHBORS, n - 1) + 1)
+    near = np.asarray(tree.query(xy, min(NEIGHBORS, n - 1) + 1)[1], np.int64)
     i = np.arange(n)[:, None]
     j = near[:, 1:]
     cross = blocks[i, j]
     difference = blocks[i, i] + blocks[j, j] - cross - cross.transpose(0, 1, 3, 2)
-    return difference.mean(1) / 2
+    return np.asarray(difference.mean(1) / 2)
 
 
 def _fused(
@@ -305,26 +334,13 @@ def _fused(
     return np.concatenate([xy, new[~mutual]]), np.concatenate([C, D[~mutual]])
 
 
-def _spread_choice(first: IntArray, second: IntArray, count: int) -> IntArray:
-    """Indices of pairs, in their order, such that no point is in many of them."""
-    uses = np.zeros(max(first.max(), second.max()) + 1, np.int64)
-    chosen: list[int] = []
-    for limit in range(1, count + 1):
-        for n, (i, j) in enumerate(zip(first, second, strict=True)):
-            if len(chosen) == count:
-                return np.array(chosen)
-            if n not in chosen and max(uses[i], uses[j]) < limit:
-                chosen.append(n)
-                uses[[i, j]] += 1
-    return np.array(chosen)
-
-
 def _distinct(poses: FloatArray, limit: int) -> FloatArray:
-    """Of the first poses those that are not near a better one: half a metre, a tenth of a radian."""
+    """The poses among the first `limit` that are not near a better one."""
     kept: list[FloatArray] = []
     for pose in poses[:limit]:
         near = [
-            np.hypot(*(pose[:2] - other[:2])) < 0.5 and abs(float(wrap(pose[2] - other[2]))) < 0.1
+            np.hypot(*(pose[:2] - other[:2])) < SAME_POSITION
+            and abs(float(wrap(pose[2] - other[2]))) < SAME_HEADING
             for other in kept
         ]
         if not any(near):
@@ -332,10 +348,8 @@ def _distinct(poses: FloatArray, limit: int) -> FloatArray:
     return np.array(kept).reshape(-1, 3)
 
 
-def _is_known(pose: FloatArray, known: list[FloatArray], covariance: list[FloatArray]) -> bool:
-    for other, C in zip(known, covariance, strict=True):
-        e = pose - other
-        e[2] = float(wrap(e[2]))
-        if e @ np.linalg.solve(C, e) < 9.0 or (np.hypot(*e[:2]) < 0.05 and abs(e[2]) < 0.01):
-            return True
-    return False
+def _is_same(mode: _Mode, other: _Mode) -> bool:
+    e = mode.pose - other.pose
+    e[2] = float(wrap(e[2]))
+    close = bool(np.hypot(*e[:2]) < SAME_POSITION / 10 and abs(e[2]) < SAME_HEADING / 10)
+    return close or float(e @ np.linalg.solve(other.covariance, e)) < 9.0
