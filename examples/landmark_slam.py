@@ -1,4 +1,4 @@
-"""EKF-SLAM of a simulated log, and whether each filter is as sure as it may be."""
+"""EKF-SLAM on a simulated log: accuracy and consistency of two filters."""
 
 import numpy as np
 
@@ -8,17 +8,17 @@ from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.consistency import pose_nees
 from saccade.viewing import map_figure, save_figure
 
-log = simulate_world(WorldConfig(steps=600), seed=3)  # a circle of 63 m, 2.4 times round
+log = simulate_world(WorldConfig(steps=600), seed=3)  # 2.4 laps of a circle of 63 m
 print(log)
 
 for name, errors in {"standard": slam.STANDARD, "invariant": slam.INVARIANT}.items():
     run = slam.run(log, slam.EkfConfig(filter=name, association="known"))
     nees = pose_nees(run.trajectory, log.truth, errors)
     print(
-        f"{name:9}  {position_rmse(run.trajectory, log.truth):.2f} m from the truth, "
-        f"mean NEES {np.nanmean(nees):5.2f} (3 is right), mean NIS {run.consistency.mean:.2f}"
+        f"{name:9}  position RMSE {position_rmse(run.trajectory, log.truth):.2f} m, "
+        f"mean NEES {np.nanmean(nees):5.2f} (3 if consistent), mean NIS {run.consistency.mean:.2f}"
     )
-print(f"odometry alone: {position_rmse(run.dead_reckoning, log.truth):.2f} m")
+print(f"odometry   position RMSE {position_rmse(run.dead_reckoning, log.truth):.2f} m")
 
 figure = map_figure(
     run.trajectory, run.map, run.dead_reckoning, log.truth, landmark_truth=log.landmark_truth

@@ -1,4 +1,4 @@
-"""The same hallway on two laps of a robot: interest points, matches, and which are right."""
+"""Keypoints, matches and inliers of two photographs of one hallway."""
 
 from importlib.resources import files
 
@@ -8,11 +8,11 @@ from saccade.viewing import match_figure, save_figure
 data = files("saccade") / "data"
 images = [saccade.read_image(data / f"hallway_{lap}.jpg") for lap in (1, 2)]
 
-sift = saccade.Sift()  # keeps its memory: make one, call it often
+sift = saccade.Sift()  # reuses its buffers: create it once
 first, second = (sift(image) for image in images)
 pairs = saccade.match(first, second, ratio=0.8, mutual=True)
 checked = saccade.verify(first, second, pairs, "fundamental", tolerance=2.0)
 
 print(first, second)
-print(f"{len(pairs)} matches, of which {checked.inliers.sum()} agree on one geometry")
+print(f"{len(pairs)} matches, {checked.inliers.sum()} inliers of one fundamental matrix")
 save_figure(match_figure(images, (first, second), pairs, checked.inliers), "matching.png")

@@ -1,4 +1,4 @@
-"""Points and regions of local symmetry: MUST and SymRoID beside SIFT."""
+"""Points and regions of local symmetry: MUST and SymRoID compared with SIFT."""
 
 from importlib.resources import files
 
@@ -21,10 +21,10 @@ figure = Figure(figsize=(12, 3.1), layout="compressed", dpi=110)
 panels = figure.subplots(1, 3)
 for axes in panels:
     axes.imshow(image)
-for axes, (name, found) in zip(panels, points.items(), strict=False):
-    picture_axes(axes, f"{name}: the {len(found)} strongest points")
-    draw_keypoints(axes, found)
-    print(f"{name}: median size {sorted(found.size)[len(found) // 2]:.1f} px")
+for axes, (name, keypoints) in zip(panels, points.items(), strict=False):
+    picture_axes(axes, f"{name}: {len(keypoints)} strongest points")
+    draw_keypoints(axes, keypoints)
+    print(f"{name}: median size {sorted(keypoints.size)[len(keypoints) // 2]:.1f} px")
 picture_axes(panels[2], f"SymRoID: {len(regions)} regions")
 for left, top, right, bottom in regions.boxes.tolist():
     box = Rectangle((left, top), right - left, bottom - top, fill=False, color=ORANGE)

@@ -1,4 +1,4 @@
-"""Where a photograph draws the eye, and why."""
+"""Saliency of a photograph, its scanpath, and the symmetric pairs at the fixations."""
 
 from importlib.resources import files
 
@@ -6,7 +6,7 @@ import saccade
 from saccade.viewing import attention_figure, save_figure
 
 image = saccade.read_image(files("saccade") / "data" / "astronaut.jpg")
-maps = saccade.attention_saliency(image)  # contrast and symmetry together
+maps = saccade.attention_saliency(image)  # contrast and symmetry combined
 path = saccade.scanpath(maps.saliency, image.shape, fixations=8)
 
 print(maps)
@@ -18,5 +18,5 @@ shown = {
     "contrast": maps.contrast.saliency,
     "symmetry": maps.symmetry.saliency,
 }
-about = [saccade.symmetric_pairs(image, (x, y), radius=4)[:8] for x, y in path.xy]
-save_figure(attention_figure(image, shown, path, about), "saliency.png")
+pairs = [saccade.symmetric_pairs(image, (x, y), radius=4)[:8] for x, y in path.xy]
+save_figure(attention_figure(image, shown, path, pairs), "saliency.png")

@@ -1,4 +1,4 @@
-"""Does a model look where a viewer looks? Three models against places marked by hand."""
+"""Scanpaths of three saliency models, scored on positions marked by hand."""
 
 from importlib.resources import files
 
@@ -13,7 +13,7 @@ from saccade.viewing.style import figure_for, picture_axes
 
 image = saccade.read_image(files("saccade") / "data" / "chelsea.jpg")
 height, width = image.shape[:2]
-marked = np.array([[172.0, 111], [312, 140], [262, 232]])  # eyes and nose: no eye tracker's
+marked = np.array([[172.0, 111], [312, 140], [262, 232]])  # eyes and nose, not eye-tracking data
 
 models = {
     "contrast": saccade.contrast_saliency(image).saliency,
@@ -23,10 +23,10 @@ models = {
 figure = figure_for(width, height, columns=3, rows=1, panel=4.4)
 for axes, (name, saliency) in zip(figure.subplots(1, 3), models.items(), strict=True):
     path = saccade.scanpath(saliency, image.shape, fixations=5)
-    missed = np.hypot(*(marked[:, None] - path.xy).transpose(2, 0, 1)).min(1)
+    distance = np.hypot(*(marked[:, None] - path.xy).transpose(2, 0, 1)).min(1)
     large = cv2.resize(saliency, (width, height))
     scores = f"AUC {auc(large, marked):.3f}, NSS {nss(large, marked):.2f}"
-    print(f"{name:8}  {scores}; five fixations miss the marks by {missed.mean():.0f} px")
+    print(f"{name:8}  {scores}; marks to nearest fixation {distance.mean():.0f} px")
     axes.imshow(image)
     axes.plot(*marked.T, "x", color="white", markersize=14, markeredgewidth=3)
     draw_scanpath(axes, path)

@@ -1,4 +1,4 @@
-"""Which photograph shows the same place? Extract, index, find."""
+"""Image retrieval: extract features, build an index, find photographs of the same place."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -25,10 +25,10 @@ query = saccade.read_image(data / "hallway_2.jpg")
 points = saccade.Sift(config)(query)
 found = Index("features").find(points)
 for image, inliers, similarity in found[:3]:
-    print(f"{image:16} {inliers or 0:3} matches agree on one geometry, similarity {similarity:.1f}")
+    print(f"{image:16} {inliers or 0:3} inliers, similarity {similarity:.1f}")
 
 best = saccade.read_image(photos / found[0].image)
-there = saccade.Sift(config)(best)
-pairs = saccade.match(points, there)
-inliers = saccade.verify(points, there, pairs).inliers
-save_figure(match_figure((query, best), (points, there), pairs, inliers), "similar_images.png")
+keypoints = saccade.Sift(config)(best)
+pairs = saccade.match(points, keypoints)
+inliers = saccade.verify(points, keypoints, pairs).inliers
+save_figure(match_figure((query, best), (points, keypoints), pairs, inliers), "similar_images.png")

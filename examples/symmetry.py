@@ -1,4 +1,4 @@
-"""What is symmetric about a place: the map, and the pairs of edges that made it."""
+"""Symmetry saliency, and the edge pairs that contribute most to each fixation."""
 
 from importlib.resources import files
 
@@ -9,9 +9,9 @@ image = saccade.read_image(files("saccade") / "data" / "coffee.jpg")
 maps = saccade.symmetry_saliency(image)
 path = saccade.scanpath(maps.saliency, image.shape, fixations=4)
 
-about = [saccade.symmetric_pairs(image, (x, y), radius=8)[:12] for x, y in path.xy]
-for (x, y), pairs in zip(path.xy, about, strict=True):
-    levels = ", ".join(map(str, sorted(set(pairs.level.tolist()))))
-    print(f"at ({x:3.0f}, {y:3.0f}): the strongest pairs are of pyramid levels {levels}")
+pairs = [saccade.symmetric_pairs(image, (x, y), radius=8)[:12] for x, y in path.xy]
+for (x, y), strongest in zip(path.xy, pairs, strict=True):
+    levels = ", ".join(map(str, sorted(set(strongest.level.tolist()))))
+    print(f"({x:3.0f}, {y:3.0f}): strongest pairs at pyramid levels {levels}")
 
-save_figure(attention_figure(image, {"symmetry": maps.saliency}, path, about), "symmetry.png")
+save_figure(attention_figure(image, {"symmetry": maps.saliency}, path, pairs), "symmetry.png")

@@ -1,4 +1,4 @@
-"""The walk of the page "Through the appendices": its pictures, and its steps as Markdown."""
+"""Figures and Markdown of the page "Appendices A to C"."""
 
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -17,7 +17,7 @@ PHOTO = "coffee.jpg"
 
 
 def draw(appendix: str, folder: Path) -> None:
-    """Draw the pictures of the steps of an appendix."""
+    """Draw the figures of an appendix."""
     with as_file(files("saccade") / "data" / PHOTO) as path:
         image = saccade.read_image(path)
     figures, _ = run_appendix(Implementation.of_textbook(appendix), image, simulated_log())
@@ -26,7 +26,7 @@ def draw(appendix: str, folder: Path) -> None:
 
 
 def steps_markdown(appendix: str) -> str:
-    """The steps of an appendix, with the code as it stands in the textbook now."""
+    """The steps of an appendix as Markdown, with the current code of the textbook."""
     code = Implementation.of_textbook(appendix).code
     parts = []
     for step in load_steps(appendix):

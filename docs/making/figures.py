@@ -1,4 +1,4 @@
-"""The figures of the pages, each made by the code that its page is about."""
+"""Figures of the documentation, drawn by the code that each page describes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,12 +26,12 @@ DATA = Path(str(files("saccade") / "data"))
 
 
 def photo(name: str) -> np.ndarray:
-    """One of the photographs that ship with the package."""
+    """One of the photographs in the package."""
     return saccade.read_image(DATA / f"{name}.jpg")
 
 
 def story() -> Figure:
-    """The whole in four panels: where to look, what to keep, where things are."""
+    """The README's figure: scanpath, saliency, interest points and landmark map."""
     image = photo("astronaut")
     maps = saccade.attention_saliency(image)
     path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
@@ -40,15 +40,14 @@ def story() -> Figure:
     panels = figure.subplots(1, 4)
     panels[0].imshow(image)
     draw_scanpath(panels[0], path)
-    picture_axes(panels[0], "an image, and where to look")
-    lit = viewing.attention.weighted_by(image, maps.saliency)
-    panels[1].imshow(lit)
-    picture_axes(panels[1], "what attention leaves in the light")
+    picture_axes(panels[0], "scanpath")
+    panels[1].imshow(viewing.attention.weighted_by(image, maps.saliency))
+    picture_axes(panels[1], "image weighted by saliency")
     panels[2].imshow(image)
     draw_keypoints(panels[2], points)
-    picture_axes(panels[2], "what to keep")
+    picture_axes(panels[2], "interest points")
     _draw_park(panels[3])
-    picture_axes(panels[3], "where things are, and how sure that is")
+    picture_axes(panels[3], "landmark map with 3 sigma ellipses")
     return figure
 
 
@@ -62,7 +61,7 @@ def _draw_park(axes: Axes) -> None:
 
 
 def pyramid() -> Figure:
-    """Levels of a pyramid in their true proportions, and what one level differs from the next."""
+    """Levels of a pyramid in their true proportions."""
     image = photo("rocket")
     height, width = image.shape[:2]
     sheet = np.ones((height, width + width // 2 + 8, 3), np.float32)
@@ -76,12 +75,12 @@ def pyramid() -> Figure:
     figure = figure_for(sheet.shape[1], height, columns=1, rows=1, panel=8)
     axes = figure.subplots()
     axes.imshow(sheet)
-    picture_axes(axes, "levels 0 to 5: each half as wide and half as high as the one before")
+    picture_axes(axes, "pyramid levels 0 to 5")
     return figure
 
 
 def attention_steps() -> Figure:
-    """From a photograph to its saliency, in the order of A.1 to A.14."""
+    """Conspicuity maps, saliency and scanpath of a photograph (A.11-A.14)."""
     image = photo("rocket")
     maps = saccade.contrast_saliency(image)
     path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
@@ -107,7 +106,7 @@ def attention_steps() -> Figure:
 
 
 def promotion() -> Figure:
-    """What N makes of a map with one peak and of a map with many."""
+    """Normalization N of a map with one peak and of a map with many."""
     rows, columns = np.mgrid[0:60, 0:90]
 
     def bump(x: float, y: float, height: float) -> np.ndarray:
@@ -118,11 +117,11 @@ def promotion() -> Figure:
     odd = odd + bump(52, 36, 0.75)
     figure = Figure(figsize=(11, 2.15), layout="compressed", dpi=110)
     panels = figure.subplots(1, 4)
-    for pair, (name, values) in enumerate({"one place stands out": odd, "many do": even}.items()):
+    for pair, (name, values) in enumerate({"one strong peak": odd, "many peaks": even}.items()):
         promoted = normalize(values.astype(np.float32), "local-maxima")
         for axes, shown, title in (
             (panels[2 * pair], values, name),
-            (panels[2 * pair + 1], promoted, f"after N: at most {promoted.max():.2f}"),
+            (panels[2 * pair + 1], promoted, f"after N: maximum {promoted.max():.2f}"),
         ):
             axes.imshow(shown, cmap=HEAT, vmin=0, vmax=1)
             picture_axes(axes, title)
@@ -130,7 +129,7 @@ def promotion() -> Figure:
 
 
 def presets() -> Figure:
-    """The same photograph under every preset of the contrast model."""
+    """Saliency of one photograph by the default and the presets of the contrast model."""
     image = photo("coffee")
     height, width = image.shape[:2]
     figure = figure_for(width, height, columns=3, rows=2, panel=3.8)
@@ -156,14 +155,14 @@ def presets() -> Figure:
 
 
 def eye() -> Figure:
-    """The pairs about one pupil."""
+    """Symmetric pairs of a pixel in the pupil."""
     image = photo("chelsea")[60:170, 110:250]
     around = saccade.symmetric_pairs(image, (62, 51), radius=6)[:60]
     return viewing.pair_figure(image, [around])
 
 
 def contrast_and_symmetry() -> Figure:
-    """Where each of the two models looks in the same face."""
+    """Fixations and maps of both models on the same face."""
     image = photo("chelsea")
     height, width = image.shape[:2]
     figure = figure_for(width, height, columns=2, rows=2, panel=4.6)
@@ -175,14 +174,14 @@ def contrast_and_symmetry() -> Figure:
     for (left, right), (name, values) in zip(figure.subplots(2, 2), models.items(), strict=True):
         left.imshow(image)
         draw_scanpath(left, saccade.scanpath(values, image.shape, fixations=5))
-        picture_axes(left, f"five fixations by {name}")
+        picture_axes(left, f"{name}: five fixations")
         right.imshow(values, cmap=HEAT, vmin=0, extent=extent, interpolation="bilinear")
-        picture_axes(right, name)
+        picture_axes(right, f"{name}: saliency")
     return figure
 
 
 def must() -> Figure:
-    """Twenty points of MUST with the pairs that made them."""
+    """Twenty points of MUST with the pairs that contribute to them."""
     from saccade.cli.symmetry_overlay import contributing_pairs
 
     image, find = photo("chelsea"), saccade.Must(saccade.MustConfig(max_keypoints=20))
@@ -197,7 +196,7 @@ def symmetric_regions() -> Figure:
 
 
 def differences() -> Figure:
-    """Planes of a scale space, and their differences (B.1 to B.3)."""
+    """Gaussian images of a scale space and their differences (B.1-B.3)."""
     gray = cv2.cvtColor(photo("chelsea"), cv2.COLOR_RGB2GRAY)
     sigmas = [1.6 * 2 ** (i / 3) for i in range(5)]
     planes = [cv2.GaussianBlur(gray, (0, 0), sigma) for sigma in sigmas]
@@ -209,20 +208,20 @@ def differences() -> Figure:
         difference = planes[column + 1] - planes[column]
         panels[1, column].imshow(difference, cmap="PuOr", vmin=-0.08, vmax=0.08)
         picture_axes(
-            panels[1, column], f"D: L({sigmas[column + 1]:.2f}) less L({sigmas[column]:.2f})"
+            panels[1, column], f"D = L({sigmas[column + 1]:.2f}) - L({sigmas[column]:.2f})"
         )
     return figure
 
 
 def interest_points() -> Figure:
-    """Points with sizes and directions, and the descriptor of one."""
+    """Interest points with size and angle, and the descriptor of one."""
     image = photo("coffee")
     points = saccade.Sift(saccade.SiftConfig(max_keypoints=150))(image)
     figure = Figure(figsize=(11.5, 4.6), layout="compressed", dpi=110)
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
     left.imshow(image)
     draw_keypoints(left, points)
-    picture_axes(left, f"the {len(points)} strongest points: size and direction")
+    picture_axes(left, f"{len(points)} strongest points with size and angle")
     one = int(np.argmin(abs(points.size - 22)))
     _draw_descriptor(right, image, points[one : one + 1])
     (x, y), side = points.xy[one].tolist(), 6 * float(points.size[one])
@@ -235,9 +234,9 @@ def interest_points() -> Figure:
 
 
 def _draw_descriptor(axes: Axes, image: np.ndarray, point: "saccade.Keypoints") -> None:
-    """Sixteen stars of eight rays over the patch that they describe, turned upright."""
+    """A descriptor as 4 x 4 stars of eight rays, over its patch rotated to angle 0."""
     side = 320
-    scale = 6 * float(point.size[0]) / side  # twelve scales are the descriptor's side
+    scale = 6 * float(point.size[0]) / side  # the side of the descriptor is 12 times the scale
     angle = float(point.angle[0])
     turn = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     shift = point.xy[0] - turn @ np.full(2, side / 2)
@@ -250,18 +249,19 @@ def _draw_descriptor(axes: Axes, image: np.ndarray, point: "saccade.Keypoints") 
     for line in range(1, 4):
         axes.axhline(line * side / 4, color=BLUE, linewidth=0.8)
         axes.axvline(line * side / 4, color=BLUE, linewidth=0.8)
-    picture_axes(axes, "a descriptor: 4 x 4 subregions, 8 directions each")
+    picture_axes(axes, "descriptor: 4 x 4 subregions, 8 orientation bins each")
 
 
 def descriptor_rays(descriptor: np.ndarray, side: float) -> np.ndarray:
-    """Where each entry of a descriptor is drawn in its patch, whose x axis is the point's angle.
+    """Rays that draw a descriptor in its patch, rotated so that the keypoint has angle 0.
 
     Args:
-        descriptor: (128,) rows of subregions, whose directions turn from y towards x.
-        side: of the patch.
+        descriptor: (128,) subregions row by row; bins are ordered from y towards x.
+        side: of the patch, in pixels.
 
     Returns:
-        (128, 2, 2) the two ends of each ray, from the middle of its subregion along its gradient.
+        (128, 2, 2) end points (x, y) of each ray: the center of its subregion, then the tip along
+        the gradient.
     """
     row, column, turn = np.indices((4, 4, 8)).reshape(3, -1)
     middle = (np.stack([column, row], axis=1) + 0.5) * side / 4
@@ -282,13 +282,13 @@ _PARK: "list[tuple[saccade.LandmarkLog, slam.SlamResult]]" = []
 
 
 def park() -> Figure:
-    """Victoria Park."""
+    """Map of Victoria Park."""
     _, run = _park()
     return viewing.map_figure(run.trajectory, run.map, run.dead_reckoning)
 
 
 def innovations() -> Figure:
-    """Whether the filter was as sure as it might be, in the park."""
+    """Normalized innovations of Victoria Park."""
     from saccade.slam.consistency import chi_square_band
 
     log, run = _park()
@@ -298,7 +298,7 @@ def innovations() -> Figure:
 
 
 def simulated_frames() -> Figure:
-    """Three places of the ring, its depth, mirrored posters, and dusk."""
+    """Three frames of the ring, a depth image, mirrored posters, and low illumination."""
     plain = DriveConfig(color=True, depth=True)
     drive = simulate_drive(plain, seed=3)
     dusk = LightConfig(noise_sigma=5, brightness=0.35, vignetting=0.4)
@@ -307,9 +307,9 @@ def simulated_frames() -> Figure:
         "frame 20": drive.load(20).image,
         "frame 140": there.image,
         "frame 260": drive.load(260).image,
-        "the depth of frame 140": there.depth,
-        "posters that are symmetric": _ring(plain, mirrored_posters=True).image,
-        "the light of the preset dark": _ring(plain, light=dusk).image,
+        "depth of frame 140": there.depth,
+        "mirror-symmetric posters": _ring(plain, mirrored_posters=True).image,
+        "illumination of the preset dark": _ring(plain, light=dusk).image,
     }
     figure = figure_for(320, 240, columns=3, rows=2, panel=3.6)
     for axes, (title, picture) in zip(figure.subplots(2, 3).ravel(), shown.items(), strict=True):
@@ -323,7 +323,7 @@ def _ring(config: DriveConfig, **changed: object) -> Frame:
 
 
 def film_frame() -> Figure:
-    """One frame of the film of a scanpath."""
+    """Four frames of the film of a scanpath."""
     image = photo("rocket")
     maps = saccade.attention_saliency(image)
     path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
@@ -353,4 +353,4 @@ PAGES: "dict[str, Callable[[], Figure]]" = {
     "simulated-frames": simulated_frames,
     "film": film_frame,
 }
-"""By the name of the file."""
+"""Figures by file name."""

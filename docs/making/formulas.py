@@ -1,6 +1,6 @@
-"""Write the formulas of the steps as MathML: `python docs/making/formulas.py`.
+"""Write the formulas of the appendices as MathML: `python docs/making/formulas.py`.
 
-`saccade textbook` shows them, and LaTeX is nothing that it could read.
+`saccade textbook` shows them and cannot convert TeX itself.
 """
 
 import json
@@ -15,7 +15,7 @@ FORMULAS = Path(str(files("saccade.viewing") / "web" / "formulas.json"))
 
 
 def formulas_json() -> str:
-    """Every formula of the steps by its TeX."""
+    """MathML of every formula, by its TeX."""
     formulas = [
         equation.tex for each in "ABC" for step in load_steps(each) for equation in step.equations
     ]
@@ -24,9 +24,9 @@ def formulas_json() -> str:
 
 
 def mathml_of(tex: str) -> str:
-    """A formula with fractions at full size, and with brackets around matrices drawn by the style.
+    """MathML with fractions at full size, and matrix brackets drawn by the style sheet.
 
-    Without a mathematical font a browser does not stretch a bracket.
+    Without a mathematical font, browsers do not stretch brackets.
     """
     mathml = convert(tex).replace(' display="inline"', ' displaystyle="true"')
     mathml = mathml.replace("<mo>&#x00028;</mo><mtable>", '<mtable class="matrix">')

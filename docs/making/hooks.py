@@ -1,4 +1,4 @@
-"""What the site needs beside MkDocs: pictures made by the code, and formulas as MathML."""
+"""MkDocs hooks: figures drawn by the code, and formulas as MathML."""
 
 import re
 from html import unescape
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def on_pre_build(config: Any) -> None:
-    """Make the pictures, as far as they are older than what they are made of."""
+    """Draw the figures if the code has changed."""
     import sys
 
     sys.path.insert(0, str(Path(__file__).parent))
@@ -26,7 +26,7 @@ def on_pre_build(config: Any) -> None:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """The steps through the appendices; the changelog, its links as seen from here."""
+    """Insert the steps of the appendices, and the changelog with links relative to docs."""
     if page.file.src_uri == "appendices.md":
         from appendices import steps_markdown
 
@@ -37,20 +37,20 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Every formula as MathML: browsers set it without a script, and readers read it aloud.
+    """Replace formulas by MathML, which browsers and screen readers support without a script.
 
-    The corner of a table is no heading: nothing is read where nothing is written.
+    Empty table headings become plain cells, which screen readers skip.
     """
     return UNNAMED.sub(r"<td\1></td>", FORMULA.sub(_formula, html))
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """Name the theme's search for those who hear the page."""
+    """Label the search box for screen readers."""
     return output.replace('class="md-search"', 'class="md-search" aria-label="Search"')
 
 
 def on_post_build(config: Any) -> None:
-    """Ship the font that formulas are set in; it comes with ziamath, under the SIL licence."""
+    """Copy the font of the formulas, which is part of ziamath, under the SIL license."""
     (package,) = find_spec("ziamath").submodule_search_locations
     font = Path(package) / "fonts" / "STIXTwoMath-Regular.ttf"
     copyfile(font, Path(config.site_dir) / "assets" / "STIXTwoMath.ttf")

@@ -1,6 +1,6 @@
-"""Make the pictures of the site: those of the examples, and those of the pages.
+"""Draw the figures of the documentation: of the examples, the pages and the appendices.
 
-`python docs/making/pictures.py` makes the one that the README shows.
+`python docs/making/pictures.py` draws the figure of the README.
 """
 
 import hashlib
@@ -21,44 +21,44 @@ ROOT = Path(__file__).parents[2]
 
 
 def make_all(folder: Path) -> None:
-    """Make what is not there, or all of it if code has changed since."""
+    """Draw all figures, unless no code has changed since they were drawn."""
     folder.mkdir(exist_ok=True)
-    stamp = folder / "made-of.txt"
-    state = _state()
-    if not stamp.exists() or stamp.read_text() != state:
+    hash_file = folder / "source-hash.txt"
+    digest = _source_hash()
+    if not hash_file.exists() or hash_file.read_text() != digest:
         examples = sorted((ROOT / "examples").glob("*.py"))
         with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-            made = [pool.submit(run_example, example, folder) for example in examples]
-            made += [pool.submit(draw_page, name, folder) for name in PAGES]
-            made += [pool.submit(draw_appendix, each, folder) for each in "ABC"]
-        for each in made:
+            drawn = [pool.submit(run_example, example, folder) for example in examples]
+            drawn += [pool.submit(draw_page, name, folder) for name in PAGES]
+            drawn += [pool.submit(draw_appendix, each, folder) for each in "ABC"]
+        for each in drawn:
             each.result()
-        stamp.write_text(state)
+        hash_file.write_text(digest)
 
 
 def run_example(example: Path, folder: Path) -> None:
-    """Run it in the folder, and keep what it prints beside its picture."""
-    here, said = Path.cwd(), StringIO()
+    """Run an example in the folder, and save its output next to its figure."""
+    previous, output = Path.cwd(), StringIO()
     os.chdir(folder)
     try:
-        with redirect_stdout(said):
+        with redirect_stdout(output):
             runpy.run_path(str(example), run_name="__main__")
     finally:
-        os.chdir(here)
-    (folder / f"{example.stem}.txt").write_text(said.getvalue(), encoding="utf-8")
+        os.chdir(previous)
+    (folder / f"{example.stem}.txt").write_text(output.getvalue(), encoding="utf-8")
 
 
 def draw_page(name: str, folder: Path) -> None:
-    """Draw a picture of the pages."""
+    """Draw a figure of a page."""
     save_figure(PAGES[name](), folder / f"{name}.png")
 
 
-def _state() -> str:
-    made_of = hashlib.sha256(sys.version.encode())
-    for place in ("src", "examples", "docs/making"):
-        for source in sorted((ROOT / place).rglob("*.py")):
-            made_of.update(source.read_bytes())
-    return made_of.hexdigest()
+def _source_hash() -> str:
+    digest = hashlib.sha256(sys.version.encode())
+    for folder in ("src", "examples", "docs/making"):
+        for source in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
 
 
 if __name__ == "__main__":
