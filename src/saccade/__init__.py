@@ -1,7 +1,7 @@
 """Active vision: attention, interest points, and EKF-SLAM.
 
-An image goes in, attention says where to look, interest points say what to keep, landmarks say
-where things are, and a map comes out.
+Saliency models predict where people look, interest points are detected and matched, and EKF-SLAM
+maps landmarks.
 """
 
 from importlib import import_module

@@ -72,9 +72,9 @@ class SiftResult:
     candidates: tuple[Candidate, ...]
     """All extrema, kept or not, by octave, scale, row and column."""
     scale_space: tuple[tuple[FloatArray, ...], ...]
-    """L: [octave][i], s + 3 images an octave, of scale BASE_SIGMA * K ** i in its pixels."""
+    """L: `[octave][i]`, s + 3 images an octave, of scale BASE_SIGMA * K ** i in its pixels."""
     differences: tuple[tuple[FloatArray, ...], ...]
-    """D: [octave][i], s + 2 images an octave; the scale of the first of the two subtracted."""
+    """D: `[octave][i]`, s + 2 images an octave; the scale of the first of the two subtracted."""
     descriptions: tuple[Description, ...]
     """One for each keypoint, in their order."""
 

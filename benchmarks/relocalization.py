@@ -1,0 +1,106 @@
+"""Relocalization: starts anywhere in a map that an earlier run of a simulated world made.
+
+    uv run python benchmarks/relocalization.py [--starts 60]
+
+The map is that of a run with known identities; the scans are those of another run, without them. A
+start is correct within three standard deviations or 0.3 m of the true pose, and 0.15 rad. It ends
+after five scans, or when a hypothesis has a probability over .99 ("sure").
+"""
+
+import argparse
+
+import numpy as np
+
+from saccade import slam
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.types import FloatArray, LandmarkLog, LandmarkMap
+
+ROBOT = {"course_length": 60, "landmarks": 60, "landmark_spread": 6, "steps": 800}
+WORLDS = {
+    "robot": WorldConfig(**ROBOT, range_limits=(0.5, 8.0)),
+    "coarse": WorldConfig(
+        **ROBOT,
+        range_limits=(0.5, 8.0),
+        range_percent=10,
+        bearing_sigma=5,
+        odometry_percent=3,
+    ),
+    "park": WorldConfig(
+        course_length=500,
+        curvature_amplitude=1.5,
+        landmarks=150,
+        landmark_spread=25,
+        steps=2500,
+        step_length=0.5,
+        range_limits=(1, 30),
+        range_percent=1,
+        range_sigma=0.1,
+        bearing_sigma=1,
+    ),
+    "dense": WorldConfig(
+        course_length=100,
+        landmarks=300,
+        landmark_spread=8,
+        steps=1200,
+        range_limits=(0.5, 8.0),
+    ),
+}
+SURE = 0.99
+NEAREST = 12
+"""Landmarks around a true pose by which it is brought into the frame of the map."""
+
+
+def in_map(pose: FloatArray, truth: FloatArray, mapped: FloatArray) -> FloatArray:
+    """A true pose in the frame of the map, aligned by the landmarks around it."""
+    near = np.argsort(np.hypot(*(truth - pose[:2]).T))[:NEAREST]
+    a, b = truth[near] - truth[near].mean(0), mapped[near] - mapped[near].mean(0)
+    turn = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[c, -s], [s, c]])
+    xy = rotation @ (pose[:2] - truth[near].mean(0)) + mapped[near].mean(0)
+    return np.append(xy, slam.wrap(pose[2] + turn))
+
+
+def localize(
+    log: LandmarkLog, first: int, landmarks: LandmarkMap
+) -> tuple[slam.PoseHypotheses, int, int]:
+    """Hypotheses after at most five scans from a pose on, the pose of the last, and the scans."""
+    search = slam.Relocalizer(landmarks.xy, landmarks.covariance)
+    for step in range(first, first + 5):
+        scan = log.observation_pose == step
+        found = search.add(log.observation[scan], log.observation_covariance[scan])
+        if step == first + 4 or (len(found) and found.probability[0] > SURE):
+            return found, step, step - first + 1
+        search.predict(log.control[step], log.control_covariance[step])
+    raise AssertionError
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--starts", type=int, default=60)
+    starts = parser.parse_args().starts
+    print("world   starts  correct  sure  sure and wrong  scans")
+    for name, world in WORLDS.items():
+        log, other = simulate_world(world, 1), simulate_world(world, 77)
+        mapped = slam.run(log, slam.EkfConfig(association="known")).map
+        rows = np.searchsorted(log.landmark_truth.id, mapped.id)
+        truth = log.landmark_truth.xy[rows]
+        correct = sure = wrong = scans = 0
+        chosen = np.random.default_rng(0).choice(len(other.time) - 10, starts, replace=False)
+        for first in chosen:
+            found, step, used = localize(other, int(first), mapped)
+            scans += used
+            if len(found) == 0:
+                continue
+            error = found.pose[0] - in_map(other.truth.pose[step], truth, mapped.xy)
+            sigma = np.sqrt(np.trace(found.covariance[0][:2, :2]))
+            right = np.hypot(*error[:2]) < max(0.3, 3 * sigma)
+            right = right and abs(slam.wrap(error[2])) < 0.15
+            correct += right
+            sure += found.probability[0] > SURE
+            wrong += not right and found.probability[0] > SURE
+        print(f"{name:8}{starts:6}{correct:9}{sure:6}{wrong:16}{scans / starts:7.1f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
