@@ -9,8 +9,7 @@ import numpy as np
 from saccade.frames import Camera, Frame
 from saccade.types import FloatArray, Image, IntArray
 from saccade.visual.depth import depth_of
-from saccade.visual.optical_flow import ByteArray, track_points
-from saccade.visual.prepared_frame import PreparedFrame, gray_bytes
+from saccade.visual.optical_flow import ByteArray, PreparedFrame, gray_bytes, track_points
 from saccade.visual.tables import Table, column
 
 MAX_WIDTH = 800

@@ -6,8 +6,7 @@ import numpy as np
 
 from saccade.diagnostics.survey import Survey
 from saccade.frames import Drive
-from saccade.types import FloatArray
-from saccade.visual.optical_flow import BoolArray
+from saccade.types import BoolArray, FloatArray
 
 MIN_STEPS = 20
 """Steps from which odometry and images are compared."""

@@ -18,9 +18,8 @@ from saccade.diagnostics.frame_points import (
 )
 from saccade.errors import ImageError
 from saccade.frames import Drive
-from saccade.types import FloatArray, IntArray
-from saccade.visual.optical_flow import BoolArray
-from saccade.visual.prepared_frame import PreparedFrame
+from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.visual.optical_flow import PreparedFrame
 
 STRETCHES = 4
 """Stretches, evenly spread, that are surveyed of a drive that has too many frames."""

@@ -9,10 +9,10 @@ from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.models import wrap
 from saccade.slam.results import PredictedObservations
-from saccade.types import FloatArray, IntArray, Keypoints
+from saccade.types import BoolArray, FloatArray, IntArray, Keypoints
 from saccade.visual.camera import is_inside, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import BoolArray, ByteArray
+from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 

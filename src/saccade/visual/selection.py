@@ -9,9 +9,8 @@ import numpy as np
 from saccade.attention.contrast import contrast_saliency
 from saccade.attention.symmetry import symmetry_saliency
 from saccade.pyramid import FloatMap
-from saccade.types import Float32Array, FloatArray, Image, IntArray
+from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import BoolArray
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
 MAX_DISTANCE = 100.0

@@ -7,8 +7,8 @@ from typing import Any, Self, cast
 import numpy as np
 import numpy.typing as npt
 
-from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
-from saccade.visual.optical_flow import BoolArray, ByteArray
+from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
+from saccade.visual.optical_flow import ByteArray
 
 AGE_WEIGHT = 1e-3
 """Of a landmark's relative age beside its miss rate: it decides between equal ones."""

@@ -10,7 +10,7 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.models import compose
 from saccade.slam.results import PredictedObservations
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior
@@ -18,13 +18,13 @@ from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import (
     MotionPrior,
     OdometryScale,
+    Planarity,
     TurnRateBias,
     camera_error_covariance,
     fuse,
     odometry_error_covariance,
 )
-from saccade.visual.optical_flow import BoolArray, ByteArray
-from saccade.visual.planarity import Planarity
+from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
