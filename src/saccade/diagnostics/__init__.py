@@ -1,4 +1,4 @@
-"""Diagnostics of a camera drive: what would spoil a run, found before it."""
+"""Diagnostics of a camera drive: finds errors of a recording before it is mapped."""
 
 from saccade.diagnostics.checks import CheckConfig, check_drive
 from saccade.diagnostics.findings import CheckReport, Finding
