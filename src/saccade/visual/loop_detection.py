@@ -1,4 +1,4 @@
-"""Place recognition: places seen before, by the keypoints of a whole frame."""
+"""Loop detection: recognizes places by matching the keypoints of whole frames."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,17 +10,17 @@ from saccade.types import Keypoints
 
 
 class PlaceMatch(NamedTuple):
-    """A place recognized."""
+    """A recognized place."""
 
     place: int
-    """Its number, in the order of the frames."""
+    """Number of the earlier frame."""
     inliers: int
     """Matches that agree with the epipolar geometry of the two views."""
 
 
 @dataclass(frozen=True)
 class LoopDetectionConfig:
-    """Thresholds of place recognition."""
+    """Thresholds of loop detection."""
 
     ratio: float = 0.8
     """Ratio test: distance to the nearest descriptor over that to the second."""
@@ -28,7 +28,7 @@ class LoopDetectionConfig:
     """Matches that must agree with one epipolar geometry. Different places of a hallway have up to
     18 by chance, of 500 points each."""
     min_gap: int = 15
-    """Frames between two views of a place that count as a return."""
+    """Least number of frames between two views of a place."""
 
     def __post_init__(self) -> None:
         require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
@@ -37,24 +37,17 @@ class LoopDetectionConfig:
 
 
 class LoopDetector:
-    """Recognizes places.
-
-    Args:
-        config: the thresholds.
-    """
+    """Recognizes the places of a sequence of frames."""
 
     def __init__(self, config: LoopDetectionConfig | None = None) -> None:
         self._config = config or LoopDetectionConfig()
         self._places: list[Keypoints] = []
 
     def detect(self, points: Keypoints) -> PlaceMatch | None:
-        """Recognize the place of a frame, and add it to the places.
-
-        Args:
-            points: of the frame, with descriptors.
+        """Recognize the place of a frame by its keypoints with descriptors, and add the frame.
 
         Returns:
-            The earlier place with the most inliers; None where none has enough.
+            The earlier frame with the most inliers; None where none has enough.
         """
         best: PlaceMatch | None = None
         config, earlier = self._config, len(self._places) + 1 - self._config.min_gap

@@ -23,13 +23,7 @@ from saccade.types import IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import CameraTrajectory, provides_depth
 from saccade.visual.egomotion import Motion, Prior, camera_motion
-from saccade.visual.frontend import (
-    FeatureCache,
-    FeatureExtractor,
-    FrameFeatures,
-    Prefetcher,
-    track,
-)
+from saccade.visual.frontend import FeatureCache, FeatureExtractor, FrameFeatures, Prefetcher, track
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import count_rematches, reidentify

@@ -1,7 +1,7 @@
 """Landmark selection: which of the tracked points become landmarks.
 
 The default takes those with the highest re-match rate while tracked, weighted by how certain their
-range is. Saliency is computed for the selections "contrast" and "symmetry" only.
+range is. Saliency is computed for the selections "contrast" and "symmetry" alone.
 """
 
 import numpy as np
@@ -14,16 +14,15 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
 MAX_DISTANCE = 100.0
-"""Pixels to the nearest landmark beyond which points count as equally free."""
+"""Pixels to the nearest landmark beyond which "rematch-rate-spread" ignores it."""
 
 
 def selection_saliency(image: Image | None, config: VisualConfig) -> FloatMap | None:
-    """Saliency (h, w) of an image; None where there is none, or the selection does not use it."""
-    if image is not None and config.selection == "contrast":
-        return contrast_saliency(image).saliency
-    if image is not None and config.selection == "symmetry":
-        return symmetry_saliency(image).saliency
-    return None
+    """Saliency (h, w) of an image; None without an image, or if the selection does not use it."""
+    if image is None or config.selection not in ("contrast", "symmetry"):
+        return None
+    compute = contrast_saliency if config.selection == "contrast" else symmetry_saliency
+    return compute(image).saliency
 
 
 def select_landmarks(
@@ -35,16 +34,16 @@ def select_landmarks(
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
-    """Choose new landmarks among tracked points, best first, apart from each other.
+    """Select new landmarks among tracked points, best first, at their minimum spacing.
 
     Args:
         points: k tracked points.
         observations: of the k points.
         usable: (k,) whether each has a certain range.
-        saliency: as `selection_saliency` returned it.
+        saliency: result of `selection_saliency`.
         shape: (H, W) of the image.
-        config: the selection, and how many.
-        frame: number of the frame, which seeds the random order of equal candidates.
+        config: criterion, spacing and budget.
+        frame: number of the frame, part of the seed of the random order of equal candidates.
 
     Returns:
         (m,) indices of the points.
@@ -69,7 +68,7 @@ def _score(
     shape: tuple[int, int],
     config: VisualConfig,
 ) -> FloatArray:
-    """(n,) by the selection criterion, higher is better."""
+    """(n,) score by the selection criterion; higher is better."""
     relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
     if config.selection == "strength":
         return points.response.astype(np.float64)
@@ -86,13 +85,13 @@ def _score(
 def rematch_rate(points: TrackedPoints) -> FloatArray:
     """(n,) probability that each point is re-matched by its descriptor.
 
-    The mean of the Beta posterior of a uniform prior, given attempts and re-matches while tracked.
+    Mean of the Beta posterior, given attempts and re-matches while tracked and a uniform prior.
     """
     return np.asarray((points.rematches + 1) / (points.rematch_attempts + 2))
 
 
 def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array) -> IntArray:
-    """Farthest-point ordering (n,) of pixels (n, 2), with factors (n,) of their distances.
+    """Farthest-point ordering (n,) of pixels (n, 2), whose distances are weighted (n,).
 
     Each point is the farthest from those before it and from `occupied` pixels (k, 2).
     """
@@ -122,9 +121,9 @@ def saliency_at(saliency: FloatMap, xy: Float32Array, shape: tuple[int, int]) ->
 def enforce_spacing(
     xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
 ) -> IntArray:
-    """The first of an order of pixels (n, 2) that keep their distance, `count` at most.
+    """Greedy selection of at most `count` pixels (n, 2) in an order (m,), at a minimum spacing.
 
-    From one another and from `occupied` pixels (k, 2).
+    Also from `occupied` pixels (k, 2).
     """
     neighbors = [*occupied]
     chosen: list[int] = []
