@@ -39,34 +39,31 @@ class Correspondences(NamedTuple):
     """k points observed in two frames; inverse depths are 1 / metres along the optical axis."""
 
     previous: FloatArray
-    """(k, 2) pixels in the first frame."""
     current: FloatArray
-    """(k, 2) pixels in the second frame."""
+    """(k, 2) pixels in the first and in the second frame."""
     inverse_depth: FloatArray
-    """(k,) in the first frame."""
     inverse_depth_sigma: FloatArray
-    """(k,) standard deviation; 1 where the depth is unknown."""
+    """(k,) in the first frame, and its standard deviation: 1 where the depth is unknown."""
     current_inverse_depth: FloatArray
-    """(k,) measured in the second frame, NaN where it was not."""
     current_inverse_depth_sigma: FloatArray
-    """(k,) standard deviation."""
+    """(k,) in the second frame, NaN where it was not measured, and its standard deviation."""
 
 
 class Motion(NamedTuple):
-    """The motion from one frame to the next as the camera measured it."""
+    """The motion from one frame to the next, estimated from the images."""
 
     control: FloatArray
     """(3,) metres ahead and to the left, radians turned, on the ground plane."""
     off_plane: FloatArray
-    """(3,) metres up, radians rolled to the right and pitched down."""
+    """(3,) change of height in metres, of roll (to the right) and pitch (down) in radians."""
     covariance: FloatArray
     """(3, 3) of the control."""
     inliers: BoolArray
-    """(k,) which correspondences agree with the motion."""
+    """(k,) whether each correspondence agrees with the motion."""
     rotation: FloatArray
     """(3, 3) from the previous camera frame to the current one."""
     translation: FloatArray
-    """(3,) metres, the previous camera center in the current camera frame."""
+    """(3,) previous camera center in the current camera frame, in metres."""
     includes_prior: bool
     """Whether the prior is part of the control: a single camera does not measure its length."""
 
@@ -79,10 +76,7 @@ def correspondences_of(
     current_depth: FloatArray,
     current_depth_sigma: FloatArray,
 ) -> Correspondences:
-    """Correspondences of pixels (k, 2) with depths (k,) in metres and their standard deviations.
-
-    A depth is NaN where it is unknown.
-    """
+    """Correspondences of pixels (k, 2) with depths (k,) in metres, NaN where unknown."""
     known = np.isfinite(depth)
     inverse = 1 / np.where(known, depth, DEFAULT_DEPTH)
     current_inverse = 1 / current_depth
@@ -185,7 +179,7 @@ def _prior_information(camera: Camera, covariance: FloatArray, R: FloatArray) ->
 
 
 def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None:
-    """Initial motion from the points whose depth is known."""
+    """Initial motion from the points of known depth."""
     known = points.inverse_depth_sigma < MAX_RELATIVE_SIGMA * points.inverse_depth
     if known.sum() < MIN_INLIERS:
         return None
