@@ -107,8 +107,14 @@ def motion_between(
     """
     known = np.isfinite(depth)
     metric = bool(known.sum() >= MIN_POINTS)
+    pose: CameraPose | None = None
     if metric:
-        pose = _from_depths(first[known], second[known], depth[known], camera)
+        points = directions(camera, first[known]) * depth[known, None]
+        solution = perspective_n_point(
+            camera, points, second[known], method=cv2.SOLVEPNP_ITERATIVE, confidence=0.99
+        )
+        if solution is not None and _most_agree(solution[2], len(points)):
+            pose = solution[:2]
     else:
         pose = _from_directions(first, second, camera)
     if pose is None:
@@ -117,16 +123,6 @@ def motion_between(
     C = camera.rotation
     rotation = np.asarray(cv2.Rodrigues(C @ R.T @ C.T)[0], np.float64).ravel()
     return rotation, -(C @ R.T @ t), metric
-
-
-def _from_depths(
-    first: FloatArray, second: FloatArray, depth: FloatArray, camera: Camera
-) -> CameraPose | None:
-    points = directions(camera, first) * depth[:, None]
-    solution = perspective_n_point(
-        camera, points, second, method=cv2.SOLVEPNP_ITERATIVE, confidence=0.99
-    )
-    return solution[:2] if solution is not None and _most_agree(solution[2], len(first)) else None
 
 
 def _from_directions(first: FloatArray, second: FloatArray, camera: Camera) -> CameraPose | None:

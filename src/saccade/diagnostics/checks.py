@@ -1,7 +1,6 @@
 """Runs all checks of a drive."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,33 +32,24 @@ from saccade.frames import Drive
 ORDER = ("error", "warning", "note")
 
 
-@dataclass(frozen=True)
-class CheckConfig:
-    """Settings of the checks."""
-
-    frames: int = 300
-    """Number of images to inspect; of a longer drive, in sequences spread over it."""
-
-    def __post_init__(self) -> None:
-        require(40 <= self.frames <= 10**6, "frames", "40 to 1e6", self.frames)
-
-
 def check_drive(
-    drive: Drive,
-    config: CheckConfig = CheckConfig(),
-    progress: Callable[[int, int], None] | None = None,
+    drive: Drive, frames: int = 300, progress: Callable[[int, int], None] | None = None
 ) -> CheckReport:
     """Check a drive for errors before it is mapped.
 
     Args:
         drive: the drive.
-        config: the settings.
+        frames: number of images to inspect, at least 40; of a longer drive, spread over it.
         progress: called with the number of frames inspected, and of all.
 
     Returns:
         The findings, the most severe first.
+
+    Raises:
+        ConfigError: too few frames to inspect.
     """
-    return report_on(drive, survey_drive(drive, config.frames, progress))
+    require(frames >= 40, "frames", "at least 40", frames)
+    return report_on(drive, survey_drive(drive, frames, progress))
 
 
 def report_on(drive: Drive, survey: Survey) -> CheckReport:

@@ -7,7 +7,6 @@ import numpy as np
 from saccade.diagnostics.findings import Finding, Severity, counted
 from saccade.diagnostics.motion_series import MIN_STEPS, Fit, Lag, MotionSeries, fit
 from saccade.frames import Drive
-from saccade.types import FloatArray
 
 MIN_TURN_RATE = 0.01
 """Standard deviation of the turn rate in rad/s from which turns are compared."""
@@ -70,7 +69,7 @@ def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
         what = f"odometry constantly turns {abs(bias):.2f} deg/s to the {side} of the images"
         advice = "This is the bias of a gyroscope; subtract it if it is known"
         yield Finding(severity, "turn bias", what, advice, bias, "deg/s")
-    yield from _check_noise(series, series.rotation[:, 2], 2, "turn", "rad")
+    yield from _check_noise(series, turns, 2, "turn", "rad")
 
 
 def _scale_finding(name: str, verb: str, fitted: Fit, advice: str) -> Finding:
@@ -80,10 +79,9 @@ def _scale_finding(name: str, verb: str, fitted: Fit, advice: str) -> Finding:
 
 
 def _check_noise(
-    series: MotionSeries, measured: FloatArray, column: int, name: str, unit: str
+    series: MotionSeries, fitted: Fit | None, column: int, name: str, unit: str
 ) -> Iterator[Finding]:
     """Whether the errors of a column of odometry are as large as its covariance says."""
-    fitted = fit(np.stack([measured, series.duration], 1), series.odometry[:, column])
     sigma = np.sqrt(np.median(series.covariance[:, column, column]))
     if fitted is not None and fitted.sigma > MAX_NOISE_RATIO * sigma:
         what = (
@@ -120,7 +118,9 @@ def check_translations(series: MotionSeries) -> Iterator[Finding]:
     """Noise and scale of the forward translation, where the images measure it."""
     if not series.metric.any():
         return
-    yield from _check_noise(series, series.translation[:, 0], 0, "translation", "m")
+    with_bias = np.stack([series.translation[:, 0], series.duration], 1)
+    fitted = fit(with_bias, series.odometry[:, 0])
+    yield from _check_noise(series, fitted, 0, "translation", "m")
     moving = series.moving
     fitted = fit(moving.translation[:, :1], moving.odometry[:, 0])
     if fitted is not None and fitted.differs(0, 1.0, MAX_SCALE_ERROR):

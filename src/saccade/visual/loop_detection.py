@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from saccade.errors import require
+from saccade.errors import require_ranges
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
 from saccade.types import Keypoints
@@ -31,9 +31,7 @@ class LoopDetectionConfig:
     """Least number of frames between two views of a place."""
 
     def __post_init__(self) -> None:
-        require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
-        require(self.min_inliers >= 8, "min_inliers", "at least 8", self.min_inliers)
-        require(self.min_gap >= 1, "min_gap", "at least 1", self.min_gap)
+        require_ranges(self, ratio=(1e-9, 1), min_inliers=(8, 1e6), min_gap=(1, 1e6))
 
 
 class LoopDetector:

@@ -28,7 +28,7 @@ from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
-from saccade.visual.selection import select_landmarks, selection_saliency
+from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
@@ -234,12 +234,10 @@ class Pipeline:
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) indices of the tracked points that become landmarks."""
         with self.log.timed("attend"):
-            saliency = selection_saliency(frame.frame.image, self.config)
-            observations, usable = self.map.observe(self.tracked)
-            shape = self.drive.camera.height, self.drive.camera.width
-            return select_landmarks(
-                self.tracked, observations, usable, saliency, shape, self.config, number
-            )
+            tracked, config = self.tracked, self.config
+            saliency = saliency_at(frame.frame.image, tracked.xy, config)
+            observations, usable = self.map.observe(tracked)
+            return select_landmarks(tracked, observations, usable, saliency, config, number)
 
     def _initialize(self, number: int, chosen: IntArray) -> None:
         """Initialize landmarks from tracked points (m,), within the budget of the map."""

@@ -118,15 +118,12 @@ class RunLog:
         try:
             yield
         finally:
-            self._add_seconds(step, perf_counter() - start)
-
-    def _add_seconds(self, step: str, seconds: float) -> None:
-        self.seconds[step] = self.seconds.get(step, 0.0) + seconds
+            self.seconds[step] = self.seconds.get(step, 0.0) + (perf_counter() - start)
 
     def add_features(self, features: FrameFeatures) -> None:
         """Log computation times and remarks of a frame's features."""
         for step, seconds in features.seconds.items():
-            self._add_seconds(step, seconds)
+            self.seconds[step] = self.seconds.get(step, 0.0) + seconds
         self.remarks.extend(features.remarks)
 
     def add_observations(

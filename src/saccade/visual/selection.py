@@ -8,7 +8,6 @@ import numpy as np
 
 from saccade.attention.contrast import contrast_saliency
 from saccade.attention.symmetry import symmetry_saliency
-from saccade.pyramid import FloatMap
 from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
@@ -17,20 +16,23 @@ MAX_DISTANCE = 100.0
 """Pixels to the nearest landmark beyond which "rematch-rate-spread" ignores it."""
 
 
-def selection_saliency(image: Image | None, config: VisualConfig) -> FloatMap | None:
-    """Saliency (h, w) of an image; None without an image, or if the selection does not use it."""
+def saliency_at(image: Image | None, xy: Float32Array, config: VisualConfig) -> FloatArray:
+    """(k,) saliency at pixels (k, 2); 0 without an image, or if the selection does not use it."""
     if image is None or config.selection not in ("contrast", "symmetry"):
-        return None
+        return np.zeros(len(xy))
     compute = contrast_saliency if config.selection == "contrast" else symmetry_saliency
-    return compute(image).saliency
+    saliency = compute(image).saliency
+    rows, columns = saliency.shape
+    column = ((xy[:, 0] + 0.5) * columns / image.shape[1]).astype(np.int64).clip(0, columns - 1)
+    row = ((xy[:, 1] + 0.5) * rows / image.shape[0]).astype(np.int64).clip(0, rows - 1)
+    return np.asarray(saliency[row, column], np.float64)
 
 
 def select_landmarks(
     points: TrackedPoints,
     observations: RangeBearings,
     usable: BoolArray,
-    saliency: FloatMap | None,
-    shape: tuple[int, int],
+    saliency: FloatArray,
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
@@ -40,8 +42,7 @@ def select_landmarks(
         points: k tracked points.
         observations: of the k points.
         usable: (k,) whether each has a certain range.
-        saliency: result of `selection_saliency`.
-        shape: (H, W) of the image.
+        saliency: (k,) result of `saliency_at`.
         config: criterion, spacing and budget.
         frame: number of the frame, part of the seed of the random order of equal candidates.
 
@@ -54,7 +55,7 @@ def select_landmarks(
     if config.selection == "rematch-rate-spread":
         order = farthest_first(candidates.xy, rematch_rate(candidates), tracked.xy)
     else:
-        score = _score(candidates, observations[free], saliency, shape, config)
+        score = _score(candidates, observations[free], saliency[free], config)
         order = np.argsort(-score, kind="stable")
     capacity = max(0, config.max_tracked - len(tracked))
     count = min(config.new_per_frame * config.detect_interval, capacity)
@@ -62,11 +63,7 @@ def select_landmarks(
 
 
 def _score(
-    points: TrackedPoints,
-    observations: RangeBearings,
-    saliency: FloatMap | None,
-    shape: tuple[int, int],
-    config: VisualConfig,
+    points: TrackedPoints, observations: RangeBearings, saliency: FloatArray, config: VisualConfig
 ) -> FloatArray:
     """(n,) score by the selection criterion; higher is better."""
     relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
@@ -79,7 +76,7 @@ def _score(
     if config.selection == "rematch-rate-range":
         certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
         return rematch_rate(points) * certainty
-    return np.zeros(len(points)) if saliency is None else saliency_at(saliency, points.xy, shape)
+    return saliency
 
 
 def rematch_rate(points: TrackedPoints) -> FloatArray:
@@ -108,14 +105,6 @@ def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array)
         remaining[i] = False
         nearest = np.minimum(nearest, distances[i])
     return np.asarray(order, np.int64)
-
-
-def saliency_at(saliency: FloatMap, xy: Float32Array, shape: tuple[int, int]) -> FloatArray:
-    """(n,) saliency (h, w) at pixels (n, 2) of an image of a shape (H, W)."""
-    rows, columns = saliency.shape
-    column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
-    row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
-    return np.asarray(saliency[row, column], np.float64)
 
 
 def enforce_spacing(
