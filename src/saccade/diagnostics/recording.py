@@ -9,9 +9,11 @@ from saccade.diagnostics.findings import Finding, Severity, counted
 from saccade.diagnostics.survey import Survey
 from saccade.frames import Drive
 from saccade.types import FloatArray
+from saccade.visual.motion_prior import INTEGRATION_TIME
+from saccade.visual.optical_flow import MIN_CONTRAST
 
-MIN_BRIGHTNESS, MIN_CONTRAST = 8.0, 4.0
-"""Mean and standard deviation of the gray levels (0 to 255) below which an image is blank."""
+MIN_BRIGHTNESS = 8.0
+"""Mean gray level (0 to 255) below which an image is black."""
 MIN_SHARPNESS = 0.4
 """Fraction of the median sharpness below which a frame is blurred."""
 MAX_BAD_FRACTION = 0.02
@@ -26,8 +28,6 @@ MAX_TILT = np.deg2rad(5.0)
 """Radians of pitch or roll from which distances on the plane are wrong by half a per cent."""
 MAX_HEIGHT, MAX_GRADIENT = 0.5, 0.1
 """Change of height in metres that is reported, and as a fraction of the path that is a warning."""
-INTEGRATION_TIME = 2.0
-"""Seconds over which rotations by the images are integrated."""
 
 
 def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
