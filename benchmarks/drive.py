@@ -27,7 +27,7 @@ from saccade.datasets.drives.tracks import read_tracks_drive
 from saccade.evaluation.drives import score_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Drive
-from saccade.visual.prepared_frame import gray_bytes
+from saccade.visual.optical_flow import gray_bytes
 
 WARM = 24
 """Frames that are driven before the first that count."""

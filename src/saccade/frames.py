@@ -1,7 +1,7 @@
 """The data types of a camera drive: calibration, frames and odometry.
 
-The robot's frame has x ahead, y to the left and z up, its origin on the ground where
-odometry is measured. The camera's has x to the right, y down and z along the optical axis.
+The robot's frame has x ahead, y to the left and z up; its origin is the point on the ground whose
+motion odometry measures. The camera's has x to the right, y down and z along the optical axis.
 """
 
 from collections.abc import Callable
@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from saccade.errors import DriveError, require
+from saccade.errors import DriveError, require, require_ranges
 from saccade.types import FloatArray, Image, IntArray, Trajectory, check_arrays
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""(3, 3) rotation into the robot's frame of a camera that faces straight ahead."""
+"""(3, 3) rotation of a camera that faces straight ahead, from its frame into the robot's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +25,9 @@ class Camera:
     """
 
     width: int
-    """Of the image, in pixels."""
+    """Width of the image in pixels."""
     height: int
-    """Of the image, in pixels."""
+    """Height of the image in pixels."""
     fx: float
     """Horizontal focal length in pixels."""
     fy: float
@@ -44,23 +44,16 @@ class Camera:
     """(3, 3) rotation from the camera's frame into the robot's."""
 
     def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            value = getattr(self, name)
-            require(1 <= value <= 1 << 16, name, "1 to 65536 px", value)
-        for name in ("fx", "fy"):
-            value = getattr(self, name)
-            require(0 < value < 1e6, name, "over 0 px, under 1e6", value)
-        for name in ("cx", "cy"):
-            require(bool(np.isfinite(getattr(self, name))), name, "a number", getattr(self, name))
-        require(0 <= self.baseline < 1e3, "baseline", "0 to under 1000 m", self.baseline)
-        placed = self.position.shape == (3,) and bool(np.isfinite(self.position).all())
-        require(placed, "position", "three numbers in metres", self.position.tolist())
-        turns = self.rotation.shape == (3, 3) and bool(
+        require_ranges(self, width=(1, 65536), height=(1, 65536), baseline=(0, 1000))
+        require_ranges(self, fx=(1e-6, 1e6), fy=(1e-6, 1e6), cx=(-1e6, 1e6), cy=(-1e6, 1e6))
+        valid = self.position.shape == (3,) and bool(np.isfinite(self.position).all())
+        require(valid, "position", "three numbers in metres", self.position.tolist())
+        valid = self.rotation.shape == (3, 3) and bool(
             np.abs(self.rotation).max() < 2  # so that no product is infinite
             and np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() < 1e-3
             and np.linalg.det(self.rotation) > 0
         )
-        require(turns, "rotation", "a rotation matrix (3, 3)", self.rotation.tolist())
+        require(valid, "rotation", "a rotation matrix (3, 3)", self.rotation.tolist())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,11 +61,11 @@ class Tracks:
     """Points of one frame that were tracked by another program."""
 
     id: IntArray
-    """(k,) number of the track."""
+    """(k,) track ids."""
     xy: FloatArray
-    """(k, 2) position in the (left) image, in pixels."""
+    """(k, 2) positions in the (left) image, in pixels."""
     disparity: FloatArray
-    """(k,) stereo disparity in pixels; NaN if unknown."""
+    """(k,) stereo disparities in pixels; NaN where unknown."""
 
     def __len__(self) -> int:
         return len(self.id)
@@ -86,11 +79,11 @@ class Frame:
     """The data of the camera at one time."""
 
     time: float
-    """Seconds."""
+    """Timestamp in seconds."""
     image: Image | None = None
-    """Of the (left) camera."""
+    """Image of the (left) camera."""
     right: Image | None = None
-    """Of the right camera of a rectified rig."""
+    """Image of the right camera of a rectified stereo rig."""
     depth: FloatArray | None = None
     """(H, W) meters along the optical axis, NaN where unknown."""
     tracks: Tracks | None = None
@@ -99,7 +92,7 @@ class Frame:
     def __repr__(self) -> str:
         names = ("image", "right", "depth", "tracks")
         present = [name for name in names if getattr(self, name) is not None]
-        return f"Frame({self.time:.3f} s, {', '.join(present) or 'nothing'})"
+        return f"Frame({self.time:.3f} s, {', '.join(present) or 'empty'})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,44 +100,40 @@ class Drive:
     """A recording of a robot with a camera: n frames, and odometry from each to the next.
 
     Raises:
-        DriveError: shapes that do not fit together, NaN, or times that go back.
+        DriveError: inconsistent shapes, NaN, or times that go back.
     """
 
     name: str
     """Name of the sequence, for headings and messages."""
     camera: Camera
-    """Its calibration and its pose on the robot."""
+    """Calibration of the camera and its pose on the robot."""
     time: FloatArray
-    """(n,) of each frame, in seconds, ascending."""
+    """(n,) times of the frames in seconds, ascending."""
     control: FloatArray
     """(n - 1, 3) pose of frame i + 1 in the robot's frame of i by odometry: meters ahead, meters
     to the left, radians."""
     control_covariance: FloatArray
-    """(n - 1, 3, 3)."""
+    """(n - 1, 3, 3) covariances of `control`."""
     load: Callable[[int], Frame]
-    """Frame of a number; raises `ImageError` where its file cannot be read."""
+    """Loads the frame of a number; raises `ImageError` where its file cannot be read."""
     start: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) pose at the first frame."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """As that of `LandmarkLog`."""
+    """Standard deviations of systematic errors, as `LandmarkLog.odometry_bias`."""
     truth: Trajectory | None = None
     """Ground truth, if known; its times need not be those of the frames."""
     truth_off_plane: FloatArray | None = None
     """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
     radians, at the poses of `truth`."""
     remarks: tuple[str, ...] = ()
-    """Repairs by the reader of its files, one line each."""
+    """Repairs made when its files were read, one line each."""
 
     def __post_init__(self) -> None:
         n = len(self.time)
         if n < 1:
             raise DriveError(f"{self.name}: expected at least one frame, found none")
-        shapes = {
-            "time": (n,),
-            "control": (n - 1, 3),
-            "control_covariance": (n - 1, 3, 3),
-            "start": (3,),
-        }
+        shapes: dict[str, tuple[int, ...]] = {"time": (n,), "control": (n - 1, 3), "start": (3,)}
+        shapes["control_covariance"] = (n - 1, 3, 3)
         check_arrays(self, shapes, ("time",), DriveError)
 
     def until(self, frames: int) -> "Drive":

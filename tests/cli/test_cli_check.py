@@ -22,7 +22,7 @@ def test_a_clean_drive_ends_with_0_and_one_with_findings_with_1(run, sequence):
     code, out, _ = run("check", sequence, "--format", "kitti")
     assert code == 1
     assert "1 problem" in out
-    assert "2 frames are black or all of one grey (frames 3, 4)" in " ".join(out.split())
+    assert "2 frames are black or uniformly gray (frames 3, 4)" in " ".join(out.split())
 
 
 def test_programs_get_every_number(run, sequence):

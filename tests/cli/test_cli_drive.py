@@ -28,4 +28,4 @@ def test_options_override_the_configuration(run, tmp_path):
     np.testing.assert_allclose(row["end_m"], end, atol=1e-3)
     code, _, err = run(*words, "--selection", "luck")
     assert code == 2
-    assert "selection: expected one of" in err
+    assert "selection: expected 'strength' or" in err

@@ -11,6 +11,7 @@ from saccade.evaluation.drives import score_drive
 from saccade.frames import AHEAD, Camera
 from saccade.visual.camera import from_pixels, observe, observe_bearings, range_bearing, to_pixels
 from saccade.visual.config import VisualConfig
+from saccade.visual.depth import CameraTrajectory
 from saccade.visual.egomotion import (
     camera_motion,
     correspondences_of,
@@ -21,7 +22,6 @@ from saccade.visual.egomotion import (
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.motion_prior import MotionPrior, OdometryScale, TurnRateBias, fuse
 from saccade.visual.tables import TrackedPoints
-from saccade.visual.triangulation import CameraTrajectory
 from support.winding_drive import winding
 
 TILTED = np.array(

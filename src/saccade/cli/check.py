@@ -29,12 +29,12 @@ def check(
     """
     from saccade import datasets
     from saccade.cli.output import print_json, progress_bar
-    from saccade.diagnostics import CheckConfig, check_drive
+    from saccade.diagnostics import check_drive
 
     kind = "auto" if kind is None else kind
     drive = datasets.load_drive(cast("datasets.DriveKind", kind), sequence)
     with progress_bar("checking") as update:
-        report = check_drive(drive, CheckConfig(frames), update)
+        report = check_drive(drive, frames, update)
     if as_json:
         print_json(_as_row(report))
     else:

@@ -1,6 +1,6 @@
-"""Diagnostics of a camera drive: what would spoil a run, found before it."""
+"""Diagnostics of a camera drive: finds errors of a recording before it is mapped."""
 
-from saccade.diagnostics.checks import CheckConfig, check_drive
+from saccade.diagnostics.checks import check_drive
 from saccade.diagnostics.findings import CheckReport, Finding
 
-__all__ = ["CheckConfig", "CheckReport", "Finding", "check_drive"]
+__all__ = ["CheckReport", "Finding", "check_drive"]

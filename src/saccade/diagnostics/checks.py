@@ -1,7 +1,6 @@
-"""All checks of a drive."""
+"""Runs all checks of a drive."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,55 +12,48 @@ from saccade.diagnostics.calibration import (
     check_rotation,
 )
 from saccade.diagnostics.findings import CheckReport, Finding
-from saccade.diagnostics.images import check_egomotion, check_images
-from saccade.diagnostics.motion_series import Lag, MotionSeries, has_odometry, lag_of, series_of
+from saccade.diagnostics.motion_series import MIN_STEPS, Lag, MotionSeries, fit, lag_of, series_of
 from saccade.diagnostics.odometry import (
     check_direction,
     check_jumps,
     check_translations,
     check_turns,
 )
-from saccade.diagnostics.planarity import check_planarity
-from saccade.diagnostics.robust_regression import fit
+from saccade.diagnostics.recording import (
+    check_egomotion,
+    check_images,
+    check_planarity,
+    check_timestamps,
+)
 from saccade.diagnostics.survey import Survey, survey_drive
-from saccade.diagnostics.timestamps import check_timestamps
 from saccade.errors import require
 from saccade.frames import Drive
 
 ORDER = ("error", "warning", "note")
 
 
-@dataclass(frozen=True)
-class CheckConfig:
-    """Settings of the checks."""
-
-    frames: int = 300
-    """Images that are inspected; of a longer drive, stretches that are spread over it."""
-
-    def __post_init__(self) -> None:
-        require(40 <= self.frames <= 10**6, "frames", "40 to 1e6", self.frames)
-
-
 def check_drive(
-    drive: Drive,
-    config: CheckConfig = CheckConfig(),
-    progress: Callable[[int, int], None] | None = None,
+    drive: Drive, frames: int = 300, progress: Callable[[int, int], None] | None = None
 ) -> CheckReport:
-    """Check a drive for what would spoil a run.
+    """Check a drive for errors before it is mapped.
 
     Args:
-        drive: to be checked.
-        config: the settings.
+        drive: the drive.
+        frames: number of images to inspect, at least 40; of a longer drive, spread over it.
         progress: called with the number of frames inspected, and of all.
 
     Returns:
-        The findings, the worst first.
+        The findings, the most severe first.
+
+    Raises:
+        ConfigError: too few frames to inspect.
     """
-    return report_on(drive, survey_drive(drive, config.frames, progress))
+    require(frames >= 40, "frames", "at least 40", frames)
+    return report_on(drive, survey_drive(drive, frames, progress))
 
 
 def report_on(drive: Drive, survey: Survey) -> CheckReport:
-    """The findings of a drive, from its survey."""
+    """Check a drive that was surveyed."""
     series, lag = series_of(drive, survey), lag_of(drive, survey)
     findings = [
         *check_images(drive, survey),
@@ -73,7 +65,9 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
     odometry, extrinsics = _motion_findings(drive, series, lag)
     findings += odometry + extrinsics
     if not drive.control[:, :2].any():
-        findings.append(_no_odometry())
+        what = "there are no translations by odometry to compare the images with"
+        advice = "Provide odometry.csv if odometry was recorded"
+        findings.append(Finding("note", "no odometry", what, advice, 0.0, "steps"))
     if not extrinsics:  # wrong extrinsics make turns look like tilt
         findings += check_planarity(drive, survey)
     findings.sort(key=lambda finding: ORDER.index(finding.severity))
@@ -84,27 +78,17 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
 def _motion_findings(
     drive: Drive, series: MotionSeries, lag: Lag | None
 ) -> tuple[list[Finding], list[Finding]]:
-    """Findings of odometry and of extrinsics; without those that follow from others."""
-    if not has_odometry(drive):
+    """Findings on odometry and on extrinsics, without those that follow from others."""
+    if not drive.control.any():
         return [], []
-    odometry = [*check_jumps(drive), *check_turns(series, lag)]
-    if rotation := [*check_rotation(series)]:
+    odometry, moving = [*check_jumps(drive), *check_turns(series, lag)], series.moving
+    if len(moving) < MIN_STEPS:
+        return odometry, []
+    if rotation := [*check_rotation(moving)]:
         return odometry, rotation
-    if direction := [*check_direction(series)]:
+    if direction := [*check_direction(moving)]:
         return odometry + direction, []
-    translations = [*check_translations(series)]
-    return odometry + translations, [*check_extrinsics(series, drive.camera)]
-
-
-def _no_odometry() -> Finding:
-    return Finding(
-        "note",
-        "no odometry",
-        "there are no translations by odometry to compare the images with",
-        "Write an odometry.csv if there is any",
-        0.0,
-        "steps",
-    )
+    return [*odometry, *check_translations(series)], [*check_extrinsics(moving, drive.camera)]
 
 
 def _figures(survey: Survey, series: MotionSeries, lag: Lag | None) -> dict[str, Any]:
@@ -124,7 +108,7 @@ def _figures(survey: Survey, series: MotionSeries, lag: Lag | None) -> dict[str,
             "turn_bias_deg_per_s": float(np.rad2deg(turn.value[1])),
             "turn_noise_deg": float(np.rad2deg(turn.sigma)),
         }
-    if series.metric:
+    if series.metric.any():
         translation = fit(series.translation[:, :1], series.odometry[:, 0])
         if translation is not None:
             figures |= {

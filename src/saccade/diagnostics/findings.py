@@ -1,17 +1,14 @@
-"""Findings: defects of a drive, in words and numbers."""
+"""Results of the checks of a drive."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
-
-import numpy as np
 
 from saccade.types import IntArray
 
 Severity: TypeAlias = Literal["error", "warning", "note"]
-"""An "error" spoils a run; a "warning" makes it worse; a "note" does no harm."""
+"""An "error" makes a map unusable; a "warning" makes it worse; a "note" does no harm."""
 MAX_LISTED = 6
-"""Frames that are listed in words; the others are counted."""
+"""Frame numbers that are listed in a message; the others are counted."""
 
 
 @dataclass(frozen=True)
@@ -19,36 +16,31 @@ class Finding:
     """A defect of a drive."""
 
     severity: Severity
-    """How bad it is."""
     check: str
-    """Short name of the check that found it."""
+    """Name of the check that found it."""
     what: str
-    """One sentence with the number in it."""
+    """The defect in one sentence, with its value."""
     advice: str
     """What to do."""
     value: float
-    """The number."""
+    """Size of the defect."""
     unit: str
-    """Of the number."""
+    """Unit of the value."""
     frames: tuple[int, ...] = ()
-    """Where, if it is not everywhere."""
+    """Frames that have it; empty where it concerns the whole drive."""
 
     @classmethod
     def in_frames(
-        cls,
-        severity: Severity,
-        check: str,
-        what: str,
-        advice: str,
-        frames: IntArray | Sequence[int],
-        unit: str = "frames",
+        cls, severity: Severity, check: str, what: str, advice: str, frames: IntArray
     ) -> "Finding":
-        """A defect of single frames, whose number is that of the frames."""
-        numbers = tuple(np.asarray(frames).tolist())
-        return cls(severity, check, what, advice, float(len(numbers)), unit, numbers)
+        """A defect of single frames; its value is their number."""
+        numbers = tuple(frames.tolist())
+        return cls(severity, check, what, advice, float(len(numbers)), "frames", numbers)
 
     def __str__(self) -> str:
-        frames = f" ({listed(self.frames)})" if self.frames else ""
+        first, n = ", ".join(map(str, self.frames[:MAX_LISTED])), len(self.frames)
+        more = f", ... {n} in all" if n > MAX_LISTED else ""
+        frames = f" (frame{'s' if n > 1 else ''} {first}{more})" if n else ""
         return f"{self.what[:1].upper()}{self.what[1:]}{frames}. {self.advice}."
 
 
@@ -57,32 +49,25 @@ class CheckReport:
     """Findings and measurements of a drive."""
 
     name: str
-    """Of the drive."""
+    """Name of the drive."""
     frames: int
-    """How many it has."""
+    """Number of frames of the drive."""
     inspected: int
-    """How many of them were inspected."""
+    """Number of frames inspected."""
     findings: tuple[Finding, ...]
-    """The worst first."""
-    figures: dict[str, Any] = field(default_factory=dict)
-    """Measurements by name, with the unit at its end."""
+    """The most severe first."""
+    figures: dict[str, Any]
+    """Measurements by name, which ends with the unit."""
 
     @property
     def clean(self) -> bool:
-        """Whether there are no findings but notes."""
+        """Whether there are neither errors nor warnings."""
         return all(finding.severity == "note" for finding in self.findings)
 
     def __repr__(self) -> str:
         return f"CheckReport({self.name}: {len(self.findings)} findings)"
 
 
-def listed(frames: tuple[int, ...]) -> str:
-    """The first few frames in words, and how many there are."""
-    first = ", ".join(map(str, frames[:MAX_LISTED]))
-    more = f", ... {len(frames)} in all" if len(frames) > MAX_LISTED else ""
-    return f"frame{'s' if len(frames) > 1 else ''} {first}{more}"
-
-
 def counted(n: int, one: str, several: str) -> str:
-    """A number and what it counts: "1 frame is", "2 frames are"."""
+    """A number and its noun in singular or plural: "1 frame is", "2 frames are"."""
     return f"{n} {one if n == 1 else several}"

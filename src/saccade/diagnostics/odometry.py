@@ -1,169 +1,128 @@
-"""Odometry, against the motion of the camera."""
+"""Checks of odometry against the motion of the camera."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from saccade.diagnostics.findings import Finding, counted
-from saccade.diagnostics.motion_series import MIN_STEPS, Lag, MotionSeries
-from saccade.diagnostics.robust_regression import Fit, fit
+from saccade.diagnostics.findings import Finding, Severity, counted
+from saccade.diagnostics.motion_series import MIN_STEPS, Fit, Lag, MotionSeries, fit
 from saccade.frames import Drive
-from saccade.types import FloatArray
 
 MIN_TURN_RATE = 0.01
-"""Standard deviation of the turn rate in rad/s, from which turns can be compared."""
+"""Standard deviation of the turn rate in rad/s from which turns are compared."""
 MIN_CORRELATION = 0.3
-"""Correlation of turns from which both are of the same drive."""
+"""Correlation of turns from which images and odometry are taken to be of the same drive."""
 MAX_SCALE_ERROR = 0.1
-"""Fraction by which odometry may be too long."""
-MAX_TURN_BIAS = np.deg2rad(2.0)
-"""Radians per second by which a gyroscope may be off."""
-STANDSTILL = 0.1
-"""Translation of the camera over that of odometry, below which the camera stands still."""
-MAX_SLIP = 0.25
-"""Fraction of the steps in which it may."""
+"""Relative error allowed in the scale of odometry."""
+MAX_TURN_BIAS = 2.0
+"""Turn rate bias in degrees per second that is usual of a gyroscope."""
+STANDSTILL, MAX_SLIP = 0.1, 0.25
+"""Translation of the camera over that of odometry below which the camera stands still, and the
+fraction of the steps in which it may."""
 MAX_NOISE_RATIO = 2.0
-"""Standard deviation of the errors over that of the covariance."""
+"""Standard deviation of the errors of odometry over that of its covariance."""
 JUMP_RATIO = 10.0
-"""Change of speed over its standard deviation, from which it is a jump."""
+"""Change of speed, over its standard deviation, that is a jump."""
 
 
 def check_turns(series: MotionSeries, lag: Lag | None) -> Iterator[Finding]:
-    """Sign, clock, scale, bias and noise of the turns; not what follows from an earlier one."""
+    """Sign, clock, scale, bias and noise of the turns; none that follows from an earlier one."""
     if lag is None or len(series) < MIN_STEPS:
         return
     if np.std(series.rotation[:, 2] / series.duration) < MIN_TURN_RATE:
         return
     if lag.correlation < MIN_CORRELATION:
-        yield _turn_finding(lag)
+        check, relation = "turn", "unrelated"
+        advice = "Check camera.rotation, and whether both are of the same drive"
+        if lag.correlation < -MIN_CORRELATION:
+            check, relation = "turn sign", "opposite"
+            advice = (
+                "Turns are positive to the left; change the sign of the turn, or check whether "
+                "the images are mirrored"
+            )
+        what = f"the turns of odometry and of the images are {relation}: "
+        what += f"their correlation is {lag.correlation:.2f}"
+        yield Finding("error", check, what, advice, lag.correlation, "correlation")
         return
-    if lag.frames != 0 and (1 - lag.present_correlation**2) > 1.2 * (1 - lag.correlation**2):
-        yield _lag_finding(series, lag)
+    if lag.frames != 0 and (1 - lag.correlation_without**2) > 1.2 * (1 - lag.correlation**2):
+        seconds = lag.frames * float(np.median(series.duration))
+        late, frames = seconds > 0, counted(abs(lag.frames), "frame", "frames")
+        what = (
+            f"odometry's clock is {abs(seconds):.2f} s ({frames}) {'late' if late else 'early'}: "
+            f"shifted, its turns correlate by {lag.correlation:.3f}, unshifted by "
+            f"{lag.correlation_without:.3f}"
+        )
+        advice = f"{'Subtract this from' if late else 'Add this to'} the times of odometry"
+        yield Finding("warning", "clock lag", what, advice, seconds, "s")
         return
     turns = fit(np.stack([series.rotation[:, 2], series.duration], 1), series.odometry[:, 2])
     if turns is not None and turns.differs(0, 1.0, MAX_SCALE_ERROR):
         advice = "Check the unit of the turn, the wheel base, and the focal length"
         if abs(np.log(abs(float(turns.value[0])) / np.rad2deg(1.0))) < 0.1:
-            advice = "It is in degrees: a turn is in radians"
+            advice = "It is in degrees: turns are in radians"
         yield _scale_finding("turn", "turns", turns, advice)
         return
     if turns is not None and abs(turns.value[1]) >= 4 * turns.error[1]:
-        yield _bias_finding(float(turns.value[1]))
-    yield from _check_noise(series, series.rotation[:, 2], 2, "turn", "rad")
-
-
-def _turn_finding(lag: Lag) -> Finding:
-    opposite = lag.correlation < -MIN_CORRELATION
-    return Finding(
-        "error",
-        "turn sign" if opposite else "turn",
-        f"the turns of odometry and of the images are {'opposite' if opposite else 'unrelated'}: "
-        f"their correlation is {lag.correlation:.2f}",
-        "Turns are positive to the left; change the sign of the turn, or check whether the images "
-        "are mirrored"
-        if opposite
-        else "Check whether both are of the same drive, and camera.rotation",
-        lag.correlation,
-        "correlation",
-    )
-
-
-def _lag_finding(series: MotionSeries, lag: Lag) -> Finding:
-    seconds = lag.frames * float(np.median(series.duration))
-    late, frames = seconds > 0, counted(abs(lag.frames), "frame", "frames")
-    return Finding(
-        "warning",
-        "clock lag",
-        f"odometry's clock is {abs(seconds):.2f} s ({frames}) {'late' if late else 'early'}: "
-        f"shifted, its turns correlate by {lag.correlation:.3f}, unshifted by "
-        f"{lag.present_correlation:.3f}",
-        f"{'Subtract this from' if late else 'Add this to'} the times of odometry",
-        seconds,
-        "s",
-    )
+        bias = float(np.rad2deg(turns.value[1]))
+        severity: Severity = "warning" if abs(bias) > MAX_TURN_BIAS else "note"
+        side = "left" if bias > 0 else "right"
+        what = f"odometry constantly turns {abs(bias):.2f} deg/s to the {side} of the images"
+        advice = "This is the bias of a gyroscope; subtract it if it is known"
+        yield Finding(severity, "turn bias", what, advice, bias, "deg/s")
+    yield from _check_noise(series, turns, 2, "turn", "rad")
 
 
 def _scale_finding(name: str, verb: str, fitted: Fit, advice: str) -> Finding:
-    scale = float(fitted.value[0])
-    return Finding(
-        "warning",
-        f"{name} scale",
-        f"odometry {verb} {scale:.2f} times as far as the images "
-        f"(within {2 * fitted.error[0]:.2f})",
-        advice,
-        scale,
-        "times",
-    )
-
-
-def _bias_finding(bias: float) -> Finding:
-    degrees = float(np.rad2deg(bias))
-    side = "left" if bias > 0 else "right"
-    return Finding(
-        "warning" if abs(bias) > MAX_TURN_BIAS else "note",
-        "turn bias",
-        f"odometry constantly turns {abs(degrees):.2f} deg/s to the {side} of the images",
-        "It is the bias of a gyroscope; subtract it if it is known",
-        degrees,
-        "deg/s",
-    )
+    scale, error = float(fitted.value[0]), 2 * fitted.error[0]
+    what = f"odometry {verb} {scale:.2f} times as far as the images (within {error:.2f})"
+    return Finding("warning", f"{name} scale", what, advice, scale, "times")
 
 
 def _check_noise(
-    series: MotionSeries, measured: FloatArray, column: int, name: str, unit: str
+    series: MotionSeries, fitted: Fit | None, column: int, name: str, unit: str
 ) -> Iterator[Finding]:
-    """Whether a column of odometry has the errors that its covariance gives."""
-    fitted = fit(np.stack([measured, series.duration], 1), series.odometry[:, column])
+    """Whether the errors of a column of odometry are as large as its covariance says."""
     sigma = np.sqrt(np.median(series.covariance[:, column, column]))
     if fitted is not None and fitted.sigma > MAX_NOISE_RATIO * sigma:
-        yield Finding(
-            "warning",
-            f"{name} noise",
-            f"odometry's {name} is off by {fitted.sigma:.2g} {unit} in a step (one standard "
-            f"deviation against the images), its covariance gives {sigma:.2g} {unit}",
-            f"Make the standard deviations {fitted.sigma / max(sigma, 1e-12):.1f} times as large",
-            float(fitted.sigma),
-            unit,
+        what = (
+            f"odometry's {name} is wrong by {fitted.sigma:.2g} {unit} in a step (one standard "
+            f"deviation, compared with the images); by its covariance by {sigma:.2g} {unit}"
         )
+        advice = (
+            f"Make the standard deviations {fitted.sigma / max(sigma, 1e-12):.1f} times as large"
+        )
+        yield Finding("warning", f"{name} noise", what, advice, float(fitted.sigma), unit)
 
 
-def check_direction(series: MotionSeries) -> Iterator[Finding]:
-    """Whether the camera moves when odometry does, and the same way."""
-    moving = series.moving
-    if len(series) < MIN_STEPS or moving.sum() < MIN_STEPS:
-        return
-    camera, odometry = series.translation[moving], series.odometry[moving, 0]
+def check_direction(moving: MotionSeries) -> Iterator[Finding]:
+    """Whether the camera moves when odometry does, and in the same direction."""
+    camera, odometry = moving.translation, moving.odometry[:, 0]
     still = 100 * float(np.mean(np.linalg.norm(camera, axis=1) < STANDSTILL * np.abs(odometry)))
     same_sign = float(np.mean(np.sign(camera[:, 0]) == np.sign(odometry)))
     if still > 100 * MAX_SLIP:
-        yield Finding(
-            "warning",
-            "standstill",
-            f"the images stand still in {still:.0f} % of the steps in which odometry moves",
-            "Check whether the camera is frozen, the wheels slip, or the frames are of another "
-            "time",
-            still,
-            "%",
+        what = f"the images stand still in {still:.0f} % of the steps in which odometry moves"
+        advice = (
+            "Check whether the camera is frozen, the wheels slip, or the frames are of another time"
         )
+        yield Finding("warning", "standstill", what, advice, still, "%")
     elif same_sign < 0.25:
-        yield Finding(
-            "error",
-            "translation sign",
-            f"the images move opposite to odometry in {100 * (1 - same_sign):.0f} % of the steps",
-            "Check whether the camera looks back (camera.rotation), whether the frames are in "
-            "reverse, and the sign of the translation",
-            same_sign,
-            "fraction",
+        what = f"the images move opposite to odometry in {100 * (1 - same_sign):.0f} % of the steps"
+        advice = (
+            "Check whether the camera faces backward (camera.rotation), whether the frames are in "
+            "reverse, and the sign of the translation"
         )
+        yield Finding("error", "translation sign", what, advice, same_sign, "fraction")
 
 
 def check_translations(series: MotionSeries) -> Iterator[Finding]:
-    """Noise and scale of the translation ahead, where the images measure it."""
-    moving = series.moving
-    if len(series) < MIN_STEPS or moving.sum() < MIN_STEPS or not series.metric:
+    """Noise and scale of the forward translation, where the images measure it."""
+    if not series.metric.any():
         return
-    yield from _check_noise(series, series.translation[:, 0], 0, "translation", "m")
-    fitted = fit(series.translation[moving, :1], series.odometry[moving, 0])
+    with_bias = np.stack([series.translation[:, 0], series.duration], 1)
+    fitted = fit(with_bias, series.odometry[:, 0])
+    yield from _check_noise(series, fitted, 0, "translation", "m")
+    moving = series.moving
+    fitted = fit(moving.translation[:, :1], moving.odometry[:, 0])
     if fitted is not None and fitted.differs(0, 1.0, MAX_SCALE_ERROR):
         advice = (
             "Check the baseline or the unit of depth, the focal length, and the diameter of the "
@@ -173,7 +132,7 @@ def check_translations(series: MotionSeries) -> Iterator[Finding]:
 
 
 def check_jumps(drive: Drive) -> Iterator[Finding]:
-    """Steps in which odometry is much faster than just before and after."""
+    """Steps in which odometry is much faster than right before and after."""
     duration = np.diff(drive.time)
     if len(duration) < MIN_STEPS:
         return
@@ -188,12 +147,9 @@ def check_jumps(drive: Drive) -> Iterator[Finding]:
         jumps |= excess > np.maximum(JUMP_RATIO * sigma, least)
     if jumps.any():
         longest = float(np.hypot(*drive.control[jumps, :2].T).max())
-        yield Finding.in_frames(
-            "error",
-            "odometry jump",
-            f"odometry jumps in {counted(int(jumps.sum()), 'step', 'steps')}, the longest of "
-            f"{longest:.2f} m",
-            "Leave these steps out, or give them large covariances",
-            np.flatnonzero(jumps) + 1,
-            "steps",
-        )
+        steps = np.flatnonzero(jumps) + 1
+        what = f"odometry jumps in {counted(len(steps), 'step', 'steps')}, the longest of "
+        what += f"{longest:.2f} m"
+        advice = "Leave these steps out, or give them large covariances"
+        count = float(len(steps))
+        yield Finding("error", "odometry jump", what, advice, count, "steps", tuple(steps.tolist()))

@@ -1,33 +1,25 @@
-"""Survey of a drive: image statistics and motion of its frames."""
+"""Survey of a drive: image statistics and camera motion of its frames."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from saccade.diagnostics.camera_motion import CameraMotion, motion_between
-from saccade.diagnostics.frame_points import (
-    FramePoints,
-    match_points,
-    points_of,
-    shrink_camera,
-    shrink_factor,
-    shrink_frame,
-)
+from saccade.diagnostics.camera_motion import FramePoints, match_points, motion_between, points_of
 from saccade.errors import ImageError
-from saccade.frames import Drive
-from saccade.types import FloatArray, IntArray
-from saccade.visual.optical_flow import BoolArray
-from saccade.visual.prepared_frame import PreparedFrame
+from saccade.frames import Camera, Drive, Frame
+from saccade.types import BoolArray, FloatArray, Image, IntArray
+from saccade.visual.optical_flow import ByteArray, PreparedFrame, gray_bytes
 
 STRETCHES = 4
-"""Stretches, evenly spread, that are surveyed of a drive that has too many frames."""
-MAX_EQUAL = 0.5
-"""Fraction of the tracks of two frames that may be equal to the bit."""
-MIN_COMMON_TRACKS = 5
-"""Tracks common to two frames from which they may be copies."""
+"""Sequences of successive frames, evenly spread, that are surveyed of a longer drive."""
+MAX_WIDTH = 800
+"""Pixels; wider images are shrunk first."""
+MAX_EQUAL, MIN_COMMON_TRACKS = 0.5, 5
+"""Fraction of the tracks common to two frames that may be equal to the bit, and the number of
+common tracks from which the frame is a copy otherwise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,34 +39,21 @@ class Survey:
     copied: BoolArray
     """(m,) whether the frame is an exact copy of the one before."""
     rotation: FloatArray
-    """(m, 3) of the `CameraMotion` from the frame before; NaN where unknown."""
+    """(m, 3) rotation vector of the camera since the frame before, in radians about the robot's
+    axes ahead, left and up: roll, pitch (nose down) and yaw; NaN where unknown."""
     translation: FloatArray
-    """(m, 3) of the `CameraMotion`; NaN where unknown."""
+    """(m, 3) ahead, left and up; NaN where unknown."""
     metric: BoolArray
-    """(m,) whether the translation is in metres."""
+    """(m,) whether the translation is in metres; else it has length 1, or 0 at a standstill."""
     unreadable: dict[int, str]
     """Error messages by number of the frame."""
     disparity: FloatArray
     """(d,) of all points that have one, in pixels of the full image."""
     row_offset: FloatArray
-    """(d,) pixels by which the right image has them lower; NaN where unknown."""
+    """(d,) row in the right image less that in the left one in pixels; NaN where unknown."""
 
     def __len__(self) -> int:
         return len(self.frame)
-
-
-class _FrameRow(NamedTuple):
-    """Statistics of a frame; those of an unreadable one unless given."""
-
-    frame: int
-    brightness: float = np.nan
-    contrast: float = np.nan
-    sharpness: float = np.nan
-    points: int = 0
-    copied: bool = False
-    rotation: FloatArray = np.full(3, np.nan)
-    translation: FloatArray = np.full(3, np.nan)
-    metric: bool = False
 
 
 def survey_drive(
@@ -88,45 +67,51 @@ def survey_drive(
         progress: called with the number of frames done, and of all.
     """
     numbers = chosen_frames(len(drive), max_images)
-    factor = shrink_factor(drive.camera)
+    factor = -(-drive.camera.width // MAX_WIDTH)
     if _has_tracks(drive, numbers):
         numbers, factor = list(range(len(drive))), 1
-    camera = shrink_camera(drive.camera, factor)
-    rows: list[_FrameRow] = []
-    unreadable: dict[int, str] = {}
-    points, previous_points = FramePoints(), FramePoints()
-    all_points = [points]
+    camera = _shrink_camera(drive.camera, factor)
+    m, unreadable = len(numbers), dict[int, str]()
+    brightness, contrast, sharpness = np.full((3, m), np.nan)
+    rotation, translation = np.full((2, m, 3), np.nan)
+    counts, copied, metric = np.zeros(m, np.int64), np.zeros(m, np.bool_), np.zeros(m, np.bool_)
+    all_points = [FramePoints()]
     previous: PreparedFrame | None = None
-    for done, number in enumerate(numbers, 1):
-        if done > 1 and numbers[done - 2] != number - 1:
+    for i, number in enumerate(numbers):
+        if i > 0 and numbers[i - 1] != number - 1:
             previous = None
         try:
-            prepared = shrink_frame(drive.load(number), factor)
+            current = _shrink_frame(drive.load(number), factor)
         except ImageError as error:
-            unreadable[number] = str(error)
-            previous = None
-            rows.append(_FrameRow(number))
+            unreadable[number], previous = str(error), None
         else:
-            points = points_of(prepared, camera)
-            motion, copied = None, False
+            points = points_of(current, camera)
+            counts[i] = len(points)
+            if (gray := current.left) is not None:
+                brightness[i], contrast[i] = gray.mean(), gray.std()
+                laplacian = float(np.abs(cv2.Laplacian(gray, cv2.CV_16S)).mean())
+                sharpness[i] = laplacian / max(contrast[i], 1.0)
             if previous is not None:
-                pairs = match_points(previous_points, (previous, prepared), points)
+                copied[i] = _is_copy(previous, current)
+                pairs = match_points(all_points[-1], (previous, current), points)
                 motion = motion_between(*pairs, camera)
-                copied = _is_copy(previous, prepared)
-            rows.append(_row(number, prepared, len(points), copied, motion))
+                if motion is not None:
+                    rotation[i], translation[i], metric[i] = motion
             all_points.append(points)
-            previous, previous_points = prepared, points
+            previous = current
         if progress is not None:
-            progress(done, len(numbers))
+            progress(i + 1, m)
     every = FramePoints.concatenate(all_points)
-    known = np.isfinite(every.disparity)
-    columns: list[Any] = [np.array(column) for column in zip(*rows, strict=True)]
-    columns += [unreadable, every.disparity[known] * factor, every.row_offset[known] * factor]
-    return Survey(*columns)
+    every = every[np.isfinite(every.disparity)]
+    return Survey(
+        *(np.array(numbers), brightness, contrast, sharpness, counts, copied),
+        *(rotation, translation, metric, unreadable),
+        *(every.disparity * factor, every.row_offset * factor),
+    )
 
 
 def chosen_frames(n: int, max_images: int) -> list[int]:
-    """All of n frames, or stretches that are `max_images` together."""
+    """All of n frames, or evenly spread sequences of `max_images` frames together."""
     if n <= max_images:
         return list(range(n))
     size = max_images // STRETCHES
@@ -137,30 +122,39 @@ def chosen_frames(n: int, max_images: int) -> list[int]:
 def _has_tracks(drive: Drive, numbers: list[int]) -> bool:
     """Whether the first frame that can be read has tracks."""
     for number in numbers:
-        try:
+        with suppress(ImageError):
             return drive.load(number).tracks is not None
-        except ImageError:
-            continue
     return False
 
 
-def _row(
-    number: int, prepared: PreparedFrame, points: int, copied: bool, motion: CameraMotion | None
-) -> _FrameRow:
-    row = _FrameRow(number, points=points, copied=copied)
-    if motion is not None:
-        row = row._replace(
-            rotation=motion.rotation, translation=motion.translation, metric=motion.metric
-        )
-    if prepared.left is None:
-        return row
-    contrast = float(prepared.left.std())
-    laplacian = float(np.abs(cv2.Laplacian(prepared.left, cv2.CV_16S)).mean())
-    return row._replace(
-        brightness=float(prepared.left.mean()),
-        contrast=contrast,
-        sharpness=laplacian / max(contrast, 1.0),
+def _shrink_camera(camera: Camera, factor: int) -> Camera:
+    center = (factor - 1) / 2
+    return replace(
+        camera,
+        width=camera.width // factor,
+        height=camera.height // factor,
+        fx=camera.fx / factor,
+        fy=camera.fy / factor,
+        cx=(camera.cx - center) / factor,
+        cy=(camera.cy - center) / factor,
     )
+
+
+def _shrink_frame(frame: Frame, factor: int) -> PreparedFrame:
+    left, right = (_shrink_image(image, factor) for image in (frame.image, frame.right))
+    depth = None if frame.depth is None else frame.depth[::factor, ::factor]
+    return PreparedFrame(replace(frame, depth=depth), left, right)
+
+
+def _shrink_image(image: Image | None, factor: int) -> ByteArray | None:
+    if image is None:
+        return None
+    gray = gray_bytes(image)
+    height, width = (side // factor for side in gray.shape)
+    if factor > 1:
+        whole = gray[: height * factor, : width * factor]
+        gray = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+    return gray
 
 
 def _is_copy(previous: PreparedFrame, current: PreparedFrame) -> bool:

@@ -1,4 +1,4 @@
-"""Compiled loops over points: egomotion's normal equations, and warping of the ground plane."""
+"""Compiled loops over points: normal equations of the egomotion, and warping of the ground."""
 
 from typing import TYPE_CHECKING
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from saccade.visual.optical_flow import ByteArray, ImageGradients, ShortArray
 
 MIN_DEPTH_RATIO = 0.05
-"""Depth after the motion as a fraction of that before; points under it are behind the camera."""
+"""Least depth after the motion as a fraction of that before; points below it are ignored."""
 MAX_INVERSE_DEPTH = 1.0
-"""1 / metres; upper bound of the estimated inverse depths."""
+"""Upper bound of the estimated inverse depths, in 1 / metres."""
 
 
 @kernel()
@@ -40,14 +40,14 @@ def accumulate_normal_equations(
     Args:
         points: k correspondences.
         intrinsics: of the camera.
-        R: (3, 3) rotation of the camera.
-        t: (3,) its translation.
+        R: (3, 3) of the `CameraPose`.
+        t: (3,) of it.
         pixel_sigma: standard deviation of a pixel, in each axis.
         kernel_width: width of the robust kernel, in standard deviations.
-        inverse_depth: (k,) linearization points; becomes the estimates given this motion.
+        inverse_depth: (k,) linearization points; overwritten by the estimates for this motion.
         information: (6, 6) by rotation and translation, added to.
         gradient: (6,), added to.
-        squared_residual: (k,) becomes the normalized squares; infinite behind the camera.
+        squared_residual: (k,) overwritten by the normalized squares; infinite behind the camera.
     """
     fx, fy, cx, cy = intrinsics
     P, J, d = np.zeros((3, 3)), np.empty((3, 6)), np.empty(3)
@@ -130,10 +130,10 @@ def warp_ground(
         distance: length of the translation, in camera heights.
         plane: (3, 3) normal of the plane, of length 1 where it has no tilt, and `distance` times
             its derivatives by the two tilts.
-        image: the next one (h, w) and its gradients.
-        warped: (m,) becomes the sampled intensities.
-        J: (m, 5) becomes their derivatives by distance and tilts; and by gain and offset, the
-            negated previous intensity and -1.
+        image: the next image (h, w) and its gradients.
+        warped: (m,) overwritten by the sampled intensities.
+        J: (m, 5) overwritten by their derivatives by distance and tilts; and by gain and offset:
+            the negated previous intensity and -1.
 
     Returns:
         The number of points inside the image, whose rows of `warped` and `J` are filled.

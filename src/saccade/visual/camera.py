@@ -5,13 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.types import Float32Array, FloatArray
+from saccade.types import BoolArray, Float32Array, FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import BoolArray
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
 MIN_DEPTH = 0.05
-"""Metres along the optical axis; nearer points are not projected."""
+"""Metres along the optical axis within which points are not projected."""
 UNKNOWN_DEPTH_SIGMA = 30.0
 """Standard deviation of the depth of a bearing-only observation, as a fraction of it."""
 
@@ -26,7 +25,7 @@ class Intrinsics(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera) -> "Intrinsics":
-        """Those of a camera."""
+        """The intrinsics of a camera."""
         return cls(camera.fx, camera.fy, camera.cx, camera.cy)
 
     @property
@@ -36,35 +35,20 @@ class Intrinsics(NamedTuple):
 
 
 def directions(camera: Camera, xy: FloatArray) -> FloatArray:
-    """(k, 3) rays of pixels (k, 2) in the camera's frame, of depth 1."""
+    """(k, 3) rays of pixels (k, 2) in the camera's frame, with z = 1."""
     x, y = (xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy
     return np.stack([x, y, np.ones(len(xy))], 1)
 
 
 def from_pixels(camera: Camera, xy: FloatArray, depth: FloatArray) -> FloatArray:
-    """Back-projection: points in the robot's frame.
-
-    Args:
-        camera: the calibration.
-        xy: (k, 2) pixels.
-        depth: (k,) metres along the optical axis.
-
-    Returns:
-        (k, 3) metres ahead, to the left and up.
-    """
+    """Back-projection of pixels (k, 2) at depths (k,): (k, 3) metres in the robot's frame."""
     return camera.position + (directions(camera, xy) * depth[:, None]) @ camera.rotation.T
 
 
 def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Projection of points in the robot's frame.
+    """Projection of points (k, 3) in the robot's frame: pixels (k, 2) and depths (k,) in metres.
 
-    Args:
-        camera: the calibration.
-        points: (k, 3) metres ahead, to the left and up.
-
-    Returns:
-        (k, 2) pixels, NaN for points behind the camera or nearer than `MIN_DEPTH`; and (k,)
-        metres along the optical axis.
+    Pixels are NaN for points behind the camera or nearer than `MIN_DEPTH`.
     """
     in_camera = (points - camera.position) @ camera.rotation
     depth = in_camera[:, 2]
@@ -76,7 +60,7 @@ def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArra
 def is_inside(
     camera: Camera, xy: FloatArray | Float32Array, border: float | FloatArray = 0.0
 ) -> BoolArray:
-    """(k,) whether pixels (k, 2) are in the image and not in its border; NaN are not."""
+    """(k,) whether pixels (k, 2) are in the image, at least `border` from its edge; NaN are not."""
     return np.asarray(
         (xy[:, 0] >= border)
         & (xy[:, 0] <= camera.width - 1 - border)
@@ -93,7 +77,7 @@ def range_bearing(
     config: VisualConfig,
     tilt: float,
 ) -> RangeBearings:
-    """Observations of k points of known depth, their covariance to first order.
+    """Observations of k points of known depth, with first-order covariances.
 
     Args:
         camera: the calibration.
@@ -101,25 +85,18 @@ def range_bearing(
         depth: (k,) metres along the optical axis.
         depth_sigma: (k,) metres.
         config: standard deviation of a pixel.
-        tilt: standard deviation of roll and pitch in radians, which displace the points that are
-            not at the camera's height.
+        tilt: standard deviation of roll and pitch in radians, which displace points above and
+            below the camera.
     """
     points = from_pixels(camera, xy, depth)
     x, y, above = points[:, 0], points[:, 1], points[:, 2] - camera.position[2]
     r = np.maximum(np.hypot(x, y), MIN_DEPTH)
-    by_point = np.stack(
-        [np.stack([x / r, y / r], 1), np.stack([-y, x], 1) / r[:, None] ** 2], 1
-    )  # (k, 2, 2)
+    J = np.stack([np.stack([x / r, y / r], 1), np.stack([-y, x], 1) / r[:, None] ** 2], 1)
     R = camera.rotation[:2]
-    by_camera = np.stack(
-        [
-            depth[:, None] * (R[:, 0] / camera.fx) * config.pixel_sigma,
-            depth[:, None] * (R[:, 1] / camera.fy) * config.pixel_sigma,
-            (directions(camera, xy) @ camera.rotation.T)[:, :2] * depth_sigma[:, None],
-        ],
-        2,
-    )  # (k, 2, 3) on the ground, by one standard deviation of both pixel coordinates and the depth
-    root = by_point @ by_camera
+    by_u = depth[:, None] * (R[:, 0] / camera.fx) * config.pixel_sigma
+    by_v = depth[:, None] * (R[:, 1] / camera.fy) * config.pixel_sigma
+    by_depth = (directions(camera, xy) @ camera.rotation.T)[:, :2] * depth_sigma[:, None]
+    root = J @ np.stack([by_u, by_v, by_depth], 2)  # (k, 2, 2) @ (k, 2, 3)
     covariance = root @ root.transpose(0, 2, 1)
     covariance[:, 0, 0] += np.square(tilt * above)
     covariance[:, 1, 1] += np.square(tilt * above / r)
@@ -129,7 +106,7 @@ def range_bearing(
 def observe(
     camera: Camera, points: TrackedPoints, config: VisualConfig, tilt: float
 ) -> tuple[RangeBearings, BoolArray]:
-    """Observations of k points, and (k,) which have a range that is in the limits and certain."""
+    """Observations of k points, and (k,) whether the range is within its limits and certain."""
     depth, sigma = (np.nan_to_num(each, nan=1.0) for each in (points.depth, points.depth_sigma))
     xy = points.xy.astype(np.float64)
     observations = range_bearing(camera, xy, depth, sigma, config, tilt)
@@ -142,7 +119,7 @@ def observe(
 def observe_bearings(
     camera: Camera, points: TrackedPoints, ranges: FloatArray, config: VisualConfig, tilt: float
 ) -> RangeBearings:
-    """Bearing-only observations of k points: their depths put them at given ranges (k,)."""
+    """Bearing-only observations of k points, whose ranges are set to the given ones (k,)."""
     xy = points.xy.astype(np.float64)
     near, far = (from_pixels(camera, xy, np.full(len(xy), depth)) for depth in (0, 1))
     origin, direction = near[:, :2], (far - near)[:, :2]

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from saccade.errors import require
+from saccade.errors import require, require_ranges, require_types
 
 Selection: TypeAlias = Literal[
     "strength",
@@ -16,30 +16,26 @@ Selection: TypeAlias = Literal[
     "rematch-rate-spread",
 ]
 """Criteria by which points become landmarks."""
+SELECTIONS = get_args(Selection)
 DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
 """Interest point detectors."""
-SELECTIONS, DETECTORS = get_args(Selection), get_args(DetectorName)
-REMATCH_SELECTIONS = frozenset({"rematch-rate", "rematch-rate-range", "rematch-rate-spread"})
-"""Those that need the re-match rate of the tracked points."""
 
-_MIN_COUNTS = {
-    **dict.fromkeys(("new_per_frame", "max_landmarks", "detect_interval", "max_points"), 1),
-    **dict.fromkeys(("max_tracked", "max_tracks"), 4),
+_RANGES: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("new_per_frame", "max_landmarks", "detect_interval", "max_points"), (1, 1e5)),
+    **dict.fromkeys(("max_tracked", "max_tracks"), (4, 1e5)),
+    **dict.fromkeys(("min_spacing", "pixel_sigma", "disparity_sigma", "huber"), (1e-9, 1e6)),
+    **dict.fromkeys(("relative_depth_sigma", "relative_height_sigma"), (1e-9, 1e6)),
+    **dict.fromkeys(("relative_range_sigma", "ratio"), (1e-9, 1)),
+    **{"correlation_time": (1e-9, 1e6), "tilt_sigma": (0, 45), "seed": (0, 2**63)},
 }
-_POSITIVE = (
-    *("min_spacing", "pixel_sigma", "disparity_sigma", "relative_depth_sigma"),
-    *("huber", "relative_height_sigma"),
-)
-_PAIRS = ("shared_error_sigma", "acceleration_sigma", "relative_motion_sigma")
 
 
 @dataclass(frozen=True)
 class VisualConfig:
     """Settings of visual SLAM: how camera frames and odometry become a map.
 
-    By default landmarks are chosen by their re-match rate while they are tracked and by how
-    certain their range is; saliency takes no part. It does with the selections "contrast" and
-    "symmetry".
+    By default landmarks are selected by their re-match rate while tracked and by how certain
+    their range is. Saliency is used by the selections "contrast" and "symmetry" alone.
 
     Raises:
         ConfigError: a setting outside its range.
@@ -53,23 +49,23 @@ class VisualConfig:
     re-match rate while tracked; of these with a certain range, or far from other landmarks in the
     image ("spread")."""
     new_per_frame: int = 8
-    """New landmarks per frame, on average, at most."""
+    """Maximum number of new landmarks per frame, on average."""
     max_tracked: int = 20
-    """Landmarks that are tracked at a time; none is added where as many are."""
+    """Number of landmarks tracked at a time from which none is added."""
     max_landmarks: int = 500
-    """Landmarks in the map, at most."""
+    """Maximum number of landmarks in the map."""
     detect_interval: int = 4
     """Frames from one in which points are detected and described to the next."""
     max_points: int = 400
-    """Points detected in a frame, at most."""
+    """Maximum number of points detected in a frame."""
     max_tracks: int = 200
-    """Points tracked at a time, at most: landmarks, and others from which the motion follows."""
+    """Maximum number of points tracked at a time: landmarks, and others for the egomotion."""
     min_spacing: float = 12.0
     """Pixels between tracked points."""
     range_limits: tuple[float, float] = (0.3, 100.0)
-    """Metres within which a landmark is initialized."""
+    """Least and greatest range of a landmark when it is initialized, in metres."""
     relative_range_sigma: float = 0.15
-    """Largest standard deviation of a range that is used, as a fraction of it."""
+    """Largest standard deviation of a range that is used, as a fraction of the range."""
     pixel_sigma: float = 0.5
     """Standard deviation of a tracked point, in pixels."""
     disparity_sigma: float = 0.4
@@ -78,7 +74,7 @@ class VisualConfig:
     """Standard deviation of a depth image, as a fraction of the depth."""
     shared_error_sigma: tuple[float, float] = (0.01, 0.1)
     """Standard deviations of the error that all observations of a frame share, as a fraction of
-    the range and in degrees: pitch, roll, calibration and clock."""
+    the range and in degrees of bearing: pitch, roll, calibration and clock."""
     correlation_time: float = 0.4
     """Seconds in which the correlation of motion errors falls to 1 / e."""
     relative_motion_sigma: tuple[float, float] = (0.01, 0.015)
@@ -90,7 +86,7 @@ class VisualConfig:
     relative_height_sigma: float = 0.015
     """Standard deviation of the height of a single camera over the ground, as a fraction of it."""
     gate: float = 0.99
-    """Probability of the validation gate: a re-observed landmark is inside with it."""
+    """Probability that a re-observed landmark is inside the validation gate."""
     ratio: float = 0.8
     """Ratio test: distance to the nearest descriptor over that to the second."""
     acceleration_sigma: tuple[float, float] = (2.0, 0.5)
@@ -99,30 +95,19 @@ class VisualConfig:
     huber: float = 2.0
     """Threshold of the Huber weight, as the root of the normalized innovation squared."""
     seed: int = 0
-    """Of the random order of equal candidates."""
+    """Seed of the random order of equal candidates."""
 
     def __post_init__(self) -> None:
-        require(self.detector in DETECTORS, "detector", f"one of {DETECTORS}", self.detector)
-        require(self.selection in SELECTIONS, "selection", f"one of {SELECTIONS}", self.selection)
-        for name, least in _MIN_COUNTS.items():
-            value = getattr(self, name)
-            require(least <= value <= 10**5, name, f"{least} to 1e5", value)
-        for name in _POSITIVE:
-            value = getattr(self, name)
-            require(0 < value < 1e6, name, "over 0, under 1e6", value)
-        for name in ("relative_range_sigma", "ratio"):
-            value = getattr(self, name)
-            require(0 < value <= 1, name, "over 0, at most 1", value)
-        for name in _PAIRS:
+        require_types(self)
+        require_ranges(self, **_RANGES)
+        for name in ("shared_error_sigma", "acceleration_sigma", "relative_motion_sigma"):
             value = getattr(self, name)
             require(min(value) >= 0 and len(value) == 2, name, "two numbers from 0", value)
         near, far = self.range_limits
         require(0 <= near < far, "range_limits", "two ascending numbers from 0", self.range_limits)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
-        require(0 <= self.tilt_sigma < 45, "tilt_sigma", "0 to under 45", self.tilt_sigma)
-        require(self.seed >= 0, "seed", "0 or more", self.seed)
 
     @property
     def counts_rematches(self) -> bool:
         """Whether the selection needs the re-match rate of tracked points."""
-        return self.selection in REMATCH_SELECTIONS
+        return self.selection.startswith("rematch-rate")

@@ -4,72 +4,66 @@ from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from saccade.frames import Camera
-from saccade.types import Float32Array, FloatArray
+from saccade.types import BoolArray, Float32Array, FloatArray
 from saccade.visual._kernels import accumulate_normal_equations
 from saccade.visual.camera import Intrinsics, directions
 
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Prior: TypeAlias = tuple[FloatArray, FloatArray]
 """Expected control (3,), and its covariance (3, 3)."""
 CameraPose: TypeAlias = tuple[FloatArray, FloatArray]
 """R (3, 3) and t (3,) in metres: points X of the first camera frame become R X + t."""
 
 DEFAULT_DEPTH = 50.0
-"""Metres at which points of unknown depth are linearized."""
+"""Linearization point of unknown depths, in metres."""
 MIN_INLIERS = 6
-"""Correspondences that determine a motion."""
+"""Least number of correspondences that agree on a motion."""
 INLIER_SIGMAS = 4.0
 """Standard deviations of the residual within which a correspondence is an inlier."""
-MAX_REPROJECTION_ERROR = 1.5
-"""Pixels within which a point is an inlier of RANSAC."""
-MAX_TRIALS = 100
+MAX_REPROJECTION_ERROR, MAX_TRIALS = 1.5, 100
+"""RANSAC: reprojection error of an inlier in pixels, and the number of samples."""
 MAX_RELATIVE_SIGMA = 0.5
-"""Standard deviation of the inverse depth, as a fraction of it, of the points RANSAC samples."""
+"""Largest relative standard deviation of an inverse depth that RANSAC uses."""
 OFF_PLANE_SIGMA = (0.05, 0.02, 0.02)
 """Standard deviations of height in metres, roll and pitch in radians from one frame to the next,
 where the points have no depth."""
 KERNEL_WIDTHS = (16.0, 8.0, 4.0, 2.0)
 """Widths of the robust kernel by iteration, in standard deviations (graduated non-convexity);
 the last one stays, and the last two suffice where RANSAC gave the initial motion."""
-MAX_ITERATIONS = 12
-CONVERGED = 1e-6
+MAX_ITERATIONS, CONVERGED = 12, 1e-6
+"""Of Gauss-Newton; the largest change at which it stops."""
 
 
 class Correspondences(NamedTuple):
     """k points observed in two frames; inverse depths are 1 / metres along the optical axis."""
 
     previous: FloatArray
-    """(k, 2) pixels in the first frame."""
     current: FloatArray
-    """(k, 2) pixels in the second frame."""
+    """(k, 2) pixels in the first and in the second frame."""
     inverse_depth: FloatArray
-    """(k,) in the first frame."""
     inverse_depth_sigma: FloatArray
-    """(k,) standard deviation; 1 where the depth is unknown."""
+    """(k,) in the first frame, and its standard deviation: 1 where the depth is unknown."""
     current_inverse_depth: FloatArray
-    """(k,) measured in the second frame, NaN where it was not."""
     current_inverse_depth_sigma: FloatArray
-    """(k,) standard deviation."""
+    """(k,) in the second frame, NaN where it was not measured, and its standard deviation."""
 
 
 class Motion(NamedTuple):
-    """The motion from one frame to the next as the camera measured it."""
+    """The motion from one frame to the next, estimated from the images."""
 
     control: FloatArray
     """(3,) metres ahead and to the left, radians turned, on the ground plane."""
     off_plane: FloatArray
-    """(3,) metres up, radians rolled to the right and pitched down."""
+    """(3,) change of height in metres, of roll (to the right) and pitch (down) in radians."""
     covariance: FloatArray
     """(3, 3) of the control."""
     inliers: BoolArray
-    """(k,) which correspondences agree with the motion."""
+    """(k,) whether each correspondence agrees with the motion."""
     rotation: FloatArray
     """(3, 3) from the previous camera frame to the current one."""
     translation: FloatArray
-    """(3,) metres, the previous camera center in the current camera frame."""
+    """(3,) previous camera center in the current camera frame, in metres."""
     includes_prior: bool
     """Whether the prior is part of the control: a single camera does not measure its length."""
 
@@ -82,10 +76,7 @@ def correspondences_of(
     current_depth: FloatArray,
     current_depth_sigma: FloatArray,
 ) -> Correspondences:
-    """Correspondences of pixels (k, 2) with depths (k,) in metres and their standard deviations.
-
-    A depth is NaN where it is unknown.
-    """
+    """Correspondences of pixels (k, 2) with depths (k,) in metres, NaN where unknown."""
     known = np.isfinite(depth)
     inverse = 1 / np.where(known, depth, DEFAULT_DEPTH)
     current_inverse = 1 / current_depth
@@ -108,7 +99,7 @@ def estimate_motion(
         camera: the calibration.
         points: k correspondences.
         pixel_sigma: standard deviation of a pixel, in each axis.
-        prior: the expected control, which then is part of the estimate; None where measured
+        prior: the expected control, which becomes part of the estimate; None where measured
             depths determine the whole motion.
 
     Returns:
@@ -124,7 +115,7 @@ def estimate_motion(
     weight = np.zeros((6, 6)) if prior is None else _prior_information(camera, prior[1], R)
     widths = KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS
     for i in range(MAX_ITERATIONS):
-        offset = np.append(_rotation_vector(R @ initial[0].T), t - initial[1])
+        offset = np.append(cv2.Rodrigues(R @ initial[0].T)[0], t - initial[1])
         information, gradient = weight + 1e-9 * np.eye(6), -weight @ offset
         width = widths[min(i, len(widths) - 1)]
         accumulate_normal_equations(
@@ -165,17 +156,15 @@ def camera_motion(camera: Camera, control: FloatArray) -> CameraPose:
 
 
 def robot_motion_jacobian(camera: Camera, R: FloatArray, t: FloatArray) -> FloatArray:
-    """(6, 6) Jacobian of `robot_motion`, by rotation vector and translation of the camera.
+    """(6, 6) Jacobian of `robot_motion` by the camera's rotation vector and translation.
 
-    First order in roll and pitch.
+    To first order in roll and pitch.
     """
     rotation = camera.rotation @ R @ camera.rotation.T
     J = np.zeros((6, 6))
     x, y, z = camera.rotation @ t + camera.position
     position, angles = [0, 1, 3], [2, 4, 5]
-    J[position, :3] = (
-        rotation.T @ np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]]) @ (camera.rotation)
-    )
+    J[position, :3] = rotation.T @ np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]]) @ camera.rotation
     J[angles, :3] = -(rotation.T @ camera.rotation)[[2, 0, 1]]
     J[position, 3:] = -rotation.T @ camera.rotation
     return J
@@ -183,15 +172,14 @@ def robot_motion_jacobian(camera: Camera, R: FloatArray, t: FloatArray) -> Float
 
 def _prior_information(camera: Camera, covariance: FloatArray, R: FloatArray) -> FloatArray:
     """(6, 6) information of the prior on rotation and translation of the camera."""
-    spread = np.zeros((6, 6))
-    spread[:3, :3] = covariance + 1e-10 * np.eye(3)
-    spread[[3, 4, 5], [3, 4, 5]] = np.square(OFF_PLANE_SIGMA)
+    total = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
+    total[:3, :3] = covariance + 1e-10 * np.eye(3)
     J = robot_motion_jacobian(camera, R, np.zeros(3))
-    return np.asarray(J.T @ np.linalg.solve(spread, J))
+    return np.asarray(J.T @ np.linalg.solve(total, J))
 
 
 def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None:
-    """Initial motion from the points whose depth is known."""
+    """Initial motion from the points of known depth."""
     known = points.inverse_depth_sigma < MAX_RELATIVE_SIGMA * points.inverse_depth
     if known.sum() < MIN_INLIERS:
         return None
@@ -211,14 +199,11 @@ def perspective_n_point(
         camera: the calibration.
         points: (k, 3) in the first camera frame, in metres.
         xy: (k, 2) their pixels in the second.
-        method: of `cv2.SolvePnPMethod`, for the final estimate.
+        method: a `cv2.SolvePnPMethod`, for the final estimate.
         confidence: probability of an outlier-free sample.
     """
     solved, rotation, translation, inliers = cv2.solvePnPRansac(
-        points,
-        xy,
-        Intrinsics.of(camera).matrix,
-        None,
+        *(points, xy, Intrinsics.of(camera).matrix, None),
         iterationsCount=MAX_TRIALS,
         reprojectionError=MAX_REPROJECTION_ERROR,
         confidence=confidence,
@@ -228,8 +213,3 @@ def perspective_n_point(
         return None
     R = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
     return R, np.asarray(translation, np.float64).ravel(), len(inliers)
-
-
-def _rotation_vector(R: FloatArray) -> FloatArray:
-    """(3,) axis times angle."""
-    return np.asarray(cv2.Rodrigues(R)[0], np.float64).ravel()

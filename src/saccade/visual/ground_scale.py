@@ -1,7 +1,7 @@
 """Metric scale of a single camera from the ground plane (direct image alignment).
 
-A single camera does not measure the length of its motion. Its height over the ground does: the
-image of the ground moves by as many heights as the robot travels.
+A single camera does not measure the length of its motion, but its height above the ground gives
+the scale: from the image of the ground follows the translation in camera heights.
 """
 
 import cv2
@@ -14,13 +14,11 @@ from saccade.visual.camera import Intrinsics, directions
 from saccade.visual.egomotion import Motion
 from saccade.visual.optical_flow import ByteArray, ImageGradients, image_gradients
 
-NEAR, FAR = 6.0, 16.0
-"""Metres in front of the camera between which the ground is sampled."""
-HALF_WIDTH = 1.3
-"""Metres to each side."""
+NEAR, FAR, HALF_WIDTH = 6.0, 16.0, 1.3
+"""Region of the ground that is sampled: metres in front of the camera, and to each side."""
 ROW_STEP, COLUMN_STEP = 3, 4
 """Pixels between samples."""
-BLUR, BLUR_SIZE = 1.5, (7, 7)
+BLUR_SIGMA, BLUR_SIZE = 1.5, (7, 7)
 """Standard deviation of the Gaussian filter and the size of its window, in pixels."""
 TILT_SIGMA = np.radians((0.7, 1.0))
 """Standard deviations of the ground's pitch and roll relative to the robot."""
@@ -29,22 +27,18 @@ PREVIOUS_MARGIN, CURRENT_MARGIN = 8, 128
 MIN_VISIBLE = 0.3
 """Fraction of the samples that must be inside the next image."""
 NOISE_CORRELATION = 7.0
-"""Factor by which the error of the mean exceeds that of independent pixels: neighbors share the
-ground's deviations from the plane."""
+"""Standard deviation of the mean over that for independent pixels: neighbors share the deviation
+of the ground from the plane."""
 MIN_DISTANCE = 0.3
-"""Camera heights that the robot must travel."""
-MAX_ITERATIONS = 15
-CONVERGED = 1e-3
+"""Least length of a translation, in camera heights."""
+MAX_ITERATIONS, CONVERGED = 15, 1e-3
+"""Of Gauss-Newton; the relative change of the distance at which it stops."""
 DISTANCE_NOISE = 0.04
-"""Standard deviation of a single distance, as a fraction of it."""
+"""Standard deviation of a measured distance, as a fraction of it."""
 
 
 class GroundTracker:
-    """Measures how far the camera moved over the ground plane in front of it.
-
-    Args:
-        camera: the calibration; nothing is measured where its height is unknown.
-    """
+    """Measures how far the camera moved over the ground, if the calibration has its height."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera, self._pixels = camera, _ground_samples(camera)
@@ -52,19 +46,11 @@ class GroundTracker:
         """(m, 3) rays of the sampled pixels in the camera's frame."""
 
     def distance(self, previous: ByteArray, current: ByteArray, motion: Motion) -> float | None:
-        """Length of the camera's translation between two images.
+        """Length of the camera's translation between two gray images (H, W), in metres.
 
         Distance, tilt of the plane, gain and offset of the intensity minimize the photometric
-        error of the ground (robust Gauss-Newton).
-
-        Args:
-            previous: (H, W) gray levels.
-            current: (H, W).
-            motion: rotation of the camera, and direction of its translation.
-
-        Returns:
-            Metres, if the camera is as high as its calibration says; None where the robot moved
-            too little, or no ground plane fits.
+        error of the ground (robust Gauss-Newton), for the rotation and the direction of a motion.
+        None where the robot moved too little, or no ground plane fits.
         """
         height = float(self._camera.position[2])
         initial = float(np.linalg.norm(motion.translation))
@@ -119,10 +105,7 @@ class GroundTracker:
         return None
 
     def _plane_axes(self, direction: FloatArray) -> FloatArray:
-        """(3, 3) normal of the ground, direction of the motion along it, and their cross product.
-
-        The robot moves along the ground, uphill or downhill.
-        """
+        """(3, 3) normal of the ground, direction of motion along it, and their cross product."""
         normal = np.cross(direction, self._camera.rotation[1])
         normal *= -np.sign(normal @ self._camera.rotation[2]) / np.linalg.norm(normal)
         return np.stack([normal, direction, np.cross(normal, direction)])
@@ -145,15 +128,15 @@ def _ground_samples(camera: Camera) -> IntArray:
 
 
 def _median(values: FloatArray) -> float:
-    """The upper median; NumPy's takes six times as long, for the mean of two and for NaN."""
+    """The upper median; NumPy's averages two, checks for NaN, and takes six times as long."""
     return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
 def _smoothed_crop(
     image: ByteArray, pixels: IntArray, margin: int
 ) -> tuple[ByteArray, tuple[int, int]]:
-    """The part of an image around pixels (m, 2), and its left upper corner, x and y."""
+    """The smoothed part of an image around pixels (m, 2), and its top left corner (x, y)."""
     left, top = np.maximum(pixels.min(0) - margin, 0).tolist()
     right, bottom = (pixels.max(0) + margin + 1).tolist()
-    crop = cv2.GaussianBlur(image[top:bottom, left:right], BLUR_SIZE, BLUR)
+    crop = cv2.GaussianBlur(image[top:bottom, left:right], BLUR_SIZE, BLUR_SIGMA)
     return np.asarray(crop, np.uint8), (left, top)

@@ -1,26 +1,26 @@
-"""Place recognition: places seen before, by the keypoints of a whole frame."""
+"""Loop detection: recognizes places by matching the keypoints of whole frames."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from saccade.errors import require
+from saccade.errors import require_ranges
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
 from saccade.types import Keypoints
 
 
 class PlaceMatch(NamedTuple):
-    """A place recognized."""
+    """A recognized place."""
 
     place: int
-    """Its number, in the order of the frames."""
+    """Number of the earlier frame."""
     inliers: int
     """Matches that agree with the epipolar geometry of the two views."""
 
 
 @dataclass(frozen=True)
 class LoopDetectionConfig:
-    """Thresholds of place recognition."""
+    """Thresholds of loop detection."""
 
     ratio: float = 0.8
     """Ratio test: distance to the nearest descriptor over that to the second."""
@@ -28,33 +28,24 @@ class LoopDetectionConfig:
     """Matches that must agree with one epipolar geometry. Different places of a hallway have up to
     18 by chance, of 500 points each."""
     min_gap: int = 15
-    """Frames between two views of a place that count as a return."""
+    """Least number of frames between two views of a place."""
 
     def __post_init__(self) -> None:
-        require(0 < self.ratio <= 1, "ratio", "over 0, at most 1", self.ratio)
-        require(self.min_inliers >= 8, "min_inliers", "at least 8", self.min_inliers)
-        require(self.min_gap >= 1, "min_gap", "at least 1", self.min_gap)
+        require_ranges(self, ratio=(1e-9, 1), min_inliers=(8, 1e6), min_gap=(1, 1e6))
 
 
 class LoopDetector:
-    """Recognizes places.
-
-    Args:
-        config: the thresholds.
-    """
+    """Recognizes the places of a sequence of frames."""
 
     def __init__(self, config: LoopDetectionConfig | None = None) -> None:
         self._config = config or LoopDetectionConfig()
         self._places: list[Keypoints] = []
 
     def detect(self, points: Keypoints) -> PlaceMatch | None:
-        """Recognize the place of a frame, and add it to the places.
-
-        Args:
-            points: of the frame, with descriptors.
+        """Recognize the place of a frame by its keypoints with descriptors, and add the frame.
 
         Returns:
-            The earlier place with the most inliers; None where none has enough.
+            The earlier frame with the most inliers; None where none has enough.
         """
         best: PlaceMatch | None = None
         config, earlier = self._config, len(self._places) + 1 - self._config.min_gap

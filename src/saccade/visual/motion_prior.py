@@ -1,4 +1,4 @@
-"""Motion prior and systematic errors: what is known of a step beside its measurement."""
+"""Motion prior, systematic errors of odometry and camera, and departures from the ground plane."""
 
 from dataclasses import dataclass, field
 
@@ -10,32 +10,33 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior
 from saccade.visual.ground_scale import DISTANCE_NOISE
 
-CONTRADICTION = 0.9999
-"""Probability inside which two estimates of a control may differ."""
-CONSTANT_TURN = np.pi / 2
-"""Radians of turning over which a calibration error of the turn is constant."""
-CONSTANT_DISTANCE = 10.0
-"""Metres over which a calibration error of the distance is constant."""
+FUSION_GATE = 0.9999
+"""Probability of the gate within which two estimates of a control are fused."""
+CONSTANT_TURN, CONSTANT_DISTANCE = np.pi / 2, 10.0
+"""Radians and metres over which a calibration error of turn and distance is constant."""
 MAX_OUTAGE = 5.0
 """Seconds without camera for which the covariance of odometry allows for its systematic errors."""
-OUTLIER_SQUARED = 9.0
+MAX_NIS = 9.0
 """Normalized innovation squared (one dimension, 3 sigma) beyond which a measurement is ignored."""
+INTEGRATION_TIME, AVERAGING_TIME = 2.0, 10.0
+"""Seconds over which tilt and height are integrated, before their drift dominates; and over which
+their variances are averaged."""
+MAX_TILT_RATIO, MAX_HEIGHT = 3.0, 0.3
+"""Tilt over the assumed one, and standard deviation of the height in metres, that are reported."""
 
 
 def fuse(first: Prior, second: Prior) -> Prior:
-    """Two independent estimates (3,) with covariances (3, 3), fused by their information.
+    """Fuse two independent estimates of a control by their information.
 
-    Where they contradict each other, the first alone.
+    Where they differ by more than the gate allows, the first alone.
     """
     difference, total = first[0] - second[0], first[1] + second[1]
     weighted = np.linalg.solve(total, difference)
-    if difference @ weighted > chi_square_gate(3, CONTRADICTION):
+    if difference @ weighted > chi_square_gate(3, FUSION_GATE):
         return first
     covariance = second[1]
-    return (
-        second[0] + covariance @ weighted,
-        covariance - covariance @ np.linalg.solve(total, covariance),
-    )
+    fused = covariance - covariance @ np.linalg.solve(total, covariance)
+    return second[0] + covariance @ weighted, fused
 
 
 @dataclass
@@ -43,16 +44,15 @@ class MotionPrior:
     """Constant-velocity prediction, fused with odometry."""
 
     acceleration_sigma: FloatArray
-    """(3,) standard deviations of the change of speed ahead, to the left (m/s) and of the turn
-    rate (rad/s) in a second."""
+    """(3,) standard deviations of the change of forward and lateral speed (m/s) and of turn rate
+    (rad/s) in a second."""
     _velocity: FloatArray | None = field(default=None, init=False)
     _covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), init=False)
 
     def predict(self, control: FloatArray, covariance: FloatArray, seconds: float) -> Prior:
         """Odometry (3,) with its covariance (3, 3), fused with the last motion.
 
-        Where they contradict each other, odometry alone: the robot may have stopped, or been
-        lifted or turned.
+        Where they disagree, odometry alone: the robot may have stopped, or been lifted or turned.
         """
         if self._velocity is None or seconds <= 0:
             return control, covariance
@@ -61,7 +61,7 @@ class MotionPrior:
         return fuse((control, covariance), (expected, self._covariance * seconds**2 + noise))
 
     def update(self, control: FloatArray, covariance: FloatArray, seconds: float) -> None:
-        """Record the last motion (3,), its covariance (3, 3) and duration."""
+        """Set the last motion (3,), its covariance (3, 3) and its duration."""
         if seconds > 0:
             self._velocity, self._covariance = control / seconds, covariance / seconds**2
 
@@ -98,10 +98,10 @@ class OdometryScale:
         return 1.0 + float(self._error[1])
 
     def update(self, ratio: float) -> None:
-        """Update by a distance measured by the camera over that of odometry times `factor`."""
+        """Update by the ratio of the camera's distance to that of odometry times `factor`."""
         innovation = ratio - 1.0 - self._error[1]
         S = self._covariance.sum() + DISTANCE_NOISE**2
-        if innovation**2 < OUTLIER_SQUARED * S:
+        if innovation**2 < MAX_NIS * S:
             gain = self._covariance.sum(1) / S
             self._error = self._error + gain * innovation
             self._covariance = self._covariance - np.outer(gain, gain) * S
@@ -114,40 +114,84 @@ class TurnRateBias:
     rate: float = 0.0
     """Radians per second."""
     variance: float = 0.02**2
-    """Of the rate."""
+    """Variance of the rate."""
 
     def corrected(self, control: FloatArray, seconds: float) -> FloatArray:
-        """A control (3,) of odometry without the bias, half of which turns its translation."""
+        """A control (3,) of odometry without the bias; half of its turn rotates the translation."""
         turn = self.rate * seconds
         c, s = np.cos(turn / 2), np.sin(turn / 2)
         ahead, left, turned = control
         return np.array([c * ahead + s * left, c * left - s * ahead, turned - turn])
 
     def update(self, difference: float, seconds: float, variance: float) -> None:
-        """Update by radians that odometry turned more than the camera, and their variance.
+        """Update by the turn of odometry less that of the camera in radians, and its variance.
 
-        Outliers are ignored: the robot may have been lifted, or its wheels slip.
+        Outliers are ignored: the robot may have been lifted, or its wheels may slip.
         """
         S = variance + self.variance * seconds**2
         innovation = difference - self.rate * seconds
-        if 0 < innovation**2 < OUTLIER_SQUARED * S:
+        if 0 < innovation**2 < MAX_NIS * S:
             gain = self.variance * seconds / S
             self.rate += gain * innovation
             self.variance -= gain * seconds * self.variance
 
 
+@dataclass
+class Planarity:
+    """Standard deviations of roll, pitch and height, from the motion of the camera."""
+
+    assumed_tilt: float
+    """Least standard deviation of roll and pitch, in radians."""
+    max_tilt: float = field(default=0.0, init=False)
+    max_height: float = field(default=0.0, init=False)
+    _integral: FloatArray = field(default_factory=lambda: np.zeros(3), init=False)
+    _squared: FloatArray = field(default_factory=lambda: np.zeros(3), init=False)
+    _weight: float = field(default=0.0, init=False)
+
+    @property
+    def tilt(self) -> float:
+        """Current standard deviation of roll and pitch, in radians."""
+        return max(self.assumed_tilt, float(self._sigma[1:].max()))
+
+    @property
+    def _sigma(self) -> FloatArray:
+        return np.asarray(np.sqrt(self._squared / max(self._weight, 1e-9)))
+
+    def update(self, off_plane: FloatArray, seconds: float) -> None:
+        """Add a `Motion.off_plane` (3,)."""
+        self._integral = self._integral * np.exp(-seconds / INTEGRATION_TIME) + off_plane
+        decay = np.exp(-seconds / AVERAGING_TIME)
+        self._squared = decay * self._squared + (1 - decay) * np.square(self._integral)
+        self._weight = decay * self._weight + (1 - decay)
+        self.max_tilt = max(self.max_tilt, self.tilt)
+        self.max_height = max(self.max_height, float(self._sigma[0]))
+
+    def remarks(self) -> tuple[str, ...]:
+        """A warning where the robot leaves the plane of its map."""
+        parts = []
+        if self.max_tilt > MAX_TILT_RATIO * self.assumed_tilt:
+            parts.append(f"pitches and rolls by {np.degrees(self.max_tilt):.1f} deg")
+        if self.max_height > MAX_HEIGHT:
+            parts.append(f"rises and falls by {self.max_height:.1f} m")
+        if not parts:
+            return ()
+        return (
+            f"the robot {' and '.join(parts)} as its camera measures it, but its map is flat: the "
+            "standard deviations of observations and motion are enlarged accordingly",
+        )
+
+
 def odometry_error_covariance(
     control: FloatArray, seconds: float, scale_sigma: float, bias: TurnRateBias
 ) -> FloatArray:
-    """(3, 3) covariance of a step by the systematic errors that were not learned yet.
+    """(3, 3) covariance of a control (3,) by the systematic errors that remain.
 
-    It is that of an error which is new in each step; over `CONSTANT_DISTANCE` and `MAX_OUTAGE` the
-    steps together have that of the constant one.
+    Taken as independent from step to step, they accumulate to those of constant errors over
+    `CONSTANT_DISTANCE` and `MAX_OUTAGE`.
     """
-    forward = control[:2]
-    length = max(float(np.hypot(*forward)), 1e-9)
-    by_scale = np.append(forward, 0.0)
-    by_turn = np.array([-forward[1] / 2, forward[0] / 2, 1.0])
+    x, y, _ = control
+    length = max(float(np.hypot(x, y)), 1e-9)
+    by_scale, by_turn = np.array([x, y, 0.0]), np.array([-y / 2, x / 2, 1.0])
     return np.asarray(
         scale_sigma**2 * max(CONSTANT_DISTANCE / length, 1.0) * np.outer(by_scale, by_scale)
         + bias.variance * seconds * max(MAX_OUTAGE, seconds) * np.outer(by_turn, by_turn)
@@ -161,8 +205,8 @@ def camera_error_covariance(
 
     Successive frames observe the same points. Errors with correlation time T, sampled every dt,
     accumulate as independent ones of (1 + r) / (1 - r) times the variance, r = exp(-dt / T).
-    Calibration errors are constant over `CONSTANT_DISTANCE` and `CONSTANT_TURN`. A robot tilted by
-    `tilt` radians moves and turns by cos(tilt) of that on the ground.
+    Calibration errors are constant over `CONSTANT_DISTANCE` and `CONSTANT_TURN`. The motion of a
+    robot tilted by `tilt` radians is cos(tilt) times as long on the ground.
     """
     decay = np.exp(-seconds / config.correlation_time)
     factor = np.sqrt((1 + decay) / (1 - min(decay, 1 - 1e-6)))

@@ -1,26 +1,73 @@
-"""Sparse optical flow: points tracked from image to image, and from the left to the right one."""
+"""Gray images of a frame, and sparse optical flow from one image to another."""
 
+from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from saccade.types import Float32Array, FloatArray
+from saccade.errors import DriveError
+from saccade.frames import Camera, Frame
+from saccade.image import as_gray
+from saccade.types import BoolArray, Float32Array, FloatArray, Image
 
-BoolArray: TypeAlias = npt.NDArray[np.bool_]
 ByteArray: TypeAlias = npt.NDArray[np.uint8]
 ShortArray: TypeAlias = npt.NDArray[np.int16]
 
+MIN_CONTRAST = 4.0
+"""Standard deviation of the gray levels below which an image is blank."""
 WINDOW = (15, 15)
-"""Pixels around a point that are compared."""
+"""Size of the window of Lucas-Kanade tracking, in pixels."""
 LEVELS = 4
-"""Levels of the image pyramid beside the image: how far a point may move."""
-MAX_RETURN_ERROR = 0.5
-"""Pixels by which a point tracked forth and back may miss its origin."""
+"""Pyramid levels above the image itself, which bound how far a point may move."""
+MAX_FORWARD_BACKWARD_ERROR = 0.5
+"""Pixels between a point and where it is after tracking forward and backward."""
 MAX_ROW_OFFSET = 1.0
-"""Pixels by which the rows of a rectified rig may differ."""
+"""Pixels between the rows of a point in the two images of a rectified rig."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedFrame:
+    """A frame with its images as gray levels."""
+
+    frame: Frame
+    left: ByteArray | None = None
+    """(H, W) gray levels; None where there is no image, or a blank one."""
+    right: ByteArray | None = None
+    """(H, W) gray levels of the right camera."""
+
+    @property
+    def is_blank(self) -> bool:
+        """Whether it has neither a usable image nor tracks."""
+        return self.left is None and self.frame.tracks is None
+
+
+def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
+    """Convert the images of a frame to gray levels.
+
+    Raises:
+        DriveError: an image has another size than the calibration.
+    """
+    if frame.image is None:
+        return PreparedFrame(frame)
+    gray = gray_bytes(frame.image)
+    if gray.shape != (camera.height, camera.width):
+        raise DriveError(
+            f"frame at {frame.time:.3f} s: expected an image of {camera.width} x {camera.height} "
+            f"px as the calibration says, found {gray.shape[1]} x {gray.shape[0]}"
+        )
+    if cv2.meanStdDev(gray)[1][0, 0] < MIN_CONTRAST:
+        return PreparedFrame(frame)
+    return PreparedFrame(frame, gray, None if frame.right is None else gray_bytes(frame.right))
+
+
+def gray_bytes(image: Image) -> ByteArray:
+    """(H, W) gray levels of any image."""
+    if image.ndim == 2 and image.dtype == np.uint8:
+        return np.ascontiguousarray(image)
+    return np.rint(as_gray(image) * 255).astype(np.uint8)
 
 
 class ImageGradients(NamedTuple):
@@ -49,7 +96,7 @@ def track_points(
         previous: (H, W) gray levels of the first image.
         current: of the second.
         xy: (k, 2) pixels in the first.
-        guess: (k, 2) initial pixels in the second; None: those in the first.
+        guess: (k, 2) initial pixels in the second; by default those in the first.
 
     Returns:
         (k, 2) pixels in the second, and (k,) whether each point was found.
@@ -69,7 +116,7 @@ def track_points(
         current, previous, tracked, origin.copy(), nothing, nothing, WINDOW, 1, CRITERIA, flag
     )
     error = np.hypot(*(returned - origin).T)
-    ok = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error < MAX_RETURN_ERROR)
+    ok = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error < MAX_FORWARD_BACKWARD_ERROR)
     return np.asarray(tracked, np.float32), np.asarray(ok)
 
 
@@ -78,8 +125,8 @@ def track_disparities(
 ) -> FloatArray:
     """(k,) disparities of pixels (k, 2) in the left image of a rectified rig.
 
-    They are tracked from initial ones (k,), which may be NaN; NaN where a point was not found in
-    its row of the right image.
+    Lucas-Kanade tracking from initial disparities (k,), 0 where these are NaN. The result is NaN
+    where a point is not found in its row of the right image.
     """
     guess = xy.astype(np.float32)
     guess[:, 0] -= np.nan_to_num(initial).astype(np.float32)

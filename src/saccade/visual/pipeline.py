@@ -21,19 +21,15 @@ from saccade.slam.results import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.depth import provides_depth
+from saccade.visual.depth import CameraTrajectory, provides_depth
 from saccade.visual.egomotion import Motion, Prior, camera_motion
-from saccade.visual.frame_features import FeatureCache, FeatureExtractor, FrameFeatures
-from saccade.visual.frontend import track
+from saccade.visual.frontend import FeatureCache, FeatureExtractor, FrameFeatures, Prefetcher, track
 from saccade.visual.ground_scale import GroundTracker
-from saccade.visual.prefetch import Prefetcher
-from saccade.visual.prepared_frame import PreparedFrame
+from saccade.visual.optical_flow import PreparedFrame
 from saccade.visual.reidentification import count_rematches, reidentify
-from saccade.visual.result import ObservationKind, VisualResult
-from saccade.visual.run_log import RunLog
-from saccade.visual.selection import select_landmarks, selection_saliency
+from saccade.visual.result import ObservationKind, RunLog, VisualResult
+from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.tables import TrackedPoints
-from saccade.visual.triangulation import CameraTrajectory
 from saccade.visual.visual_map import VisualMap
 
 
@@ -46,7 +42,7 @@ def run(
     cache: FeatureCache | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> VisualResult:
-    """Map a drive.
+    """Run visual SLAM on a drive.
 
     Args:
         drive: frames and odometry.
@@ -54,13 +50,13 @@ def run(
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
         cache: features of earlier runs over the same frames.
-        checkpoint: saves the run, which resumes there if it was interrupted.
+        checkpoint: saves the state of the run; an interrupted run resumes from it.
 
     Returns:
         Trajectory, map and observations.
 
     Raises:
-        DriveError: no frame can be used, or images do not fit the calibration.
+        DriveError: no frame can be used, or images have another size than the calibration.
     """
     config = config or VisualConfig()
     with Pipeline(drive, config, cache) as pipeline:
@@ -85,7 +81,7 @@ def run(
 class Pipeline:
     """Visual SLAM over the frames of a drive.
 
-    A context manager: the thread that reads and searches the next frames ends with it.
+    A context manager: the thread that reads the next frames and detects their points ends with it.
 
     Args:
         drive: frames and odometry.
@@ -158,14 +154,14 @@ class Pipeline:
             self._previous = self._extract(self.log.last_visible).frame
 
     def _detect(self, number: int) -> FrameFeatures:
-        """The frame, and in every `detect_interval`-th its points."""
+        """The frame, and in every `detect_interval`-th the points detected in it."""
         with self.log.timed("wait"):
             features = self._features(number)
         self.log.add_features(features)
         return features
 
     def _track(self, frame: PreparedFrame, expected: Prior) -> Motion | None:
-        """Track points into the frame; returns the motion that they agree on."""
+        """Track points into the frame, and estimate the egomotion."""
         camera, config = self.drive.camera, self.config
         with self.log.timed("track"):
             self.tracked, motion = track(
@@ -174,16 +170,16 @@ class Pipeline:
         self.log.add_motion(expected[0], motion)
         if motion is None or self.map.has_depth:
             return motion
-        before, now = self._previous.left, frame.left
+        previous, current = self._previous.left, frame.left
         with self.log.timed("ground"):
-            if before is not None and now is not None:
-                distance = self._ground.distance(before, now, motion)
+            if previous is not None and current is not None:
+                distance = self._ground.distance(previous, current, motion)
                 if distance is not None:
                     motion = self.map.apply_ground_distance(motion, distance)
         return motion
 
     def _predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
-        """Predict the pose; with a single camera, triangulate the points."""
+        """Predict the pose; with a single camera, also triangulate the tracked points."""
         camera, trajectory = self.drive.camera, self._camera_trajectory
         with self.log.timed("predict"):
             self.map.predict(number, expected, motion)
@@ -197,7 +193,7 @@ class Pipeline:
                 self.tracked = replace(self.tracked, depth=depth, depth_sigma=sigma)
 
     def _update(self, number: int, kind: ObservationKind, points: TrackedPoints) -> None:
-        """Observe landmarks, and update the map."""
+        """Observe landmarks, and update the filter."""
         with self.log.timed("update"):
             rows = self.map.landmarks.rows(points.landmark)
             expected = self.map.predict_observations(rows)
@@ -210,7 +206,7 @@ class Pipeline:
     def _associate(
         self, frame: PreparedFrame, detected: TrackedPoints
     ) -> tuple[TrackedPoints, TrackedPoints]:
-        """Re-identify lost landmarks; returns the points that are none tracked, and these."""
+        """Re-identify lost landmarks; returns the new detections, and those re-identified."""
         config, landmarks = self.config, self.map.landmarks
         with self.log.timed("associate"):
             if config.counts_rematches and frame.left is not None:
@@ -226,7 +222,7 @@ class Pipeline:
         return detected, reidentified
 
     def _extend_tracks(self, detected: TrackedPoints, reidentified: TrackedPoints) -> None:
-        """Track re-identified landmarks, and the strongest of the points that are new."""
+        """Start tracks of re-identified landmarks and of the strongest new detections."""
         config, radius = self.config, self.config.min_spacing / 2
         others = self.tracked[~self.tracked.near(reidentified, radius)]
         tracked = TrackedPoints.concatenate([others, reidentified])
@@ -236,17 +232,15 @@ class Pipeline:
         self.tracked = TrackedPoints.concatenate([tracked, new[strongest]])
 
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
-        """(m,) which of the tracked points become landmarks."""
+        """(m,) indices of the tracked points that become landmarks."""
         with self.log.timed("attend"):
-            saliency = selection_saliency(frame.frame.image, self.config)
-            observations, usable = self.map.observe(self.tracked)
-            shape = self.drive.camera.height, self.drive.camera.width
-            return select_landmarks(
-                self.tracked, observations, usable, saliency, shape, self.config, number
-            )
+            tracked, config = self.tracked, self.config
+            saliency = saliency_at(frame.frame.image, tracked.xy, config)
+            observations, usable = self.map.observe(tracked)
+            return select_landmarks(tracked, observations, usable, saliency, config, number)
 
     def _initialize(self, number: int, chosen: IntArray) -> None:
-        """Add landmarks (m,) to the map, and keep to its budget."""
+        """Initialize landmarks from tracked points (m,), within the budget of the map."""
         with self.log.timed("initialize"):
             points = self.tracked[chosen]
             observations, _ = self.map.observe(points)

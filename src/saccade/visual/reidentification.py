@@ -1,4 +1,4 @@
-"""Re-identification of lost landmarks: by descriptor, validation gate, and mutual consistency."""
+"""Re-identification of lost landmarks: by descriptor, validation gate, and joint consistency."""
 
 from dataclasses import replace
 
@@ -9,23 +9,20 @@ from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.models import wrap
 from saccade.slam.results import PredictedObservations
-from saccade.types import FloatArray, IntArray, Keypoints
+from saccade.types import BoolArray, FloatArray, IntArray, Keypoints
 from saccade.visual.camera import is_inside, to_pixels
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import BoolArray, ByteArray
+from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import RangeBearings, TrackedPoints
 from saccade.visual.visual_map import VisualMap
 
-HEIGHT_TOLERANCE = 0.15
-"""Difference of heights, as a fraction of the range plus metres: pitch is in it."""
-POSITION_TOLERANCE = 0.05
-"""Distance between landmarks observed and mapped, as a fraction of the range plus metres."""
-BEARING_TOLERANCE = 0.02
-"""The same for bearing-only observations, whose range is that of the map."""
+HEIGHT_TOLERANCE, POSITION_TOLERANCE, BEARING_TOLERANCE = 0.15, 0.05, 0.02
+"""Difference between observation and map, in metres plus the same fraction of the range: of the
+height, which includes pitch; of the position; and of the position by its bearing alone."""
 REMATCH_RADIUS = 4.0
 """Pixels within which a tracked point is re-matched."""
 MIN_CONSISTENT = 4
-"""Landmarks that must agree with one pose, or all where there are fewer."""
+"""Landmarks that must agree on one pose; all where there are fewer."""
 
 
 def reidentify(
@@ -35,18 +32,11 @@ def reidentify(
     camera: Camera,
     config: VisualConfig,
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Find lost landmarks among detected points.
-
-    Args:
-        points: k detected points.
-        visual_map: the map.
-        tracked: points that are tracked, whose landmarks are not lost.
-        camera: the calibration.
-        config: gate and ratio test.
+    """Find lost landmarks among k detected points.
 
     Returns:
-        Indices of points (m,) and the rows of their landmarks (m,); and the rows of other lost
-        landmarks that were expected in view.
+        Indices of points (m,) and the rows of their landmarks (m,); and the rows of landmarks
+        that were expected in view, neither tracked nor found.
     """
     landmarks, lost = visual_map.landmarks, _expected_in_view(visual_map, tracked, camera, config)
     if len(lost) == 0 or len(points) == 0:
@@ -86,18 +76,16 @@ def _expected_in_view(
 
 def descriptor_matches(points: Keypoints, descriptors: ByteArray, ratio: float) -> IntArray:
     """(m, 2) points and landmarks whose descriptors pass ratio test and mutual check."""
-    if len(points) == 0 or len(descriptors) == 0:
-        return np.zeros((0, 2), np.int64)
     landmarks = Keypoints.at(np.zeros((len(descriptors), 2)), 1.0)
-    return match(points, replace(landmarks, descriptors=descriptors), ratio=ratio, mutual=True)
+    return match(points, replace(landmarks, descriptors=descriptors), ratio=ratio)
 
 
 def within_gate(
     observations: RangeBearings, expected: PredictedObservations, height: FloatArray, gate: float
 ) -> BoolArray:
-    """(m,) Mahalanobis gating of m observations over the ground, and by height (m,) in metres.
+    """(m,) whether observations pass the Mahalanobis gate, and agree with heights (m,) in metres.
 
-    A correct association passes with probability `gate`, if its height is within the tolerance.
+    A correct association passes the former with probability `gate`.
     """
     v = observations.z - expected.z
     v[:, 1] = wrap(v[:, 1])
@@ -110,11 +98,11 @@ def within_gate(
 def consistent_layout(
     z: FloatArray, positions: FloatArray, tolerance: float = POSITION_TOLERANCE
 ) -> BoolArray:
-    """(m,) geometric verification: which landmarks agree with one pose of the robot.
+    """(m,) geometric verification: which landmarks agree on one pose of the robot.
 
-    Every pair of observations z (m, 2) and positions (m, 2) determines a pose; the one that most
-    landmarks agree with wins (exhaustive RANSAC). Fewer than three cannot be verified, and none
-    passes. The tolerance is a fraction of the range, plus metres.
+    Two observations z (m, 2) and their landmarks' positions (m, 2) determine a pose; that of most
+    inliers is taken (exhaustive RANSAC). Fewer than three cannot be verified, so none passes. The
+    tolerance is in metres plus the same fraction of the range.
     """
     m = len(z)
     if m < 3:
@@ -134,10 +122,10 @@ def consistent_layout(
 
 
 def consistent_subset(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
-    """(m,) joint compatibility of innovations v (m, 2) with a covariance S (2m, 2m).
+    """(m,) joint compatibility of innovations v (m, 2) with their covariance S (2m, 2m).
 
-    The observation that the others contradict most is eliminated, until each is inside the gate
-    around its prediction from the others, which follows from the inverse of S.
+    The observation that deviates most from its prediction by the others is eliminated, until all
+    are inside the gate. The predictions follow from the inverse of S.
     """
     kept = np.arange(len(v))
     while len(kept) > 1:
@@ -155,7 +143,7 @@ def consistent_subset(v: FloatArray, S: FloatArray, gate: float) -> BoolArray:
 
 
 def count_rematches(tracked: TrackedPoints, detected: TrackedPoints, ratio: float) -> TrackedPoints:
-    """Re-match tracked points by descriptor alone among those detected in the same frame.
+    """Re-match tracked points by descriptor alone to those detected in the same frame.
 
     A point that is not re-matched while it is tracked will not be re-identified later.
     """

@@ -1,51 +1,50 @@
 """Landmark selection: which of the tracked points become landmarks.
 
 The default takes those with the highest re-match rate while tracked, weighted by how certain their
-range is. Saliency is computed for the selections "contrast" and "symmetry" only.
+range is. Saliency is computed for the selections "contrast" and "symmetry" alone.
 """
 
 import numpy as np
 
 from saccade.attention.contrast import contrast_saliency
 from saccade.attention.symmetry import symmetry_saliency
-from saccade.pyramid import FloatMap
-from saccade.types import Float32Array, FloatArray, Image, IntArray
+from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.optical_flow import BoolArray
 from saccade.visual.tables import RangeBearings, TrackedPoints
 
 MAX_DISTANCE = 100.0
-"""Pixels to the nearest landmark beyond which points count as equally free."""
+"""Pixels to the nearest landmark beyond which "rematch-rate-spread" ignores it."""
 
 
-def selection_saliency(image: Image | None, config: VisualConfig) -> FloatMap | None:
-    """Saliency (h, w) of an image; None where there is none, or the selection does not use it."""
-    if image is not None and config.selection == "contrast":
-        return contrast_saliency(image).saliency
-    if image is not None and config.selection == "symmetry":
-        return symmetry_saliency(image).saliency
-    return None
+def saliency_at(image: Image | None, xy: Float32Array, config: VisualConfig) -> FloatArray:
+    """(k,) saliency at pixels (k, 2); 0 without an image, or if the selection does not use it."""
+    if image is None or config.selection not in ("contrast", "symmetry"):
+        return np.zeros(len(xy))
+    compute = contrast_saliency if config.selection == "contrast" else symmetry_saliency
+    saliency = compute(image).saliency
+    rows, columns = saliency.shape
+    column = ((xy[:, 0] + 0.5) * columns / image.shape[1]).astype(np.int64).clip(0, columns - 1)
+    row = ((xy[:, 1] + 0.5) * rows / image.shape[0]).astype(np.int64).clip(0, rows - 1)
+    return np.asarray(saliency[row, column], np.float64)
 
 
 def select_landmarks(
     points: TrackedPoints,
     observations: RangeBearings,
     usable: BoolArray,
-    saliency: FloatMap | None,
-    shape: tuple[int, int],
+    saliency: FloatArray,
     config: VisualConfig,
     frame: int,
 ) -> IntArray:
-    """Choose new landmarks among tracked points, best first, apart from each other.
+    """Select new landmarks among tracked points, best first, at their minimum spacing.
 
     Args:
         points: k tracked points.
         observations: of the k points.
         usable: (k,) whether each has a certain range.
-        saliency: as `selection_saliency` returned it.
-        shape: (H, W) of the image.
-        config: the selection, and how many.
-        frame: number of the frame, which seeds the random order of equal candidates.
+        saliency: (k,) result of `saliency_at`.
+        config: criterion, spacing and budget.
+        frame: number of the frame, part of the seed of the random order of equal candidates.
 
     Returns:
         (m,) indices of the points.
@@ -56,7 +55,7 @@ def select_landmarks(
     if config.selection == "rematch-rate-spread":
         order = farthest_first(candidates.xy, rematch_rate(candidates), tracked.xy)
     else:
-        score = _score(candidates, observations[free], saliency, shape, config)
+        score = _score(candidates, observations[free], saliency[free], config)
         order = np.argsort(-score, kind="stable")
     capacity = max(0, config.max_tracked - len(tracked))
     count = min(config.new_per_frame * config.detect_interval, capacity)
@@ -64,13 +63,9 @@ def select_landmarks(
 
 
 def _score(
-    points: TrackedPoints,
-    observations: RangeBearings,
-    saliency: FloatMap | None,
-    shape: tuple[int, int],
-    config: VisualConfig,
+    points: TrackedPoints, observations: RangeBearings, saliency: FloatArray, config: VisualConfig
 ) -> FloatArray:
-    """(n,) by the selection criterion, higher is better."""
+    """(n,) score by the selection criterion; higher is better."""
     relative_range_sigma = np.sqrt(observations.covariance[:, 0, 0]) / observations.z[:, 0]
     if config.selection == "strength":
         return points.response.astype(np.float64)
@@ -81,19 +76,19 @@ def _score(
     if config.selection == "rematch-rate-range":
         certainty = 1 - relative_range_sigma / (2 * config.relative_range_sigma)
         return rematch_rate(points) * certainty
-    return np.zeros(len(points)) if saliency is None else saliency_at(saliency, points.xy, shape)
+    return saliency
 
 
 def rematch_rate(points: TrackedPoints) -> FloatArray:
     """(n,) probability that each point is re-matched by its descriptor.
 
-    The mean of the Beta posterior of a uniform prior, given attempts and re-matches while tracked.
+    Mean of the Beta posterior, given attempts and re-matches while tracked and a uniform prior.
     """
     return np.asarray((points.rematches + 1) / (points.rematch_attempts + 2))
 
 
 def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array) -> IntArray:
-    """Farthest-point ordering (n,) of pixels (n, 2), with factors (n,) of their distances.
+    """Farthest-point ordering (n,) of pixels (n, 2), whose distances are weighted (n,).
 
     Each point is the farthest from those before it and from `occupied` pixels (k, 2).
     """
@@ -112,20 +107,12 @@ def farthest_first(xy: Float32Array, weight: FloatArray, occupied: Float32Array)
     return np.asarray(order, np.int64)
 
 
-def saliency_at(saliency: FloatMap, xy: Float32Array, shape: tuple[int, int]) -> FloatArray:
-    """(n,) saliency (h, w) at pixels (n, 2) of an image of a shape (H, W)."""
-    rows, columns = saliency.shape
-    column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
-    row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
-    return np.asarray(saliency[row, column], np.float64)
-
-
 def enforce_spacing(
     xy: Float32Array, order: IntArray, occupied: Float32Array, min_spacing: float, count: int
 ) -> IntArray:
-    """The first of an order of pixels (n, 2) that keep their distance, `count` at most.
+    """Greedy selection of at most `count` pixels (n, 2) in an order (m,), at a minimum spacing.
 
-    From one another and from `occupied` pixels (k, 2).
+    Also from `occupied` pixels (k, 2).
     """
     neighbors = [*occupied]
     chosen: list[int] = []

@@ -7,26 +7,26 @@ from typing import Any, Self, cast
 import numpy as np
 import numpy.typing as npt
 
-from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
-from saccade.visual.optical_flow import BoolArray, ByteArray
+from saccade.types import BoolArray, Float32Array, FloatArray, IntArray, Keypoints
+from saccade.visual.optical_flow import ByteArray
 
 AGE_WEIGHT = 1e-3
-"""Of a landmark's relative age beside its miss rate: it decides between equal ones."""
+"""Weight of a landmark's relative age beside its miss rate: it decides between equal rates."""
 
 
 class Table:
-    """Base of dataclasses whose fields are arrays (n, ...); every field has a `column` default."""
+    """Base of dataclasses of columns: arrays (n, ...), each declared by `column`."""
 
     def __len__(self) -> int:
         return len(self._columns()[0])
 
     def __getitem__(self, index: npt.NDArray[Any]) -> Self:
-        """The rows of an index or a mask."""
+        """The rows of an index array or a mask."""
         return type(self)(*(column[index] for column in self._columns()))
 
     @classmethod
     def concatenate(cls, tables: Sequence[Self]) -> Self:
-        """The rows of all of one or more tables."""
+        """The rows of one or more tables."""
         columns = zip(*(table._columns() for table in tables), strict=True)
         return cls(*(np.concatenate(column) for column in columns))
 
@@ -42,13 +42,13 @@ class Table:
 
 
 def column(*shape: int, dtype: npt.DTypeLike = np.float64) -> Any:
-    """A field of a `Table` with rows of a shape and type; empty unless given."""
+    """Field of a `Table` whose rows have a shape and a type; empty by default."""
     return field(default_factory=lambda: np.zeros((0, *shape), dtype))
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedPoints(Table):
-    """k points tracked in the present frame."""
+    """k points tracked in the current frame."""
 
     xy: Float32Array = column(2, dtype=np.float32)
     """(k, 2) pixels."""
@@ -59,7 +59,7 @@ class TrackedPoints(Table):
     landmark: IntArray = column(dtype=np.int64)
     """(k,) landmark ids, -1 where the point is no landmark."""
     track: IntArray = column(dtype=np.int64)
-    """(k,) track ids of the sequence; -1 where it gives none."""
+    """(k,) track ids of the drive, -1 where it has none."""
     first_frame: IntArray = column(dtype=np.int64)
     """(k,) number of the frame in which the point was detected."""
     first_xy: Float32Array = column(2, dtype=np.float32)
@@ -69,15 +69,15 @@ class TrackedPoints(Table):
     descriptor: ByteArray = column(128, dtype=np.uint8)
     """(k, 128) in that frame."""
     reidentified: BoolArray = column(dtype=np.bool_)
-    """(k,) whether it was re-identified there, as a landmark that had been lost."""
+    """(k,) whether it was re-identified there as a lost landmark."""
     rematch_attempts: IntArray = column(dtype=np.int64)
-    """(k,) detections since, in which it could be re-matched by its descriptor."""
+    """(k,) later frames in which points were detected while it was tracked."""
     rematches: IntArray = column(dtype=np.int64)
-    """(k,) those in which it was re-matched at its tracked position."""
+    """(k,) those of them in which its descriptor was matched at its tracked position."""
 
     @property
     def is_landmark(self) -> BoolArray:
-        """(k,) which are landmarks."""
+        """(k,) whether each is a landmark."""
         return self.landmark >= 0
 
     @property
@@ -87,12 +87,12 @@ class TrackedPoints(Table):
 
     @property
     def keypoints(self) -> Keypoints:
-        """Present positions with the responses and descriptors of the first frame."""
+        """Current positions, with responses and descriptors of the first frame."""
         points = Keypoints.at(self.xy, 1.0)
         return replace(points, response=self.response, descriptors=self.descriptor)
 
     def near(self, others: "TrackedPoints", radius: float) -> BoolArray:
-        """(k,) which are less than `radius` pixels from any of other points."""
+        """(k,) whether each is less than `radius` pixels from any of the others."""
         if len(self) == 0 or len(others) == 0:
             return np.zeros(len(self), np.bool_)
         squared = np.square(self.xy[:, None] - others.xy).sum(2)
@@ -116,35 +116,29 @@ class Landmarks(Table):
     """n landmarks in the order of their rows in the filter."""
 
     id: IntArray = column(dtype=np.int64)
-    """(n,) ascending; an id is never given twice."""
+    """(n,) ascending; never reused."""
     height: FloatArray = column()
     """(n,) metres above the robot's origin."""
     descriptor: ByteArray = column(128, dtype=np.uint8)
     """(n, 128) at the first observation."""
     observations: IntArray = column(dtype=np.int64)
-    """(n,) frames in which it was observed."""
+    """(n,) number of frames in which it was observed."""
     missed: IntArray = column(dtype=np.int64)
-    """(n,) frames in which it was expected and not re-identified."""
+    """(n,) number of frames in which it was expected in view and not re-identified."""
     last_observed: IntArray = column(dtype=np.int64)
-    """(n,) number of the frame."""
+    """(n,) the last frame in which it was observed."""
 
     def rows(self, ids: IntArray) -> IntArray:
-        """(k,) rows of landmarks, -1 for those that were removed."""
+        """(k,) rows of landmark ids (k,), -1 for those that are not in the map."""
         if len(self) == 0:
             return np.full(len(ids), -1)
         rows = np.searchsorted(self.id, ids).clip(0, len(self) - 1)
         return np.where(self.id[rows] == ids, rows, -1)
 
     def least_useful(self, count: int, tracked: IntArray, frame: int) -> IntArray:
-        """Landmarks to be removed: those with the highest miss rate, of equal ones the oldest.
+        """Rows (count,), ascending, of the landmarks with the highest miss rate.
 
-        Args:
-            count: how many.
-            tracked: ids of landmarks that are tracked, and stay.
-            frame: number of the present one.
-
-        Returns:
-            (count,) rows, ascending.
+        Of equal rates those not observed for longest; none of the ids in `tracked`.
         """
         miss_rate = (self.missed + 1) / (self.observations + self.missed + 2)
         score = miss_rate + AGE_WEIGHT * ((frame - self.last_observed) / (frame + 1))

@@ -1,4 +1,4 @@
-"""The map of a drive: the filter, its landmarks, and the errors learned of odometry."""
+"""The map of a drive: the filter, its landmarks, and the estimated errors of odometry."""
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -10,7 +10,7 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.models import compose
 from saccade.slam.results import PredictedObservations
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior
@@ -18,21 +18,21 @@ from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import (
     MotionPrior,
     OdometryScale,
+    Planarity,
     TurnRateBias,
     camera_error_covariance,
     fuse,
     odometry_error_covariance,
 )
-from saccade.visual.optical_flow import BoolArray, ByteArray
-from saccade.visual.planarity import Planarity
+from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import Landmarks, RangeBearings, TrackedPoints
 
 MIN_RESCALE = 1e-3
-"""Relative change of scale from which the map is rescaled: a tenth of what is known of it."""
+"""Relative change of scale from which the map is rescaled: a tenth of the scale's uncertainty."""
 MIN_TURN_BIAS_SIGMA = 0.02
 """Least standard deviation of odometry's turn rate bias at the start, in rad/s."""
 MIN_STEP = 0.05
-"""Metres of a step from which it tells the scale of odometry."""
+"""Length in metres from which a step is used to estimate the scale of odometry."""
 
 
 class VisualMap:
@@ -47,10 +47,8 @@ class VisualMap:
     def __init__(self, drive: Drive, config: VisualConfig, has_depth: bool) -> None:
         self._drive, self._config, self.has_depth = drive, config, has_depth
         scale_sigma, turn_per_metre, metres_per_radian = drive.odometry_bias
-        camera_sigma = (
-            config.relative_motion_sigma[0] if has_depth else config.relative_height_sigma
-        )
-        self.scale = OdometryScale(scale_sigma, camera_sigma)
+        relative_sigma = config.relative_motion_sigma[0], config.relative_height_sigma
+        self.scale = OdometryScale(scale_sigma, relative_sigma[0 if has_depth else 1])
         self._map_scale = self.scale.factor
         estimated = not has_depth and (turn_per_metre or metres_per_radian)
         bias = (0.0, turn_per_metre, metres_per_radian) if estimated else ()
@@ -64,19 +62,21 @@ class VisualMap:
         self.landmarks = Landmarks()
         self._next_id = 0
         self.planarity = Planarity(float(np.radians(config.tilt_sigma)))
+        seconds = float(drive.time[-1] - drive.time[0])
+        distance = float(np.hypot(*drive.control[:, :2].T).sum())
+        mean_speed = distance / seconds if seconds > 0 else 0.0
         self._turn_bias = TurnRateBias(
-            variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * _mean_speed(drive)) ** 2
+            variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
         )
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
-        speed_sigma, turn_rate_change = config.acceleration_sigma
-        self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_change]))
+        speed_sigma, turn_rate_sigma = config.acceleration_sigma
+        self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
         parts = {name: attribute_arrays(part) for name, part in self._parts().items()}
-        landmarks = attribute_arrays(self.landmarks)
-        parts = {"ekf": self.ekf.to_arrays(), "landmarks": landmarks, **parts}
-        return {**attribute_arrays(self), **merge(parts)}
+        parts |= {"ekf": self.ekf.to_arrays(), "landmarks": attribute_arrays(self.landmarks)}
+        return attribute_arrays(self) | merge(parts)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
@@ -87,18 +87,14 @@ class VisualMap:
             restore_attributes(part, select(arrays, name))
 
     def _parts(self) -> dict[str, object]:
-        return {
-            "odometry_scale": self.scale,
-            "tilt": self.planarity,
-            "turn_rate_bias": self._turn_bias,
-            "prior": self._motion_prior,
-        }
+        learned = {"odometry_scale": self.scale, "turn_rate_bias": self._turn_bias}
+        return {"tilt": self.planarity, "prior": self._motion_prior, **learned}
 
     def predict_motion(self, number: int) -> Prior:
-        """The control that is expected to lead to a frame after the first.
+        """The control expected to lead to a frame after the first.
 
-        A single camera takes the length of its steps from it, so the last steps are not fused in:
-        their errors would be counted again with every step, and lag behind an accelerating robot.
+        It gives the steps of a single camera their length, so there the last steps are not fused
+        in: their errors would accumulate, and an accelerating robot would be lagged behind.
         """
         drive, seconds = self._drive, self._seconds(number)
         control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
@@ -109,11 +105,10 @@ class VisualMap:
         return self._motion_prior.predict(*self._odometry, seconds)
 
     def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
-        """Predict the pose of a frame after the first.
+        """Predict the pose of a frame after the first, by odometry and the camera's motion.
 
-        A motion that the camera measured is fused with odometry alone: the motion prior adds
-        little to it, and lags behind an accelerating robot. Without, `expected` is used, as
-        `predict_motion` returned it.
+        The motion prior would add little to these, and lag behind an accelerating robot. Without
+        a motion by the camera, `expected` is used: the result of `predict_motion`.
         """
         seconds = self._seconds(number)
         systematic = odometry_error_covariance(
@@ -123,10 +118,8 @@ class VisualMap:
         if motion is not None:
             self.planarity.update(motion.off_plane, seconds)
             tilt = self.planarity.tilt
-            control = (
-                motion.control,
-                camera_error_covariance(motion, seconds, self._config, tilt),
-            )
+            covariance = camera_error_covariance(motion, seconds, self._config, tilt)
+            control = motion.control, covariance
             difference = float(self._drive.control[number - 1, 2] - motion.control[2])
             variance = self._drive.control_covariance[number - 1, 2, 2] + control[1][2, 2]
             self._turn_bias.update(difference, seconds, float(variance))
@@ -140,7 +133,7 @@ class VisualMap:
     def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
         """Update the scale of odometry by a distance over the ground in metres.
 
-        Rescales the map, and returns the motion with its length by odometry and the ground.
+        Rescales the map, and returns the motion with a length from odometry and the ground.
         """
         factor = self.scale.factor
         ratio = distance / float(np.linalg.norm(motion.translation))
@@ -167,7 +160,7 @@ class VisualMap:
         return float(self._drive.time[number] - self._drive.time[number - 1])
 
     def update_motion_prior(self, number: int, previous: FloatArray, observations: int) -> None:
-        """Update the motion prior by the motion from the previous pose (3,), after all updates."""
+        """Update the motion prior by the step from the previous pose (3,), after all updates."""
         if number == 0 or not self.has_depth:
             return
         step = steps_between(np.stack([previous, self.ekf.pose]))[0]
@@ -176,7 +169,7 @@ class VisualMap:
 
     @property
     def pose_covariance(self) -> FloatArray:
-        """(3, 3), with the uncertainty of the scale of a single camera."""
+        """(3, 3) of the pose, with the uncertainty of a single camera's scale."""
         if self.has_depth:
             return self.ekf.pose_covariance
         offset = np.append(self.ekf.pose[:2] - self._drive.start[:2], 0.0)
@@ -184,7 +177,7 @@ class VisualMap:
 
     @property
     def landmark_covariances(self) -> FloatArray:
-        """(n, 2, 2), with the uncertainty of the scale of a single camera."""
+        """(n, 2, 2) of the landmarks, with the uncertainty of a single camera's scale."""
         if self.has_depth:
             return self.ekf.landmark_covariances
         offset = self.ekf.landmarks - self._drive.start[:2]
@@ -194,10 +187,10 @@ class VisualMap:
     def observe(
         self, points: TrackedPoints, expected: PredictedObservations | None = None
     ) -> tuple[RangeBearings, BoolArray]:
-        """Observations of k points, and (k,) which are usable: they have a certain range.
+        """Observations of k points, and (k,) whether each is usable: its range is certain.
 
         A single camera observes landmarks of the map, whose `expected` observations are given, by
-        their bearing only: its ranges come from the motion itself.
+        their bearing alone: its ranges follow from the motion itself.
         """
         camera, config, tilt = self._drive.camera, self._config, self.planarity.tilt
         if expected is None or self.has_depth:
@@ -219,14 +212,8 @@ class VisualMap:
     ) -> tuple[FloatArray, FloatArray]:
         """Update the filter by k observations of landmarks.
 
-        Only re-identified landmarks correct the filter: from those tracked ever since their
-        initialization the egomotion follows, by the same pixels.
-
-        Args:
-            points: k landmarks.
-            observations: k of them.
-            expected: k predicted observations.
-            number: of the frame.
+        Only re-identified landmarks correct the filter: the pixels of those tracked ever since
+        they were initialized have already been used by the egomotion.
 
         Returns:
             Innovations (k, 2) and their covariances (k, 2, 2), NaN where nothing was corrected.
@@ -249,7 +236,7 @@ class VisualMap:
     def initialize(
         self, observations: RangeBearings, descriptors: ByteArray, number: int
     ) -> IntArray:
-        """Augment the map by the landmarks of k observations; returns their ids (k,)."""
+        """Augment the map by the landmarks of k observations. Returns their ids (k,)."""
         k, first_row = len(observations), len(self.ekf)
         R = self._covariance(observations, 1)
         self.ekf.update_scan(observations.z, R, np.arange(first_row, first_row + k))
@@ -278,7 +265,7 @@ class VisualMap:
         )
 
     def enforce_budget(self, tracked: IntArray, number: int) -> None:
-        """Remove the least useful landmarks where there are too many, but none of those tracked."""
+        """Remove the least useful landmarks beyond `max_landmarks`, but none that is tracked."""
         surplus = len(self.landmarks) - self._config.max_landmarks
         if surplus > 0:
             rows = self.landmarks.least_useful(surplus, tracked, number)
@@ -286,18 +273,12 @@ class VisualMap:
             self.landmarks = self.landmarks[np.delete(np.arange(len(self.landmarks)), rows)]
 
     def _covariance(self, observations: RangeBearings, count: int) -> FloatArray:
-        """(k, 2, 2) with the error that `count` observations of a frame share.
+        """(k, 2, 2) including the error that `count` observations of a frame share.
 
-        Each has `count` times its variance, so that the update by all of them is worth one.
+        Each gets `count` times its variance, so that together they carry the information of one.
         """
         fraction, degrees = self._config.shared_error_sigma
         shared = np.zeros_like(observations.covariance)
         shared[:, 0, 0] = count * np.square(fraction * observations.z[:, 0])
         shared[:, 1, 1] = count * np.radians(degrees) ** 2
         return observations.covariance + shared
-
-
-def _mean_speed(drive: Drive) -> float:
-    """Metres per second over the whole drive, by odometry."""
-    seconds = float(drive.time[-1] - drive.time[0])
-    return float(np.hypot(*drive.control[:, :2].T).sum()) / seconds if seconds > 0 else 0.0

@@ -1,0 +1,164 @@
+"""Checks of the recording: images, timestamps, and whether the robot stays on a plane."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from saccade.diagnostics.camera_motion import MIN_POINTS
+from saccade.diagnostics.findings import Finding, Severity, counted
+from saccade.diagnostics.survey import Survey
+from saccade.frames import Drive
+from saccade.types import FloatArray
+from saccade.visual.motion_prior import INTEGRATION_TIME
+from saccade.visual.optical_flow import MIN_CONTRAST
+
+MIN_BRIGHTNESS = 8.0
+"""Mean gray level (0 to 255) below which an image is black."""
+MIN_SHARPNESS = 0.4
+"""Fraction of the median sharpness below which a frame is blurred."""
+MAX_BAD_FRACTION = 0.02
+"""Fraction of the frames that may be blurred or have too few points."""
+MIN_KNOWN_FRACTION, MIN_KNOWN_STEPS = 0.5, 20
+"""Fraction of the steps whose motion must be found, and the steps from which it is judged."""
+GAP_RATIO = 2.5
+"""Frame period over the median one from which frames are missing."""
+MAX_JITTER = 0.3
+"""Standard deviation of the frame period, as a fraction of its median."""
+MAX_TILT = np.deg2rad(5.0)
+"""Radians of pitch or roll from which distances on the plane are wrong by half a per cent."""
+MAX_HEIGHT, MAX_GRADIENT = 0.5, 0.1
+"""Change of height in metres that is reported, and as a fraction of the path that is a warning."""
+
+
+def check_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
+    """Frames that are unreadable, black, blurred, without texture, or copies of others."""
+    black = (survey.brightness < MIN_BRIGHTNESS) | (survey.contrast < MIN_CONTRAST)
+    sharpness = survey.sharpness[np.isfinite(survey.sharpness) & ~black]
+    median = float(np.median(sharpness)) if len(sharpness) else 0.0
+    blurred = (survey.sharpness < MIN_SHARPNESS * median) & ~black
+    empty = (survey.points < MIN_POINTS) & ~black & np.isfinite(survey.brightness)
+    if unreadable := survey.unreadable:
+        first = next(iter(unreadable.values()))
+        what = f"{counted(len(unreadable), 'frame', 'frames')} cannot be read; {first}"
+        advice = "Replace the files or the calibration, or leave the frames out"
+        numbers = np.array(list(unreadable))
+        yield Finding.in_frames("error", "unreadable frames", what, advice, numbers)
+    if black.any():
+        what = f"{counted(int(black.sum()), 'frame is', 'frames are')} black or uniformly gray"
+        advice = "Look for a covered lens or a camera that dropped out; odometry alone bridges them"
+        yield Finding.in_frames("warning", "black frames", what, advice, survey.frame[black])
+    if blurred.sum() > MAX_BAD_FRACTION * len(survey):
+        count = counted(int(blurred.sum()), "frame has", "frames have")
+        what = f"{count} less than {MIN_SHARPNESS:g} of the median sharpness"
+        advice = "Expose for a shorter time, or drive more slowly"
+        yield Finding.in_frames("warning", "blurred frames", what, advice, survey.frame[blurred])
+    if empty.sum() > MAX_BAD_FRACTION * len(survey):
+        count = counted(int(empty.sum()), "frame has", "frames have")
+        what = f"{count} fewer than {MIN_POINTS} points to track"
+        advice = "Nothing is observed there; odometry alone bridges them"
+        yield Finding.in_frames("warning", "empty frames", what, advice, survey.frame[empty])
+    step = np.abs(drive.control[np.maximum(survey.frame - 1, 0)]).max(1)
+    copied = survey.copied & ((step > 0) | (not drive.control.any()))
+    if copied.any():
+        count = counted(int(copied.sum()), "frame repeats", "frames repeat")
+        content = "points" if np.isnan(survey.brightness).all() else "image"
+        what = f"{count} the {content} of the frame before to the bit"
+        advice = (
+            "A step is lost in each, and tracks may continue at other points: remove the copies, "
+            "start new tracks after them, and let odometry bridge the step"
+        )
+        yield Finding.in_frames("error", "repeated frames", what, advice, survey.frame[copied])
+
+
+def check_egomotion(survey: Survey) -> Iterator[Finding]:
+    """Whether the camera's motion can be estimated from the images."""
+    successive = np.diff(survey.frame) == 1
+    if successive.sum() < MIN_KNOWN_STEPS:
+        return
+    known = float(np.isfinite(survey.rotation[1:, 0])[successive].mean())
+    if known <= MIN_KNOWN_FRACTION:
+        what = (
+            f"the images show the camera's motion in only {100 * known:.0f} % of the steps: "
+            "there are too few points, or they do not move like a rigid scene"
+        )
+        advice = (
+            "Check that the frames are of one drive and in order; check their rate, exposure and "
+            "blur, and the focal length"
+        )
+        yield Finding("warning", "motion", what, advice, 100 * known, "%")
+
+
+def check_timestamps(drive: Drive) -> Iterator[Finding]:
+    """Gaps, jitter, and repairs made when the files were read."""
+    for remark in drive.remarks:
+        advice = "It was repaired on reading; check the recording for other errors"
+        yield Finding("warning", "files", remark, advice, 1.0, "remark")
+    period = np.diff(drive.time)
+    if len(period) < 5:
+        return
+    median = float(np.median(period))
+    gaps = np.flatnonzero(period > GAP_RATIO * median)
+    if len(gaps):
+        longest = float(period.max())
+        what = (
+            f"frames are missing: {counted(len(gaps), 'gap', 'gaps')}, the longest of "
+            f"{longest:.2f} s, the median period is {median:.3f} s"
+        )
+        advice = "Odometry alone bridges them; look for a camera that dropped out"
+        yield Finding("warning", "gaps", what, advice, longest, "s", tuple((gaps + 1).tolist()))
+    jitter = 100 * float(period[period <= GAP_RATIO * median].std() / max(median, 1e-9))
+    if jitter > 100 * MAX_JITTER:
+        what = f"the time between frames varies by {jitter:.0f} % (one standard deviation)"
+        advice = "Use the times of exposure rather than of arrival"
+        yield Finding("warning", "uneven clock", what, advice, jitter, "%")
+
+
+def check_planarity(drive: Drive, survey: Survey) -> Iterator[Finding]:
+    """Pitch, roll and height: by the ground truth if there is one, else by the images."""
+    if drive.truth_off_plane is not None and drive.truth is not None:
+        time = drive.truth.time
+        known = (time >= drive.time[0]) & (time <= drive.time[-1])
+        return _by_truth(drive.truth_off_plane[known], drive.truth.pose[known])
+    return _by_images(drive, survey)
+
+
+def _by_truth(off_plane: FloatArray, pose: FloatArray) -> Iterator[Finding]:
+    """From height, pitch and roll (t, 3) of the poses (t, 3)."""
+    if len(off_plane) == 0:
+        return
+    tilt = np.abs(off_plane[:, 1:] - np.median(off_plane[:, 1:], 0)).max(1)
+    yield from _tilt_finding(float(np.quantile(tilt, 0.95)), "by the ground truth")
+    rise = float(np.ptp(off_plane[:, 0]))
+    length = float(np.hypot(*np.diff(pose[:, :2], axis=0).T).sum())
+    if rise > MAX_HEIGHT:
+        severity: Severity = "warning" if rise > MAX_GRADIENT * length else "note"
+        what = f"the height changes by {rise:.1f} m over {length:.0f} m, by the ground truth"
+        advice = "The map is flat: compare it with the projection of the ground truth"
+        yield Finding(severity, "height", what, advice, rise, "m")
+
+
+def _by_images(drive: Drive, survey: Survey) -> Iterator[Finding]:
+    """From roll and pitch integrated over short stretches, before their drift dominates."""
+    period = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
+    if period <= 0:
+        return
+    size = max(round(INTEGRATION_TIME / period), 2)
+    tilts = [
+        np.abs(np.cumsum(survey.rotation[k : k + size, :2], 0)).max()
+        for k in range(1, len(survey) - size + 1, size)
+        if survey.frame[k + size - 1] - survey.frame[k - 1] == size
+        and np.isfinite(survey.rotation[k : k + size]).all()
+    ]
+    if len(tilts) >= 3:
+        source = f"by the images within {INTEGRATION_TIME:g} s"
+        yield from _tilt_finding(float(np.quantile(tilts, 0.75)), source)
+
+
+def _tilt_finding(tilt: float, source: str) -> Iterator[Finding]:
+    if tilt > MAX_TILT:
+        what = f"the robot is tilted by {np.rad2deg(tilt):.1f} deg, {source}, but its map is flat"
+        advice = (
+            "It makes ranges and bearings wrong: increase the noise of observations, or level the "
+            "camera"
+        )
+        yield Finding("warning", "tilt", what, advice, float(np.rad2deg(tilt)), "deg")
