@@ -7,7 +7,7 @@
     uv run python benchmarks/drive.py FOLDER --max-tracked 80    a map of 500 landmarks
     uv run python benchmarks/drive.py FOLDER --dedicated    with the settings of `saccade drive`
 
-Images are driven as a out and back with one camera. The peer for speed is OpenCV's SIFT with
+Images are driven out and back with one camera. The peer for speed is OpenCV's SIFT with
 brute-force matching from each frame to the next, on the same frames, alternating with ours.
 Both read the files. What is compiled, or read from the cache of what was, is so beforehand.
 """
