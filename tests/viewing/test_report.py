@@ -10,17 +10,14 @@ from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.embedding import jpeg
 from saccade.viewing.page import Picture, Section
-from saccade.viewing.report import report_page
-from saccade.viewing.report_builder import ReportBuilder
+from saccade.viewing.report import ReportBuilder, Table, report_page
 from saccade.viewing.report_image import image_part, match_part
 from saccade.viewing.report_map import (
-    MapOverlays,
     ObservedLandmarks,
     innovation_charts,
     map_part,
     uncertainty_charts,
 )
-from saccade.viewing.report_table import table_part
 from support.limits import TIMEOUT
 
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
@@ -98,7 +95,7 @@ def _map_page(name="a map"):
     picture = np.full((30, 40, 3), 128, np.uint8)
     part = map_part(
         Section(name, name, facts={name: name}),
-        estimate,
+        {"estimate": estimate, "odometry": estimate, "truth": estimate},
         snapshots,
         ObservedLandmarks(
             np.array([0, 1, 2, 3, 5, 8, 9]),
@@ -107,8 +104,7 @@ def _map_page(name="a map"):
             np.array([0, 1, 1, 0, 0, 2, 1]),
         ),
         [*charts, *uncertainty_charts(estimate, estimate)],
-        MapOverlays({"odometry": estimate, "truth": estimate}),
-        lambda step: picture if step % 2 == 0 else None,
+        image_at=lambda step: picture if step % 2 == 0 else None,
     )
     return report_page(name, name, [part])
 
@@ -272,7 +268,8 @@ def test_names_on_the_page_of_an_image_are_words(opened):
 def _table_page(name="a table"):
     rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
     figure = Picture(jpeg(np.zeros((40, 400), np.uint8)), name, name, wide=True)
-    return report_page(name, name, [table_part(Section(name, name, [figure]), ["", "AUC"], rows)])
+    table = Table(name, ["", "AUC"], rows, name, figures=[figure])
+    return report_page(name, name, [table.part()])
 
 
 def test_a_table_is_sorted_by_a_heading(opened):
@@ -322,10 +319,10 @@ def test_what_does_not_fit_on_a_page_is_counted_and_not_made(tmp_path, monkeypat
     made = []
 
     def make():
-        made.append(table_part(Section("a heading", ""), ["", "b"], [["x" * 500, "1"]]))
+        made.append(Table("a heading", ["", "b"], [["x" * 500, "1"]]).part())
         return made[-1]
 
-    monkeypatch.setattr("saccade.viewing.report_builder.MAX_LENGTH", 2000)
+    monkeypatch.setattr("saccade.viewing.report.MAX_LENGTH", 2000)
     album = ReportBuilder("title", "Lead.")
     for _ in range(9):
         album.add(make)

@@ -14,7 +14,7 @@ from PIL import Image as Pillow
 from saccade.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section, html_page
-from saccade.viewing.report_builder import ReportBuilder, Table, write_tables
+from saccade.viewing.report import ReportBuilder, Table, write_tables
 from saccade.viewing.report_image import MAX_MATCHES, MAX_POINTS, image_part, match_part
 from saccade.viewing.report_map import ObservedLandmarks, map_part, uncertainty_charts
 
@@ -74,9 +74,9 @@ def _map(rng):
         step, name, rng.normal(size=(len(step), 2)), np.zeros(len(step), np.int64)
     )
     frame = rng.integers(0, 255, (280, 280, 3), np.uint8)
-    return map_part(
-        SECTION, drive, grown, seen, uncertainty_charts(drive, drive), image_at=lambda _: frame
-    )
+    charts = uncertainty_charts(drive, drive)
+    trajectories = {"estimate": drive}
+    return map_part(SECTION, trajectories, grown, seen, charts, image_at=lambda _: frame)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_map_keeps_how_often_a_landmark_was_seen():
         np.array([7]),
     )
     seen = ObservedLandmarks(np.array([1, 2, 2, 4, 4, 9, 19]), np.array([7, 7, 7, 7, 3, 7, 7]))
-    intervals = map_part(SECTION, drive, [snapshot], seen, []).data["intervals"]
+    intervals = map_part(SECTION, {"estimate": drive}, [snapshot], seen, []).data["intervals"]
     assert {name: list(values) for name, values in intervals.items()} == {
         "id": [3, 7, 7, 7],
         "first": [4, 1, 9, 19],

@@ -12,7 +12,7 @@ from saccade.errors import ConfigError
 from saccade.extras import import_optional
 from saccade.files import atomic_write
 from saccade.types import FloatArray, MapSnapshot, Trajectory
-from saccade.viewing.maps import bounds, ellipse_outlines
+from saccade.viewing.slam import bounds, ellipse_outlines
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, rgb_levels
 
 PLAYBACK_RATE = 24

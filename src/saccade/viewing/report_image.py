@@ -8,7 +8,7 @@ import numpy as np
 from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath
 from saccade.viewing.embedding import heat, photograph
 from saccade.viewing.page import Section
-from saccade.viewing.report import Part, with_notes
+from saccade.viewing.report import Part, stride, with_notes
 
 MAX_POINTS = 400
 """Interest points shown with their descriptors."""
@@ -55,11 +55,10 @@ def match_part(
         images: two (H, W, 3) in [0, 1].
         keypoints: of each.
         pairs: (m, 2) indices into the two.
-        inliers: (m,) which of them agree with one geometry; None without verification.
+        inliers: (m,) which matches agree with one geometry; None without verification.
     """
-    stride = -(-len(pairs) // MAX_MATCHES) or 1
-    section = with_notes(section, {"matches": (len(pairs), stride)})
-    first, second = (keypoints[i][pairs[::stride, i]] for i in (0, 1))
+    step = stride(len(pairs), MAX_MATCHES)
+    first, second = (keypoints[i][pairs[::step, i]] for i in (0, 1))
     data: dict[str, Any] = {
         "images": [photograph(image) for image in images],
         "xy": np.hstack([first.xy, second.xy]).ravel(),
@@ -69,8 +68,8 @@ def match_part(
         difference = first.descriptors.astype(np.float64) - second.descriptors
         data["distance"] = np.sqrt(np.square(difference).sum(1))
     if inliers is not None:
-        data["inlier"] = inliers[::stride].astype(np.uint8)
-    return Part(section, "match", data)
+        data["inlier"] = inliers[::step].astype(np.uint8)
+    return Part(with_notes(section, {"matches": (len(pairs), step)}), "match", data)
 
 
 def maps_data(maps: Mapping[str, Float32Array]) -> list[dict[str, str]]:
@@ -79,19 +78,14 @@ def maps_data(maps: Mapping[str, Float32Array]) -> list[dict[str, str]]:
 
 
 def scanpath_data(path: Scanpath) -> dict[str, Any]:
-    """Fixations, likewise."""
+    """Fixations as that script reads them."""
     return {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency}
 
 
 def points_data(points: Keypoints) -> dict[str, Any]:
-    """Interest points, likewise."""
-    data: dict[str, Any] = {
-        "xy": points.xy.ravel(),
-        "size": points.size,
-        "angle": points.angle,
-        "response": points.response,
-        "octave": points.octave,
-    }
+    """Interest points as that script reads them."""
+    names = ("size", "angle", "response", "octave")
+    data = {"xy": points.xy.ravel(), **{name: getattr(points, name) for name in names}}
     if points.descriptors is not None:
         data["descriptor"] = points.descriptors.ravel()
     return data

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from saccade.types import FloatArray
-from saccade.viewing.maps import (
+from saccade.viewing.slam import (
     ELLIPSE_LABEL,
     ELLIPSE_SCALE,
     bounds,
