@@ -18,7 +18,7 @@ import saccade
 from saccade import textbook
 from saccade.cli import main
 from saccade.viewing.textbook import Implementation, load_steps, simulated_log
-from saccade.viewing.textbook.ekf_trace import trace_filter
+from saccade.viewing.textbook.ekf import trace_filter
 from saccade.viewing.textbook.equation_code import equation_code
 from saccade.viewing.textbook.page import mathml
 from support.paths import ROOT
@@ -139,7 +139,7 @@ def test_a_log_is_walked_through_by_appendix_c(run, tmp_path):
 def test_a_control_that_drives_before_it_turns_is_taken_exactly():
     """Two of appendix C's lead to the pose of dead reckoning."""
     log = saccade.datasets.load("auto", DATA / "victoria_park.txt")
-    ekf = trace_filter(log, textbook.EkfSlam, max_scans=1).scans[0][1]
+    ekf = trace_filter(log, textbook.EkfSlam).scans[0][1]
     steps = int(log.observation_pose[0])
     x, y, theta = log.start
     for forward, left, turn in log.control[:steps]:
@@ -186,7 +186,7 @@ def test_the_textbook_cites_each_equation_of_the_steps(appendix):
     code = Implementation.of_textbook(appendix).code
     for step in load_steps(appendix):
         for equation in step.equations:
-            assert mathml(equation.tex).startswith("<math")
+            assert mathml()[equation.tex].startswith("<math")
             assert equation.code_in(code) is not None
 
 
