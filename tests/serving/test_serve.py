@@ -108,7 +108,7 @@ def test_a_name_of_another_host_is_refused(client, analyzer, host):
         client.post("/look", json={}, headers={"Host": host}),
     ):
         assert answer.status_code == 403
-        assert answer.text == "refused: this server answers to its own name only\n"
+        assert answer.text == "refused: the Host header does not name this server\n"
     assert not analyzer.done
 
 
@@ -129,7 +129,7 @@ def test_a_name_of_another_host_is_refused(client, analyzer, host):
 def test_a_request_of_another_page_is_refused(client, analyzer, origin):
     for path in ("/photo", "/look", "/points"):
         answer = client.post(path, content=b"{}", headers={"Origin": origin})
-        assert (answer.status_code, answer.text) == (403, "refused: another page asked\n")
+        assert (answer.status_code, answer.text) == (403, "refused: cross-origin request\n")
     assert client.get("/state", headers={"Origin": origin}).status_code == 403
     assert not analyzer.done
 
@@ -206,7 +206,7 @@ def test_what_is_no_request_is_refused(client, analyzer, body):
     [
         ("key", 404, "why"),
         ("setting", 422, "why"),
-        ("own", 500, "something went wrong; the terminal says what"),
+        ("own", 500, "internal error; the terminal shows it"),
     ],
 )
 def test_what_fails_is_told_in_one_line(client, fail, status, words):
@@ -278,7 +278,7 @@ def test_only_the_last_photographs_are_held():
         analyzer.open(PHOTO.read_bytes(), "horse.jpg")["photo"] for _ in range(MAX_PHOTOS + 1)
     ]
     assert len(set(tokens)) == MAX_PHOTOS + 1
-    with pytest.raises(KeyError, match="not held any more"):
+    with pytest.raises(KeyError, match="no longer in memory"):
         analyzer.analyze({"photo": tokens[0]})
     analyzer.analyze({"photo": tokens[1], "model": "contrast", "fixations": 1})
 
@@ -349,7 +349,7 @@ def test_the_copied_command_says_what_was_set(tmp_path):
     set_so = load_settings("attention", path=tmp_path / "attention.toml")
     inner = {kind: CHANGED[kind] for kind in ("contrast", "symmetry")}
     assert set_so == settings_from("attention", CHANGED["attention"] | inner, "request")
-    assert command.startswith("# the settings of the scanpath: in Python only\n")
+    assert command.startswith("# scanpath settings: in Python only\n")
     assert not (tmp_path / "no").exists()
 
 
@@ -471,13 +471,13 @@ def test_what_stands_below_a_field_is_its_help():
         ({"model": ["both"]}, "model: expected one of"),
         ({"fixations": 1000}, "fixations: expected 1 to 100, found 1000"),
         ({"fixations": True}, "fixations: expected 1 to 100"),
-        ({"contrast": 3}, "contrast: expected settings by name, found 3"),
+        ({"contrast": 3}, "contrast: expected a table of settings, found 3"),
         ({"attention": {"no": 1}}, "attention: no setting 'no'"),
         ({"symmetry": {"inner": 9}}, "inner: expected 1 px to 4, found 9"),
         ({"contrast": {"sharpening": 10**400}}, "sharpening"),
         ({"scanpath": {"gain": "x"}}, "scanpath: gain: expected float, found 'x'"),
-        ({"photo": None}, "not held any more"),
-        ({"photo": ["x"]}, "not held any more"),
+        ({"photo": None}, "no longer in memory"),
+        ({"photo": ["x"]}, "no longer in memory"),
     ],
 )
 def test_a_request_that_cannot_be_granted_is_one_line(change, words):

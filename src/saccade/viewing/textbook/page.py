@@ -30,7 +30,7 @@ class Equation:
     """A formula, and how to look up its code."""
 
     number: str
-    """As in print; empty where it has none."""
+    """As in the source; empty where it has none."""
     tex: str
     function: str | None = None
     """The function that computes it, where no comment cites its number."""
@@ -53,20 +53,16 @@ class Step:
     """Its figure in words."""
     caption: str
     default: str = ""
-    """How the default of `saccade` differs from the print, and why."""
+    """How the default of `saccade` differs from the source, and why."""
 
 
 def load_steps(appendix: str) -> list[Step]:
     """The steps of an appendix, in order."""
-    rows = tomllib.loads(web_file("appendices.toml"))["step"]
+    steps = tomllib.loads(web_file("appendices.toml"))["step"]
     return [
-        Step(
-            **{name: row[name] for name in ("appendix", "name", "title", "text", "alt", "caption")},
-            equations=[Equation(*each) for each in row["equations"]],
-            default=row.get("print", ""),
-        )
-        for row in rows
-        if row["appendix"] == appendix
+        Step(**step | {"equations": [Equation(*each) for each in step["equations"]]})
+        for step in steps
+        if step["appendix"] == appendix
     ]
 
 
