@@ -34,7 +34,7 @@ from support.limits import TIMEOUT
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 from starlette.testclient import TestClient
 
-from saccade.serving.app import Samples, application
+from saccade.serving.app import application
 
 PORT = 8014
 HOME = f"http://127.0.0.1:{PORT}"
@@ -76,7 +76,7 @@ def analyzer():
 
 @pytest.fixture
 def client(analyzer):
-    app = application(analyzer, Samples(("a.jpg",), lambda _: b"jpeg"), PORT, MAX_BYTES, {})
+    app = application(analyzer, {"a.jpg": b"jpeg"}, PORT, MAX_BYTES, {})
     with TestClient(app, base_url=HOME, raise_server_exceptions=False) as client:
         yield client
 

@@ -18,7 +18,7 @@ from support.limits import TIMEOUT
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 uvicorn = pytest.importorskip("uvicorn", reason="the extra serve is not installed")
 from saccade.cli.serve import _listening  # noqa: E402
-from saccade.serving.app import Samples, application  # noqa: E402
+from saccade.serving.app import application  # noqa: E402
 
 expect = playwright.expect
 DATA = files("saccade") / "data"
@@ -67,7 +67,7 @@ class _Counting(PhotoAnalyzer):
 def served():
     """A running server: its analyzer and its address."""
     analyzer = _Counting()
-    samples = Samples(("horse.jpg", "coffee.jpg"), lambda name: (DATA / name).read_bytes())
+    samples = {name: (DATA / name).read_bytes() for name in ("horse.jpg", "coffee.jpg")}
     with _listening(0) as listener:
         port = listener.getsockname()[1]
         app = application(analyzer, samples, port, MAX_BYTES, controls())

@@ -217,7 +217,7 @@ def test_names_in_tables_and_plain_pages_are_words(name, tmp_path):
 def test_a_map_on_a_page_has_the_colors_of_its_values():
     image = np.zeros((40, 60, 3), np.float32)
     values = np.linspace(0, 3, 2400, dtype=np.float32).reshape(40, 60)
-    part = image_part(SECTION, image, {"m": values}, PATH)
+    part = image_part(SECTION, image, {"m": values}, PATH, Keypoints.at([[1, 1]], size=2))
     data = base64.b64decode(part.data["maps"][0]["address"].split(",")[1])
     expected = mpl.colormaps["cividis"](values / 3)[:, :, :3]
     assert np.abs(decode_image(data, "m") - expected).max() < 0.02

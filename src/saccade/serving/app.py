@@ -10,7 +10,7 @@ import logging
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from threading import Event, Thread
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import anyio
 from anyio.to_thread import run_sync
@@ -53,17 +53,9 @@ LEAD = (
 _logger = logging.getLogger(__name__)
 
 
-class Samples(NamedTuple):
-    """Example photographs."""
-
-    names: tuple[str, ...]
-    """Of JPEG files."""
-    read: Callable[[str], bytes]
-
-
 def application(
     analyzer: PhotoAnalyzer,
-    samples: Samples,
+    samples: Mapping[str, bytes],
     port: int,
     max_bytes: int,
     controls: Mapping[str, Any],
@@ -72,13 +64,13 @@ def application(
 
     Args:
         analyzer: analyzes the photographs.
-        samples: example photographs.
+        samples: example photographs: JPEG files by name.
         port: of this server; requests to another host name are rejected.
         max_bytes: of a photograph.
         controls: the settings of the page and their controls.
     """
     server = _Server(analyzer, samples, max_bytes)
-    page, policy = serve_page({**controls, "max_bytes": max_bytes, "samples": samples.names})
+    page, policy = serve_page({**controls, "max_bytes": max_bytes, "samples": list(samples)})
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -124,7 +116,9 @@ def serve_page(data: Mapping[str, Any]) -> tuple[str, str]:
 class _Server:
     """The routes and their state; requests are processed one at a time, in order of arrival."""
 
-    def __init__(self, analyzer: PhotoAnalyzer, samples: Samples, max_bytes: int) -> None:
+    def __init__(
+        self, analyzer: PhotoAnalyzer, samples: Mapping[str, bytes], max_bytes: int
+    ) -> None:
         self._analyzer, self._samples, self._max_bytes = analyzer, samples, max_bytes
         self._limiter = anyio.CapacityLimiter(1)
         self._waiting = 0
@@ -143,10 +137,10 @@ class _Server:
 
     async def sample(self, request: Request) -> Response:
         """An example photograph."""
-        name = request.path_params["name"]
-        if name not in self._samples.names:
+        data = self._samples.get(request.path_params["name"])
+        if data is None:
             raise HTTPException(404, "no such photograph")
-        return Response(await run_sync(self._samples.read, name), media_type="image/jpeg")
+        return Response(data, media_type="image/jpeg")
 
     async def open(self, request: Request) -> Response:
         """Opens a photograph, the body of the request."""

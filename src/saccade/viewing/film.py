@@ -16,7 +16,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from PIL import ImageDraw, ImageFont
 
-from saccade.errors import require
 from saccade.files import atomic_write
 from saccade.types import Float32Array, FloatArray, Image, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.attention import draw_scanpath, heat_colors
@@ -42,8 +41,8 @@ from saccade.viewing.style import (
 
 FOVEA_SIGMA = 0.08
 """Of the bright region around a fixation, as a fraction of the longer side of the image."""
-LAST_SECONDS = 1.5
-"""Duration of the last frame of a scanpath, before the film starts again."""
+SLOWDOWN, LAST_SECONDS = 4.0, 1.5
+"""Of the film of a scanpath, and the duration of its last frame before it starts again."""
 WIDTH, HEIGHT, CAMERA_WIDTH = 1280, 720, 640
 """Pixels of a frame of the map, and of the camera image on its left."""
 ROBOT = np.array([[14.0, 0.0], [-9.0, 8.0], [-5.0, 0.0], [-9.0, -8.0]])
@@ -101,23 +100,18 @@ def scanpath_frames(image: Float32Array, path: Scanpath) -> tuple[list[Frame], l
     return frames, durations
 
 
-def save_film(
-    frames: Sequence[Frame], durations: Sequence[float], file: str | Path, slowdown: float = 4.0
-) -> Path:
-    """Write frames as an animated GIF that repeats.
+def save_film(frames: Sequence[Frame], durations: Sequence[float], file: str | Path) -> Path:
+    """Write frames as an animated GIF that repeats, `SLOWDOWN` times slower than the model.
 
     Args:
         frames: each (h, w, 3).
         durations: seconds of each; the last is not slowed down.
         file: the GIF.
-        slowdown: how many times slower than the model.
 
     Raises:
-        ConfigError: `slowdown` is not above 0.
         OutputError: the file cannot be written.
     """
-    require(slowdown > 0, "slowdown", "a factor above 0", slowdown)
-    milliseconds = [1000 * slowdown * each for each in durations[:-1]] + [1000 * durations[-1]]
+    milliseconds = [1000 * SLOWDOWN * each for each in durations[:-1]] + [1000 * durations[-1]]
     first, *others = [PIL.Image.fromarray(frame) for frame in frames]
     with atomic_write(file) as temporary:
         first.save(

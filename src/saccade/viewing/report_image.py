@@ -20,7 +20,7 @@ def image_part(
     image: Float32Array,
     maps: Mapping[str, Float32Array],
     path: Scanpath,
-    keypoints: Keypoints | None = None,
+    keypoints: Keypoints,
 ) -> Part:
     """A photograph with saliency maps, scanpath and interest points as layers.
 
@@ -31,13 +31,12 @@ def image_part(
         path: fixations.
         keypoints: the first `MAX_POINTS` of them are shown.
     """
-    data: dict[str, Any] = {
+    data = {
         "image": photograph(image),
         "maps": maps_data(maps),
         "scanpath": scanpath_data(path),
+        "points": points_data(keypoints[:MAX_POINTS]),
     }
-    if keypoints is not None:
-        data["points"] = points_data(keypoints[:MAX_POINTS])
     return Part(section, "image", data)
 
 
