@@ -36,22 +36,12 @@ class Photo(NamedTuple):
     """(H, W, 3) in [0, 1]."""
 
 
-class _CachedMaps(NamedTuple):
-    """The maps of the last request."""
-
-    photo: Photo
-    attention: AttentionModel
-    saliency: Float32Array
-    maps: list[dict[str, str]]
-    """As the page reads them."""
-
-
 class PhotoAnalyzer:
     """Keeps the most recent photographs in memory and analyzes them."""
 
     def __init__(self) -> None:
         self._photos: OrderedDict[str, Photo] = OrderedDict()
-        self._cache: _CachedMaps | None = None
+        self._cached_for: tuple[str, AttentionModel] | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
         """Keep a photograph.
@@ -100,11 +90,11 @@ class PhotoAnalyzer:
         table = _table(request, kind) | {each: _table(request, each) for each in parts}
         attention = AttentionModel(model, settings_from(KINDS[model], table, kind))
         config = settings_from("scanpath", _table(request, "scanpath"), "scanpath")
-        cached = self._maps(photo, attention)
-        path = scanpath(cached.saliency, photo.pixels.shape, fixations, config)
+        saliency, maps = self._maps(request["photo"], attention)
+        path = scanpath(saliency, photo.pixels.shape, fixations, config)
         choices = (attention.model, attention.settings, config, fixations)
         return {
-            "maps": cached.maps,
+            "maps": maps,
             "scanpath": scanpath_data(path),
             "ms": 1000 * (perf_counter() - start),
             "python": snippets.attention_python(*choices),
@@ -160,17 +150,19 @@ class PhotoAnalyzer:
         self._photos.move_to_end(token)
         return self._photos[token]
 
-    def _maps(self, photo: Photo, attention: AttentionModel) -> _CachedMaps:
-        """The maps of a photograph; computed only if photograph or settings changed."""
-        cached = self._cache
-        if cached is None or cached.photo is not photo or cached.attention != attention:
+    def _maps(
+        self, token: str, attention: AttentionModel
+    ) -> tuple[Float32Array, list[dict[str, str]]]:
+        """Saliency and all maps as the page reads them; computed only if a choice changed."""
+        if self._cached_for != (token, attention):
+            photo = self._photos[token]
             try:
                 layers = attention.maps(photo.pixels).layers
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
-            cached = _CachedMaps(photo, attention, layers["saliency"], maps_data(layers))
-            self._cache = cached
-        return cached
+            self._cached = layers["saliency"], maps_data(layers)
+            self._cached_for = (token, attention)
+        return self._cached
 
 
 def _table(request: Mapping[str, Any], kind: str) -> dict[str, Any]:
