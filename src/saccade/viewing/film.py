@@ -190,7 +190,10 @@ class _MapCanvas:
     def __init__(self, box: FloatArray) -> None:
         figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100)
         axes = figure.add_axes((0.06, 0.08, 0.92, 0.84))
-        map_axes(axes, _with_aspect(box, 0.92 * WIDTH / (0.84 * HEIGHT)))
+        width, height = (box[1] - box[0]).tolist()
+        aspect = 0.92 * WIDTH / (0.84 * HEIGHT)
+        half = np.array([max(width, aspect * height), max(height, width / aspect)]) / 2
+        map_axes(axes, box.mean(0) + np.array([-half, half]))
         handles = [
             Line2D([], [], color=BLUE, linewidth=2, label="estimate"),
             Line2D([], [], color=GRAY, linewidth=1, label="odometry alone"),
@@ -289,13 +292,6 @@ def _extent(snapshots: Sequence[MapSnapshot]) -> FloatArray:
     all_low, all_high = bounds(np.concatenate([path, centers - extent, centers + extent]))
     growth = MAX_GROWTH * (high - low)
     return np.array([all_low.clip(low - growth, low), all_high.clip(high, high + growth)])
-
-
-def _with_aspect(box: FloatArray, aspect: float) -> FloatArray:
-    """The smallest box around another whose width is `aspect` times its height."""
-    width, height = (box[1] - box[0]).tolist()
-    half = np.array([max(width, aspect * height), max(height, width / aspect)]) / 2
-    return np.asarray(box.mean(0) + np.array([-half, half]))
 
 
 def _camera_panel(

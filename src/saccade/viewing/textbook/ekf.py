@@ -24,7 +24,7 @@ from saccade.viewing.style import BLUE, DIVERGING, GRAY, ORANGE, RED, hide_ticks
 MAX_SCANS = 8
 """Scans of a log that are traced."""
 MIN_ELLIPSE_FRACTION = 0.08
-"""Of the width of the map: smaller ellipses are magnified until the largest has this width."""
+"""Fraction of the width of the map to which the largest ellipse is magnified at least."""
 MAX_LABELS = 6
 """Landmarks whose rows are labeled beside a matrix."""
 
