@@ -10,8 +10,7 @@ from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.embedding import jpeg
 from saccade.viewing.page import Picture, Section
-from saccade.viewing.report import ReportBuilder, Table, report_page
-from saccade.viewing.report_image import image_part, match_part
+from saccade.viewing.report import ReportBuilder, Table, image_part, match_part, report_page
 from saccade.viewing.report_map import (
     ObservedLandmarks,
     innovation_charts,

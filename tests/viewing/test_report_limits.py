@@ -14,8 +14,15 @@ from PIL import Image as Pillow
 from saccade.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section, html_page
-from saccade.viewing.report import ReportBuilder, Table, write_tables
-from saccade.viewing.report_image import MAX_MATCHES, MAX_POINTS, image_part, match_part
+from saccade.viewing.report import (
+    MAX_MATCHES,
+    MAX_POINTS,
+    ReportBuilder,
+    Table,
+    image_part,
+    match_part,
+    write_tables,
+)
 from saccade.viewing.report_map import ObservedLandmarks, map_part, uncertainty_charts
 
 LARGEST = 5_000_000

@@ -18,7 +18,7 @@ from saccade.serving.controls import DETECTORS, MODELS
 from saccade.settings import settings_from
 from saccade.types import Float32Array
 from saccade.viewing.embedding import photograph
-from saccade.viewing.report_image import maps_data, points_data, scanpath_data
+from saccade.viewing.report import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
 """Photographs kept in memory: the most recently used."""
