@@ -53,9 +53,9 @@ def story() -> Figure:
 
 def _draw_park(axes: Axes) -> None:
     _, run = _park()
-    outlines = viewing.maps.ellipse_outlines(run.map.xy, run.map.covariance)
+    outlines = viewing.slam.ellipse_outlines(run.map.xy, run.map.covariance)
     axes.plot(*run.trajectory.pose[:, :2].T, color=BLUE, linewidth=0.9)
-    axes.add_collection(PolyCollection([*outlines], **viewing.maps.ELLIPSE))
+    axes.add_collection(PolyCollection([*outlines], **viewing.slam.ELLIPSE))
     axes.plot(*run.map.xy.T, ".", color="black", markersize=2.5)
     axes.set_aspect("equal")
 

@@ -414,11 +414,11 @@ def _answer(address: str, body: bytes) -> object:
     from starlette.testclient import TestClient
 
     from saccade.serving.analysis import Photo, PhotoAnalyzer
-    from saccade.serving.app import Samples, application
+    from saccade.serving.app import application
 
     analyzer = PhotoAnalyzer()
     analyzer._photos[""] = Photo("", a_picture((64, 64, 3)).astype(np.float32) / 255)
-    app = application(analyzer, Samples((), lambda name: b""), 8014, 100_000, {})
+    app = application(analyzer, {}, 8014, 100_000, {})
     client = TestClient(app, base_url="http://127.0.0.1:8014")
     answer = client.post(address, content=body)
     assert answer.status_code in (200, 400, 404, 413, 422), answer.text

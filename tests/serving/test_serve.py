@@ -1,4 +1,4 @@
-"""The local page from outside a browser: who is let in, how much may be sent, what is found."""
+"""The local server without a browser: access, limits, results and copied snippets."""
 
 import io
 import json
@@ -34,7 +34,7 @@ from support.limits import TIMEOUT
 pytest.importorskip("starlette", reason="the extra serve is not installed")
 from starlette.testclient import TestClient
 
-from saccade.serving.app import Samples, application
+from saccade.serving.app import application
 
 PORT = 8014
 HOME = f"http://127.0.0.1:{PORT}"
@@ -43,7 +43,7 @@ PHOTO = files("saccade") / "data" / "horse.jpg"
 
 
 class _StubAnalyzer:
-    """Counts what it is asked."""
+    """Records its requests."""
 
     def __init__(self):
         self.done = []
@@ -76,13 +76,13 @@ def analyzer():
 
 @pytest.fixture
 def client(analyzer):
-    app = application(analyzer, Samples(("a.jpg",), lambda _: b"jpeg"), PORT, MAX_BYTES, {})
+    app = application(analyzer, {"a.jpg": b"jpeg"}, PORT, MAX_BYTES, {})
     with TestClient(app, base_url=HOME, raise_server_exceptions=False) as client:
         yield client
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]", "LocalHost"])
-def test_this_machine_gets_the_page(client, host):
+def test_local_host_names_get_the_page(client, host):
     answer = client.get("/", headers={"Host": f"{host}:{PORT}"})
     assert answer.status_code == 200
     assert answer.text.startswith("<!doctype html>")
@@ -102,13 +102,13 @@ def test_this_machine_gets_the_page(client, host):
         f"0.0.0.0:{PORT}",
     ],
 )
-def test_a_name_of_another_host_is_refused(client, analyzer, host):
+def test_another_host_name_is_refused(client, analyzer, host):
     for answer in (
         client.get("/", headers={"Host": host}),
         client.post("/look", json={}, headers={"Host": host}),
     ):
         assert answer.status_code == 403
-        assert answer.text == "refused: this server answers to its own name only\n"
+        assert answer.text == "refused: the Host header does not name this server\n"
     assert not analyzer.done
 
 
@@ -126,15 +126,15 @@ def test_a_name_of_another_host_is_refused(client, analyzer, host):
         "http://[evil",
     ],
 )
-def test_a_request_of_another_page_is_refused(client, analyzer, origin):
+def test_another_origin_is_refused(client, analyzer, origin):
     for path in ("/photo", "/look", "/points"):
         answer = client.post(path, content=b"{}", headers={"Origin": origin})
-        assert (answer.status_code, answer.text) == (403, "refused: another page asked\n")
+        assert (answer.status_code, answer.text) == (403, "refused: cross-origin request\n")
     assert client.get("/state", headers={"Origin": origin}).status_code == 403
     assert not analyzer.done
 
 
-def test_what_a_browser_says_of_the_asking_page_counts(client):
+def test_cross_site_requests_are_refused_except_links(client):
     for site in ("cross-site", "same-site"):
         assert client.get("/state", headers={"Sec-Fetch-Site": site}).status_code == 403
         assert client.get("/samples/a.jpg", headers={"Sec-Fetch-Site": site}).status_code == 403
@@ -145,7 +145,7 @@ def test_what_a_browser_says_of_the_asking_page_counts(client):
     assert client.post("/look", json={}, headers=own).status_code == 200
 
 
-def test_the_page_may_do_nothing_but_ask_its_server(client):
+def test_the_policy_allows_only_the_own_server(client):
     answer = client.get("/")
     policy = answer.headers["Content-Security-Policy"]
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
@@ -165,7 +165,7 @@ def test_the_page_may_do_nothing_but_ask_its_server(client):
         assert "Access-Control-Allow-Origin" not in headers
 
 
-def test_too_much_is_refused_in_one_line(client, analyzer):
+def test_a_body_that_is_too_large_is_refused(client, analyzer):
     answer = client.post("/photo?name=x", content=b"x" * (MAX_BYTES + 1))
     assert (answer.status_code, answer.text) == (413, "too large: expected at most 0.2 MB\n")
     assert client.post("/look", content=b" " * 100_001).status_code == 413
@@ -174,7 +174,7 @@ def test_too_much_is_refused_in_one_line(client, analyzer):
     assert analyzer.done == [("x", MAX_BYTES)]
 
 
-def test_too_much_is_refused_where_its_length_is_not_told(client, analyzer):
+def test_a_body_of_unknown_length_is_limited(client, analyzer):
     sent = []
 
     def chunks():
@@ -193,7 +193,7 @@ def test_too_much_is_refused_where_its_length_is_not_told(client, analyzer):
     "body",
     [b"", b"{", b"[]", b"3", b'{"a": NaN}', b"[" * 50_000, b"\xff\xfe", b'{"a": ' + b"9" * 9999],
 )
-def test_what_is_no_request_is_refused(client, analyzer, body):
+def test_malformed_requests_are_refused(client, analyzer, body):
     answer = client.post("/look", content=body)
     assert answer.status_code == 400
     assert answer.text.startswith("expected")
@@ -206,22 +206,22 @@ def test_what_is_no_request_is_refused(client, analyzer, body):
     [
         ("key", 404, "why"),
         ("setting", 422, "why"),
-        ("own", 500, "something went wrong; the terminal says what"),
+        ("own", 500, "internal error; the terminal shows it"),
     ],
 )
-def test_what_fails_is_told_in_one_line(client, fail, status, words):
+def test_errors_are_one_line(client, fail, status, words):
     answer = client.post("/look", json={"fail": fail})
     assert (answer.status_code, answer.text) == (status, f"{words}\n")
 
 
-def test_other_paths_and_methods_are_not_there(client):
+def test_other_paths_and_methods_are_refused(client):
     assert client.get("/samples/b.jpg").status_code == 404
     assert client.get("/samples/..%2f..%2fetc%2fpasswd").status_code == 404
     assert client.get("/look").status_code == 405
     assert client.put("/photo", content=b"").status_code == 405
 
 
-def test_more_than_a_few_do_not_wait(client, analyzer):
+def test_the_number_of_waiting_requests_is_limited(client, analyzer):
     analyzer.hold.clear()
     statuses = []
     threads = [
@@ -267,24 +267,24 @@ def test_an_enormous_picture_is_refused_before_it_is_decoded(side, monkeypatch):
 @pytest.mark.parametrize(
     "data", [b"", b"not an image", b"<svg/>", PHOTO.read_bytes()[:300], b"%PDF-1.4", b"\xff\xd8"]
 )
-def test_what_is_no_photograph_is_refused(data):
+def test_files_that_are_no_photographs_are_refused(data):
     with pytest.raises(ImageError, match=r"^file: "):
         PhotoAnalyzer().open(data, "file")
 
 
-def test_only_the_last_photographs_are_held():
+def test_only_the_last_photographs_are_kept():
     analyzer = PhotoAnalyzer()
     tokens = [
         analyzer.open(PHOTO.read_bytes(), "horse.jpg")["photo"] for _ in range(MAX_PHOTOS + 1)
     ]
     assert len(set(tokens)) == MAX_PHOTOS + 1
-    with pytest.raises(KeyError, match="not held any more"):
+    with pytest.raises(KeyError, match="no longer in memory"):
         analyzer.analyze({"photo": tokens[0]})
     analyzer.analyze({"photo": tokens[1], "model": "contrast", "fixations": 1})
 
 
 def test_the_maps_of_a_photograph_are_never_those_of_one_that_is_gone():
-    """Where memory is used again a photograph may lie where another one lay."""
+    """A photograph may reuse the memory, and so the id, of an earlier one."""
     analyzer, coffee = PhotoAnalyzer(), files("saccade") / "data" / "coffee.jpg"
     request = {"model": "contrast", "fixations": 1}
 
@@ -309,7 +309,7 @@ CHANGED = {
 
 
 @pytest.mark.parametrize("model", ["both", "contrast", "symmetry"])
-def test_what_is_shown_is_what_the_copied_python_computes(model, monkeypatch, tmp_path):
+def test_the_copied_python_computes_what_is_shown(model, monkeypatch, tmp_path):
     name = 'it\'s \N{SNOWMAN} "1".jpg'
     monkeypatch.chdir(tmp_path)
     Path(name).write_bytes(PHOTO.read_bytes())
@@ -331,7 +331,7 @@ def test_what_is_shown_is_what_the_copied_python_computes(model, monkeypatch, tm
     assert len(space["points"]) == found["count"] > 0
 
 
-def test_the_copied_command_says_what_was_set(tmp_path):
+def test_the_copied_command_has_the_settings(tmp_path):
     name = "-it's $(touch no) `1`.jpg"
     analyzer = PhotoAnalyzer()
     opened = analyzer.open(PHOTO.read_bytes(), name)
@@ -349,7 +349,7 @@ def test_the_copied_command_says_what_was_set(tmp_path):
     set_so = load_settings("attention", path=tmp_path / "attention.toml")
     inner = {kind: CHANGED[kind] for kind in ("contrast", "symmetry")}
     assert set_so == settings_from("attention", CHANGED["attention"] | inner, "request")
-    assert command.startswith("# the settings of the scanpath: in Python only\n")
+    assert command.startswith("# scanpath settings: in Python only\n")
     assert not (tmp_path / "no").exists()
 
 
@@ -459,7 +459,7 @@ def test_a_setting_of_none_is_copied_as_none():
     assert table == {"limit": 4, "factor": NONE}
 
 
-def test_what_stands_below_a_field_is_its_help():
+def test_the_docstring_of_a_field_is_its_help():
     assert field_help(saccade.MustConfig)["upright"] == "Give every keypoint the angle 0."
     assert field_help(int) == {}
 
@@ -471,23 +471,23 @@ def test_what_stands_below_a_field_is_its_help():
         ({"model": ["both"]}, "model: expected one of"),
         ({"fixations": 1000}, "fixations: expected 1 to 100, found 1000"),
         ({"fixations": True}, "fixations: expected 1 to 100"),
-        ({"contrast": 3}, "contrast: expected settings by name, found 3"),
+        ({"contrast": 3}, "contrast: expected a table of settings, found 3"),
         ({"attention": {"no": 1}}, "attention: no setting 'no'"),
         ({"symmetry": {"inner": 9}}, "inner: expected 1 px to 4, found 9"),
         ({"contrast": {"sharpening": 10**400}}, "sharpening"),
         ({"scanpath": {"gain": "x"}}, "scanpath: gain: expected float, found 'x'"),
-        ({"photo": None}, "not held any more"),
-        ({"photo": ["x"]}, "not held any more"),
+        ({"photo": None}, "no longer in memory"),
+        ({"photo": ["x"]}, "no longer in memory"),
     ],
 )
-def test_a_request_that_cannot_be_granted_is_one_line(change, words):
+def test_invalid_settings_are_one_line_errors(change, words):
     analyzer = PhotoAnalyzer()
     token = analyzer.open(PHOTO.read_bytes(), "a")["photo"]
     with pytest.raises((ConfigError, KeyError), match=re.escape(words)):
         analyzer.analyze({"photo": token, **change})
 
 
-def test_a_port_that_is_taken_is_told_in_one_line(run):
+def test_a_port_in_use_is_a_one_line_error(run):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         code, _, message = run("serve", "--port", port, "--no-browser")

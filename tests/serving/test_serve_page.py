@@ -1,4 +1,4 @@
-"""The local page in a real browser: drop, slide, switch, play, copy, and what goes wrong."""
+"""The local page in a real browser: drop, slide, switch, play, copy, and errors."""
 
 import base64
 import json
@@ -18,7 +18,7 @@ from support.limits import TIMEOUT
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 uvicorn = pytest.importorskip("uvicorn", reason="the extra serve is not installed")
 from saccade.cli.serve import _listening  # noqa: E402
-from saccade.serving.app import Samples, application  # noqa: E402
+from saccade.serving.app import application  # noqa: E402
 
 expect = playwright.expect
 DATA = files("saccade") / "data"
@@ -35,29 +35,29 @@ PASTE = DROP.replace(
 
 
 class _Counting(PhotoAnalyzer):
-    """Counts how often it looks, and waits when it is told to."""
+    """Counts its analyses, and can be made to wait."""
 
     def __init__(self):
         super().__init__()
-        self.looks, self._may_look = 0, threading.Event()
-        self._may_look.set()
+        self.looks, self._may_continue = 0, threading.Event()
+        self._may_continue.set()
 
     def analyze(self, request):
         self.looks += 1
-        self._may_look.wait(TIMEOUT)
+        self._may_continue.wait(TIMEOUT)
         return super().analyze(request)
 
     @contextmanager
     def held(self, address):
-        """Until the block ends, and the server has read what was sent in it, no look ends."""
+        """No analysis ends until the block has, and the server has read what was sent in it."""
         self.looks = 0
-        self._may_look.clear()
+        self._may_continue.clear()
         try:
             yield
             for _ in range(3):  # all that is there, what of it was closed, and once more
                 urlopen(f"{address}state", timeout=TIMEOUT).close()
         finally:
-            self._may_look.set()
+            self._may_continue.set()
 
     def warm_up(self):
         """The tests compile what they need."""
@@ -67,7 +67,7 @@ class _Counting(PhotoAnalyzer):
 def served():
     """A running server: its analyzer and its address."""
     analyzer = _Counting()
-    samples = Samples(("horse.jpg", "coffee.jpg"), lambda name: (DATA / name).read_bytes())
+    samples = {name: (DATA / name).read_bytes() for name in ("horse.jpg", "coffee.jpg")}
     with _listening(0) as listener:
         port = listener.getsockname()[1]
         app = application(analyzer, samples, port, MAX_BYTES, controls())
@@ -81,21 +81,21 @@ def served():
 
 @pytest.fixture
 def opened(browser, served):
-    """Opens the page; at the end nothing may have gone wrong in it."""
+    """Opens the page; fails on console messages, page errors, dialogs and foreign requests."""
     _, address = served
-    troubles, pages = [], []
+    problems, pages = [], []
 
     def open_page(**how):
         page = browser.new_page(**how)
         pages.append(page)
         page.set_default_timeout(1000 * TIMEOUT)
         expected = "status of 4"  # what the server refuses is told on the page
-        page.on("console", lambda said: expected in said.text or troubles.append(said.text))
-        page.on("pageerror", lambda error: troubles.append(str(error)))
-        page.on("dialog", lambda dialog: troubles.append(dialog.message))
+        page.on("console", lambda said: expected in said.text or problems.append(said.text))
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("dialog", lambda dialog: problems.append(dialog.message))
         page.on(
             "request",
-            lambda asked: asked.url.startswith((address, "data:")) or troubles.append(asked.url),
+            lambda asked: asked.url.startswith((address, "data:")) or problems.append(asked.url),
         )
         page.goto(address)
         _settle(page)
@@ -104,7 +104,7 @@ def opened(browser, served):
     yield open_page
     for page in pages:
         page.close()
-    assert not troubles
+    assert not problems
 
 
 def _settle(page):
@@ -190,7 +190,7 @@ def test_the_scanpath_is_played_and_lengthened(opened):
     expect(page.locator("pre").first).to_contain_text("inhibition_sigma=0.2")
 
 
-def test_what_nobody_waits_for_any_more_is_not_begun(served):
+def test_abandoned_requests_are_skipped(served):
     analyzer, address = served
     place = ("127.0.0.1", int(address.rsplit(":", 1)[1].strip("/")))
     photo = analyzer.open((DATA / "horse.jpg").read_bytes(), "horse.jpg")["photo"]
@@ -208,7 +208,7 @@ def test_what_nobody_waits_for_any_more_is_not_begun(served):
     assert analyzer.looks == 2
 
 
-def test_a_slider_that_moves_quickly_is_not_followed_everywhere(opened, served):
+def test_a_slider_that_moves_quickly_skips_requests(opened, served):
     analyzer, address = served
     page = opened()
     with analyzer.held(address):
@@ -219,7 +219,7 @@ def test_a_slider_that_moves_quickly_is_not_followed_everywhere(opened, served):
     assert 1 <= analyzer.looks < 25
 
 
-def test_what_cannot_be_looked_at_is_told_and_the_page_goes_on(opened, served):
+def test_errors_are_shown_and_the_page_goes_on(opened, served):
     analyzer, _ = served
     page = opened()
     alarm = page.locator(".alarm")
@@ -257,7 +257,7 @@ def test_what_cannot_be_looked_at_is_told_and_the_page_goes_on(opened, served):
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
-def test_everyone_can_use_it(opened, scheme, width):
+def test_the_page_is_accessible(opened, scheme, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
     page = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
     for group in page.locator("details summary").all():

@@ -1,4 +1,4 @@
-"""The report in a real browser: it loads, switches, scrubs, and is fit to be read by anyone."""
+"""The report in a real browser: loading, layers, scrubbing, and accessibility."""
 
 import re
 from html import escape
@@ -10,31 +10,27 @@ from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.embedding import jpeg
 from saccade.viewing.page import Picture, Section
-from saccade.viewing.report import report_page
-from saccade.viewing.report_builder import ReportBuilder
-from saccade.viewing.report_image import image_part, match_part
+from saccade.viewing.report import ReportBuilder, Table, image_part, match_part, report_page
 from saccade.viewing.report_map import (
-    MapOverlays,
     ObservedLandmarks,
     innovation_charts,
     map_part,
     uncertainty_charts,
 )
-from saccade.viewing.report_table import table_part
 from support.limits import TIMEOUT
 
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 LANDMARKS = np.array([[0.0, 0.0], [8.0, 4.0], [4.0, 4.0]])
 STEPS = 12
 DRAWN = "() => new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))"
-"""Waits until what was asked for has been drawn."""
+"""Waits until the requested frames have been drawn."""
 TO = "\N{EN DASH}"
 
 
 @pytest.fixture
 def opened(browser, tmp_path):
-    """Opens a page from disk; at the end nothing may have gone wrong in it."""
-    troubles, pages = [], []
+    """Opens a page from disk; fails on console messages, page errors and dialogs."""
+    problems, pages = [], []
 
     def open_page(text, **how):
         file = tmp_path / "report.html"
@@ -42,9 +38,9 @@ def opened(browser, tmp_path):
         page = browser.new_page(**how)
         pages.append(page)
         page.set_default_timeout(1000 * TIMEOUT)
-        page.on("console", lambda message: troubles.append(message.text))
-        page.on("pageerror", lambda error: troubles.append(str(error)))
-        page.on("dialog", lambda dialog: troubles.append(dialog.message))
+        page.on("console", lambda message: problems.append(message.text))
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("dialog", lambda dialog: problems.append(dialog.message))
         page.on("request", lambda request: seen.append(request.url))
         seen = []
         page.goto(file.as_uri())
@@ -56,7 +52,7 @@ def opened(browser, tmp_path):
     yield open_page
     for page in pages:
         page.close()
-    assert not troubles
+    assert not problems
 
 
 def _drive():
@@ -98,7 +94,7 @@ def _map_page(name="a map"):
     picture = np.full((30, 40, 3), 128, np.uint8)
     part = map_part(
         Section(name, name, facts={name: name}),
-        estimate,
+        {"estimate": estimate, "odometry": estimate, "truth": estimate},
         snapshots,
         ObservedLandmarks(
             np.array([0, 1, 2, 3, 5, 8, 9]),
@@ -107,8 +103,7 @@ def _map_page(name="a map"):
             np.array([0, 1, 1, 0, 0, 2, 1]),
         ),
         [*charts, *uncertainty_charts(estimate, estimate)],
-        MapOverlays({"odometry": estimate, "truth": estimate}),
-        lambda step: picture if step % 2 == 0 else None,
+        image_at=lambda step: picture if step % 2 == 0 else None,
     )
     return report_page(name, name, [part])
 
@@ -122,7 +117,7 @@ def _pixels(page):
     return page.locator("canvas.ground").screenshot()
 
 
-def test_names_are_words_and_nothing_else(opened):
+def test_names_are_escaped(opened):
     text = _map_page(EVIL)
     page = opened(text)
     assert page.title() == EVIL
@@ -263,7 +258,7 @@ def test_a_click_on_a_match_shows_it_alone(opened):
     assert page.locator(".part").last.get_attribute("data-match") == "-1"
 
 
-def test_names_on_the_page_of_an_image_are_words(opened):
+def test_names_on_the_page_of_an_image_are_escaped(opened):
     page = opened(_image_page(EVIL))
     assert page.title() == EVIL
     assert page.get_by_text(EVIL).count() >= 5
@@ -272,7 +267,8 @@ def test_names_on_the_page_of_an_image_are_words(opened):
 def _table_page(name="a table"):
     rows = [["b", "10.5"], ["a", "9.25"], [name, "-1"]]
     figure = Picture(jpeg(np.zeros((40, 400), np.uint8)), name, name, wide=True)
-    return report_page(name, name, [table_part(Section(name, name, [figure]), ["", "AUC"], rows)])
+    table = Table(name, ["", "AUC"], rows, name, figures=[figure])
+    return report_page(name, name, [table.part()])
 
 
 def test_a_table_is_sorted_by_a_heading(opened):
@@ -296,7 +292,7 @@ def test_a_wide_figure_is_not_made_small_on_a_phone(opened):
 
 @pytest.mark.parametrize("make", [_map_page, _image_page, _table_page])
 @pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
-def test_everyone_can_read_it(opened, make, scheme, width):
+def test_a_report_is_accessible(opened, make, scheme, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
     page = opened(make(), color_scheme=scheme, viewport={"width": width, "height": 800})
     for number in page.locator("input[type=number]").all():
@@ -318,18 +314,18 @@ def test_a_landmark_keeps_its_name_when_others_go():
     assert ekf.ids.tolist() == [2, 3, 4]
 
 
-def test_what_does_not_fit_on_a_page_is_counted_and_not_made(tmp_path, monkeypatch):
+def test_parts_that_do_not_fit_are_counted_and_not_made(tmp_path, monkeypatch):
     made = []
 
     def make():
-        made.append(table_part(Section("a heading", ""), ["", "b"], [["x" * 500, "1"]]))
+        made.append(Table("a heading", ["", "b"], [["x" * 500, "1"]]).part())
         return made[-1]
 
-    monkeypatch.setattr("saccade.viewing.report_builder.MAX_LENGTH", 2000)
-    album = ReportBuilder("title", "Lead.")
+    monkeypatch.setattr("saccade.viewing.report.MAX_LENGTH", 2000)
+    builder = ReportBuilder("title", "Lead.")
     for _ in range(9):
-        album.add(make)
+        builder.add(make)
     assert sum(len(part.html) for part in made[:-1]) <= 2000
-    page = album.write(tmp_path / "report.html").read_text()
-    assert page.count("<section>") == len(album) == len(made) - 1
-    assert f"Lead. {9 - len(album)} more did not fit on this page." in page
+    page = builder.write(tmp_path / "report.html").read_text()
+    assert page.count("<section>") == len(builder) == len(made) - 1
+    assert f"Lead. {9 - len(builder)} more did not fit on this page." in page

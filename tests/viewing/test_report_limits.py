@@ -1,4 +1,4 @@
-"""Every page stays under 5 MB and takes a name for words, whatever it is given."""
+"""Every page stays under 5 MB and escapes names, whatever it is given."""
 
 import base64
 import json
@@ -14,8 +14,15 @@ from PIL import Image as Pillow
 from saccade.image import decode_image
 from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
 from saccade.viewing.page import Section, html_page
-from saccade.viewing.report_builder import ReportBuilder, Table, write_tables
-from saccade.viewing.report_image import MAX_MATCHES, MAX_POINTS, image_part, match_part
+from saccade.viewing.report import (
+    MAX_MATCHES,
+    MAX_POINTS,
+    ReportBuilder,
+    Table,
+    image_part,
+    match_part,
+    write_tables,
+)
 from saccade.viewing.report_map import ObservedLandmarks, map_part, uncertainty_charts
 
 LARGEST = 5_000_000
@@ -74,9 +81,9 @@ def _map(rng):
         step, name, rng.normal(size=(len(step), 2)), np.zeros(len(step), np.int64)
     )
     frame = rng.integers(0, 255, (280, 280, 3), np.uint8)
-    return map_part(
-        SECTION, drive, grown, seen, uncertainty_charts(drive, drive), image_at=lambda _: frame
-    )
+    charts = uncertainty_charts(drive, drive)
+    trajectories = {"estimate": drive}
+    return map_part(SECTION, trajectories, grown, seen, charts, image_at=lambda _: frame)
 
 
 @pytest.mark.parametrize(
@@ -88,9 +95,9 @@ def _map(rng):
     ],
 )
 def test_a_part_never_outgrows_the_page(make, notes, rng, tmp_path):
-    album = ReportBuilder("title", "Lead.")
-    album.add(lambda: make(rng))
-    page = album.write(tmp_path / "report.html")
+    builder = ReportBuilder("title", "Lead.")
+    builder.add(lambda: make(rng))
+    page = builder.write(tmp_path / "report.html")
     assert LARGEST / 8 < page.stat().st_size < LARGEST
     text = re.search(r"<h2>a heading</h2>\n<p>Words\.(.*?)</p>", page.read_text())[1]
     assert re.fullmatch(notes, text), text
@@ -117,7 +124,7 @@ def test_a_map_keeps_how_often_a_landmark_was_seen():
         np.array([7]),
     )
     seen = ObservedLandmarks(np.array([1, 2, 2, 4, 4, 9, 19]), np.array([7, 7, 7, 7, 3, 7, 7]))
-    intervals = map_part(SECTION, drive, [snapshot], seen, []).data["intervals"]
+    intervals = map_part(SECTION, {"estimate": drive}, [snapshot], seen, []).data["intervals"]
     assert {name: list(values) for name, values in intervals.items()} == {
         "id": [3, 7, 7, 7],
         "first": [4, 1, 9, 19],
@@ -128,11 +135,11 @@ def test_a_map_keeps_how_often_a_landmark_was_seen():
 
 
 class _Elements(HTMLParser):
-    """The elements of a page that are not its own."""
+    """The elements of a page that a name injected."""
 
     def __init__(self):
         super().__init__()
-        self.strange, self.heard = [], []
+        self.injected, self.texts = [], []
 
     def handle_starttag(self, tag, attributes):
         on = [name for name, _ in attributes if name.startswith("on")]
@@ -141,10 +148,10 @@ class _Elements(HTMLParser):
             or tag in ("b", "iframe", "svg")
             or (tag == "img" and dict(attributes).get("src") == "x")
         ):
-            self.strange.append((tag, attributes))
+            self.injected.append((tag, attributes))
 
     def handle_data(self, data):
-        self.heard.append(data)
+        self.texts.append(data)
 
 
 NAMES = (
@@ -157,16 +164,16 @@ NAMES = (
 
 
 def _is_harmless(page, name):
-    """No element of a page is made by a name, and it stands there as words."""
+    """Whether a page shows a name as text and holds no element from it."""
     found = _Elements()
     found.feed(page.read_text(encoding="utf-8"))
-    assert not found.strange
+    assert not found.injected
     words = name.encode(errors="replace").decode()
-    return any(words in each for each in found.heard)
+    return any(words in each for each in found.texts)
 
 
 @pytest.mark.parametrize("name", [each.replace("/", "") for each in NAMES])
-def test_names_of_photographs_are_words_on_their_pages(name, run, tmp_path, monkeypatch):
+def test_names_of_photographs_are_escaped(name, run, tmp_path, monkeypatch):
     monkeypatch.setattr("saccade.viewing.save_figure", lambda _, path: path)  # slow, and no page
     file = tmp_path / f"{name}.png"
     Pillow.fromarray(np.random.default_rng(1).integers(0, 255, (64, 64, 3), np.uint8)).save(file)
@@ -182,7 +189,7 @@ def test_names_of_photographs_are_words_on_their_pages(name, run, tmp_path, monk
     assert _is_harmless(tmp_path / "matched" / "report.html", name)
 
 
-def test_names_of_logs_are_words_on_their_pages(run, tmp_path, monkeypatch):
+def test_names_of_logs_are_escaped(run, tmp_path, monkeypatch):
     monkeypatch.setattr("saccade.viewing.save_figure", lambda _, path: path)
     moved, seen = "1e-4,0,0,1e-4,0,1e-4", "0.01,0,0.001"
     log = "time,x,y,heading,forward,left,turn,cov_forward_forward,cov_forward_left,"
@@ -199,7 +206,7 @@ def test_names_of_logs_are_words_on_their_pages(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_names_in_tables_and_plain_pages_are_words(name, tmp_path):
+def test_names_in_tables_and_plain_pages_are_escaped(name, tmp_path):
     page = tmp_path / "report.html"
     tables = [Table(name, ["", name], [[name, name]], name, name)]
     tables += [Table(name, [name], [[name]]), Table("none", ["a"], [])]
@@ -217,7 +224,7 @@ def test_names_in_tables_and_plain_pages_are_words(name, tmp_path):
 def test_a_map_on_a_page_has_the_colors_of_its_values():
     image = np.zeros((40, 60, 3), np.float32)
     values = np.linspace(0, 3, 2400, dtype=np.float32).reshape(40, 60)
-    part = image_part(SECTION, image, {"m": values}, PATH)
+    part = image_part(SECTION, image, {"m": values}, PATH, Keypoints.at([[1, 1]], size=2))
     data = base64.b64decode(part.data["maps"][0]["address"].split(",")[1])
     expected = mpl.colormaps["cividis"](values / 3)[:, :, :3]
     assert np.abs(decode_image(data, "m") - expected).max() < 0.02

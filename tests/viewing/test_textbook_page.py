@@ -1,4 +1,4 @@
-"""The walk through the appendices: equations, the code that computes them, and pictures."""
+"""The page of `saccade textbook`: equations, the code that computes them, and figures."""
 
 import importlib.util
 import json
@@ -18,7 +18,7 @@ import saccade
 from saccade import textbook
 from saccade.cli import main
 from saccade.viewing.textbook import Implementation, load_steps, simulated_log
-from saccade.viewing.textbook.ekf_trace import trace_filter
+from saccade.viewing.textbook.ekf import trace_filter
 from saccade.viewing.textbook.equation_code import equation_code
 from saccade.viewing.textbook.page import mathml
 from support.paths import ROOT
@@ -70,9 +70,9 @@ def test_the_page_shows_a_changed_equation_and_what_it_changes(changed):
     usual = textbook.contrast_saliency(saccade.read_image(photo))
     maps = {name: each.map for name, each in usual.conspicuity.items()}
     saliency = (maps["intensity"] + 2 * maps["color"] + maps["orientation"]) / 4
-    told = result["results"]["A"]["conspicuity"]["mean of the saliency"]
-    assert told == f"{saliency.mean():.3f} (textbook: {usual.saliency.mean():.3f})"
-    assert told in page
+    shown = result["results"]["A"]["conspicuity"]["mean of the saliency"]
+    assert shown == f"{saliency.mean():.3f} (textbook: {usual.saliency.mean():.3f})"
+    assert shown in page
     assert "(textbook:" not in str(result["results"]["A"]["normalization"])  # before the change
 
 
@@ -90,7 +90,7 @@ def test_the_page_holds_every_equation_with_its_code_and_every_picture(changed):
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
-def test_everyone_can_read_it(changed, browser, scheme, width):
+def test_the_page_is_accessible(changed, browser, scheme, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
     page = browser.new_page(color_scheme=scheme, viewport={"width": width, "height": 800})
     page.set_content(re.sub(r"data:image[^\"]*", "data:,", changed[3]))  # what is checked is text
@@ -136,10 +136,10 @@ def test_a_log_is_walked_through_by_appendix_c(run, tmp_path):
     assert "sift needs an image" in err
 
 
-def test_a_control_that_drives_before_it_turns_is_taken_exactly():
+def test_a_control_that_drives_before_it_turns_is_applied_exactly():
     """Two of appendix C's lead to the pose of dead reckoning."""
     log = saccade.datasets.load("auto", DATA / "victoria_park.txt")
-    ekf = trace_filter(log, textbook.EkfSlam, max_scans=1).scans[0][1]
+    ekf = trace_filter(log, textbook.EkfSlam).scans[0][1]
     steps = int(log.observation_pose[0])
     x, y, theta = log.start
     for forward, left, turn in log.control[:steps]:
@@ -186,7 +186,7 @@ def test_the_textbook_cites_each_equation_of_the_steps(appendix):
     code = Implementation.of_textbook(appendix).code
     for step in load_steps(appendix):
         for equation in step.equations:
-            assert mathml(equation.tex).startswith("<math")
+            assert mathml()[equation.tex].startswith("<math")
             assert equation.code_in(code) is not None
 
 

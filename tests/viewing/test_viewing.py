@@ -1,4 +1,4 @@
-"""Pictures hold what they are said to hold, and pages show every word as a word."""
+"""Figures and films hold what was drawn, and pages escape every text."""
 
 import os
 import re
@@ -75,12 +75,12 @@ def test_every_map_has_a_panel_over_the_whole_photograph(count):
     assert all(axes.images[0].get_extent() == [-0.5, 89.5, 59.5, -0.5] for axes in shown)
 
 
-def test_the_light_falls_where_the_map_is_high():
+def test_an_image_is_bright_where_its_map_is_high():
     values = np.zeros((6, 9), np.float32)
     values[:, 6:] = 3
-    lit = weighted_by(np.ones((60, 90, 3), np.float32), values)
-    assert lit[:, :40].max() < 0.2
-    assert lit[:, 75:].min() == 1
+    bright = weighted_by(np.ones((60, 90, 3), np.float32), values)
+    assert bright[:, :40].max() < 0.2
+    assert bright[:, 75:].min() == 1
 
 
 PAIRS = SymmetricPairs(
@@ -113,7 +113,7 @@ def test_regions_are_boxes_about_their_centers():
     np.testing.assert_allclose(axes.lines[0].get_xydata(), KEYPOINTS.xy)
 
 
-def test_with_pairs_comes_a_panel():
+def test_symmetric_pairs_have_a_panel():
     figure = attention_figure(IMAGE, {"saliency": IMAGE[::4, ::4, 0]}, SCANPATH, [PAIRS, PAIRS])
     titles = [axes.get_title() for axes in figure.axes]
     assert titles[-1] == "symmetric pairs at the fixations"
@@ -187,7 +187,7 @@ def _growing_map(y=4.0, early=0.04):
     ]
 
 
-def test_a_film_shows_what_is_known_so_far():
+def test_a_film_shows_the_map_so_far():
     frames = list(map_frames(_growing_map(), np.arange(10.0)))
     first, last = frames[0], frames[1]
     assert first.shape == (720, 1280, 3)
@@ -204,7 +204,7 @@ def test_a_film_shows_what_is_known_so_far():
     assert columns["landmark"][0][1] < columns["landmark"][1][1]
 
 
-def test_a_film_cuts_off_no_ellipse_of_the_way():
+def test_a_film_does_not_crop_earlier_ellipses():
     first = next(map_frames(_growing_map(-4.0, early=0.36), np.arange(10.0)))
     orange = (np.abs(first[80:] - 255 * np.array(to_rgb(ORANGE))) < 12).all(2)
     assert 80 + orange.nonzero()[0].max() < 0.92 * 720 - 2
@@ -228,7 +228,7 @@ def test_innovations_are_drawn_against_their_band(rng):
 
 
 @pytest.mark.peer
-def test_the_viewer_has_all_that_happens(tmp_path):
+def test_the_rerun_file_has_every_entity(tmp_path):
     pytest.importorskip("rerun")
     snapshots = _growing_map()
     path = save_rrd(
@@ -255,7 +255,7 @@ def _entities(path):
 
 
 @pytest.mark.peer
-def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
+def test_a_live_viewer_gets_each_snapshot_once(monkeypatch, tmp_path):
     rerun = pytest.importorskip("rerun")
     path = tmp_path / "live.rrd"
     paths = [os.environ["PATH"]]
@@ -265,9 +265,9 @@ def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
         stream.save(path)
 
     monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
-    told = []
+    logged = []
     monkeypatch.setattr(
-        rerun.RecordingStream, "set_time", lambda self, line, **at: told.append((line, at))
+        rerun.RecordingStream, "set_time", lambda self, line, **at: logged.append((line, at))
     )
     snapshots = _growing_map()
     show = LiveMap("a drive", np.arange(10.0), Trajectory(np.arange(10.0), np.zeros((10, 3))))
@@ -275,13 +275,13 @@ def test_a_live_viewer_is_told_of_what_is_new(monkeypatch, tmp_path):
     assert os.environ["PATH"] == paths[0]
     show(snapshots[:1])
     show(snapshots)
-    assert [at["sequence"] for line, at in told if line == "pose"] == [4, 9]
+    assert [at["sequence"] for line, at in logged if line == "pose"] == [4, 9]
     del show
     assert "/map/trajectory" in _entities(path)
 
 
 @pytest.mark.peer
-def test_a_viewer_that_does_not_start_is_one_line(monkeypatch):
+def test_a_viewer_that_does_not_start_is_a_one_line_error(monkeypatch):
     rerun = pytest.importorskip("rerun")
 
     def spawn(stream):
@@ -335,7 +335,7 @@ class _Reader(HTMLParser):
         self.words.append(data)
 
 
-def test_a_page_escapes_every_word():
+def test_a_page_escapes_every_text():
     nasty = '<script>"&'
     section = Section(nasty, nasty, [Picture(nasty, nasty, nasty)], {nasty: nasty}, [nasty])
     reader = _Reader()

@@ -8,7 +8,7 @@ from typer import Option
 from saccade.cli.options import Json
 
 if TYPE_CHECKING:
-    from saccade.viewing.report_builder import ReportBuilder
+    from saccade.viewing.report import ReportBuilder
 
 LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
@@ -31,7 +31,7 @@ def demo(
 
     from saccade.cli.output import print_json, print_message, print_table, write_text
     from saccade.files import make_folder
-    from saccade.viewing.report_builder import ReportBuilder
+    from saccade.viewing.report import ReportBuilder
 
     make_folder(out)
     builder = ReportBuilder("saccade demo", LEAD)

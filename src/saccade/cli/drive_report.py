@@ -14,7 +14,6 @@ from saccade.viewing.page import Section
 from saccade.viewing.report import Part
 from saccade.viewing.report_map import (
     Chart,
-    MapOverlays,
     ObservedLandmarks,
     innovation_charts,
     map_part,
@@ -35,17 +34,16 @@ def drive_part(
     summary: Mapping[str, Any],
 ) -> Part:
     """The map of a drive as a part of a report; `summary` has the figures of run.json."""
-    trajectories = {"odometry": result.odometry}
+    trajectories = {"estimate": result.trajectory, "odometry": result.odometry}
     trajectories |= {} if drive.truth is None else {"truth": drive.truth}
     observed = result.observations
     return map_part(
         Section(f"{drive.name}: the growing map", TEXT, facts=_facts(summary)),
-        result.trajectory,
+        trajectories,
         snapshots,
         ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind),
         [*_innovations(result), *uncertainty_charts(result.trajectory, drive.truth)],
-        MapOverlays(trajectories),
-        image_loader(drive),
+        image_at=image_loader(drive),
     )
 
 

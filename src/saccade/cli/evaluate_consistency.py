@@ -48,7 +48,7 @@ def consistency(
 ) -> None:
     """Test the consistency of the filters by Monte Carlo runs, with known association."""
     from saccade.cli.output import print_json, print_table, progress_bar
-    from saccade.viewing.report_builder import Table, write_tables
+    from saccade.viewing.report import Table, write_tables
 
     results: dict[str, dict[str, dict[str, Any]]] = {}
     for name, world in _worlds(preset, config).items():

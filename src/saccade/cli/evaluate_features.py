@@ -87,7 +87,7 @@ def features(
     from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
     from saccade.evaluation.features import score_detector
     from saccade.settings import load_settings
-    from saccade.viewing.report_builder import Table, write_tables
+    from saccade.viewing.report import Table, write_tables
 
     found = homography_pairs(pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))

@@ -63,7 +63,7 @@ def fixations(
     from saccade.datasets.fixations import read_fixations
     from saccade.errors import LogError
     from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_model
-    from saccade.viewing.report_builder import Table, write_tables
+    from saccade.viewing.report import Table, write_tables
 
     table = read_fixations(fixations)
     if not (table.index >= drop).any():

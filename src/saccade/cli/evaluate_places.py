@@ -35,7 +35,7 @@ def places(
     from saccade.cli.output import print_json, print_table, tracked
     from saccade.evaluation.places import score_places
     from saccade.image import find_images
-    from saccade.viewing.report_builder import Table, write_tables
+    from saccade.viewing.report import Table, write_tables
     from saccade.visual.loop_detection import LoopDetectionConfig
 
     paths = sorted((path for each in images for path in find_images(each)), key=_number)

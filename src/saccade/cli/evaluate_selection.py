@@ -182,7 +182,7 @@ def _write_report(
 ) -> None:
     from saccade.viewing.embedding import png_file
     from saccade.viewing.page import Picture
-    from saccade.viewing.report_builder import Table, write_tables
+    from saccade.viewing.report import Table, write_tables
 
     if path is None:
         return

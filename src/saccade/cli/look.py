@@ -50,7 +50,7 @@ def look(
     from saccade.errors import ConfigError
     from saccade.image import find_images
     from saccade.video import is_video
-    from saccade.viewing.report_builder import ReportBuilder
+    from saccade.viewing.report import ReportBuilder
 
     by_shape = inhibition is Inhibition.shape
     if by_shape and model is Model.symmetry:

@@ -24,9 +24,7 @@ from saccade.viewing import (
     save_film,
     scanpath_frames,
 )
-from saccade.viewing.report import Part
-from saccade.viewing.report_builder import ReportBuilder
-from saccade.viewing.report_image import MAX_POINTS, image_part
+from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 
 LEAD = "Saliency by contrast and symmetry, scanpaths, and the strongest interest points."
 TEXT = (

@@ -52,7 +52,7 @@ def match(
     from saccade.cli.detectors import make_detector
     from saccade.cli.match_run import LEAD, match_images
     from saccade.cli.output import print_json, print_table
-    from saccade.viewing.report_builder import ReportBuilder
+    from saccade.viewing.report import ReportBuilder
 
     sift = make_detector("sift", preset, config, max_keypoints, spread=spread)
     model = None if geometry is GeometryChoice.NONE else cast("Geometry", geometry.value)

@@ -10,8 +10,7 @@ from saccade.image import read_image
 from saccade.keypoints import Sift, match, verify
 from saccade.keypoints.verification import Geometry
 from saccade.viewing import Section, match_figure, save_figure
-from saccade.viewing.report_builder import ReportBuilder
-from saccade.viewing.report_image import match_part
+from saccade.viewing.report import ReportBuilder, match_part
 
 LEAD = "Matching interest points of two photographs."
 TEXT = (

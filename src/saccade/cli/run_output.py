@@ -14,8 +14,7 @@ from saccade.files import atomic_write
 from saccade.formats import FORMATS
 from saccade.types import Image
 from saccade.video import video_writer
-from saccade.viewing.report import Part
-from saccade.viewing.report_builder import ReportBuilder
+from saccade.viewing.report import Part, ReportBuilder
 
 FRAME_RATE = 24
 """Frames per second of a film."""

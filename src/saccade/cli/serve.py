@@ -36,11 +36,11 @@ def serve(
 
     uvicorn = import_optional("uvicorn", "serve")
     import_optional("starlette", "serve")
-    from saccade.serving.app import Samples, application
+    from saccade.serving.app import application
 
     data = files("saccade") / "data"
     names = sorted(each.name for each in data.iterdir() if each.name.endswith(".jpg"))
-    samples = Samples(tuple(names), lambda name: (data / name).read_bytes())
+    samples = {name: (data / name).read_bytes() for name in names}
     with _listening(port) as listener:
         port = listener.getsockname()[1]
         app = application(PhotoAnalyzer(), samples, port, int(max_upload * 1e6), controls())

@@ -12,7 +12,6 @@ from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, MapSna
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part
 from saccade.viewing.report_map import (
-    MapOverlays,
     ObservedLandmarks,
     innovation_charts,
     map_part,
@@ -68,7 +67,7 @@ def slam_part(
 ) -> Part:
     """The map of a log as a part of a report."""
     truth = log.truth if log.truth is not None and has_headings(log.truth) else None
-    trajectories = {"odometry": result.dead_reckoning}
+    trajectories = {"estimate": result.trajectory, "odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
     trajectories |= {} if smoothed is None else {"smoothed": smoothed.trajectory}
     used = result.association >= 0
@@ -83,14 +82,14 @@ def slam_part(
     )
     return map_part(
         Section(f"{log.name}: the growing map", TEXT, facts=facts),
-        result.trajectory,
+        trajectories,
         snapshots,
         ObservedLandmarks(
             log.observation_pose[used],
             _final_ids(result.map, snapshots[-1])[result.association[used]],
         ),
         [*charts, *uncertainty_charts(result.trajectory, truth)],
-        MapOverlays(trajectories, log.landmark_truth),
+        log.landmark_truth,
     )
 
 

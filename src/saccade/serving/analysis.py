@@ -8,27 +8,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from saccade import keypoints
 from saccade.attention.models import KINDS, AttentionModel
 from saccade.attention.scanpath import scanpath
 from saccade.errors import ConfigError, ImageError, require
 from saccade.image import decode_image, size_in_header
-from saccade.keypoints import Must, Sift, SymRoid
 from saccade.serving import snippets
 from saccade.serving.controls import DETECTORS, MODELS
 from saccade.settings import settings_from
 from saccade.types import Float32Array
 from saccade.viewing.embedding import photograph
-from saccade.viewing.report_image import maps_data, points_data, scanpath_data
+from saccade.viewing.report import maps_data, points_data, scanpath_data
 
 MAX_PHOTOS = 4
-"""Photographs kept in memory, the most recently used."""
-MAX_PIXELS = 40_000_000
-"""Of a photograph."""
-MAX_FIXATIONS = 100
-MAX_POINTS = 2000
-"""Interest points that are drawn."""
-MAX_NAME = 200
-"""Characters of a name that are kept."""
+"""Photographs kept in memory: the most recently used."""
+MAX_PIXELS, MAX_NAME = 40_000_000, 200
+"""Of a photograph, and characters of its name that are kept."""
+MAX_FIXATIONS, MAX_POINTS = 100, 2000
+"""Length of a scanpath, and interest points that are drawn."""
 
 
 class Photo(NamedTuple):
@@ -39,29 +36,19 @@ class Photo(NamedTuple):
     """(H, W, 3) in [0, 1]."""
 
 
-class _CachedMaps(NamedTuple):
-    """The maps of the last request."""
-
-    photo: Photo
-    attention: AttentionModel
-    saliency: Float32Array
-    maps: list[dict[str, str]]
-    """As the page reads them."""
-
-
 class PhotoAnalyzer:
     """Keeps the most recent photographs in memory and analyzes them."""
 
     def __init__(self) -> None:
         self._photos: OrderedDict[str, Photo] = OrderedDict()
-        self._cache: _CachedMaps | None = None
+        self._cached_for: tuple[str, AttentionModel] | None = None
 
     def open(self, data: bytes, name: str) -> dict[str, Any]:
         """Keep a photograph.
 
         Args:
-            data: of its file.
-            name: of its file.
+            data: content of its file.
+            name: name of its file.
 
         Raises:
             ImageError: it is no image, or too large or too small.
@@ -99,15 +86,15 @@ class PhotoAnalyzer:
         fixations = request.get("fixations", 10)
         is_valid = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS
         require(is_valid, "fixations", f"1 to {MAX_FIXATIONS}", fixations)
-        kind, *held = MODELS[model]
-        table = _table(request, kind) | {each: _table(request, each) for each in held}
+        kind, *parts = MODELS[model]
+        table = _table(request, kind) | {each: _table(request, each) for each in parts}
         attention = AttentionModel(model, settings_from(KINDS[model], table, kind))
         config = settings_from("scanpath", _table(request, "scanpath"), "scanpath")
-        cached = self._maps(photo, attention)
-        path = scanpath(cached.saliency, photo.pixels.shape, fixations, config)
+        saliency, maps = self._maps(request["photo"], attention)
+        path = scanpath(saliency, photo.pixels.shape, fixations, config)
         choices = (attention.model, attention.settings, config, fixations)
         return {
-            "maps": cached.maps,
+            "maps": maps,
             "scanpath": scanpath_data(path),
             "ms": 1000 * (perf_counter() - start),
             "python": snippets.attention_python(*choices),
@@ -129,8 +116,7 @@ class PhotoAnalyzer:
         name = request.get("detector", "sift")
         require(name in DETECTORS, "detector", f"one of {', '.join(DETECTORS)}", name)
         settings = settings_from(name, _table(request, name), name)
-        detector: Any = {"sift": Sift, "must": Must, "symroid": SymRoid}[name]
-        detected = detector(settings)(photo.pixels)
+        detected = getattr(keypoints, DETECTORS[name])(settings)(photo.pixels)
         points = detected.keypoints if name == "symroid" else detected
         return {
             "points": points_data(points[:MAX_POINTS]),
@@ -141,7 +127,7 @@ class PhotoAnalyzer:
         }
 
     def warm_up(self) -> None:
-        """Compile everything, so that the first photograph does not wait for it."""
+        """Compile everything, so that the first photograph does not have to wait."""
         noise = np.random.default_rng(1).random((160, 160, 3), np.float32)
         analyzer = PhotoAnalyzer()
         token = analyzer._keep(Photo("", noise))
@@ -160,25 +146,27 @@ class PhotoAnalyzer:
     def _photo(self, request: Mapping[str, Any]) -> Photo:
         token = request.get("photo")
         if not isinstance(token, str) or token not in self._photos:
-            raise KeyError("the photograph is not held any more; drop it again")
+            raise KeyError("the photograph is no longer in memory; open it again")
         self._photos.move_to_end(token)
         return self._photos[token]
 
-    def _maps(self, photo: Photo, attention: AttentionModel) -> _CachedMaps:
-        """The maps of a photograph; computed only if photograph or settings changed."""
-        cached = self._cache
-        if cached is None or cached.photo is not photo or cached.attention != attention:
+    def _maps(
+        self, token: str, attention: AttentionModel
+    ) -> tuple[Float32Array, list[dict[str, str]]]:
+        """Saliency and all maps as the page reads them; computed only if a choice changed."""
+        if self._cached_for != (token, attention):
+            photo = self._photos[token]
             try:
                 layers = attention.maps(photo.pixels).layers
             except ImageError as error:
                 raise ImageError(f"{photo.name}: {error}") from error
-            cached = _CachedMaps(photo, attention, layers["saliency"], maps_data(layers))
-            self._cache = cached
-        return cached
+            self._cached = layers["saliency"], maps_data(layers)
+            self._cached_for = (token, attention)
+        return self._cached
 
 
 def _table(request: Mapping[str, Any], kind: str) -> dict[str, Any]:
     table = request.get(kind, {})
     if not isinstance(table, dict):
-        raise ConfigError(f"{kind}: expected settings by name, found {table!r}")
+        raise ConfigError(f"{kind}: expected a table of settings, found {table!r}")
     return table

@@ -23,13 +23,14 @@ TITLES = {
     "symroid": "SymRoID",
 }
 """By kind of configuration, in the order of the page."""
-DETECTORS = ("sift", "must", "symroid")
+DETECTORS = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
+"""The class of each detector."""
 MODELS = {
     "both": ("attention", "contrast", "symmetry"),
     "contrast": ("contrast",),
     "symmetry": ("symmetry",),
 }
-"""The configurations of each attention model, the one that holds the others first."""
+"""The configurations of each attention model, the one that contains the others first."""
 
 _WEIGHT = (0, 2, 0.05)
 RANGES: dict[str, Range] = {
@@ -102,7 +103,7 @@ KIND_RANGES: dict[str, dict[str, Range]] = {
     },
     "symroid": {"max_keypoints": (0, 500, 1)},
 }
-"""Those of a kind where they differ."""
+"""Ranges of one kind of configuration where they differ."""
 SHOWN_FIRST = {
     "attention": ("contrast_weight", "symmetry_weight", "normalization"),
     "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
@@ -112,7 +113,7 @@ SHOWN_FIRST = {
     "must": ("contrast_threshold", "radius", "falloff", "max_keypoints"),
     "symroid": ("seed_threshold", "growth_threshold", "relative_to", "max_keypoints"),
 }
-"""Settings that are shown without opening the rest, in this order."""
+"""Settings that are shown before the rest is opened, in this order."""
 
 
 def controls() -> dict[str, Any]:
@@ -127,12 +128,12 @@ def controls() -> dict[str, Any]:
 def setting_controls(
     configuration: type, ranges: Mapping[str, Range], shown_first: tuple[str, ...] = ()
 ) -> list[dict[str, Any]]:
-    """The control of each setting of a configuration; those it holds have groups of their own.
+    """The control of each setting of a configuration, except nested configurations.
 
     Args:
         configuration: a dataclass; its type hints say which control a setting gets.
         ranges: of its numbers; a number without range gets a field.
-        shown_first: names of the first settings.
+        shown_first: names of the settings at the top.
     """
     help_texts, hints = field_help(configuration), get_type_hints(configuration)
     names = [each.name for each in fields(configuration) if not _is_group(hints[each.name])]
@@ -178,7 +179,7 @@ def _group(kind: str, title: str) -> dict[str, Any]:
 
 
 def _values(kind: str, settings: Any) -> dict[str, dict[str, Any]]:
-    """By kind, the values of a configuration and of those it holds that have a group."""
+    """By kind, the values of a configuration and of its nested ones that have a group."""
     hints, values = get_type_hints(type(settings)), dict[str, Any]()
     by_kind = {kind: values}
     for name, hint in hints.items():
@@ -191,7 +192,7 @@ def _values(kind: str, settings: Any) -> dict[str, dict[str, Any]]:
 
 
 def _is_group(hint: Any) -> bool:
-    """Whether the values of a type are configurations."""
+    """Whether a type is a configuration, or a configuration or None."""
     return any(is_dataclass(each) for each in (hint, *get_args(hint)))
 
 

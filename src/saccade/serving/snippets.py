@@ -7,16 +7,11 @@ from typing import Any
 import tomli_w
 
 from saccade.attention.models import KINDS
+from saccade.serving.controls import DETECTORS
 from saccade.settings import NONE
 
-CALLS = {
-    "both": "attention_saliency",
-    "contrast": "contrast_saliency",
-    "symmetry": "symmetry_saliency",
-}
 FIXATIONS = 10
 """Default length of a scanpath."""
-CLASSES = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
 
 
 def read_python(name: str) -> str:
@@ -25,35 +20,35 @@ def read_python(name: str) -> str:
 
 
 def attention_python(model: str, settings: Any, path: Any, fixations: int) -> str:
-    """The lines that compute its saliency and scanpath."""
+    """The lines that compute saliency and scanpath."""
     config = f", {_constructor(settings)}" if changes(settings) else ""
     options = f", fixations={fixations}" if fixations != FIXATIONS else ""
     if changes(path):
         options += f", config={_constructor(path)}"
     return (
-        f"maps = saccade.{CALLS[model]}(image{config})\n"
+        f"maps = saccade.{KINDS[model]}_saliency(image{config})\n"
         f"path = saccade.scanpath(maps.saliency, image.shape{options})"
     )
 
 
 def detection_python(detector: str, settings: Any) -> str:
-    """The lines that detect its interest points."""
+    """The line that detects interest points."""
     config = _constructor(settings) if changes(settings) else ""
-    return f"points = saccade.{CLASSES[detector]}({config})(image)"
+    return f"points = saccade.{DETECTORS[detector]}({config})(image)"
 
 
 def attention_command(name: str, model: str, settings: Any, path: Any, fixations: int) -> str:
-    """The command that computes its saliency and scanpath."""
+    """The command that computes saliency and scanpath."""
     options = ["--model", model] if model != "both" else []
     options += ["--fixations", str(fixations)] if fixations != FIXATIONS else []
     command = _command("look", name, options, KINDS[model], settings)
     if changes(path):
-        command = f"# the settings of the scanpath: in Python only\n{command}"
+        command = f"# scanpath settings: in Python only\n{command}"
     return command
 
 
 def detection_command(name: str, detector: str, settings: Any) -> str:
-    """The command that detects its interest points."""
+    """The command that detects interest points."""
     options = [] if detector == "sift" else ["--detector", detector]
     return _command("detect", name, options, detector, settings)
 
@@ -81,7 +76,7 @@ def _toml_value(value: Any) -> Any:
 
 
 def _command(command: str, name: str, options: list[str], kind: str, settings: Any) -> str:
-    """A command, after the file of settings that it needs."""
+    """A command, preceded by the settings file that it needs."""
     photo = shlex.quote(f"./{name}" if name.startswith("-") else name)
     line = " ".join(("saccade", command, photo, *options))
     table = _toml_value(settings)

@@ -2,11 +2,11 @@
 
 Each file stands for one appendix of G. W. Kootstra, *Visual attention and active vision: from
 natural to artificial systems* (PhD thesis, University of Groningen, 2010): plain NumPy and SciPy,
-the steps, symbols and equation numbers of the print, every intermediate result returned. Where
-the print leaves a choice open, the choice is a constant at the top of the file, or is said where
-it is made. Copy a file, change an equation, and run it.
+the steps, symbols and equation numbers of the source, every intermediate result returned. Where
+the source leaves a choice open, it is a constant at the top of the file, or is noted in its place.
+Copy a file, change an equation, and run it.
 
-The rest of `saccade` is faster and can do more; where it promises the same, it is tested against
+The rest of `saccade` is faster and more general; where it computes the same, it is tested against
 these files.
 """
 

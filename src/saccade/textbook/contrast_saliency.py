@@ -1,6 +1,7 @@
 """Appendix A: the contrast-saliency model, equations A.1-A.14.
 
-As in the print, c is the level of a center, s that of its surround. *Silent*: it does not say.
+As in the source, c is the level of a center, s that of its surround. "Open" marks a choice that the
+source leaves open.
 """
 
 from dataclasses import dataclass
@@ -17,20 +18,20 @@ R, G, B = 0, 1, 2  # along the last axis of an image
 SCALES = [(c, c + delta) for c in (2, 3, 4) for delta in (3, 4)]  # c, s
 THETAS = (0, 45, 90, 135)  # in degrees: the direction of a bar, from x towards y (down)
 BLACK = np.finfo(np.float64).tiny
-"""Silent: A.2 and A.3 are 0 / 0 where the image is black; 0 / BLACK = 0 says no color."""
+"""Open: A.2 and A.3 are 0 / 0 where the image is black; 0 / BLACK = 0 means no color."""
 KERNEL = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
-"""Silent: G; the binomial of variance 1 is the smallest kernel that is nearly a Gaussian."""
+"""Open: G; the binomial of variance 1 is the smallest kernel that is nearly a Gaussian."""
 BORDER: Final = "nearest"
-"""Silent: the last row or column is replicated outside, which adds no contrast."""
+"""Open: the last row or column is replicated outside, which adds no contrast."""
 WAVELENGTH, SIGMA, PHASE, RADIUS = 4.0, 2.25, 0.0, 7
-"""Silent: the Gabor kernel, in samples. It responds to bars two samples wide, the finest a level
-holds, passes one octave, the distance between levels, and is cut off at three sigma."""
+"""Open: the Gabor kernel, in samples. It responds to bars two samples wide, the finest in a
+level, passes one octave, the distance between levels, and is cut off at three sigma."""
 ORDER: Final = 1
-"""Silent: bilinear interpolation, the lowest order without steps, which N would count as maxima."""
+"""Open: bilinear interpolation, the lowest order without steps, which N would count as maxima."""
 MAP_LEVEL = 4
-"""Silent: (+) adds at the scale of the coarsest center, so that no map has to be enlarged."""
+"""Open: (+) adds at the scale of the coarsest center, so that no map is upsampled."""
 FLAT, DIGITS = 1e-12, 9
-"""Silent: rounding lets no map vary (FLAT) and makes no maximum (DIGITS of a map in [0, 1])."""
+"""Open: rounding errors vary no map (FLAT) and make no maximum (DIGITS of a map in [0, 1])."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,7 +85,7 @@ class ContrastSaliency:
 def contrast_saliency(image: Image) -> ContrastSaliency:
     """Contrast saliency from intensity, color and orientation: the whole of appendix A.
 
-    Takes any `saccade.types.Image` of at least 17 x 17 pixels; all else raises `ImageError`.
+    Takes any `saccade.types.Image` of at least 17 x 17 pixels; anything else raises `ImageError`.
 
     Examples:
         >>> image = np.full((320, 320, 3), 0.5)
@@ -173,13 +174,13 @@ def across_scale_difference(center: FloatArray, surround: FloatArray) -> FloatAr
 
 
 def normalize(feature_map: FloatArray) -> Normalized:
-    """N: promotes maps with few outstanding maxima, demotes those with many that are alike."""
+    """N: promotes maps with few outstanding maxima, demotes those with many similar ones."""
     if np.ptp(feature_map) < FLAT:
         return Normalized(np.zeros(feature_map.shape), 0.0, 0.0, np.empty((0, 2), np.int64))
     scaled = (feature_map - feature_map.min()) / np.ptp(feature_map)  # N, 1
     scaled = np.round(scaled, DIGITS)
     tops = (scaled == maximum_filter(scaled, 3)) & (scaled >= 0.10)
-    groups, k = label(tops, np.ones((3, 3)))  # tops that touch are equal: one maximum
+    groups, k = label(tops, np.ones((3, 3)))  # touching tops are equal: one maximum
     maxima = np.array(maximum_position(scaled, groups, range(1, k + 1)))
     m = np.mean(scaled[tuple(maxima.T)])
     weight = (1 - m) ** 2 if k > 1 else 1.0  # corrected: a single maximum has m = 1
@@ -192,7 +193,7 @@ def across_scale_sum(maps: list[FloatArray], shape: tuple[int, ...]) -> FloatArr
 
 
 def resize(image: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """One level at the size of another; silent: coarser by A.4 and A.5, finer by interpolation."""
+    """One level at the size of another; open: coarser by A.4 and A.5, finer by interpolation."""
     while np.any(np.greater(image.shape, shape)):
         image = every_second_sample(low_pass(image))
     step = 2 ** np.ceil(np.log2(np.divide(shape, image.shape)))  # from sample to sample

@@ -1,9 +1,9 @@
 """Appendix C: EKF-SLAM, equations C.1-C.18.
 
-The letters of the print: x = (x, y, theta) is the pose of the robot, m the map, s = (x, m) the
+In the symbols of the source, x = (x, y, theta) is the pose of the robot, m the map, s = (x, m) the
 state, P its covariance. The control u = (d, phi), of covariance U: turn by phi, translate by d.
 The observation z = (r, bearing), of covariance R, is relative to the pose. Meters and radians,
-counter-clockwise. The print gives f, h and g by their Jacobians.
+counter-clockwise. The source gives f, h and g by their Jacobians.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Prediction:
     Fu: FloatArray
     """(3, 2) Jacobian of f by the control."""
     Q: FloatArray
-    """(3, 3) what the control adds to the covariance of the pose."""
+    """(3, 3) process noise: covariance that the control adds to the pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Augmentation:
     Gz: FloatArray
     """(2, 2) Jacobian of g by the observation."""
     Pmx: FloatArray
-    """(2, 1 + 2N) covariance of the landmark with the state as it was."""
+    """(2, 1 + 2N) cross-covariance of the landmark and the state before it."""
     Pmm_new: FloatArray
     """(2, 2) covariance of the landmark."""
     s: FloatArray
@@ -85,13 +85,14 @@ def h(x: FloatArray, m: FloatArray) -> FloatArray:
 class EkfSlam:
     """The robot and N landmarks as one Gaussian, of mean s and covariance P.
 
-    It starts at x0, (3,), with covariance P0, (3, 3). Other values raise `ConfigError`.
+    It starts at x0, (3,), with covariance P0, (3, 3). Values of another shape, or not finite, raise
+    `ConfigError`.
 
     Examples:
         >>> slam = EkfSlam()
         >>> augmented = slam.augment(z=[2, 0], R=np.diag([0.01, 0.01]))  # landmark at 2 m
         >>> predicted = slam.predict(u=[1, 0], U=np.diag([0.02, 0.01]))  # about 1 m
-        >>> updated = slam.update(0, z=[0.6, 0], R=np.diag([0.01, 0.01]))  # rather more
+        >>> updated = slam.update(0, z=[0.6, 0], R=np.diag([0.01, 0.01]))  # now at 0.6 m
         >>> print(slam.x, slam.m)
         [1.2 0.  0. ] [[1.9 0. ]]
     """
@@ -104,7 +105,7 @@ class EkfSlam:
     m = property(lambda self: self.s[3:].reshape(-1, 2), doc="(N, 2) Map.")  # C.3
     N = property(lambda self: len(self.m), doc="Number of landmarks.")
     Pxx = property(lambda self: self.P[:3, :3], doc="(3, 3) Covariance of the pose.")  # C.4
-    Pxm = property(lambda self: self.P[:3, 3:], doc="(3, 2N) Of the pose with the map.")  # C.4
+    Pxm = property(lambda self: self.P[:3, 3:], doc="(3, 2N) Of pose and map.")  # C.4
     Pmm = property(lambda self: self.P[3:, 3:], doc="(2N, 2N) Of the map.")  # C.4
 
     def predict(self, u: ArrayLike, U: ArrayLike) -> Prediction:
@@ -186,7 +187,7 @@ def grad_g_z(x: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def wrap(angle: float) -> float:
-    """The angle in (-pi, pi]. Silent: the print wraps nothing; every result here is wrapped."""
+    """The angle in (-pi, pi]. The source wraps no angle; here every result is wrapped."""
     wrapped = remainder(angle, 2 * pi)
     return wrapped if wrapped > -pi else pi
 

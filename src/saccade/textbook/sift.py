@@ -24,9 +24,9 @@ from saccade.types import FloatArray, Image
 S, OCTAVES, TAU_C, TAU_R = 3, 3, 0.02, 10.0
 K = 2 ** (1 / S)
 
-# Where the print is silent:
+# Choices that the source leaves open:
 BASE_SIGMA = 1.6
-"""Scale of an octave's first image (Lowe's); the input is neither doubled nor taken as blurred."""
+"""Scale of an octave's first image, as Lowe's; the input is neither doubled nor assumed blurred."""
 BORDER: Literal["mirror"] = "mirror"
 """Mirrored about its outermost samples, an image filtered in steps is as if filtered at once."""
 FIRST_SAMPLE = 0
@@ -36,13 +36,13 @@ SMALLEST_SIDE = 3
 OUTSIDE = 0.0
 """Magnitude of a gradient that needs samples outside the image: nothing was measured there."""
 ORIENTATION_REACH = 3.0
-"""Standard deviations each way: the print cuts its Gaussians to 6 sigma x 6 sigma."""
+"""Standard deviations each way: the source truncates its Gaussians to 6 sigma x 6 sigma."""
 ORIENTATION_BIN_CENTER = 0.0
 """In bins: bin b of 36 is centered on 10 b degrees, as those of the descriptor are."""
 PARABOLA_REACH = 0.5
-"""In bins: a bin over 80 % need not be a peak; its parabola counts where highest in the bin."""
+"""In bins: a bin over 80 % need not be a peak; the top of its parabola is sought within it."""
 SAMPLE_SPACING = 0.75
-"""In sigma: the 4 samples of a subregion span 3 sigma (Lowe's)."""
+"""In sigma: the 4 samples of a subregion span 3 sigma, as Lowe's."""
 DESCRIPTOR_BIN_CENTER = 0.0
 """In bins: the dominant orientation, turned to 0, is the center of a bin, not the edge of two."""
 INTERPOLATION_REACH = 1.0
@@ -50,7 +50,7 @@ INTERPOLATION_REACH = 1.0
 
 
 def sift(image: Image) -> SiftResult:
-    """Interest points and descriptors; raises `ImageError` for no image, or one below 3 x 3."""
+    """Interest points and descriptors; raises `ImageError` below 3 x 3 pixels."""
     L = build_scale_space(as_gray(image).astype(np.float64))  # B.2, B.3
     D = tuple(differences(octave) for octave in L)  # B.1
     candidates = tuple(  # B.4-B.10
@@ -72,7 +72,7 @@ def sift(image: Image) -> SiftResult:
 
 
 def build_scale_space(gray: FloatArray) -> tuple[tuple[FloatArray, ...], ...]:
-    """L(x, y, sigma): s + 3 images an octave, each filtered from the one before it."""
+    """L(x, y, sigma): s + 3 images per octave, each filtered from the one before it."""
     if min(gray.shape) < SMALLEST_SIDE:
         height, width = gray.shape
         raise ImageError(f"image: expected at least 3 x 3 pixels, found {width} x {height}")
@@ -88,7 +88,7 @@ def build_scale_space(gray: FloatArray) -> tuple[tuple[FloatArray, ...], ...]:
 
 
 def differences(octave: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
-    """D(x, y, sigma): s + 2 images an octave."""
+    """D(x, y, sigma): s + 2 images per octave."""
     return tuple(L_k_sigma - L_sigma for L_sigma, L_k_sigma in pairwise(octave))  # B.1
 
 

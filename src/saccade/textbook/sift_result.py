@@ -45,7 +45,7 @@ class Description:
     angle: float
     """The dominant orientation in radians, from x towards y."""
     grid: FloatArray
-    """(16, 16, 2) sample points (x, y); rows and columns are turned by `angle`."""
+    """(16, 16, 2) sample points (x, y) of a grid rotated by `angle`."""
     magnitudes: FloatArray
     """(16, 16) m of B.11 at the sample points."""
     orientations: FloatArray
@@ -72,9 +72,9 @@ class SiftResult:
     candidates: tuple[Candidate, ...]
     """All extrema, kept or not, by octave, scale, row and column."""
     scale_space: tuple[tuple[FloatArray, ...], ...]
-    """L: `[octave][i]`, s + 3 images an octave, of scale BASE_SIGMA * K ** i in its pixels."""
+    """L: `[octave][i]`, s + 3 images per octave, of scale BASE_SIGMA * K ** i in its pixels."""
     differences: tuple[tuple[FloatArray, ...], ...]
-    """D: `[octave][i]`, s + 2 images an octave; the scale of the first of the two subtracted."""
+    """D: `[octave][i]`, s + 2 images per octave, each at the scale of the finer of its two."""
     descriptions: tuple[Description, ...]
     """One for each keypoint, in their order."""
 
@@ -83,7 +83,7 @@ class SiftResult:
 
 
 def to_keypoints(descriptions: list[Description], candidates: tuple[Candidate, ...]) -> Keypoints:
-    """The points in pixels of the image; bins of their descriptors as `Keypoints` has them."""
+    """The points in image pixels, the bins of their descriptors in the order of `Keypoints`."""
     origin = [candidates[d.candidate] for d in descriptions]
     octave = np.array([c.octave for c in origin], np.int32)
     x_y_sigma = np.array([(d.x, d.y, d.sigma) for d in descriptions]).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Figures of attention: saliency maps and scanpaths."""
+"""Figures of attention: saliency maps, scanpaths and symmetric pairs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,13 +8,18 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib import patheffects
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from saccade.types import Float32Array, Image, Scanpath, SymmetricPairs
-from saccade.viewing.style import HEAT, ORANGE, draw_panel, figure_for, picture_axes
-from saccade.viewing.symmetry import draw_pairs
+from saccade.viewing.style import BLUE, HEAT, ORANGE, draw_panel, faded, figure_for, picture_axes
 
-_OUTLINE = [patheffects.withStroke(linewidth=3, foreground="black")]
+STROKE = 0.12
+"""Half the length of the stroke along an edge, as a fraction of the distance of its pair."""
+MIN_STRENGTH = 0.25
+"""Strength of the weakest pair that is drawn, as a fraction of the strongest of its point."""
+MIN_WIDTH, MAX_WIDTH = 0.5, 1.6
+"""Line widths in points: of a pair of strength 0, and of the strongest of its point."""
 
 
 def attention_figure(
@@ -23,7 +28,7 @@ def attention_figure(
     path: Scanpath,
     pairs: Sequence[SymmetricPairs] = (),
 ) -> Figure:
-    """The image with its scanpath, each map as heat, and the image weighted by the first map.
+    """The image with its scanpath, each map as a heat map, and the image weighted by the first map.
 
     Args:
         image: (H, W, 3) in [0, 1].
@@ -40,19 +45,68 @@ def attention_figure(
     draw_panel(panels[0], image, f"scanpath, {len(path)} fixations", interpolation="antialiased")
     draw_scanpath(panels[0], path)
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
+    options: dict[str, Any] = {"cmap": HEAT, "extent": extent, "interpolation": "bilinear"}
     for axes, (title, values) in zip(panels[1:], maps.items(), strict=False):
-        options = {"cmap": HEAT, "vmin": 0, "extent": extent, "interpolation": "bilinear"}
-        draw_panel(axes, values, title, **options)
+        draw_panel(axes, values, title, vmin=0, **options)
     title, saliency = next(iter(maps.items()))
-    weighted = weighted_by(image, saliency)
-    title = f"image weighted by {title}"
+    weighted, title = weighted_by(image, saliency), f"image weighted by {title}"
     draw_panel(panels[1 + len(maps)], weighted, title, interpolation="antialiased")
     if pairs:
-        draw_pairs(panels[count - 1], image, pairs)
-        picture_axes(panels[count - 1], "symmetric pairs at the fixations")
+        draw_pairs(panels[count - 1], image, pairs, "symmetric pairs at the fixations")
     for axes in panels[count:]:
         axes.set_axis_off()
     return figure
+
+
+def pair_figure(image: Float32Array, pairs: Sequence[SymmetricPairs]) -> Figure:
+    """The image with the symmetric pairs of some points.
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+        pairs: those of each point.
+    """
+    figure = figure_for(image.shape[1], image.shape[0], panel=9)
+    points = "a point" if len(pairs) == 1 else f"{len(pairs)} points"
+    draw_pairs(figure.subplots(), image, pairs, f"symmetric pairs at {points}")
+    return figure
+
+
+def draw_pairs(
+    axes: Axes, image: Float32Array, pairs: Sequence[SymmetricPairs], title: str
+) -> None:
+    """The image in pale gray; each strong pair as a line between strokes along its two edges."""
+    axes.imshow(faded(image), interpolation="antialiased", vmin=0, vmax=1, cmap="gray")
+    for each in pairs:
+        fraction = each.strength / each.strength.max(initial=1e-30)
+        strong, fraction = each[fraction >= MIN_STRENGTH], fraction[fraction >= MIN_STRENGTH]
+        width = MIN_WIDTH + (MAX_WIDTH - MIN_WIDTH) * fraction
+        lines = np.stack([strong.first, strong.second], axis=1)
+        length = STROKE * np.hypot(*(strong.first - strong.second).T)
+        axes.add_collection(LineCollection(list(lines), colors=ORANGE, linewidths=width))
+        for xy, angle in ((strong.first, strong.first_angle), (strong.second, strong.second_angle)):
+            half = np.stack([-np.sin(angle), np.cos(angle)], axis=1) * length[:, None]
+            strokes = np.stack([xy - half, xy + half], axis=1)  # perpendicular to the gradients
+            axes.add_collection(LineCollection(list(strokes), colors=BLUE, linewidths=1.4 * width))
+    picture_axes(axes, title)
+
+
+def draw_scanpath(axes: Axes, path: Scanpath) -> None:
+    """Fixations numbered in their order, joined by lines."""
+    outline = [patheffects.withStroke(linewidth=3, foreground="black")]
+    axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=outline)
+    for number, (x, y) in enumerate(path.xy, start=1):
+        color = "white" if number == 1 else ORANGE
+        axes.text(
+            x,
+            y,
+            str(number),
+            color="black",
+            fontsize=8,
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "circle,pad=0.25", "facecolor": color, "edgecolor": "black"},
+            in_layout=False,  # a number at the border is not clipped, and moves no panel
+        )
 
 
 def weighted_by(image: Float32Array, values: Float32Array) -> Float32Array:
@@ -67,7 +121,7 @@ def weighted_by(image: Float32Array, values: Float32Array) -> Float32Array:
 
 
 def heat_beside(frame: Image, values: Float32Array) -> npt.NDArray[np.uint8]:
-    """A frame and its map as heat, side by side: (H, 2 W, 3) RGB.
+    """A frame and its saliency as a heat map, side by side: (H, 2 W, 3) RGB.
 
     Args:
         frame: (H, W, 3) uint8 RGB.
@@ -79,23 +133,5 @@ def heat_beside(frame: Image, values: Float32Array) -> npt.NDArray[np.uint8]:
 
 
 def heat_colors(levels: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """(h, w, 3) RGB of levels (h, w)."""
+    """(h, w, 3) RGB of levels (h, w) from 0 to 255."""
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS)[:, :, ::-1], np.uint8)
-
-
-def draw_scanpath(axes: Axes, path: Scanpath) -> None:
-    """Fixations numbered in their order, joined by lines."""
-    axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=_OUTLINE)
-    for number, (x, y) in enumerate(path.xy, start=1):
-        color = "white" if number == 1 else ORANGE
-        axes.text(
-            x,
-            y,
-            str(number),
-            color="black",
-            fontsize=8,
-            ha="center",
-            va="center",
-            bbox={"boxstyle": "circle,pad=0.25", "facecolor": color, "edgecolor": "black"},
-            in_layout=False,  # a number at the border is not clipped, and moves no panel
-        )

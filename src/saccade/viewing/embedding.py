@@ -3,7 +3,6 @@
 import base64
 import json
 from collections.abc import Mapping
-from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -19,12 +18,10 @@ from saccade.viewing.style import HEAT
 
 MAX_IMAGE_LENGTH = 1_300_000
 """Characters of one image, so that a page with it stays under 5 MB."""
-MAX_SIDE = 1200
-"""Pixels, of the longer side of a photograph in a report."""
-MAX_MAP_SIDE = 400
-"""Pixels, of the longer side of a saliency map."""
+MAX_SIDE, MAX_MAP_SIDE = 1200, 400
+"""Pixels of the longer side of a photograph and of a saliency map in a report."""
 _PACKED = ("float32", "int32", "int16", "uint16", "uint8")
-"""Types of numbers that a browser reads as they are in memory."""
+"""Data types of JavaScript's typed arrays."""
 
 
 def data_uri(kind: str, data: bytes) -> str:
@@ -40,7 +37,7 @@ def png_file(path: Path) -> str:
 def jpeg(image: npt.NDArray[np.uint8], quality: int = 80) -> str:
     """An image (h, w) or (h, w, 3) in RGB as the data URI of a JPEG.
 
-    Noise is encoded at lower quality, to at most `MAX_IMAGE_LENGTH` characters.
+    The quality is halved until it has at most `MAX_IMAGE_LENGTH` characters.
     """
     with BytesIO() as file:
         Pillow.fromarray(image).save(file, format="JPEG", quality=quality, optimize=True)
@@ -49,7 +46,7 @@ def jpeg(image: npt.NDArray[np.uint8], quality: int = 80) -> str:
 
 
 def shrunk(image: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
-    """An image scaled by a factor below 1; the same size at larger factors."""
+    """An image scaled by a factor, by 1 at most."""
     height, width = image.shape[:2]
     scale = min(1.0, scale)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -71,11 +68,8 @@ def camera_image(image: Image, max_width: int) -> dict[str, Any]:
         largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
         image = np.asarray((image * (255 / largest)).clip(0, 255), np.uint8)
     rgb = image if image.ndim == 2 else np.ascontiguousarray(image[:, :, :3])
-    return {
-        "address": jpeg(shrunk(rgb, max_width / width), 65),
-        "width": width,
-        "height": height,
-    }
+    address = jpeg(shrunk(rgb, max_width / width), 65)
+    return {"address": address, "width": width, "height": height}
 
 
 def heat(values: Float32Array) -> str:
@@ -83,17 +77,11 @@ def heat(values: Float32Array) -> str:
     small = shrunk(np.asarray(values, np.float32), MAX_MAP_SIDE / max(values.shape))
     levels = np.asarray((small * (255 / max(float(small.max()), 1e-12))).round(), np.uint8)
     image = Pillow.fromarray(levels, "L")
-    image.putpalette(_palette())
+    colors = mpl.colormaps[HEAT](np.arange(256))[:, :3]
+    image.putpalette(np.asarray((colors * 255).round(), np.uint8).tobytes())
     with BytesIO() as file:
         image.save(file, format="PNG")
         return data_uri("png", file.getvalue())
-
-
-@cache
-def _palette() -> bytes:
-    """The 256 colors of a map."""
-    colors = mpl.colormaps[HEAT](np.arange(256))[:, :3]
-    return np.asarray((colors * 255).round(), np.uint8).tobytes()
 
 
 def as_json(data: Mapping[str, Any]) -> str:

@@ -1,12 +1,12 @@
-"""Figures of interest points and matches."""
+"""Figures of interest points, matches and regions."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import ConnectionPatch
+from matplotlib.patches import ConnectionPatch, Rectangle
 
-from saccade.types import BoolArray, Float32Array, IntArray, Keypoints
+from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Regions
 from saccade.viewing.style import BLUE, GREEN, ORANGE, RED, draw_panel, figure_for
 
 
@@ -17,8 +17,7 @@ def keypoint_figure(image: Float32Array, keypoints: Keypoints) -> Figure:
         image: (H, W, 3) in [0, 1].
         keypoints: of that image.
     """
-    height, width = image.shape[:2]
-    figure = figure_for(width, height, columns=1, rows=1, panel=9)
+    figure = figure_for(image.shape[1], image.shape[0], panel=9)
     axes = figure.subplots()
     title = f"{len(keypoints)} interest points: size and direction"
     draw_panel(axes, image, title, interpolation="antialiased")
@@ -49,6 +48,24 @@ def draw_keypoints(axes: Axes, keypoints: Keypoints) -> None:
     )
 
 
+def region_figure(image: Float32Array, regions: Regions) -> Figure:
+    """The image with the box and the center of each region.
+
+    Args:
+        image: (H, W, 3) in [0, 1].
+        regions: of that image.
+    """
+    figure = figure_for(image.shape[1], image.shape[0], panel=9)
+    axes = figure.subplots()
+    title = f"{len(regions)} regions: box and center"
+    draw_panel(axes, image, title, interpolation="antialiased")
+    for left, top, right, bottom in regions.boxes.tolist():
+        size = right - left, bottom - top
+        axes.add_patch(Rectangle((left, top), *size, fill=False, color=ORANGE, linewidth=1.2))
+    axes.plot(*regions.xy.T, "+", color=BLUE, markersize=7, markeredgewidth=1.5)
+    return figure
+
+
 def match_figure(
     images: tuple[Float32Array, Float32Array],
     keypoints: tuple[Keypoints, Keypoints],
@@ -63,15 +80,14 @@ def match_figure(
         images: two (H, W, 3) in [0, 1].
         keypoints: of each.
         pairs: (m, 2) indices into the two.
-        inliers: (m,) which of them agree with one geometry; None without verification.
+        inliers: (m,) which matches agree with one geometry; None without verification.
     """
     is_inlier = np.ones(len(pairs), np.bool_) if inliers is None else inliers
     counts = f"{len(pairs)} matched"
     if inliers is not None:
         counts += f", {inliers.sum()} inliers"
-    height = max(image.shape[0] for image in images)
-    width = max(image.shape[1] for image in images)
-    figure = figure_for(width, height, columns=2, rows=1, panel=6)
+    height, width = np.max([image.shape[:2] for image in images], axis=0).tolist()
+    figure = figure_for(width, height, columns=2, panel=6)
     panels = figure.subplots(1, 2)
     for axes, image, points, index in zip(panels, images, keypoints, pairs.T, strict=True):
         title = f"{len(points)} interest points, {counts}"

@@ -12,7 +12,7 @@ from saccade.errors import ConfigError
 from saccade.extras import import_optional
 from saccade.files import atomic_write
 from saccade.types import FloatArray, MapSnapshot, Trajectory
-from saccade.viewing.maps import bounds, ellipse_outlines
+from saccade.viewing.slam import bounds, ellipse_outlines
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, rgb_levels
 
 PLAYBACK_RATE = 24
@@ -96,29 +96,22 @@ class _MapRecording:
         self.frame, self.size = -1, 1.0
 
     def begin(self, box: FloatArray) -> None:
-        """Lay out the views and look at a box (2, 2) from above."""
+        """Lay out the views, the map seen from above a box (2, 2)."""
         self.stream.send_recording_name(self.name)
         layout = self.rerun.blueprint
         (x, y), self.size = box.mean(0).tolist(), float((box[1] - box[0]).max())
+        position = [x, y - 0.01 * self.size, 1.1 * self.size]
         camera = layout.EyeControls3D(
-            position=[x, y - 0.01 * self.size, 1.1 * self.size],
-            look_target=[x, y, 0.0],
-            eye_up=[0.0, 1.0, 0.0],
+            position=position, look_target=[x, y, 0.0], eye_up=[0.0, 1.0, 0.0]
         )
+        white = [255, 255, 255]
+        view = layout.Spatial3DView(origin="map", name="map", background=white, eye_controls=camera)
+        series = layout.TimeSeriesView
+        sigma = series(origin="plots/sigma", name="sigma of the position [m]")
+        plots = layout.Vertical(sigma, series(origin="plots/landmarks", name="landmarks"))
         self.stream.send_blueprint(
             layout.Blueprint(
-                layout.Horizontal(
-                    layout.Spatial3DView(
-                        origin="map", name="map", background=[255, 255, 255], eye_controls=camera
-                    ),
-                    layout.Vertical(
-                        layout.TimeSeriesView(
-                            origin="plots/sigma", name="sigma of the position [m]"
-                        ),
-                        layout.TimeSeriesView(origin="plots/landmarks", name="landmarks"),
-                    ),
-                    column_shares=[3, 1],
-                ),
+                layout.Horizontal(view, plots, column_shares=[3, 1]),
                 layout.TimePanel(timeline="frame", fps=PLAYBACK_RATE, state="collapsed"),
                 layout.BlueprintPanel(state="collapsed"),
                 layout.SelectionPanel(state="collapsed"),
@@ -134,26 +127,31 @@ class _MapRecording:
         self.stream.set_time("frame", sequence=self.frame)
         self.stream.set_time("pose", sequence=step)
         self.stream.set_time("time", duration=float(self.time[step] - self.time[0]))
-        odometry = self.dead_reckoning.pose[: step + 1, :2]
-        self._log_lines("map/odometry", [_thinned(odometry)], GRAY)
-        self._log_lines("map/trajectory", [_thinned(self.path)], BLUE)
+        for entity, path, color in (
+            ("map/odometry", self.dead_reckoning.pose[: step + 1, :2], GRAY),
+            ("map/trajectory", self.path, BLUE),
+        ):
+            thinned = path[:: len(path) // MAX_POINTS + 1]
+            self._log_lines(entity, [np.concatenate([thinned, path[-1:]])], color)
         rays = [np.stack([pose[:2], landmarks[i]]) for i in snapshot.observed]
         self._log_lines("map/observed", rays, GREEN)
-        outlines = ellipse_outlines(landmarks, snapshot.landmark_covariance)
-        self._log_lines("map/landmarks/sigma", _closed(outlines), ORANGE)
         covariance = snapshot.covariance[:2, :2]
-        ellipse = ellipse_outlines(pose[None, :2], covariance[None])
-        self._log_lines("map/robot/sigma", _closed(ellipse), BLUE)
+        for entity, centers, covariances, color in (
+            ("map/landmarks/sigma", landmarks, snapshot.landmark_covariance, ORANGE),
+            ("map/robot/sigma", pose[None, :2], covariance[None], BLUE),
+        ):
+            outlines = ellipse_outlines(centers, covariances)
+            self._log_lines(entity, np.concatenate([outlines, outlines[:, :1]], 1), color)
         radius = self.rerun.Radius.ui_points(3)
         points = self.rerun.Points3D(_on_ground(landmarks), colors=[0, 0, 0], radii=radius)
         self.stream.log("map/landmarks", points)
         heading = np.array([[np.cos(pose[2]), np.sin(pose[2])]])
         arrow = _on_ground(ARROW_FRACTION * self.size * heading)
-        origin, color = _on_ground(pose[None, :2]), rgb_levels(RED)
-        arrows = self.rerun.Arrows3D(origins=origin, vectors=arrow, colors=color)
+        origin, red = _on_ground(pose[None, :2]), rgb_levels(RED)
+        arrows = self.rerun.Arrows3D(origins=origin, vectors=arrow, colors=red)
         self.stream.log("map/robot", arrows)
-        sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
-        self.stream.log("plots/sigma", self.rerun.Scalars(sigma))
+        largest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+        self.stream.log("plots/sigma", self.rerun.Scalars(largest))
         self.stream.log("plots/landmarks", self.rerun.Scalars(len(landmarks)))
 
     def _log_lines(self, entity: str, lines: Iterable[FloatArray], color: str) -> None:
@@ -163,29 +161,17 @@ class _MapRecording:
         self.stream.log(entity, lines3d)
 
 
+def _on_ground(xy: FloatArray) -> FloatArray:
+    """(..., 3) positions at z = 0."""
+    return np.concatenate([xy, np.zeros((*xy.shape[:-1], 1))], -1)
+
+
 @contextmanager
 def _interpreter_folder_on_path() -> Iterator[None]:
-    """Lets rerun start its viewer from an environment that is not activated.
-
-    rerun looks for the executable on the PATH of this process only, which is restored.
-    """
+    """Lets rerun, which searches PATH, find its viewer in an environment that is not activated."""
     path = os.environ.get("PATH", os.defpath)
     os.environ["PATH"] = os.pathsep.join([path, str(Path(sys.executable).parent)])
     try:
         yield
     finally:
         os.environ["PATH"] = path
-
-
-def _thinned(path: FloatArray) -> FloatArray:
-    step = len(path) // MAX_POINTS + 1
-    return np.concatenate([path[::step], path[-1:]])
-
-
-def _closed(outlines: FloatArray) -> FloatArray:
-    return np.concatenate([outlines, outlines[:, :1]], 1)
-
-
-def _on_ground(xy: FloatArray) -> FloatArray:
-    """(..., 3) positions at z = 0."""
-    return np.concatenate([xy, np.zeros((*xy.shape[:-1], 1))], -1)

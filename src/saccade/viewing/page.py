@@ -1,4 +1,4 @@
-"""HTML pages that open from disk and need no network; every text on them is escaped."""
+"""HTML pages that open from disk and need no network; all text on them is escaped."""
 
 import base64
 import hashlib
@@ -18,7 +18,7 @@ class Picture:
     """Alternative text."""
     caption: str
     wide: bool = False
-    """Whether it is of no use when small: on a narrow screen it scrolls sideways."""
+    """Whether it scrolls sideways on a narrow screen rather than shrinks."""
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,17 @@
-"""The report: one self-contained, interactive HTML page."""
+"""The report: one self-contained, interactive HTML page, built part by part."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
-from saccade.viewing.embedding import json_element
-from saccade.viewing.page import Section, section_html, standalone_page, web_file
+import numpy as np
+
+from saccade.files import atomic_write
+from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath
+from saccade.viewing.embedding import heat, json_element, photograph
+from saccade.viewing.page import Picture, Section, section_html, standalone_page, web_file
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
@@ -14,10 +19,16 @@ SCRIPTS: dict[str, tuple[str, ...]] = {
     "match": ("photo.js", "match.js"),
     "table": ("table.js",),
 }
-"""Of each kind of part, beside those of every page."""
+"""Scripts of each kind of part, besides those of every page."""
 STYLES = ("page.css", "uPlot.min.css", "report.css")
-MAX_PART_LENGTH = 4_500_000
-"""Characters of a part, so that a page with it stays under 5 MB."""
+MAX_PART_LENGTH, MAX_LENGTH = 4_500_000, 4_700_000
+"""Characters of one part and of all parts together: the page stays under 5 MB."""
+MAX_TABLE_LENGTH = 3_000_000
+"""Characters of all cells of a table."""
+MAX_POINTS, MAX_MATCHES = 400, 5000
+"""Interest points shown with their descriptors, and matches of two photographs."""
+SORT_HINT = "Click a heading to sort by it, and once more to reverse the order."
+"""Appended to the text of a table."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,87 @@ class Part:
         return section_html(self.section, content)
 
 
+class Table(NamedTuple):
+    """A sortable table of a report."""
+
+    title: str
+    columns: Sequence[str]
+    """Headings; that of the first column may be empty."""
+    rows: Sequence[Sequence[str]]
+    """One cell for each column; the first names the row."""
+    text: str = ""
+    """Explains the columns."""
+    first: str = "name"
+    """Heading of the first column where that is empty."""
+    figures: Sequence[Picture] = ()
+
+    def part(self) -> Part:
+        """The table as a part of a report; of one that is too long every nth row."""
+        characters = sum(len(cell) + 3 for row in self.rows for cell in row)
+        step = stride(characters, MAX_TABLE_LENGTH)
+        section = Section(self.title, f"{self.text} {SORT_HINT}".strip(), self.figures)
+        section = with_notes(section, {"rows": (len(self.rows), step)})
+        cells = [list(row) for row in self.rows[::step]]
+        columns = list(self.columns)
+        data = {"title": self.title, "columns": columns, "rows": cells, "first": self.first}
+        return Part(section, "table", data)
+
+
+class ReportBuilder:
+    """Collects the parts of a report while there is room; the first is always kept.
+
+    Args:
+        title: title of the page.
+        lead: first paragraph of the page.
+    """
+
+    def __init__(self, title: str, lead: str) -> None:
+        self.title = title
+        self.lead = lead
+        self._parts: list[Part] = []
+        self._omitted = 0
+
+    def add(self, make: Callable[[], Part]) -> None:
+        """Add a part if there is room; after the first without room none is made."""
+        if not self._omitted:
+            part = make()
+            length = sum(len(each.html) for each in (*self._parts, part))
+            if not self._parts or length <= MAX_LENGTH:
+                self._parts.append(part)
+                return
+        self._omitted += 1
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def write(self, path: Path) -> Path:
+        """Write the page; returns its path."""
+        lead = self.lead
+        if self._omitted:
+            lead += f" {self._omitted} more did not fit on this page."
+        with atomic_write(path) as temporary:
+            page = report_page(self.title, lead, self._parts)
+            temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
+        return path
+
+
+def write_tables(path: Path | None, command: str, lead: str, tables: Sequence[Table]) -> None:
+    """Write tables as a report; None writes nothing.
+
+    Args:
+        path: the page.
+        command: title of the page: the command that computed them.
+        lead: first paragraph of the page.
+        tables: those without rows are omitted.
+    """
+    if path is not None:
+        builder = ReportBuilder(command, lead)
+        for table in tables:
+            if table.rows:
+                builder.add(table.part)
+        builder.write(path)
+
+
 def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     """The report as the text of one HTML file.
 
@@ -54,6 +146,86 @@ def report_page(title: str, lead: str, parts: Sequence[Part]) -> str:
     return standalone_page(title, lead, body, [web_file(name) for name in STYLES], scripts)
 
 
+def image_part(
+    section: Section,
+    image: Float32Array,
+    maps: Mapping[str, Float32Array],
+    path: Scanpath,
+    keypoints: Keypoints,
+) -> Part:
+    """A photograph with saliency maps, scanpath and interest points as layers.
+
+    Args:
+        section: heading, text, facts and links.
+        image: (H, W, 3) in [0, 1].
+        maps: by title; each (h, w), not negative.
+        path: fixations.
+        keypoints: the first `MAX_POINTS` of them are shown.
+    """
+    data = {
+        "image": photograph(image),
+        "maps": maps_data(maps),
+        "scanpath": scanpath_data(path),
+        "points": points_data(keypoints[:MAX_POINTS]),
+    }
+    return Part(section, "image", data)
+
+
+def match_part(
+    section: Section,
+    images: tuple[Float32Array, Float32Array],
+    keypoints: tuple[Keypoints, Keypoints],
+    pairs: IntArray,
+    inliers: BoolArray | None = None,
+) -> Part:
+    """Two photographs with their matches.
+
+    Args:
+        section: heading, text, facts and links.
+        images: two (H, W, 3) in [0, 1].
+        keypoints: of each.
+        pairs: (m, 2) indices into the two.
+        inliers: (m,) which matches agree with one geometry; None without verification.
+    """
+    step = stride(len(pairs), MAX_MATCHES)
+    first, second = (keypoints[i][pairs[::step, i]] for i in (0, 1))
+    data: dict[str, Any] = {
+        "images": [photograph(image) for image in images],
+        "xy": np.hstack([first.xy, second.xy]).ravel(),
+        "size": np.stack([first.size, second.size], 1).ravel(),
+    }
+    if first.descriptors is not None and second.descriptors is not None:
+        difference = first.descriptors.astype(np.float64) - second.descriptors
+        data["distance"] = np.sqrt(np.square(difference).sum(1))
+    if inliers is not None:
+        data["inlier"] = inliers[::step].astype(np.uint8)
+    return Part(with_notes(section, {"matches": (len(pairs), step)}), "match", data)
+
+
+def maps_data(maps: Mapping[str, Float32Array]) -> list[dict[str, str]]:
+    """Saliency maps as the script of an image part reads them."""
+    return [{"name": name, "address": heat(values)} for name, values in maps.items()]
+
+
+def scanpath_data(path: Scanpath) -> dict[str, Any]:
+    """Fixations as that script reads them."""
+    return {"xy": path.xy.ravel(), "time": path.time, "saliency": path.saliency}
+
+
+def points_data(points: Keypoints) -> dict[str, Any]:
+    """Interest points as that script reads them."""
+    names = ("size", "angle", "response", "octave")
+    data = {"xy": points.xy.ravel(), **{name: getattr(points, name) for name in names}}
+    if points.descriptors is not None:
+        data["descriptor"] = points.descriptors.ravel()
+    return data
+
+
+def stride(count: int, limit: float) -> int:
+    """The smallest stride that takes at most `limit` of `count` items."""
+    return max(1, -(-count // max(1, int(limit))))
+
+
 def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Section:
     """A section whose text says which of its data were left out.
 
@@ -62,8 +234,8 @@ def with_notes(section: Section, thinned: Mapping[str, tuple[int, int]]) -> Sect
         thinned: by name, the number of items and the stride at which they were taken.
     """
     notes = [
-        f"Of {count:,} {name} one in {stride} is on this page."
-        for name, (count, stride) in thinned.items()
-        if stride > 1
+        f"Of {count:,} {name} one in {step} is on this page."
+        for name, (count, step) in thinned.items()
+        if step > 1
     ]
     return replace(section, text=" ".join([section.text, *notes]))

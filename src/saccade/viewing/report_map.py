@@ -1,40 +1,32 @@
 """Part of a report: a map that is panned, zoomed and scrubbed through time."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from typing import Any, TypeVar
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from saccade.types import FloatArray, Image, IntArray, LandmarkMap, MapSnapshot, Trajectory
 from saccade.viewing.embedding import camera_image
-from saccade.viewing.innovations import running_mean
-from saccade.viewing.maps import ELLIPSE_LABEL, ELLIPSE_SCALE
 from saccade.viewing.page import Section
-from saccade.viewing.report import MAX_PART_LENGTH, Part, with_notes
+from saccade.viewing.report import MAX_PART_LENGTH, Part, stride, with_notes
+from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE, running_mean
 from saccade.viewing.style import SIGMAS
 
-MAX_POSES = 6000
-"""Poses of each trajectory."""
-MAX_DOTS = 3000
-"""Values of each chart."""
+MAX_POSES, MAX_DOTS = 6000, 3000
+"""Poses of each trajectory, and values of each chart."""
 MAX_ROWS = 40_000
 """Landmarks in all snapshots together; where there are more, snapshots are left out."""
 MAX_INTERVALS = 60_000
 """Intervals in which a landmark was observed without a gap."""
-MAX_IMAGE_POINTS = 50_000
-"""Landmarks in the camera images."""
 MAX_GAP = 2
-"""Poses between two observations of one interval."""
-MAX_IMAGES = 160
-"""Camera images."""
-MAX_IMAGE_LENGTH = 1_600_000
-"""Characters of all camera images."""
-IMAGE_WIDTH = 280
-"""Pixels of a camera image, at most."""
+"""Largest difference of pose numbers between two observations of one interval."""
+MAX_IMAGES, MAX_IMAGE_LENGTH, IMAGE_WIDTH = 160, 1_600_000, 280
+"""Camera images, characters of all of them, and pixels of the width of each."""
+MAX_IMAGE_POINTS = 50_000
+"""Landmarks marked in the camera images."""
 BUDGETS = (1.0, 0.7, 0.4, 0.2)
-"""Fractions of these numbers that are tried until the part is small enough."""
-T = TypeVar("T")
+"""Fractions of these limits, tried in turn until the part is short enough."""
 
 
 @dataclass(frozen=True)
@@ -73,64 +65,56 @@ class Chart:
     logarithmic: bool = False
 
 
-@dataclass(frozen=True)
-class MapOverlays:
-    """What a map shows besides the estimate."""
-
-    trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
-    """By "odometry", "truth" or "smoothed"."""
-    landmark_truth: LandmarkMap | None = None
-
-
 def map_part(
     section: Section,
-    estimate: Trajectory,
+    trajectories: Mapping[str, Trajectory],
     snapshots: Sequence[MapSnapshot],
     observed: ObservedLandmarks,
     charts: Sequence[Chart],
-    overlays: MapOverlays = MapOverlays(),
+    landmark_truth: LandmarkMap | None = None,
     image_at: Callable[[int], Image | None] | None = None,
 ) -> Part:
-    """A trajectory and its map.
+    """Trajectories and the map over time.
 
     Args:
         section: heading, text, facts and links.
-        estimate: the trajectory.
+        trajectories: "estimate", and where known "odometry", "truth" and "smoothed".
         snapshots: of the map over time, at least one.
         observed: when each landmark was observed.
         charts: drawn over time below the map.
-        overlays: what the map shows besides.
+        landmark_truth: true positions of the landmarks, in the same frame.
         image_at: gives the camera image at a pose, or None.
     """
-    time = estimate.time - float(estimate.time[0])
-    trajectories = {"estimate": estimate, **overlays.trajectories}
-    truth = overlays.landmark_truth
+    time = trajectories["estimate"].time
+    start = float(time[0])
+    time = time - start
     data: dict[str, Any] = {
         "ellipse_scale": ELLIPSE_SCALE,
         "ellipse_label": ELLIPSE_LABEL,
-        "trajectories": [_trajectory(*each, estimate.time[0]) for each in trajectories.items()],
-        "charts": [_chart(chart, estimate.time[0]) for chart in charts],
-        **({} if truth is None else {"truth": truth.xy.ravel()}),
+        "trajectories": [_trajectory(*each, start) for each in trajectories.items()],
+        "charts": [_chart(chart, start) for chart in charts],
     }
+    if landmark_truth is not None:
+        data["truth"] = landmark_truth.xy.ravel()
     dots = max((len(chart.time) for chart in charts if chart.dots), default=0)
     intervals = _intervals(observed, time)
     images = [] if image_at is None else _images([each.step for each in snapshots], image_at)
     rows = sum(len(each.landmarks) for each in snapshots)
     image_length = sum(len(each["source"]["address"]) for each in images)
     for budget in BUDGETS:
-        every = _stride(rows, MAX_ROWS * budget)
-        interval_stride = _stride(len(intervals["id"]), MAX_INTERVALS * budget)
-        shown = _thinned(images, _stride(image_length, MAX_IMAGE_LENGTH * budget))
+        step = stride(rows, MAX_ROWS * budget)
+        interval_step = stride(len(intervals["id"]), MAX_INTERVALS * budget)
+        shown = _thinned(images, stride(image_length, MAX_IMAGE_LENGTH * budget))
         data |= {
-            "snapshots": _snapshots(_thinned(snapshots, every), time),
-            "intervals": {name: each[::interval_stride] for name, each in intervals.items()},
+            "snapshots": _snapshots(_thinned(snapshots, step), time),
+            "intervals": {name: each[::interval_step] for name, each in intervals.items()},
             "image_points": _image_points(observed, shown, MAX_IMAGE_POINTS * budget),
             "images": shown,
         }
         notes = {
-            "states of the map": (len(snapshots), every),
-            "intervals in which a landmark was observed": (len(intervals["id"]), interval_stride),
-            "innovations": (dots, _stride(dots, MAX_DOTS)),
+            "states of the map": (len(snapshots), step),
+            "intervals in which a landmark was observed": (len(intervals["id"]), interval_step),
+            "innovations": (dots, stride(dots, MAX_DOTS)),
         }
         part = Part(with_notes(section, notes), "map", dict(data))
         if len(part.html) <= MAX_PART_LENGTH:
@@ -194,45 +178,22 @@ def innovation_charts(
     mean = np.full(len(nis), np.nan)
     mean[window - 1 :] = running_mean(nis, window)
     ones = np.ones(len(nis))
-    nis_chart = Chart(
-        "Normalized innovation squared",
-        "",
-        time,
-        nis.clip(1e-3),
-        (band[0] * ones, band[1] * ones),
-        "95 % of the means of a consistent filter",
-        "each observation",
-        mean,
-        f"mean of {window}",
-        dots=True,
-        logarithmic=True,
-    )
+    title, name = "Normalized innovation squared", "95 % of the means of a consistent filter"
+    limits, each = (band[0] * ones, band[1] * ones), "each observation"
+    means: dict[str, Any] = {"mean": mean, "mean_name": f"mean of {window}", "logarithmic": True}
+    charts = [Chart(title, "", time, nis.clip(1e-3), limits, name, each, dots=True, **means)]
     sigma = np.sqrt(np.diagonal(covariance[used], axis1=1, axis2=2))
     ratios = innovation[used] / np.maximum(sigma, 1e-300)
     limits, name = (-SIGMAS * ones, SIGMAS * ones), f"{SIGMAS:.0f} sigma"
-    return [nis_chart] + [
-        Chart(
-            f"Innovation of the {component}",
-            "sigma",
-            time,
-            values,
-            limits,
-            name,
-            "each observation",
-            dots=True,
-        )
-        for component, values in zip(("range", "bearing"), ratios.T, strict=True)
-    ]
+    for component, values in zip(("range", "bearing"), ratios.T, strict=True):
+        title = f"Innovation of the {component}"
+        charts.append(Chart(title, "sigma", time, values, limits, name, each, dots=True))
+    return charts
 
 
-def _stride(count: int, limit: float) -> int:
-    """The stride at which at most `limit` of `count` items are taken."""
-    return max(1, -(-count // max(1, int(limit))))
-
-
-def _thinned(items: Sequence[T], stride: int) -> list[T]:
-    """Every item at a stride, the last one among them."""
-    return list(items[::-1][::stride][::-1])
+def _thinned(items: Sequence[Any], step: int) -> list[Any]:
+    """Every `step`-th item, counted from the last."""
+    return list(items[::-1][::step][::-1])
 
 
 def _trajectory(name: str, trajectory: Trajectory, start: float) -> dict[str, Any]:
@@ -282,7 +243,7 @@ def _images(steps: Sequence[int], image_at: Callable[[int], Image | None]) -> li
     """Small camera images at some of the poses."""
     return [
         {"step": step, "source": camera_image(image, IMAGE_WIDTH)}
-        for step in _thinned(steps, _stride(len(steps), MAX_IMAGES))
+        for step in _thinned(steps, stride(len(steps), MAX_IMAGES))
         if (image := image_at(step)) is not None
     ]
 
@@ -294,7 +255,7 @@ def _image_points(
     if observed.xy is None or observed.kind is None:
         return None
     rows = np.flatnonzero(np.isin(observed.step, [each["step"] for each in images]))
-    rows = rows[:: _stride(len(rows), limit)]
+    rows = rows[:: stride(len(rows), limit)]
     return {
         "step": observed.step[rows],
         "id": observed.id[rows],
@@ -305,7 +266,7 @@ def _image_points(
 
 def _chart(chart: Chart, start: float) -> dict[str, Any]:
     """A chart as its script reads it, with at most `MAX_DOTS` values."""
-    every = slice(None, None, _stride(len(chart.time), MAX_DOTS))
+    every = slice(None, None, stride(len(chart.time), MAX_DOTS))
 
     def thinned(value: Any) -> Any:
         if isinstance(value, tuple):

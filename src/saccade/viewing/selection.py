@@ -12,7 +12,7 @@ from saccade.types import FloatArray
 from saccade.viewing.style import GRAY, HEAT
 
 ROW_HEIGHT = 0.36
-"""Inches of a selection."""
+"""Inches, of the row of a selection."""
 LEGEND = "new landmarks per frame; bars are 95 % intervals of the mean"
 
 

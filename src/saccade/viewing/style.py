@@ -14,12 +14,11 @@ from saccade.files import atomic_write
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 """After Okabe & Ito (2008), distinguishable under every common color-vision deficiency."""
 GRAY = "#7f7f7f"
-HEAT = "cividis"
-"""Perceptually uniform, and the same to readers with and without red-green deficiency."""
-DIVERGING = "PuOr_r"
-"""Colors of negative values, zero and positive values."""
+HEAT, DIVERGING = "cividis", "PuOr_r"
+"""Colormaps of values from 0, and of values of either sign; perceptually uniform, and suited to
+red-green deficiency."""
 SIGMAS = 3.0
-"""Half-width of the bands of one variable in standard deviations: 99.73 %."""
+"""Half-width of the band of one variable, in standard deviations: 99.73 %."""
 
 
 def rgb_levels(color: str) -> tuple[int, int, int]:
@@ -29,7 +28,7 @@ def rgb_levels(color: str) -> tuple[int, int, int]:
 
 
 def picture_axes(axes: Axes, title: str) -> None:
-    """Leave only the title: a photograph needs no ticks."""
+    """A title, and neither ticks nor frame: for photographs and maps."""
     axes.set_title(title, fontsize=10)
     axes.set_axis_off()
 
@@ -41,14 +40,13 @@ def draw_panel(axes: Axes, image: npt.NDArray[Any], title: str, **options: Any) 
 
 
 def hide_ticks(axes: Axes) -> None:
-    """Leave only title and label: no ticks and no frame."""
-    axes.set_xticks([])
-    axes.set_yticks([])
+    """Neither ticks nor frame; title and axis labels stay."""
+    axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
 
 
-def quiet_axes(axes: Axes) -> None:
-    """A light grid behind, and no frame."""
+def grid_axes(axes: Axes) -> None:
+    """A light grid in the background, and no frame."""
     axes.grid(color="0.92", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(color="0.7", labelcolor="0.3", labelsize=9)
@@ -60,8 +58,10 @@ def faded(image: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     return np.asarray(0.35 + 0.65 * image.mean(axis=2), np.float32)
 
 
-def figure_for(width: int, height: int, columns: int, rows: int, panel: float = 4.0) -> Figure:
-    """A figure of `columns` x `rows` panels that have the shape of a width x height image.
+def figure_for(
+    width: int, height: int, columns: int = 1, rows: int = 1, panel: float = 4.0
+) -> Figure:
+    """A figure of `columns` x `rows` panels with the aspect ratio of a width x height image.
 
     Args:
         width: of the image, in pixels.
@@ -76,7 +76,7 @@ def figure_for(width: int, height: int, columns: int, rows: int, panel: float = 
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure, whole or not at all; the suffix says the format.
+    """Write a figure, whole or not at all, in the format of the suffix.
 
     Raises:
         OutputError: the file cannot be written.

@@ -13,10 +13,10 @@ function formatNumber(value) {
  * That of an optional setting can be switched off: its value is then null.
  */
 function setting(field, changed) {
-  const make_control = {
+  const makeControl = {
     range: slider, number: numberField, choice: choices, check: checkbox, list: listField,
   }[field.input];
-  const { input, output, show, read } = make_control(field, changed);
+  const { input, output, show, read } = makeControl(field, changed);
   const classes = `setting ${field.input}`, title = field.help || null;
   const outputs = output ? [output] : [];
   if (!field.optional) {

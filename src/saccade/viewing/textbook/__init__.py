@@ -1,9 +1,13 @@
 """Walkthrough of the textbook: each equation beside its code, with figures of one's own data."""
 
-from saccade.viewing.textbook.ekf_trace import simulated_log
-from saccade.viewing.textbook.implementation import Implementation, load_implementations
+from saccade.viewing.textbook.ekf import simulated_log
 from saccade.viewing.textbook.page import equations_html, load_steps, save_webp, walkthrough_page
-from saccade.viewing.textbook.walkthrough import run_appendix, walk_through
+from saccade.viewing.textbook.walkthrough import (
+    Implementation,
+    load_implementations,
+    run_appendix,
+    walk_through,
+)
 
 __all__ = [
     "Implementation",

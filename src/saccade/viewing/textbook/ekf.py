@@ -1,7 +1,7 @@
-"""Figures and results of the steps of EKF-SLAM (appendix C): ellipses and correlations."""
+"""EKF-SLAM traced through the first scans of a log (appendix C), with figures of its steps."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,8 +9,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from saccade.types import FloatArray
-from saccade.viewing.maps import (
+from saccade.errors import LogError
+from saccade.textbook.ekf_slam import f, g, h
+from saccade.types import FloatArray, LandmarkLog
+from saccade.viewing.slam import (
     ELLIPSE_LABEL,
     ELLIPSE_SCALE,
     bounds,
@@ -18,12 +20,118 @@ from saccade.viewing.maps import (
     map_axes,
 )
 from saccade.viewing.style import BLUE, DIVERGING, GRAY, ORANGE, RED, hide_ticks
-from saccade.viewing.textbook.ekf_trace import FilterTrace, State, Transition
 
+MAX_SCANS = 8
+"""Scans of a log that are traced."""
 MIN_ELLIPSE_FRACTION = 0.08
-"""Of the width of the map: smaller ellipses are magnified until the largest has this width."""
+"""Fraction of the width of the map to which the largest ellipse is magnified at least."""
 MAX_LABELS = 6
 """Landmarks whose rows are labeled beside a matrix."""
+
+
+class State(NamedTuple):
+    """State and covariance of the filter."""
+
+    s: FloatArray
+    """(3 + 2N,) pose (x, y, heading) and landmarks."""
+    P: FloatArray
+    """(3 + 2N, 3 + 2N) covariance."""
+
+
+class Transition(NamedTuple):
+    """One step of the filter."""
+
+    before: State
+    after: State
+    observed: FloatArray | None
+    """(2,) position at which the observation puts its landmark; None for a prediction."""
+
+
+class FilterTrace(NamedTuple):
+    """The states of a filter in the first scans of a log."""
+
+    transitions: dict[str, Transition]
+    """The last "predict" and "augment", and the "update" that reduced the covariance most."""
+    scans: list[tuple[str, State]]
+    """Title and state after each scan."""
+
+
+def trace_filter(log: LandmarkLog, ekf_slam: Any) -> FilterTrace:
+    """Run the filter of the textbook over the first scans of a log.
+
+    Args:
+        log: with landmark identities.
+        ekf_slam: the class `EkfSlam`.
+
+    Raises:
+        LogError: the log has no landmark identities, or another motion model.
+    """
+    if log.motion == "custom" or (log.landmark < 0).any() or len(log.landmark) == 0:
+        raise LogError(
+            f"{log.name}: expected observations that name their landmarks, and controls that are "
+            "distance and turn, as appendix C has them"
+        )
+
+    def current() -> State:
+        return State(np.array(ekf.s), np.array(ekf.P))
+
+    ekf, trace, max_gain = ekf_slam(log.start), FilterTrace({}, []), -np.inf
+    index_of: dict[int, int] = {}
+    for pose in range(len(log.time)):
+        state = current()
+        for u, U in _controls(log, pose - 1) if pose else ():
+            ekf.predict(u, U)
+            trace.transitions["predict"] = Transition(state, current(), None)
+        observations = np.flatnonzero(log.observation_pose == pose)
+        for i in observations:
+            state, landmark = current(), int(log.landmark[i])
+            z, R = log.observation[i], log.observation_covariance[i]
+            observed = g(ekf.x, z)
+            if landmark in index_of:
+                ekf.update(index_of[landmark], z, R)
+                update = Transition(state, current(), observed)
+                if (gain := float(np.trace(state.P - update.after.P))) > max_gain:
+                    max_gain, trace.transitions["update"] = gain, update
+            else:
+                ekf.augment(z, R)
+                index_of[landmark] = len(index_of)
+                trace.transitions["augment"] = Transition(state, current(), observed)
+        if len(observations):
+            count = "1 landmark" if len(index_of) == 1 else f"{len(index_of)} landmarks"
+            trace.scans.append((f"scan {len(trace.scans) + 1}: {count}", current()))
+        if len(trace.scans) == MAX_SCANS:
+            break
+    return trace
+
+
+def simulated_log() -> LandmarkLog:
+    """A robot that drives once around a heptagon among landmarks, under large noise."""
+    rng = np.random.default_rng(5)
+    landmarks = np.array([[2.6, -0.9], [3.6, 2.4], [1.2, 4.4], [-2.3, 3.0], [-1.4, -0.4]])
+    u = np.tile([1.6, 2 * np.pi / 7], (7, 1))
+    U, R = np.diag([0.08, 0.06]) ** 2, np.diag([0.15, 0.05]) ** 2
+    poses = [np.zeros(3)]
+    for control in u:
+        poses.append(f(poses[-1], control))
+    observations = [
+        (pose, landmark, *z)
+        for pose, x in enumerate(poses)
+        for landmark, m in enumerate(landmarks)
+        if (z := h(x, m))[0] < 3.2 and abs(z[1]) < 1.6
+    ]
+    pose_of, landmark_of, *z_of = np.array(observations).T
+    return LandmarkLog(
+        name="small world",
+        start=np.zeros(3),
+        time=np.arange(len(poses), dtype=float),
+        motion="drive",
+        control=u + rng.multivariate_normal(np.zeros(2), U, len(u)),
+        control_covariance=np.tile(U, (len(u), 1, 1)),
+        observation_pose=pose_of.astype(np.int64),
+        observation=np.transpose(z_of) + rng.multivariate_normal(np.zeros(2), R, len(observations)),
+        observation_covariance=np.tile(R, (len(observations), 1, 1)),
+        landmark=landmark_of.astype(np.int64),
+    )
 
 
 def filter_figures(trace: FilterTrace) -> dict[str, Figure]:
@@ -44,6 +152,21 @@ def filter_results(trace: FilterTrace) -> dict[str, dict[str, str]]:
             f"± {np.degrees(sigma[2]):.2f}°",
         }
     }
+
+
+def _controls(log: LandmarkLog, step: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """The control of a step as (d, phi) with its covariance.
+
+    A control that translates before it turns becomes two, without its lateral uncertainty.
+    """
+    u, U = log.control[step], log.control_covariance[step]
+    if log.motion == "drive":
+        yield u, U
+        return
+    forward, left, turn = u
+    phi = np.arctan2(left, forward)
+    yield np.array([np.hypot(forward, left), phi]), np.diag([U[0, 0], 0.0])
+    yield np.array([0.0, turn - phi]), np.diag([0.0, U[2, 2]])
 
 
 def _transition_figure(transition: Transition) -> Figure:

@@ -24,9 +24,8 @@ class Code(NamedTuple):
 def equation_code(source: str, file: str) -> dict[str, Code]:
     """The code of each equation by its number, and of each function, without its head, by its name.
 
-    An equation is cited by the comment at the end of a line. Of the statements that cite it, those
-    with the fewest citations count; with each stand the assignments of its variables that cite
-    nothing themselves.
+    An equation is cited by the comment at the end of a line. Its code are the statements that cite
+    it and the fewest others, each with the assignments of its variables that cite nothing.
 
     Args:
         source: Python.
@@ -59,7 +58,12 @@ def _citations(tree: ast.Module, lines: Sequence[str]) -> Iterator[tuple[list[st
         citation = _CITATION.search(text)
         around = [each for each in statements if citation and line in _lines(each)]
         if citation and around:
-            yield _numbers(citation[1]), max(around, key=lambda each: each.lineno)
+            numbers = [
+                f"{appendix}.{number}"
+                for appendix, first, last in _EQUATION_NUMBER.findall(citation[1])
+                for number in range(int(first), int(last or first) + 1)  # "A.7-A.10" are four
+            ]
+            yield numbers, max(around, key=lambda each: each.lineno)
 
 
 def _assignments(
@@ -105,15 +109,6 @@ def _body(function: ast.FunctionDef) -> range:
     """The lines of a function after its docstring."""
     documented = ast.get_docstring(function) is not None and len(function.body) > 1
     return range(function.body[documented].lineno, _lines(function).stop)
-
-
-def _numbers(citation: str) -> list[str]:
-    """The numbers of equations in a text; "A.7-A.10" are four."""
-    return [
-        f"{appendix}.{number}"
-        for appendix, first, last in _EQUATION_NUMBER.findall(citation)
-        for number in range(int(first), int(last or first) + 1)
-    ]
 
 
 def _text(lines: Sequence[str], numbers: Sequence[int]) -> str:

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from saccade.viewing.embedding import data_uri
 from saccade.viewing.page import Picture, escape, picture_html, standalone_page, web_file
 from saccade.viewing.textbook.equation_code import Code
-from saccade.viewing.textbook.implementation import Implementation
-from saccade.viewing.textbook.walkthrough import Walkthrough
+from saccade.viewing.textbook.walkthrough import Implementation, Walkthrough
 
 TITLES = {
     "A": "A. The contrast-saliency model",
@@ -24,7 +23,6 @@ TITLES = {
 }
 WIDE_TEX = 36
 """Characters of TeX from which a formula may be wider than a phone."""
-_CODE_OR_LINK = re.compile(r"`([^`]+)`|\[([^\]]+)\]\([^)]+\)")
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class Equation:
     """A formula, and how to look up its code."""
 
     number: str
-    """As in print; empty where it has none."""
+    """As in the source; empty where it has none."""
     tex: str
     function: str | None = None
     """The function that computes it, where no comment cites its number."""
@@ -55,20 +53,16 @@ class Step:
     """Its figure in words."""
     caption: str
     default: str = ""
-    """How the default of `saccade` differs from the print, and why."""
+    """How the default of `saccade` differs from the source, and why."""
 
 
 def load_steps(appendix: str) -> list[Step]:
     """The steps of an appendix, in order."""
-    rows = tomllib.loads(web_file("appendices.toml"))["step"]
+    steps = tomllib.loads(web_file("appendices.toml"))["step"]
     return [
-        Step(
-            **{name: row[name] for name in ("appendix", "name", "title", "text", "alt", "caption")},
-            equations=[Equation(*each) for each in row["equations"]],
-            default=row.get("print", ""),
-        )
-        for row in rows
-        if row["appendix"] == appendix
+        Step(**step | {"equations": [Equation(*each) for each in step["equations"]]})
+        for step in steps
+        if step["appendix"] == appendix
     ]
 
 
@@ -113,9 +107,11 @@ def equations_html(
     return f'<div class="equations">\n{"".join(rows)}</div>'
 
 
-def mathml(tex: str) -> str:
-    """A formula of the steps as MathML."""
-    return _formulas()[tex]
+@cache
+def mathml() -> dict[str, str]:
+    """The formulas of the steps as MathML, by their TeX."""
+    formulas: dict[str, str] = json.loads(web_file("formulas.json"))
+    return formulas
 
 
 def _walkthrough_html(walkthrough: Walkthrough) -> str:
@@ -150,7 +146,7 @@ def _step_html(step: Step, walkthrough: Walkthrough) -> str:
 
 
 def _equation_html(equation: Equation, code: Code | None, textbook: Code | None) -> str:
-    formula, number = mathml(equation.tex), escape(equation.number)
+    formula, number = mathml()[equation.tex], escape(equation.number)
     name = f"equation {number}" if number else "formula"
     scrollable = f' tabindex="0" role="group" aria-label="{name}"'
     wide = scrollable if "<mtable" in formula or len(equation.tex) > WIDE_TEX else ""
@@ -169,18 +165,10 @@ def _equation_html(equation: Equation, code: Code | None, textbook: Code | None)
     )
 
 
-@cache
-def _formulas() -> dict[str, str]:
-    formulas: dict[str, str] = json.loads(web_file("formulas.json"))
-    return formulas
-
-
 def _prose_html(text: str) -> str:
     """Text with `code`; links to the documentation become plain text."""
-    parts, end = [], 0
-    for match in _CODE_OR_LINK.finditer(text):
-        code, link = match.groups()
-        shown = f"<code>{escape(code)}</code>" if code else escape(link)
-        parts += [escape(text[end : match.start()]), shown]
-        end = match.end()
-    return "".join([*parts, escape(text[end:])])
+    link = re.compile(r"\[([^\]]+)\]\([^)]+\)")
+    return "".join(
+        f"<code>{escape(part)}</code>" if i % 2 else escape(link.sub(r"\1", part))
+        for i, part in enumerate(text.split("`"))
+    )

@@ -32,10 +32,9 @@ OUTCOMES = {
     "kept": (GREEN, "o"),
 }
 """Color and marker of a candidate by the first test it failed."""
-MAX_STRONGEST = 60
-"""Strongest keypoints of which the largest is shown that is inside and visibly rotated."""
-MIN_ROTATION = 0.5
-"""Absolute sine of twice its orientation."""
+MAX_STRONGEST, MIN_ROTATION = 60, 0.5
+"""The example is the largest of the strongest keypoints whose patch is inside the image and visibly
+rotated: its absolute sine of twice the orientation is larger."""
 PATCH = 160
 """Pixels on a side of the rotated patch."""
 
@@ -195,7 +194,7 @@ def _descriptor_figure(point: Any, L: FloatArray) -> Figure:
 
 def _draw_patch(axes: Axes, grid: FloatArray, L: FloatArray) -> None:
     """L in the frame of the keypoint, 16 samples on a side, pale, with its subregions."""
-    along_x, along_y = _spacings(grid)
+    along_x, along_y = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
     u = (np.arange(PATCH) + 0.5) * (16 / PATCH) - 0.5  # in samples from the first
     xy = grid[0, 0] + u[:, None, None] * along_y + u[:, None] * along_x  # (PATCH, PATCH, 2)
     x, y = (np.ascontiguousarray(xy[..., i], np.float32) for i in (0, 1))
@@ -219,14 +218,9 @@ def _draw_arrows(
     axes.quiver(*tails, scaled * np.cos(angle), scaled * np.sin(angle), **options)
 
 
-def _spacings(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Vectors from a sample to its neighbors in a row and in a column."""
-    return grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
-
-
 def _corners(grid: FloatArray) -> FloatArray:
     """(5, 2) the closed outline of the samples, half a spacing beyond the outermost."""
-    along_x, along_y = _spacings(grid)
+    along_x, along_y = grid[0, 1] - grid[0, 0], grid[1, 0] - grid[0, 0]
     signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
     center = grid.reshape(-1, 2).mean(0)
     return np.asarray(center + 8 * (signs[:, :1] * along_x + signs[:, 1:] * along_y))

@@ -1,17 +1,29 @@
-"""Runs an implementation of an appendix on data: figures and results of its steps."""
+"""Runs an implementation of an appendix, the textbook's or the user's, on data."""
 
-from collections.abc import Mapping
+import difflib
+import inspect
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
+from saccade import textbook
+from saccade.errors import ConfigError, SaccadeError
+from saccade.files import read_text, reason_of
 from saccade.types import Image, LandmarkLog
 from saccade.viewing.textbook.contrast import contrast_figures, contrast_results
-from saccade.viewing.textbook.ekf import filter_figures, filter_results
-from saccade.viewing.textbook.ekf_trace import trace_filter
-from saccade.viewing.textbook.implementation import Implementation, errors_located_in
+from saccade.viewing.textbook.ekf import filter_figures, filter_results, trace_filter
+from saccade.viewing.textbook.equation_code import Code, equation_code
 from saccade.viewing.textbook.sift import sift_figures, sift_results
 
+ENTRY_POINTS = {"A": "contrast_saliency", "B": "sift", "C": "EkfSlam"}
+"""By appendix: the function or class that implements it."""
 Figures = dict[str, Figure]
 """By step."""
 Results = dict[str, dict[str, str]]
@@ -19,17 +31,80 @@ Results = dict[str, dict[str, str]]
 
 
 @dataclass(frozen=True)
+class Implementation:
+    """A Python file that implements an appendix."""
+
+    appendix: str
+    """ "A", "B" or "C"."""
+    path: Path
+    source: str
+    entry_point: Any
+    """`contrast_saliency`, `sift` or `EkfSlam` as the file defines it."""
+
+    @classmethod
+    @cache
+    def of_textbook(cls, appendix: str) -> "Implementation":
+        """The file of `saccade.textbook` that implements an appendix."""
+        entry_point = getattr(textbook, ENTRY_POINTS[appendix])
+        path = Path(inspect.getfile(entry_point))
+        return cls(appendix, path, read_text(path), entry_point)
+
+    @property
+    def name(self) -> str:
+        """Name of the entry point."""
+        return ENTRY_POINTS[self.appendix]
+
+    @cached_property
+    def code(self) -> dict[str, Code]:
+        """The code of each equation by its number, and of each function by its name."""
+        return equation_code(self.source, self.path.name)
+
+    def diff(self, other: "Implementation") -> str:
+        """Unified diff from another file to this one; empty where they are equal."""
+        names = (other.path.name, self.path.name)
+        sources = (other.source.splitlines(), self.source.splitlines())
+        return "\n".join(difflib.unified_diff(*sources, *names, lineterm="", n=1))
+
+
+@dataclass(frozen=True)
 class Walkthrough:
-    """One appendix, run on data."""
+    """The result of one appendix, run on data."""
 
     implementation: Implementation
     text: str
     """Which file computed it."""
     diff: str
     """How that file differs from the textbook's; empty for the textbook's own."""
-    figures: Mapping[str, Figure]
-    """By step."""
+    figures: Figures
     results: Results
+
+
+def load_implementations(path: Path) -> list[Implementation]:
+    """The entry points of the textbook that a Python file defines.
+
+    Raises:
+        ConfigError: it cannot be read or run, or defines no entry point.
+    """
+    try:
+        source = read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}") from error
+    spec = spec_from_file_location(f"textbook_{path.stem}", path.resolve())
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"{path}: expected a Python file, whose name ends with .py")
+    module = module_from_spec(spec)
+    sys.modules[module.__name__] = module  # dataclasses look for their module there
+    with _errors_located_in(path):
+        spec.loader.exec_module(module)
+    implementations = [
+        Implementation(appendix, path, source, vars(module)[name])
+        for appendix, name in ENTRY_POINTS.items()
+        if getattr(vars(module).get(name), "__module__", None) == module.__name__
+    ]
+    if not implementations:
+        names = " or ".join(ENTRY_POINTS.values())
+        raise ConfigError(f"{path}: expected a definition of {names}, found none")
+    return implementations
 
 
 def walk_through(
@@ -51,15 +126,17 @@ def walk_through(
         figures, results = run_appendix(implementation, image, log)
         text = (
             f"Computed by `{path}`. To try an equation of your own, copy this file, change it, "
-            f"and give the copy with `--module`: its `{implementation.name}` takes the place of "
-            "this."
+            f"and pass the copy as `--module`: its `{implementation.name}` then replaces this one."
         )
         diff = ""
     else:
-        with errors_located_in(path):
+        with _errors_located_in(path):
             figures, results = run_appendix(implementation, image, log)
         _, expected = run_appendix(textbook, image, log, draw=False)
-        results = {step: _compared(each, expected.get(step, {})) for step, each in results.items()}
+        for step, values in results.items():
+            for name, value in values.items():
+                if value != (usual := expected.get(step, {}).get(name)):
+                    values[name] = f"{value} (textbook: {usual})"
         text = f"Computed by `{path}` in place of the textbook. Its lines that differ:"
         diff = implementation.diff(textbook) or "none"
     if implementation.appendix == "C" and log.motion == "compose":
@@ -91,9 +168,20 @@ def run_appendix(
     return sift_figures(image, result) if draw else {}, sift_results(result)
 
 
-def _compared(results: dict[str, str], expected: Mapping[str, str]) -> dict[str, str]:
-    """Results of a file, with those of the textbook where the two differ."""
-    return {
-        name: value if value == expected.get(name) else f"{value} (textbook: {expected.get(name)})"
-        for name, value in results.items()
-    }
+@contextmanager
+def _errors_located_in(path: Path) -> Iterator[None]:
+    """Turns any error of a user's file into a `ConfigError` that names the file and its line."""
+    try:
+        yield
+    except SaccadeError:
+        raise
+    except (Exception, SystemExit) as error:
+        line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
+        trace = error.__traceback__
+        while trace is not None:
+            if Path(trace.tb_frame.f_code.co_filename) == path.resolve():
+                line = trace.tb_lineno
+            trace = trace.tb_next
+        location = f"{path}, line {line}" if line else f"{path}: its result cannot be shown"
+        message = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
+        raise ConfigError(f"{location}: {type(error).__name__}: {message}") from error

@@ -82,8 +82,8 @@ function plotData(data, colors) {
   }
   columns.push(column(data.values));
   series.push(data.dots
-    ? { stroke: colors.grey, paths: () => null,
-        points: { show: true, size: 3, width: 0, fill: `${colors.grey}99` } }
+    ? { stroke: colors.gray, paths: () => null,
+        points: { show: true, size: 3, width: 0, fill: `${colors.gray}99` } }
     : { stroke: colors.blue, width: 1.5, points: { show: false } });
   if (data.mean) {
     columns.push(column(data.mean));
@@ -97,7 +97,7 @@ function legendOf(data) {
     make("span", { class: `swatch ${shape} ${color}`, "aria-hidden": "true" }), label);
   const keys = [];
   if (data.name && data.name !== data.band_name) {
-    keys.push(key(data.name, data.dots ? "grey" : "blue", data.dots ? "dot" : "line"));
+    keys.push(key(data.name, data.dots ? "gray" : "blue", data.dots ? "dot" : "line"));
   }
   if (data.mean) keys.push(key(data.mean_name, "blue", "line"));
   if (data.band) keys.push(key(data.band_name, "green", "area"));

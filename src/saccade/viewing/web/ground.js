@@ -5,8 +5,8 @@ const CLICK_RADIUS = 14; // pixels within which a click selects
 
 /**
  * A canvas that shows a plane, x to the right and y up.
- * `box` is [left, bottom, right, top] in metres; `draw(context, view)` draws it;
- * `clicked(x, y, radius)` is called on clicks, in metres.
+ * `box` is [left, bottom, right, top] in meters; `draw(context, view)` draws it;
+ * `clicked(x, y, radius)` is called on clicks, in meters.
  */
 function plane(canvas, box, draw, clicked) {
   let scale = 1;
@@ -22,7 +22,7 @@ function plane(canvas, box, draw, clicked) {
     get width() { return canvas.clientWidth; },
     get height() { return canvas.clientHeight; },
   };
-  const metres = (x, y) => [
+  const meters = (x, y) => [
     center[0] + (x - canvas.clientWidth / 2) / scale,
     center[1] - (y - canvas.clientHeight / 2) / scale,
   ];
@@ -42,9 +42,9 @@ function plane(canvas, box, draw, clicked) {
     redraw();
   }
   function zoom(factor, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
-    const before = metres(x, y);
+    const before = meters(x, y);
     scale *= factor;
-    const after = metres(x, y);
+    const after = meters(x, y);
     center = [center[0] + before[0] - after[0], center[1] + before[1] - after[1]];
     redraw();
   }
@@ -76,7 +76,7 @@ function plane(canvas, box, draw, clicked) {
     pointers.set(event.pointerId, current);
   });
   canvas.addEventListener("pointerup", (event) => {
-    if (pointers.delete(event.pointerId) && moved <= 3) clicked(...metres(...position(event)), CLICK_RADIUS / scale);
+    if (pointers.delete(event.pointerId) && moved <= 3) clicked(...meters(...position(event)), CLICK_RADIUS / scale);
   });
   canvas.addEventListener("pointercancel", (event) => pointers.delete(event.pointerId));
   canvas.addEventListener("wheel", (event) => {

@@ -145,8 +145,8 @@ function mapChoice(element, heat) {
 }
 
 /**
- * Shows `data.image`, its `maps`, `scanpath` and `points`, if any; `data.map` is shown first. What it
- * returns can change all of them, and has a side panel for more elements.
+ * Shows `data.image` with its `maps`, `scanpath` and `points`; `data.map` is shown first. `change` of
+ * what it returns replaces any of them; `side` and `layers` take more elements.
  */
 kinds.image = (element, data) => {
   let { image, scanpath: path, points } = data;
@@ -160,7 +160,7 @@ kinds.image = (element, data) => {
 
   function draw() {
     const context = sized(canvas);
-    if (points && shown.points) drawPoints(context, points, selected.chosen, scale());
+    if (shown.points) drawPoints(context, points, selected.chosen, scale());
     if (shown.path) drawScanpath(context, path, fixation, scale());
   }
   const play = player("Fixation", path.time.length + 1,
@@ -174,7 +174,7 @@ kinds.image = (element, data) => {
   }
   const maps = mapChoice(element, heat);
   const pointBox = toggle("interest points", "orange", false, (on) => { shown.points = on; draw(); }, "ring");
-  const selected = points && selection(element, "Point", points.size.length,
+  const selected = selection(element, "Point", points.size.length,
     "Point at an interest point to see its descriptor.", (index) => pointFacts(points, index), () => {
       if (selected.chosen >= 0) showPoints();
       draw();
@@ -182,19 +182,17 @@ kinds.image = (element, data) => {
   function showPoints() {
     if (!shown.points) pointBox.querySelector("input").click();
   }
-  if (points) {
-    const chooseAt = (event) => {
-      if (!shown.points) return;
-      const [x, y] = positionIn(canvas, event);
-      const index = nearest(points.xy, x / scale(), y / scale(), POINTER_RADIUS / scale());
-      if (index >= 0 && index !== selected.chosen) selected.choose(index);
-    };
-    box.addEventListener("pointermove", chooseAt);
-    box.addEventListener("pointerdown", chooseAt);
-  }
-  const side = make("div", { class: "side" }, maps.element, ...(points ? selected.nodes : []));
+  const chooseAt = (event) => {
+    if (!shown.points) return;
+    const [x, y] = positionIn(canvas, event);
+    const index = nearest(points.xy, x / scale(), y / scale(), POINTER_RADIUS / scale());
+    if (index >= 0 && index !== selected.chosen) selected.choose(index);
+  };
+  box.addEventListener("pointermove", chooseAt);
+  box.addEventListener("pointerdown", chooseAt);
+  const side = make("div", { class: "side" }, maps.element, ...selected.nodes);
   const layers = make("div", { class: "layers" },
-    toggle("scanpath", "orange", true, (on) => { shown.path = on; draw(); }), ...(points ? [pointBox] : []));
+    toggle("scanpath", "orange", true, (on) => { shown.path = on; draw(); }), pointBox);
   element.append(make("div", { class: "stage" }, make("div", { class: "main" }, box, play.element, layers), side));
 
   function change(next) {

@@ -2,7 +2,7 @@
 /* A map over time: trajectories and landmarks, camera images, one landmark, and charts. */
 
 const TRAJECTORIES = {
-  estimate: ["blue", 2, [], "line"], odometry: ["grey", 1.25, [5, 4], "dashed"],
+  estimate: ["blue", 2, [], "line"], odometry: ["gray", 1.25, [5, 4], "dashed"],
   truth: ["green", 4, [], "thick"], smoothed: ["ink", 1.25, [], "thin"],
 };
 const KINDS = [["new", "orange"], ["tracked", "green"], ["re-identified", "red"]];

@@ -37,7 +37,7 @@ function palette() {
   const style = getComputedStyle(document.documentElement);
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
   return Object.fromEntries(
-    ["ink", "paper", "soft", "line", "blue", "orange", "green", "red", "grey"].map((name) => [
+    ["ink", "paper", "soft", "line", "blue", "orange", "green", "red", "gray"].map((name) => [
       name, of(name)]));
 }
 
