@@ -13,10 +13,8 @@ from saccade.errors import ConfigError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
-from saccade.simulation.illumination import Illumination
-from saccade.simulation.rendering import render
-from saccade.simulation.ring import poster_images
-from saccade.simulation.scene import Ground, Walls, build_scene
+from saccade.simulation.rendering import Illumination, render
+from saccade.simulation.scene import Ground, Walls, build_scene, poster_images
 from saccade.simulation.textures import all_posters
 from saccade.slam import compose
 from saccade.slam.filter.odometry_bias import unbiased

@@ -1,8 +1,8 @@
 """Reads and writes recorded data, in the data types of `saccade.types` and `saccade.frames`."""
 
+from saccade.datasets.drives.kitti import save_drive
 from saccade.datasets.drives.loading import DriveKind, load_drive
-from saccade.datasets.drives.writing import save_drive
-from saccade.datasets.estimates import write_landmarks, write_tum
+from saccade.datasets.logs.conversions import OdometryNoise, integrate
 from saccade.datasets.logs.dlr import read_dlr
 from saccade.datasets.logs.loading import Format, Kind, detect_format, load, save
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
@@ -14,8 +14,7 @@ from saccade.datasets.logs.pose_graph import (
     write_pose_graph,
 )
 from saccade.datasets.logs.victoria_park import read_victoria_park
-from saccade.datasets.odometry import OdometryNoise, integrate
-from saccade.datasets.table import symmetric_columns, write_table
+from saccade.datasets.tables import symmetric_columns, write_landmarks, write_table, write_tum
 
 __all__ = [
     "Dialect",

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.datasets.matlab import read_matlab
-from saccade.datasets.text import read_rows
+from saccade.datasets.tables import read_rows
 from saccade.errors import LogError
 from saccade.types import FixationTable
 

@@ -1,6 +1,7 @@
-"""Simulated landmark logs with ground truth: a vehicle on a course among landmarks."""
+"""Simulated landmark logs with ground truth, and Monte Carlo tests of a filter with them."""
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,7 +9,10 @@ import numpy as np
 
 from saccade.errors import require
 from saccade.simulation.validation import require_ranges
+from saccade.slam import EkfConfig, run
+from saccade.slam.consistency import chi_square_band, pose_nees
 from saccade.slam.models import wrap
+from saccade.slam.run import RETRACTIONS
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 LAYOUT_SEED = 2010
@@ -245,3 +249,53 @@ def _observations(
     visible &= np.abs(z[..., 1]) <= np.deg2rad(config.field_of_view / 2)
     scan, landmark = np.nonzero(visible)
     return scans[scan], landmark.astype(np.int64), z[visible]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MonteCarloRuns:
+    """Errors of several runs at every pose."""
+
+    nees: FloatArray
+    """(runs, t) normalized estimation error squared of the pose, in the filter's error
+    coordinates; 3 is expected. NaN where the pose is still exact."""
+    squared_error: FloatArray
+    """(runs, t) of the position, in square metres."""
+
+    @property
+    def anees(self) -> float:
+        """Average NEES over poses and runs."""
+        return float(np.nanmean(self.nees))
+
+    @property
+    def median(self) -> float:
+        """Median over the runs of the mean NEES over the poses."""
+        return float(np.median(np.nanmean(self.nees, 1)))
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """95 % interval of the mean NEES over the runs at one pose."""
+        return chi_square_band(3, len(self.nees))
+
+    @property
+    def in_band(self) -> float:
+        """Fraction of the poses whose mean NEES lies in the band."""
+        mean = self.nees[:, np.isfinite(self.nees).all(0)].mean(0)
+        low, high = self.band
+        return float(((mean >= low) & (mean <= high)).mean())
+
+    @property
+    def rmse(self) -> float:
+        """RMSE of the position, in metres."""
+        return float(np.sqrt(self.squared_error.mean()))
+
+
+def run_monte_carlo(
+    world: WorldConfig, config: EkfConfig, runs: int, seed: int = 0
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """NEES (t,) and squared position error (t,) of each run; the seed of run i is `seed + i`."""
+    for number in range(runs):
+        log = simulate_world(world, seed + number)
+        estimate = run(log, config).trajectory
+        assert log.truth is not None
+        error = (estimate.pose - log.truth.pose)[:, :2]
+        yield pose_nees(estimate, log.truth, RETRACTIONS[config.filter]), np.square(error).sum(1)

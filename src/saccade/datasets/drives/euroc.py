@@ -5,7 +5,7 @@
     mav0/imu0/               optional: data.csv with rad/s and m/s^2, sensor.yaml
     mav0/state_groundtruth_estimate0/data.csv
                              optional: position and quaternion (w first) of the body
-    odometry.csv             optional, beside mav0; see `odometry_csv`
+    odometry.csv             optional, beside mav0; see `odometry`
 
 The robot's frame is that of a robot on which the left camera looks straight ahead; times count
 from the first image. Both cameras are undistorted and rectified. There is no wheel odometry:
@@ -19,19 +19,22 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import Calibration
-from saccade.datasets.drives.camera_poses import Poses, rotation_matrices
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import FrameLoader, ImageFiles
-from saccade.datasets.drives.odometry_increments import (
+from saccade.datasets.drives.calibration import Calibration, Lens, pinhole, rectify_stereo
+from saccade.datasets.drives.frames import FrameLoader, FrameTimes, ImageFiles
+from saccade.datasets.drives.odometry import (
     OdometryIncrements,
     SpeedNoise,
     increments_from_speeds,
     unknown_increments,
 )
-from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, read_increments
-from saccade.datasets.drives.undistortion import Lens, pinhole, rectify_stereo
-from saccade.datasets.text import Row, read_rows
+from saccade.datasets.drives.sidecar_files import (
+    Poses,
+    Truth,
+    assemble_drive,
+    read_increments,
+    rotation_matrices,
+)
+from saccade.datasets.tables import Row, read_rows
 from saccade.errors import DriveError
 from saccade.frames import AHEAD, Camera, Drive
 from saccade.types import FloatArray, IntArray

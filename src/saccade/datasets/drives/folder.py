@@ -1,6 +1,6 @@
 """Drives from a folder of images, or from a video, with a calibration beside it.
 
-    camera.toml              see `camera_file`; required
+    camera.toml              see `calibration`; required
     the images               in the folder or its subfolder images/: sorted by the numbers in
                              their names, or by name; or the video, in the folder of the rest
     right/, depth/           optional, with the names of the images; not with a video
@@ -15,18 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE, read_calibration
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import (
+from saccade.datasets.drives.calibration import CAMERA_FILE, Lens, read_calibration
+from saccade.datasets.drives.frames import (
     FrameLoader,
+    FrameTimes,
     ImageFiles,
     SourceImage,
     are_numbered,
     list_images,
 )
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.drives.undistortion import Lens
-from saccade.datasets.text import read_table
+from saccade.datasets.tables import read_table
 from saccade.errors import DriveError
 from saccade.frames import Drive
 from saccade.types import IntArray

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, TypeAlias, cast, get_args
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE
+from saccade.datasets.drives.calibration import CAMERA_FILE
 from saccade.datasets.drives.euroc import read_euroc_drive
 from saccade.datasets.drives.folder import read_folder_drive, read_video_drive
 from saccade.datasets.drives.kitti import PAIRS, read_kitti_drive

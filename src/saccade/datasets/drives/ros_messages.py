@@ -6,10 +6,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from saccade.datasets.drives.camera_file import Calibration
-from saccade.datasets.drives.camera_poses import rotation_matrices
-from saccade.datasets.drives.undistortion import pinhole
-from saccade.datasets.text import LARGEST
+from saccade.datasets.drives.calibration import Calibration, pinhole
+from saccade.datasets.drives.sidecar_files import rotation_matrices
+from saccade.datasets.tables import LARGEST
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.types import FloatArray, Image
 

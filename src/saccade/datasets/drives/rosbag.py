@@ -26,11 +26,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
-from saccade.datasets.drives.camera_poses import Poses, project_to_plane, rotation_matrices
-from saccade.datasets.drives.frame_times import FrameTimes, associate
-from saccade.datasets.drives.image_files import FrameLoader, SourceImage
-from saccade.datasets.drives.odometry_increments import (
+from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration, Lens, read_calibration
+from saccade.datasets.drives.frames import FrameLoader, FrameTimes, SourceImage, associate
+from saccade.datasets.drives.odometry import (
     OdometryIncrements,
     increments_from_poses,
     unknown_increments,
@@ -44,8 +42,13 @@ from saccade.datasets.drives.ros_messages import (
     pose_of,
     seconds_of,
 )
-from saccade.datasets.drives.sidecar_files import Truth, assemble_drive
-from saccade.datasets.drives.undistortion import Lens
+from saccade.datasets.drives.sidecar_files import (
+    Poses,
+    Truth,
+    assemble_drive,
+    project_to_plane,
+    rotation_matrices,
+)
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Camera, Drive
 from saccade.types import FloatArray, IntArray

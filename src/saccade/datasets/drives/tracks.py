@@ -18,14 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.archive import Archive
-from saccade.datasets.drives.camera_file import Calibration
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import image_size, list_images
+from saccade.datasets.drives.calibration import Calibration, pinhole
+from saccade.datasets.drives.frames import FrameTimes, image_size, list_images
 from saccade.datasets.drives.kitti import read_extrinsics
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.drives.undistortion import pinhole
-from saccade.datasets.text import read_table
+from saccade.datasets.tables import Archive, read_table
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive, Frame, Tracks
 from saccade.types import FloatArray, IntArray

@@ -3,9 +3,9 @@
     rgb.txt                  lines of `time file`, the color images
     depth.txt                the same for the depth images, 16 bit, 5000 steps per metre
     groundtruth.txt          optional: `time x y z qx qy qz qw` of the color camera
-    camera.toml              optional, see `camera_file`; not required where the folder's name
+    camera.toml              optional, see `calibration`; not required where the folder's name
                              contains freiburg1, 2 or 3
-    odometry.csv             optional, see `odometry_csv`
+    odometry.csv             optional, see `odometry`
 
 A hand-held camera has no wheels: without odometry.csv the motion is unknown (see
 `unknown_increments`).
@@ -16,13 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
-from saccade.datasets.drives.camera_poses import read_tum_poses
-from saccade.datasets.drives.frame_times import FrameTimes, associate
-from saccade.datasets.drives.image_files import FrameLoader, ImageFiles
-from saccade.datasets.drives.sidecar_files import Truth, assemble_drive
-from saccade.datasets.drives.undistortion import Lens
-from saccade.datasets.text import read_rows
+from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration, Lens, read_calibration
+from saccade.datasets.drives.frames import FrameLoader, FrameTimes, ImageFiles, associate
+from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, read_tum_poses
+from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive
 from saccade.types import FloatArray

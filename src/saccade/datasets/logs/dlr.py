@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.archive import Archive
-from saccade.datasets.logs.cartesian import to_range_bearing
-from saccade.datasets.table import from_upper_triangle
+from saccade.datasets.logs.conversions import to_range_bearing
+from saccade.datasets.tables import Archive, from_upper_triangle
 from saccade.errors import LogError
 from saccade.types import LandmarkLog
 

@@ -5,13 +5,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
-from saccade.datasets.archive import Archive
+from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.dlr import read_dlr
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
 from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
-from saccade.datasets.odometry import OdometryNoise
+from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog
 

@@ -20,13 +20,14 @@ from typing import Literal
 
 import numpy as np
 
-from saccade.datasets.table import (
+from saccade.datasets.tables import (
+    Row,
     covariance_names,
     from_upper_triangle,
+    read_rows,
     symmetric_columns,
     write_table,
 )
-from saccade.datasets.text import Row, read_rows
 from saccade.errors import LogError
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 

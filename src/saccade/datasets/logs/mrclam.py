@@ -5,10 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.archive import Archive
-from saccade.datasets.logs.cartesian import to_relative_poses
-from saccade.datasets.odometry import OdometryNoise, integrate
-from saccade.datasets.text import read_table
+from saccade.datasets.logs.conversions import OdometryNoise, integrate, to_relative_poses
+from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
 from saccade.files import atomic_write
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory

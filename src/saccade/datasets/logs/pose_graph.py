@@ -22,9 +22,8 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.logs.cartesian import to_cartesian, to_range_bearing, to_relative_poses
-from saccade.datasets.table import from_upper_triangle, upper_triangle
-from saccade.datasets.text import Row, read_rows
+from saccade.datasets.logs.conversions import to_cartesian, to_range_bearing, to_relative_poses
+from saccade.datasets.tables import Row, from_upper_triangle, read_rows, upper_triangle
 from saccade.errors import LogError, require
 from saccade.files import atomic_write
 from saccade.types import FloatArray, LandmarkLog

@@ -5,10 +5,14 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.logs.cartesian import to_cartesian, to_range_bearing
+from saccade.datasets.logs.conversions import (
+    OdometryNoise,
+    integrate,
+    to_cartesian,
+    to_range_bearing,
+)
 from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.datasets.matlab import read_matlab
-from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.errors import LogError, require
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
