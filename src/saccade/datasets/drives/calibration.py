@@ -60,9 +60,6 @@ class Calibration:
         require(known, "distortion", "k1, k2, p1, p2 and perhaps k3", self.distortion)
         for name in ("rate", "depth_unit"):
             require(0 < getattr(self, name) < 1e6, name, "over 0, under 1e6", getattr(self, name))
-        for name in ("odometry_bias", "start"):
-            value = getattr(self, name)
-            require(value is None or len(value) == 3, name, "three numbers", value)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -122,11 +119,8 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     camera = calibration.camera
     values = {name: getattr(camera, attribute) for name, attribute in _CAMERA.items()}
     values |= {name: getattr(calibration, name) for name in _OTHERS}
-    values = {
-        name: np.asarray(value).tolist() if np.ndim(value) else value
-        for name, value in values.items()
-        if value is not None
-    }
+    known = {name: value for name, value in values.items() if value is not None}
+    values = {n: np.asarray(v).tolist() if np.ndim(v) else v for n, v in known.items()}
     with atomic_write(path) as temporary:
         temporary.write_text(tomli_w.dumps(values), encoding="utf-8")
 
@@ -172,7 +166,7 @@ class Lens:
 def rectify_stereo(
     left: Lens, right: Lens, rotation: FloatArray, translation: FloatArray
 ) -> tuple[Camera, Lens, Lens]:
-    """Rotate two cameras so that epipolar lines are image rows.
+    """Rectified stereo camera: both cameras rotated so that epipolar lines are image rows.
 
     Args:
         left: the left camera; its `camera` has the size and the mounting.
@@ -183,12 +177,13 @@ def rectify_stereo(
     Returns:
         The rectified camera with its baseline, and both lenses.
     """
+    size = (left.camera.width, left.camera.height)
     rectification = cv2.stereoRectify(
         left.matrix,
         np.array(left.distortion),
         right.matrix,
         np.array(right.distortion),
-        (left.camera.width, left.camera.height),
+        size,
         rotation,
         translation.reshape(3, 1),
         flags=cv2.CALIB_ZERO_DISPARITY,
@@ -197,16 +192,15 @@ def rectify_stereo(
     R1, R2, P1, P2 = (np.asarray(matrix, np.float64) for matrix in rectification[:4])
     camera = pinhole(
         P1,
-        (left.camera.width, left.camera.height),
+        size,
         baseline=float(-P2[0, 3] / P2[0, 0]),
         position=left.camera.position,
         rotation=left.camera.rotation @ R1.T,
     )
-    return (
-        camera,
-        replace(left, camera=camera, rotation=R1),
-        replace(right, camera=camera, rotation=R2),
+    left, right = (
+        replace(lens, camera=camera, rotation=R) for lens, R in ((left, R1), (right, R2))
     )
+    return camera, left, right
 
 
 def pinhole(matrix: FloatArray, size: tuple[int, int], **mounting: Any) -> Camera:

@@ -8,9 +8,9 @@ from typing import NamedTuple, TypeAlias
 import cv2
 import numpy as np
 
-from saccade.datasets.drives.calibration import Lens
+from saccade.datasets.drives.calibration import Calibration, Lens
 from saccade.errors import DriveError, ImageError
-from saccade.frames import Camera, Frame
+from saccade.frames import Frame
 from saccade.image import find_images, read_stored
 from saccade.types import FloatArray, Image, IntArray
 
@@ -92,10 +92,6 @@ def _nearest(time: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray
     return np.asarray(neighbors[nearest], np.int64), np.asarray(distance[nearest])
 
 
-NO_DEPTH = 0
-"""Value of a depth image where the depth is not known."""
-
-
 class SourceImage(NamedTuple):
     """An image as it was recorded."""
 
@@ -110,83 +106,71 @@ ImageSource: TypeAlias = Callable[[int], SourceImage | None]
 """Reads image i of one camera; None where it has none. Raises `ImageError`."""
 
 
-@dataclass(frozen=True, eq=False)
-class FrameLoader:
-    """Loads frame i; the `load` of a `Drive`."""
+def image_files(paths: Sequence[Path | None], unit: float = 1.0) -> ImageSource:
+    """Source that reads image i from `paths[i]`; `unit` is that of depth images."""
 
-    camera: Camera
-    """The pinhole camera of the undistorted images."""
-    time: FloatArray
-    """(n,) seconds."""
-    left: ImageSource
-    """Of the (left) camera."""
-    right: ImageSource | None = None
-    """Of the right one."""
-    depth: ImageSource | None = None
-    """Depth of the left one."""
-    lens: Lens | None = None
-    """Of the left camera and of the depth; None where the images have no distortion."""
-    right_lens: Lens | None = None
-    """Of the right camera; None where it is `lens`."""
+    def read(i: int) -> SourceImage | None:
+        path = paths[i]
+        return None if path is None else SourceImage(read_stored(path), str(path), unit)
 
-    def __call__(self, i: int) -> Frame:
-        """Frame i."""
-        return Frame(
-            time=float(self.time[i]),
-            image=self._image(self.left, self.lens, i),
-            right=self._image(self.right, self.right_lens or self.lens, i),
-            depth=self._depth(i),
-        )
+    return read
 
-    def _image(self, source: ImageSource | None, lens: Lens | None, i: int) -> Image | None:
-        image = None if source is None else source(i)
-        return None if image is None else self._undistort(image, lens, cv2.INTER_LINEAR)
 
-    def _depth(self, i: int) -> FloatArray | None:
-        """Depth in metres, NaN where it is not known."""
-        depth = None if self.depth is None else self.depth(i)
-        if depth is None:
-            return None
-        if depth.pixels.ndim != 2:
-            raise ImageError(
-                f"{depth.name}: expected depth, one number per pixel, found a color image"
-            )
-        steps = self._undistort(depth, self.lens, cv2.INTER_NEAREST)
-        return np.where(np.nan_to_num(steps) == NO_DEPTH, np.nan, steps * np.float64(depth.unit))
+def frame_loader(
+    calibration: Calibration,
+    time: FloatArray,
+    left: ImageSource,
+    right: ImageSource | None = None,
+    depth: ImageSource | None = None,
+    lenses: tuple[Lens, Lens | None] | None = None,
+) -> Callable[[int], Frame]:
+    """The `load` of a `Drive`: reads and undistorts the images of frame i.
 
-    def _undistort(self, image: SourceImage, lens: Lens | None, interpolation: int) -> Image:
+    Args:
+        calibration: the camera of the undistorted images, and the distortion.
+        time: (n,) seconds.
+        left: images of the (left) camera.
+        right: images of the right camera.
+        depth: depth of the left camera; 0 is unknown.
+        lenses: of the left camera, and of the right one or None for that of the left; None for
+            the distortion of `calibration`.
+    """
+    camera = calibration.camera
+    lens, right_lens = lenses or (Lens.of(camera, calibration.distortion), None)
+
+    def undistort(image: SourceImage, lens: Lens | None, interpolation: int) -> Image:
         height, width = image.pixels.shape[:2]
-        if (width, height) != (self.camera.width, self.camera.height):
+        if (width, height) != (camera.width, camera.height):
             raise ImageError(
-                f"{image.name}: expected {self.camera.width} x {self.camera.height} px as the "
+                f"{image.name}: expected {camera.width} x {camera.height} px as the "
                 f"calibration, found {width} x {height}"
             )
         return image.pixels if lens is None else lens.undistort(image.pixels, interpolation)
 
+    def image(source: ImageSource | None, lens: Lens | None, i: int) -> Image | None:
+        recorded = None if source is None else source(i)
+        return None if recorded is None else undistort(recorded, lens, cv2.INTER_LINEAR)
 
-@dataclass(frozen=True, eq=False)
-class ImageFiles:
-    """Reads image i from its file; an `ImageSource`."""
+    def metres(i: int) -> FloatArray | None:
+        recorded = None if depth is None else depth(i)
+        if recorded is None:
+            return None
+        if recorded.pixels.ndim != 2:
+            raise ImageError(
+                f"{recorded.name}: expected depth, one number per pixel, found a color image"
+            )
+        steps = undistort(recorded, lens, cv2.INTER_NEAREST)
+        return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(recorded.unit))
 
-    paths: Sequence[Path | None]
-    """(n,) None where there is no image."""
-    unit: float = 1.0
-    """Metres per step, of depth images."""
+    def load(i: int) -> Frame:
+        return Frame(
+            time=float(time[i]),
+            image=image(left, lens, i),
+            right=image(right, right_lens or lens, i),
+            depth=metres(i),
+        )
 
-    def __call__(self, i: int) -> SourceImage | None:
-        """Image i."""
-        path = self.paths[i]
-        return None if path is None else SourceImage(read_stored(path), str(path), self.unit)
-
-
-def list_images(folder: Path) -> list[Path]:
-    """The images of a folder, sorted by name."""
-    if not folder.is_dir():
-        raise DriveError(f"{folder}: expected a folder of images, found none")
-    try:
-        return find_images(folder)
-    except ImageError as error:
-        raise DriveError(str(error)) from error
+    return load
 
 
 def are_numbered(paths: Sequence[Path]) -> bool:
@@ -194,27 +178,14 @@ def are_numbered(paths: Sequence[Path]) -> bool:
     return all(path.stem.isascii() and path.stem.isdecimal() for path in paths)
 
 
-def index_images(paths: Sequence[Path], count: int) -> dict[int, Path]:
-    """Images by frame number: the number in the file name, or else the position in the list.
-
-    Args:
-        paths: sorted by name.
-        count: number of frames.
-    """
-    numbers = [int(path.stem) for path in paths] if are_numbered(paths) else range(len(paths))
-    frames = dict(zip(numbers, paths, strict=True))
-    if frames and max(frames) >= count:
-        raise DriveError(
-            f"{frames[max(frames)]}: expected one of {count} frames as there are times, "
-            f"found number {max(frames)}"
-        )
-    return frames
-
-
 def image_size(path: Path) -> tuple[int, int]:
     """Width and height of an image."""
-    try:
-        height, width = read_stored(path).shape[:2]
-    except ImageError as error:
-        raise DriveError(str(error)) from error
+    height, width = read_stored(path).shape[:2]
     return width, height
+
+
+def list_images(folder: Path) -> list[Path]:
+    """The images of a folder, sorted by name."""
+    if not folder.is_dir():
+        raise DriveError(f"{folder}: expected a folder of images, found none")
+    return find_images(folder)

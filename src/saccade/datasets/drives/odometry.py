@@ -12,6 +12,7 @@ Lines that begin with `#` are comments.
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,25 +30,25 @@ from saccade.errors import DriveError
 from saccade.frames import steps_between
 from saccade.types import FloatArray, IntArray, Trajectory
 
-UNKNOWN_SPEED = 2.0
-"""Metres per second; standard deviation of the speed of a robot without odometry."""
-UNKNOWN_TURN = 1.0
-"""Radians per second; standard deviation of its turn rate."""
+_MOTION = ("ahead", "left", "turn")
+INCREMENT_COLUMNS = ("ahead_m", "left_m", "turn_rad", *covariance_names(_MOTION))
+SPEED_COLUMNS = ("time_s", "ahead_mps", "turn_radps")
+OXTS_COLUMNS = ("frame", "t", "vf", "vl", "vu", "wf", "wl", "wu")
+_HEADERS = (INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS)
+
+UNKNOWN_SPEED, UNKNOWN_TURN = 2.0, 1.0
+"""Standard deviations of the speed (m/s) and turn rate (rad/s) of a robot without odometry."""
 BIAS_HORIZON = 10.0
 """Seconds without landmark updates after which white noise must cover a gyroscope bias."""
 
 
-@dataclass(frozen=True, eq=False)
-class OdometryIncrements:
+class OdometryIncrements(NamedTuple):
     """Motion of a robot in m increments, each in the robot's frame at its beginning."""
 
     control: FloatArray
     """(m, 3) metres ahead, metres to the left, radians turned."""
     covariance: FloatArray
     """(m, 3, 3)."""
-
-    def __len__(self) -> int:
-        return len(self.control)
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,8 @@ class SpeedNoise:
 
 WHEELS = SpeedNoise(ahead=0.05, left=0.02, turn=0.02, turn_bias=0.002)
 """Default for wheel encoders and a gyroscope on a small robot."""
+OXTS = SpeedNoise(ahead=0.17, left=0.05, turn=0.018, turn_bias=0.005)
+"""From the ground truth of KITTI 07: 0.52 m/s and 0.05 rad/s, independent in samples at 10 Hz."""
 
 
 def increments_from_speeds(
@@ -76,7 +79,7 @@ def increments_from_speeds(
     frame_time: FloatArray,
     noise: SpeedNoise,
 ) -> OdometryIncrements:
-    """Arcs between frames, from linearly interpolated speeds.
+    """Increments between frames as arcs, from linearly interpolated speeds.
 
     Args:
         time: (n,) seconds of the samples, ascending.
@@ -96,10 +99,10 @@ def increments_from_speeds(
 def increments_from_poses(
     poses: Trajectory, frame_time: FloatArray, name: str
 ) -> OdometryIncrements:
-    """Increments between frames, from poses by the dead reckoning of wheels.
+    """Increments between frames, from poses by wheel odometry.
 
     Args:
-        poses: by odometry, in any frame.
+        poses: in any world frame.
         frame_time: (m + 1,) times of the frames, ascending; the poses must cover them.
         name: of the file, for the message.
     """
@@ -115,10 +118,9 @@ def increments_from_poses(
 
 
 def unknown_increments(frame_time: FloatArray) -> OdometryIncrements:
-    """Increments of a robot without odometry: zero, with the covariance of unknown motion.
+    """Increments between frames at times (m + 1,) of a robot without odometry.
 
-    Args:
-        frame_time: (m + 1,) times of the frames.
+    They are zero, with the covariance of unknown motion.
     """
     duration = np.diff(frame_time)
     sigma = np.outer(duration, (UNKNOWN_SPEED, UNKNOWN_SPEED, UNKNOWN_TURN))
@@ -128,10 +130,10 @@ def unknown_increments(frame_time: FloatArray) -> OdometryIncrements:
 def compose_increments(
     increments: OdometryIncrements, frames: IntArray, name: str
 ) -> OdometryIncrements:
-    """Increments between some of the frames, from those between all.
+    """Increments between some of the frames, with covariances to first order.
 
     Args:
-        increments: (m,) from each frame to the next.
+        increments: m, from each frame to the next.
         frames: (k + 1,) numbers of frames, ascending, from 0 to m.
         name: of the file, for the message.
     """
@@ -141,18 +143,22 @@ def compose_increments(
             f"{frames[np.argmax(np.diff(frames) < 0) + 1]} later in the files, earlier in time: "
             "its increment is not known"
         )
-    if frames[-1] > len(increments):
+    if frames[-1] > len(increments.control):
         raise DriveError(
             f"{name}: expected increments to each of {frames[-1] + 1} frames, found "
-            f"{len(increments)} increments"
+            f"{len(increments.control)} increments"
         )
     control = np.zeros((len(frames) - 1, 3))
     covariance = np.zeros((len(frames) - 1, 3, 3))
     for k, (first, last) in enumerate(pairwise(frames.tolist())):
         for i in range(first, last):
-            control[k], covariance[k] = _compose(
-                control[k], covariance[k], increments.control[i], increments.covariance[i]
-            )
+            c, s = np.cos(control[k, 2]), np.sin(control[k, 2])
+            Fu = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            u = Fu @ increments.control[i]
+            Fx = np.array([[1.0, 0.0, -u[1]], [0.0, 1.0, u[0]], [0.0, 0.0, 1.0]])
+            control[k] += u
+            control[k, 2] = np.angle(np.exp(1j * control[k, 2]))
+            covariance[k] = Fx @ covariance[k] @ Fx.T + Fu @ increments.covariance[i] @ Fu.T
     return OdometryIncrements(control, covariance)
 
 
@@ -167,38 +173,12 @@ def _covariance(distance: FloatArray, duration: FloatArray, noise: SpeedNoise) -
     return covariance
 
 
-def _compose(
-    first: FloatArray,
-    first_covariance: FloatArray,
-    second: FloatArray,
-    second_covariance: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Two successive increments as one, with its covariance to first order."""
-    c, s = np.cos(first[2]), np.sin(first[2])
-    Fu = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    rotated = Fu @ second
-    Fx = np.array([[1.0, 0.0, -rotated[1]], [0.0, 1.0, rotated[0]], [0.0, 0.0, 1.0]])
-    total = first + rotated
-    total[2] = np.angle(np.exp(1j * total[2]))
-    return total, Fx @ first_covariance @ Fx.T + Fu @ second_covariance @ Fu.T
-
-
 def _integral(time: FloatArray, rate: FloatArray, at: FloatArray) -> FloatArray:
     """Integral of a rate from the first sample to times (k,), by the trapezoidal rule."""
     knots = np.union1d(time, at)
     values = np.interp(knots, time, rate)
     pieces = np.diff(knots) * (values[1:] + values[:-1]) / 2
     return np.asarray(np.interp(at, knots, np.concatenate([[0.0], np.cumsum(pieces)])))
-
-
-_MOTION = ("ahead", "left", "turn")
-INCREMENT_COLUMNS = ("ahead_m", "left_m", "turn_rad", *covariance_names(_MOTION))
-SPEED_COLUMNS = ("time_s", "ahead_mps", "turn_radps")
-OXTS_COLUMNS = ("frame", "t", "vf", "vl", "vu", "wf", "wl", "wu")
-_HEADERS = (INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS)
-
-OXTS = SpeedNoise(ahead=0.17, left=0.05, turn=0.018, turn_bias=0.005)
-"""Measured against the ground truth of KITTI 07: 0.52 m/s and 0.05 rad/s, white at 10 Hz."""
 
 
 def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:

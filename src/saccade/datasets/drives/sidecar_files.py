@@ -7,8 +7,8 @@ groundtruth.tum          ground truth of the robot, on the ground; or of the lef
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ from saccade.types import FloatArray, Trajectory
 TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Poses:
+class Poses(NamedTuple):
     """n timed poses in SE(3)."""
 
     time: FloatArray
@@ -34,11 +33,12 @@ class Poses:
     position: FloatArray
     """(n, 3) metres, in the world frame."""
 
-    def __len__(self) -> int:
-        return len(self.time)
 
-    def __repr__(self) -> str:
-        return f"Poses({len(self)} in SE(3))"
+class Truth(NamedTuple):
+    """Ground truth of a drive, if known: `Drive.truth` and `Drive.truth_off_plane`."""
+
+    trajectory: Trajectory | None = None
+    off_plane: FloatArray | None = None
 
 
 def read_tum_poses(path: Path) -> Poses:
@@ -80,17 +80,30 @@ def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
     )
 
 
-def robot_poses(poses: Poses, camera: Camera, start_time: float) -> Poses:
-    """Poses of the robot, from those of its camera.
+def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Truth:
+    """Ground truth from poses of the camera, in any world frame.
 
-    The world frame becomes the robot's frame at the pose nearest to `start_time`, in seconds: x
-    ahead, y to the left, z up by the mounting of the camera.
+    Args:
+        poses: of the camera.
+        camera: on the robot.
+        start_time: seconds of the first frame; the world frame becomes the robot's frame at the
+            pose nearest to it.
     """
     rotation = poses.rotation @ camera.rotation.T
     position = poses.position - rotation @ camera.position
     first = int(np.argmin(np.abs(poses.time - start_time)))
     to_start = rotation[first].T
-    return Poses(poses.time, to_start @ rotation, (position - position[first]) @ to_start.T)
+    position = (position - position[first]) @ to_start.T
+    return robot_truth(Poses(poses.time, to_start @ rotation, position))
+
+
+def robot_truth(poses: Poses) -> Truth:
+    """Ground truth from poses of the robot in space."""
+    R = poses.rotation
+    pitch = np.arcsin(R[:, 2, 0].clip(-1, 1))
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
+    off_plane = np.column_stack([poses.position[:, 2], pitch, roll])
+    return Truth(project_to_plane(poses), off_plane)
 
 
 def project_to_plane(poses: Poses) -> Trajectory:
@@ -98,40 +111,6 @@ def project_to_plane(poses: Poses) -> Trajectory:
     x_axis = poses.rotation[:, :, 0]
     heading = np.arctan2(x_axis[:, 1], x_axis[:, 0])
     return Trajectory(poses.time, np.column_stack([poses.position[:, :2], heading]))
-
-
-def off_plane_components(poses: Poses) -> FloatArray:
-    """(n, 3) dropped by the projection: height in metres, pitch (nose up) and roll in radians."""
-    R = poses.rotation
-    pitch = np.arcsin(R[:, 2, 0].clip(-1, 1))
-    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
-    return np.column_stack([poses.position[:, 2], pitch, roll])
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """Ground truth of a drive, if known."""
-
-    trajectory: Trajectory | None = None
-    """As `Drive.truth`."""
-    off_plane: FloatArray | None = None
-    """As `Drive.truth_off_plane`."""
-
-    @classmethod
-    def of_robot(cls, poses: Poses) -> "Truth":
-        """Ground truth from poses of the robot in space."""
-        return cls(project_to_plane(poses), off_plane_components(poses))
-
-    @classmethod
-    def of_camera(cls, poses: Poses, camera: Camera, start_time: float) -> "Truth":
-        """Ground truth from poses of the camera, in any world frame.
-
-        Args:
-            poses: of the camera.
-            camera: on the robot.
-            start_time: seconds of the first frame, at which the robot is at the origin.
-        """
-        return cls.of_robot(robot_poses(poses, camera, start_time))
 
 
 def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | None:
@@ -145,16 +124,16 @@ def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | No
 def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Truth:
     """Ground truth of a folder, if it has any; KITTI's has a pose for each recorded frame."""
     if (folder / "groundtruth.tum").exists():
-        return Truth.of_robot(read_tum_poses(folder / "groundtruth.tum"))
+        return robot_truth(read_tum_poses(folder / "groundtruth.tum"))
     start_time = float(frames.time[0])
     if (folder / "groundtruth_tum.txt").exists():
         poses = read_tum_poses(folder / "groundtruth_tum.txt")
-        return Truth.of_camera(poses, camera, start_time)
+        return camera_truth(poses, camera, start_time)
     benchmark = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
     for file in (folder / "groundtruth_kitti.txt", folder / "poses.txt", benchmark):
         if file.exists():
             poses = read_kitti_poses(file, frames.recorded)
-            return Truth.of_camera(poses, camera, start_time)
+            return camera_truth(poses, camera, start_time)
     return Truth()
 
 

@@ -13,7 +13,6 @@ its observation of the frame before: the point continues as another track, and t
 the two frames is lost. The clean file has such observations removed and the tracks split.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,27 +30,6 @@ TRACK_FILES = ("stereo_tracks_clean.npz", "stereo_tracks.npz")
 """File names looked for in a folder."""
 
 
-@dataclass(frozen=True, eq=False)
-class TrackLoader:
-    """Loads the tracks of frame i; the `load` of a `Drive`."""
-
-    time: FloatArray
-    """(n,) seconds."""
-    begin: IntArray
-    """(n,) row of the first observation of each frame."""
-    end: IntArray
-    """(n,) row after the last."""
-    tracks: Tracks
-    """All observations, sorted by frame."""
-
-    def __call__(self, i: int) -> Frame:
-        """Frame i."""
-        rows = slice(int(self.begin[i]), int(self.end[i]))
-        tracks = self.tracks
-        observed = Tracks(tracks.id[rows], tracks.xy[rows], tracks.disparity[rows])
-        return Frame(float(self.time[i]), tracks=observed)
-
-
 def read_tracks_drive(path: Path) -> Drive:
     """A drive from a file of tracks, or from its folder."""
     file = next((path / name for name in TRACK_FILES if (path / name).exists()), path)
@@ -64,9 +42,16 @@ def read_tracks_drive(path: Path) -> Drive:
         raise DriveError(f"{folder / 'times.txt'}: expected times of frames, found none")
     frames = FrameTimes.sort(recorded, str(folder / "times.txt"))
     calibration = Calibration(_camera(folder, tracks.xy))
-    begin, end = (np.searchsorted(frame_of, frames.index, side=s) for s in ("left", "right"))
+    time = frames.time
+    begin = np.searchsorted(frame_of, frames.index)
+    end = np.searchsorted(frame_of, frames.index, side="right")
+
+    def load(i: int) -> Frame:
+        rows = slice(int(begin[i]), int(end[i]))
+        observed = Tracks(tracks.id[rows], tracks.xy[rows], tracks.disparity[rows])
+        return Frame(float(time[i]), tracks=observed)
+
     name = f"{folder.resolve().name}/{file.stem}"
-    load = TrackLoader(frames.time, begin, end, tracks)
     return assemble_drive(name, folder, calibration, frames, load)
 
 
