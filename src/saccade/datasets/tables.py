@@ -27,7 +27,6 @@ class Row:
     """One row of a table in a text file."""
 
     path: Path
-    """The file."""
     line: int
     """Line number in the file, from 1."""
     cells: list[str]
@@ -38,11 +37,7 @@ class Row:
         return LogError(f"{self.path}, line {self.line}: expected {expected}, found {found}")
 
     def numbers(self, columns: slice = slice(None), blank: float | None = None) -> list[float]:
-        """Cells as finite numbers within `LARGEST`.
-
-        Args:
-            columns: the cells.
-            blank: value of an empty cell; None where a cell must not be empty.
+        """Cells as finite numbers under `LARGEST`; an empty cell is `blank`, unless that is None.
 
         Raises:
             LogError: a cell is no such number.
@@ -62,12 +57,7 @@ class Row:
         return values
 
     def integer(self, column: int, name: str, below: int = 10**18) -> int:
-        """A cell as a non-negative integer.
-
-        Args:
-            column: index of the cell.
-            name: what the integer is, for the message.
-            below: exclusive upper bound; the default leaves room in 64 bits.
+        """A cell as a non-negative integer less than `below`, called `name` in messages.
 
         Raises:
             LogError: the cell is no such integer.
@@ -118,7 +108,7 @@ def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#
 def _split(path: Path, text: str, delimiter: str | None) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of every line."""
     if delimiter is None:
-        yield from ((number, line.split()) for number, line in enumerate(text.splitlines(), 1))
+        yield from enumerate(map(str.split, text.splitlines()), 1)
         return
     reader = csv.reader(StringIO(text, newline=""), delimiter=delimiter)
     try:
@@ -133,7 +123,7 @@ def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -
 
     Args:
         path: the file.
-        columns: names for the messages; a first column "time" must not go backwards.
+        columns: names for the messages; a first column "time" must be ascending.
         stale_limit: see `require_ascending`.
 
     Returns:
@@ -141,32 +131,25 @@ def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -
 
     Raises:
         LogError: a line has another number of fields, a field is no finite number, or the time
-            goes backwards; names the file and the line.
+            goes back; names the file and the line.
     """
     names = f"numbers ({', '.join(columns)})"
     rows = [row.require_cells(len(columns), names) for row in read_rows(path)]
     table = np.array([row.numbers() for row in rows], np.float64).reshape(-1, len(columns))
-    if columns[0] != "time":
-        return table
-    return require_ascending(table, lambda i: f"{path}, line {rows[i].line}", stale_limit)
+    if columns[0] == "time":
+        table = require_ascending(table, lambda i: f"{path}, line {rows[i].line}", stale_limit)
+    return table
 
 
 def require_ascending(
     table: FloatArray, name_of: Callable[[int], str], stale_limit: float = 0.0
 ) -> FloatArray:
-    """Check that the time in the first column does not go backwards.
+    """A table (n, c) whose first column, the time in seconds, is ascending.
 
-    Args:
-        table: (n, c).
-        name_of: name of a row, for the message.
-        stale_limit: seconds by which the first row may be later than the second; such a row is
-            stale and dropped.
-
-    Returns:
-        The table, without a stale first row.
+    A first row less than `stale_limit` seconds later than the second is stale, and dropped.
 
     Raises:
-        LogError: the time goes backwards; names the row.
+        LogError: the time goes back; `name_of` names the row.
     """
     time = table[:, 0]
     skip = int(len(time) > 1 and 0 < time[0] - time[1] < stale_limit)
@@ -181,7 +164,7 @@ def require_ascending(
 
 
 class Archive:
-    """The arrays of an .npz, each validated when it is requested.
+    """The arrays of an .npz, each checked when it is requested.
 
     Raises:
         LogError: the file is missing, truncated, or no .npz.
@@ -213,7 +196,7 @@ class Archive:
         Args:
             name: of the array.
             shape: expected lengths, None for any; None for any shape.
-            kinds: NumPy's codes of the accepted types: i, u, f.
+            kinds: codes of the accepted types: i, u, f.
             description: of what is expected, for the message; None for the shape.
 
         Raises:
@@ -242,22 +225,13 @@ class Archive:
         return values
 
     def table(self, name: str, columns: tuple[str, ...], stale_limit: float = 0.0) -> FloatArray:
-        """The table of a name, (n, len(columns)).
-
-        Args:
-            name: of the table.
-            columns: names of the columns; a first column "time" must not go backwards.
-            stale_limit: see `require_ascending`.
-
-        Raises:
-            LogError: see `array`; or the time goes backwards.
-        """
+        """The array of a name as a table (n, len(columns)); see `read_table`."""
         description = f"numbers in the columns {', '.join(columns)}"
         values = self.array(name, (None, len(columns)), description=description)
         table = np.asarray(values, np.float64)
-        if columns[0] != "time":
-            return table
-        return require_ascending(table, lambda i: f"{self.path}, {name}, row {i}", stale_limit)
+        if columns[0] == "time":
+            table = require_ascending(table, lambda i: f"{self.path}, {name}, row {i}", stale_limit)
+        return table
 
 
 def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -272,10 +246,8 @@ def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> No
         OutputError: the file cannot be written.
     """
     path = Path(path)
-    suffixes = (".csv", ".parquet")
-    require(
-        path.suffix in suffixes, "path", f"a file that ends in {' or '.join(suffixes)}", str(path)
-    )
+    known = path.suffix in (".csv", ".parquet")
+    require(known, "path", "a file that ends in .csv or .parquet", str(path))
     if path.suffix == ".csv":
         _write_csv(path, columns)
         return
@@ -298,12 +270,12 @@ def _write_csv(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> None:
 
 
 def covariance_names(names: tuple[str, ...]) -> list[str]:
-    """Column names of a covariance: "cov_x_x", "cov_x_y", ..."""
+    """Column names of the upper triangle of a covariance: "cov_x_x", "cov_x_y", ..."""
     return [f"cov_{a}_{b}" for a, b in combinations_with_replacement(names, 2)]
 
 
 def symmetric_columns(names: tuple[str, ...], matrices: FloatArray) -> dict[str, FloatArray]:
-    """The upper triangles of covariances (n, d, d) as columns: "cov_x_x", "cov_x_y", ..."""
+    """The upper triangles of covariances (n, d, d) as columns (n,) by `covariance_names`."""
     return dict(zip(covariance_names(names), upper_triangle(matrices).T, strict=True))
 
 
@@ -353,19 +325,10 @@ def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    unknown = np.full(len(landmarks), np.nan)
-    covariance = landmarks.covariance
+    covariance, observations = landmarks.covariance, landmarks.observations
     if covariance is None:
         covariance = np.full((len(landmarks), 2, 2), np.nan)
-    write_table(
-        path,
-        {
-            "id": landmarks.id,
-            "x": landmarks.xy[:, 0],
-            "y": landmarks.xy[:, 1],
-            "cov_xx": covariance[:, 0, 0],
-            "cov_xy": covariance[:, 0, 1],
-            "cov_yy": covariance[:, 1, 1],
-            "sightings": unknown if landmarks.observations is None else landmarks.observations,
-        },
-    )
+    columns = {"id": landmarks.id, "x": landmarks.xy[:, 0], "y": landmarks.xy[:, 1]}
+    columns |= zip(("cov_xx", "cov_xy", "cov_yy"), upper_triangle(covariance).T, strict=True)
+    columns["sightings"] = np.full(len(landmarks), np.nan) if observations is None else observations
+    write_table(path, columns)

@@ -9,10 +9,6 @@ from saccade.datasets.tables import Archive, from_upper_triangle
 from saccade.errors import LogError
 from saccade.types import LandmarkLog
 
-_ODOMETRY = ("forward", "left", "turn")
-_UPPER = ("xx", "xy", "xt", "yy", "yt", "tt")
-_OBSERVATION = ("step", "landmark", "x", "y", "xx", "xy", "yy")
-
 
 def read_dlr(path: str | Path) -> LandmarkLog:
     """Read the DLR log.
@@ -30,9 +26,10 @@ def read_dlr(path: str | Path) -> LandmarkLog:
     """
     path = Path(path)
     archive = Archive(path)
-    odometry = archive.table("odometry", _ODOMETRY)
-    upper = archive.table("odometry_cov_upper", _UPPER)
-    observations = archive.table("observations", _OBSERVATION)
+    odometry = archive.table("odometry", ("forward", "left", "turn"))
+    upper = archive.table("odometry_cov_upper", ("xx", "xy", "xt", "yy", "yt", "tt"))
+    columns = ("step", "landmark", "x", "y", "xx", "xy", "yy")
+    observations = archive.table("observations", columns)
     steps = len(odometry)
     if len(upper) != steps:
         raise LogError(f"{path}: expected {steps} covariances of odometry, found {len(upper)}")
