@@ -278,10 +278,10 @@ def test_posters_repeat_and_mirror_on_demand(rng):
     ("setting", "words"),
     [
         ({"size": (40.0, 8.0)}, "size: expected two of"),
-        ({"corridor": 6.0}, "corridor: expected 1 to 4.05 m"),
-        ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.5 m"),
+        ({"corridor": 6.0}, "corridor: expected 1 to 4.05, found 6"),
+        ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.5, found 2.9"),
         ({"sway": 1.0}, "sway: expected"),
-        ({"camera_height": 3.0}, "camera_height: expected 0.05 to 2.399 m"),
+        ({"camera_height": 3.0}, "camera_height: expected 0.05 to 2.399, found 3"),
         ({"field_of_view": 200.0}, "field_of_view: expected 20 to 120"),
     ],
 )

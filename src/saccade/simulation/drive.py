@@ -20,17 +20,10 @@ def lap_length(config: DriveConfig) -> float:
 
 
 def drive_course(config: DriveConfig, seed: np.random.SeedSequence) -> FloatArray:
-    """Poses of the robot at each frame.
+    """Poses (frames, 3) of the robot on a rounded rectangle with a lateral oscillation.
 
     It starts at the origin, in the middle of the first side, heading along it, and turns left.
-    The heading is tangential to the path including the oscillation.
-
-    Args:
-        config: the scene and the number of frames.
-        seed: of the wavelength of the oscillation.
-
-    Returns:
-        (frames, 3) x and y in metres, heading in radians.
+    The heading is tangential to the path. The seed determines the wavelength of the oscillation.
     """
     lap = lap_length(config)
     s = np.arange(config.frames) * lap / config.frames_per_lap

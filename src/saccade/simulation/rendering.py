@@ -5,6 +5,7 @@ The remaining texture lookup per sample is one call of OpenCV's remap.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -19,10 +20,11 @@ SAMPLES = (3, 2)
 """Samples per pixel, across and down, which are averaged."""
 NEAREST = 0.02
 """Near clipping plane, metres along the optical axis."""
+WAVES, PERIODS = 4, (8.0, 40.0)
+"""Number of sine waves in a drift, and seconds of the shortest and the longest."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Columns:
+class Columns(NamedTuple):
     """Intersections of n image columns with the walls."""
 
     wall: IntArray
@@ -45,16 +47,9 @@ def camera_position(camera: Camera, pose: FloatArray, right: bool = False) -> Fl
 def render(
     scene: Scene, camera: Camera, pose: FloatArray, right: bool = False
 ) -> npt.NDArray[np.uint8]:
-    """The image of one camera, supersampled from the mipmap scale that fits.
+    """The image of a level camera on a robot at a pose (3,), or of its right camera.
 
-    Args:
-        scene: the scene.
-        camera: level and looking ahead, at its height above the ground.
-        pose: (3,) of the robot.
-        right: whether to render the right camera of the rig.
-
-    Returns:
-        (H, W) or (H, W, 3) as the atlas of the scene.
+    Supersampled from the mipmap scale that fits; (H, W) or (H, W, 3) as the atlas of the scene.
     """
     size = (camera.width, camera.height)
     x, y = (
@@ -118,11 +113,10 @@ def _wall_texels(
     texels = scene.wall_texels
     i = _scale(texels * columns.stretch / SAMPLES[0], ACROSS)
     j = _scale(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
-    left, width, top = np.empty((3, len(i)))
-    for band, scales in enumerate(scene.wall_scales):
-        in_band = scene.band[columns.wall] == band
-        left[in_band], width[in_band] = scales.left[i[in_band]], scales.width[i[in_band]]
-        top[in_band] = scales.top[j[in_band]]
+    band = scene.band[columns.wall]
+    left = np.stack([scales.left for scales in scene.wall_scales])[band, i]
+    width = np.stack([scales.width for scales in scene.wall_scales])[band, i]
+    top = np.stack([scales.top for scales in scene.wall_scales])[band, j]
     across = left + np.clip(columns.position * texels / 2**i - 0.5, 0, width - 1)
     first = (scene.wall_height - camera.position[2]) * texels / 2**j - 0.5
     slope = columns.depth / camera.fy * texels / 2**j
@@ -164,15 +158,9 @@ def _scale(texels: FloatArray, scales: int) -> IntArray:
     return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, scales - 1).astype(np.int64)
 
 
-WAVES = 4
-"""Number of sine waves in a drift."""
-PERIODS = (8.0, 40.0)
-"""Seconds, of the shortest and the longest wave."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Illumination:
-    """Illumination of n frames; rendering frame i is deterministic."""
+    """Illumination of n frames, and the noise of the sensor."""
 
     gain: FloatArray
     """(n,)."""
@@ -195,8 +183,10 @@ class Illumination:
         drifts, flicker, noise = seed.spawn(3)
         gain, gamma, vignetting = (_drift(time, stream) for stream in drifts.spawn(3))
         independent = np.random.default_rng(flicker).standard_normal(len(time))
-        across = (np.arange(camera.width) - (camera.width - 1) / 2) / (camera.width / 2)
-        down = (np.arange(camera.height) - (camera.height - 1) / 2) / (camera.width / 2)
+        across, down = (
+            (np.arange(side) - (side - 1) / 2) / (camera.width / 2)
+            for side in (camera.width, camera.height)
+        )
         squared = across**2 + down[:, None] ** 2
         return cls(
             gain=config.brightness
@@ -209,12 +199,9 @@ class Illumination:
         )
 
     def apply(self, image: npt.NDArray[np.uint8], frame: int, camera: int) -> npt.NDArray[np.uint8]:
-        """The image of the sensor.
+        """The image of the sensor, from that under ideal illumination, (H, W) or (H, W, 3).
 
-        Args:
-            image: (H, W) or (H, W, 3) under ideal illumination.
-            frame: number of the frame.
-            camera: 0 left, 1 right: equal illumination, independent noise.
+        The left camera, 0, and the right, 1, have equal illumination and independent noise.
         """
         gamma = float(self.gamma[frame])
         curve = (255 * (np.arange(256) / 255) ** gamma).astype(np.float32)

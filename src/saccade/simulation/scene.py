@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,10 +22,14 @@ from saccade.types import FloatArray, IntArray
 
 SKY = (206, 217, 230)
 """RGB."""
-ACROSS, DOWN = 6, 4
-"""Scales of a wall's texture, each half the one before."""
-GROUND = 6
-"""Scales of the ground's texture."""
+ACROSS, DOWN, GROUND = 6, 4, 6
+"""Scales of a wall's texture across and down, each half the one before; and of the ground's."""
+TEXELS, GROUND_TEXELS = 180.0, 160.0
+"""Per metre of wall and of ground: on the default course at least one per pixel of a wall."""
+CORNER = 0.35
+"""Metres next to a corner without posters."""
+FRAMES = ((38, 34, 32), (232, 228, 220), (110, 74, 46), (64, 76, 92))
+"""RGB of the posters' frames."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,8 +54,7 @@ class Ground:
     """Per metre."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Scales:
+class Scales(NamedTuple):
     """Positions of the scales of one texture in the atlas: scale i across, j down."""
 
     left: IntArray
@@ -90,32 +94,27 @@ class Scene:
     ground_scales: Scales
     """Scales of the ground; only isotropic ones are filled."""
     atlas: npt.NDArray[np.uint8]
-    """(H, W) grey or (H, W, 3) RGB: all textures at all scales."""
+    """(H, W) gray or (H, W, 3) RGB: all textures at all scales."""
 
 
 def build_scene(
     bands: Sequence[Walls], ground: Ground, wall_height: float, texels: float, color: bool
 ) -> Scene:
-    """Build the scene and its texture atlas.
+    """The scene of bands of walls on the ground, and its texture atlas, gray or RGB.
 
-    Args:
-        bands: walls with textures of `texels * wall_height` rows.
-        ground: below all walls.
-        wall_height: metres.
-        texels: per metre of wall.
-        color: whether the atlas is RGB; grey otherwise.
+    The textures of walls have `texels` per metre, and a height of `wall_height` metres.
     """
-    columns, rows = 0, 0
-    scales = []
-    for walls in bands:
-        scales.append(_layout(walls.texture.shape, ACROSS, DOWN, rows))
-        columns, rows = max(columns, _right(scales[-1])), _bottom(scales[-1])
-    ground_scales = _layout(ground.texture.shape, GROUND, GROUND, rows)
-    columns, rows = max(columns, _right(ground_scales)), _bottom(ground_scales)
+    rows, scales = 0, []
+    textures = [(walls.texture, ACROSS, DOWN) for walls in bands]
+    for texture, across, down in [*textures, (ground.texture, GROUND, GROUND)]:
+        scales.append(_layout(texture.shape, across, down, rows))
+        rows = int(scales[-1].top[-1] + scales[-1].height[-1] + 1)
+    columns = max(int(each.left[-1] + each.width[-1] + 1) for each in scales)
+    *wall_scales, ground_scales = scales
     shape = (rows, columns, 3) if color else (rows, columns)
     atlas = np.zeros(shape, np.uint8)
     sky = _to_atlas(np.array([[SKY]], np.uint8), color)[0, 0]
-    for walls, scale in zip(bands, scales, strict=True):
+    for walls, scale in zip(bands, wall_scales, strict=True):
         narrow = _pad(_to_atlas(walls.texture, color), scale)
         for i in range(ACROSS):
             short = narrow
@@ -137,7 +136,7 @@ def build_scene(
         band=np.repeat(np.arange(len(bands)), [len(lengths) for lengths in length]),
         wall_height=wall_height,
         wall_texels=texels,
-        wall_scales=tuple(scales),
+        wall_scales=tuple(wall_scales),
         ground=ground,
         ground_scales=ground_scales,
         atlas=atlas,
@@ -155,24 +154,14 @@ def _layout(shape: tuple[int, ...], across: int, down: int, row: int) -> Scales:
     return Scales(left, top, width, height)
 
 
-def _right(scales: Scales) -> int:
-    return int(scales.left[-1] + scales.width[-1] + 1)
-
-
-def _bottom(scales: Scales) -> int:
-    return int(scales.top[-1] + scales.height[-1] + 1)
-
-
 def _to_atlas(texture: Texture, color: bool) -> npt.NDArray[np.uint8]:
     return texture if color else np.asarray(cv2.cvtColor(texture, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
 def _pad(image: npt.NDArray[np.uint8], scales: Scales) -> npt.NDArray[np.uint8]:
     """Repeat the last row and column, so that all sizes can be halved exactly."""
-    below, right = scales.height[0] - image.shape[0], scales.width[0] - image.shape[1]
-    return np.asarray(
-        cv2.copyMakeBorder(image, 0, int(below), 0, int(right), cv2.BORDER_REPLICATE), np.uint8
-    )
+    below, right = int(scales.height[0]) - image.shape[0], int(scales.width[0]) - image.shape[1]
+    return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)
 
 
 def _halve(image: npt.NDArray[np.uint8], across: bool) -> npt.NDArray[np.uint8]:
@@ -188,16 +177,6 @@ def _put(
     framed = cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     top, left = scales.top[j] - 1, scales.left[i] - 1
     atlas[top : top + framed.shape[0], left : left + framed.shape[1]] = framed
-
-
-TEXELS = 180.0
-"""Per metre of wall: at the smallest distance of the default course, at least one per pixel."""
-GROUND_TEXELS = 160.0
-"""Per metre of ground."""
-CORNER = 0.35
-"""Metres next to a corner without posters."""
-FRAMES = ((38, 34, 32), (232, 228, 220), (110, 74, 46), (64, 76, 92))
-"""RGB of the posters' frames."""
 
 
 def ring_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
@@ -264,7 +243,7 @@ def _paint(
     center = config.camera_height + rng.uniform(-0.1, 0.35)
     center = float(np.clip(center, low + height / 2, high - height / 2))
     size = (round(height * aspect * TEXELS), round(height * TEXELS))
-    border = max(2, round(0.03 * TEXELS))
+    border = round(0.03 * TEXELS)
     frame = FRAMES[rng.integers(len(FRAMES))]
     poster = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     borders = (border, border, border, border)

@@ -1,14 +1,12 @@
 """Simulated landmark logs with ground truth, and Monte Carlo tests of a filter with them."""
 
-import dataclasses
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from saccade.errors import require
-from saccade.simulation.validation import require_ranges
+from saccade.errors import require, require_ranges, require_types
 from saccade.slam import EkfConfig, run
 from saccade.slam.consistency import chi_square_band, pose_nees
 from saccade.slam.models import wrap
@@ -63,27 +61,20 @@ class WorldConfig:
     """Metres between a car's axles."""
 
     def __post_init__(self) -> None:
-        vehicles = ("robot", "car")
-        require(self.vehicle in vehicles, "vehicle", f"one of {vehicles}", self.vehicle)
+        require_types(self)
         counts = ("steps", "landmarks", "scan_interval")
         lengths = ("course_length", "step_length", "step_time", "wheel_base")
         spreads = (
             *("landmark_spread", "range_percent", "range_sigma", "bearing_sigma"),
             *("odometry_percent", "speed_sigma", "steering_sigma"),
         )
-        require_ranges(
-            self,
-            dict.fromkeys(counts, (1, 10**6, ""))
-            | dict.fromkeys(lengths, (1e-6, 1e6, ""))
-            | dict.fromkeys(spreads, (0, 1000, ""))
-            | {"curvature_amplitude": (0, 3, ""), "field_of_view": (0.1, 360, "degrees")},
-        )
-        require(
-            len(self.range_limits) == 2 and 0 <= self.range_limits[0] < self.range_limits[1] < 1e6,
-            "range_limits",
-            "two ascending numbers from 0",
-            self.range_limits,
-        )
+        require_ranges(self, **dict.fromkeys(counts, (1, 10**6)))
+        require_ranges(self, **dict.fromkeys(lengths, (1e-6, 1e6)))
+        require_ranges(self, **dict.fromkeys(spreads, (0, 1000)))
+        require_ranges(self, curvature_amplitude=(0, 3), field_of_view=(0.1, 360))
+        limits = self.range_limits
+        ascending = len(limits) == 2 and 0 <= limits[0] < limits[1] < 1e6
+        require(ascending, "range_limits", "two ascending numbers from 0", limits)
 
     @classmethod
     def loop(cls) -> "WorldConfig":
@@ -168,13 +159,8 @@ def _commands(config: WorldConfig) -> FloatArray:
             [np.full(config.steps, config.step_length), curvature * config.step_length], 1
         )
     sine = curvature * config.wheel_base
-    feasible = bool(np.abs(sine).max() < 1)
-    require(
-        feasible,
-        "curvature_amplitude",
-        "a course that the car can steer",
-        config.curvature_amplitude,
-    )
+    feasible, amplitude = bool(np.abs(sine).max() < 1), config.curvature_amplitude
+    require(feasible, "curvature_amplitude", "a course that the car can steer", amplitude)
     speed = np.full(config.steps, config.step_length / config.step_time)
     return np.stack([speed, np.arcsin(sine)], 1)
 
@@ -227,7 +213,7 @@ def _landmarks(config: WorldConfig) -> FloatArray:
     """(n, 2) random landmarks along the course and to its sides."""
     rng = np.random.default_rng(LAYOUT_SEED)
     steps_per_lap = int(np.ceil(config.course_length / config.step_length))
-    lap = dataclasses.replace(config, steps=steps_per_lap)
+    lap = replace(config, steps=steps_per_lap)
     course = _path(_increments(lap, _commands(lap)))
     pose = course[rng.integers(0, len(course), config.landmarks)]  # (n, 3)
     left = np.stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])], 1)

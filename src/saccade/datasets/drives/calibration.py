@@ -204,12 +204,9 @@ def rectify_stereo(
 
 
 def pinhole(matrix: FloatArray, size: tuple[int, int], **mounting: Any) -> Camera:
-    """The camera with a matrix (3, 3) or a projection (3, 4).
+    """The camera with a matrix (3, 3) or a projection (3, 4), and a width and height in pixels.
 
-    Args:
-        matrix: intrinsics in pixels.
-        size: width and height in pixels.
-        mounting: baseline, position and rotation as those of `Camera`.
+    `mounting`: baseline, position and rotation of `Camera`.
     """
     return Camera(
         width=int(size[0]),

@@ -40,7 +40,7 @@ class FrameTimes:
         Args:
             recorded: (m,) seconds of all frames.
             name: of the file with the times, for the remarks.
-            available: indices of the frames that have images; None for all.
+            available: ascending indices of the frames that have images; None for all.
         """
         if available is None:
             available = np.arange(len(recorded))
@@ -64,15 +64,10 @@ class FrameTimes:
 
 
 def associate(time: FloatArray, others: FloatArray, tolerance: float) -> IntArray:
-    """Mutual nearest neighbors in time.
-
-    Args:
-        time: (n,) seconds.
-        others: (m,) seconds.
-        tolerance: largest difference, in seconds.
+    """Mutual nearest neighbors of times (n,) among others (m,), in seconds.
 
     Returns:
-        (n,) index of the associated time in `others`, or -1.
+        (n,) indices in `others`; -1 without a neighbor within the tolerance, in seconds.
     """
     if len(others) == 0:
         return np.full(len(time), -1)

@@ -2,7 +2,7 @@
 
     calib.txt                P0 and, for stereo, P1: (3, 4) projections of the rectified cameras
     times.txt                seconds, one line a frame
-    image_0/, image_1/       left and right, grey, named by the number of the frame; image_2/ and
+    image_0/, image_1/       left and right, gray, named by the number of the frame; image_2/ and
                              image_3/ (with P2, P3) are read where there is no image_0
     depth/                   optional: 16-bit images of the left camera's depth
     camera.toml              optional, see `calibration`: instead of calib.txt

@@ -82,11 +82,10 @@ def increments_from_speeds(
     """Increments between frames as arcs, from linearly interpolated speeds.
 
     Args:
-        time: (n,) seconds of the samples, ascending.
+        time: (n,) seconds of the samples, ascending; the first and the last extend beyond.
         speed: (n,) metres per second ahead.
         turn_rate: (n,) radians per second to the left.
-        frame_time: (m + 1,) times of the frames, ascending; the first and the last sample hold
-            beyond the samples.
+        frame_time: (m + 1,) times of the frames, ascending.
         noise: of the speeds.
     """
     duration = np.diff(frame_time)
@@ -99,20 +98,12 @@ def increments_from_speeds(
 def increments_from_poses(
     poses: Trajectory, frame_time: FloatArray, name: str
 ) -> OdometryIncrements:
-    """Increments between frames, from poses by wheel odometry.
+    """Increments between frames at times (m + 1,), from poses by wheel odometry.
 
-    Args:
-        poses: in any world frame.
-        frame_time: (m + 1,) times of the frames, ascending; the poses must cover them.
-        name: of the file, for the message.
+    Raises:
+        DriveError: the poses do not cover the frames; `name` is that of the file.
     """
-    slack = float(np.diff(frame_time).max(initial=0.0))
-    begin, end = float(poses.time[0]), float(poses.time[-1])
-    if begin > frame_time[0] + slack or end < frame_time[-1] - slack:
-        raise DriveError(
-            f"{name}: expected odometry from {frame_time[0]:.3f} to {frame_time[-1]:.3f} s as the "
-            f"frames, found {begin:.3f} to {end:.3f} s"
-        )
+    _require_coverage(poses.time, frame_time, float(np.diff(frame_time).max(initial=0.0)), name)
     control = steps_between(poses.at(frame_time))
     return OdometryIncrements(control, _covariance(control[:, 0], np.diff(frame_time), WHEELS))
 
@@ -133,9 +124,12 @@ def compose_increments(
     """Increments between some of the frames, with covariances to first order.
 
     Args:
-        increments: m, from each frame to the next.
-        frames: (k + 1,) numbers of frames, ascending, from 0 to m.
+        increments: from each of m + 1 frames to the next.
+        frames: (k + 1,) ascending numbers of frames, from 0 to m.
         name: of the file, for the message.
+
+    Raises:
+        DriveError: the numbers are not ascending, or exceed m.
     """
     if (np.diff(frames) < 0).any():
         raise DriveError(
@@ -173,6 +167,15 @@ def _covariance(distance: FloatArray, duration: FloatArray, noise: SpeedNoise) -
     return covariance
 
 
+def _require_coverage(time: FloatArray, frame_time: FloatArray, slack: float, name: str) -> None:
+    """Raise `DriveError` unless odometry at times (n,) covers the frames up to `slack` seconds."""
+    if time[0] > frame_time[0] + slack or time[-1] < frame_time[-1] - slack:
+        raise DriveError(
+            f"{name}: expected odometry from {frame_time[0]:.3f} to {frame_time[-1]:.3f} s as the "
+            f"frames, found {time[0]:.3f} to {time[-1]:.3f} s"
+        )
+
+
 def _integral(time: FloatArray, rate: FloatArray, at: FloatArray) -> FloatArray:
     """Integral of a rate from the first sample to times (k,), by the trapezoidal rule."""
     knots = np.union1d(time, at)
@@ -182,11 +185,11 @@ def _integral(time: FloatArray, rate: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
-    """Odometry between the frames of a drive.
+    """Odometry between the frames of a drive, from a file of one of the three kinds.
 
-    Args:
-        path: a file of one of the three kinds.
-        frames: of the drive.
+    Raises:
+        DriveError: another header, too few rows, or times that do not cover the frames.
+        LogError: a broken row; names it.
     """
     rows = read_rows(path, delimiter=",")
     header = tuple(next(rows, Row(path, 1, [])).cells)
@@ -205,17 +208,11 @@ def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
         raise DriveError(f"{path}: expected at least two rows of speeds, found {len(table)}")
     table = require_ascending(table[:, columns], lambda i: f"{path}, row {i}")
     time, speed, turn_rate = table.T
-    frame_time = frames.time
-    period = float(np.median(np.diff(time)))
-    if frame_time[0] < time[0] - period or frame_time[-1] > time[-1] + period:
-        raise DriveError(
-            f"{path}: expected speeds from {frame_time[0]:.3f} to {frame_time[-1]:.3f} s as the "
-            f"frames, found {time[0]:.3f} to {time[-1]:.3f} s"
-        )
-    return increments_from_speeds(time, speed, turn_rate, frame_time, noise)
+    _require_coverage(time, frames.time, float(np.median(np.diff(time))), str(path))
+    return increments_from_speeds(time, speed, turn_rate, frames.time, noise)
 
 
 def write_increments(path: Path, increments: OdometryIncrements) -> None:
-    """Write increments with every digit."""
+    """Write increments as CSV, with every digit."""
     columns = dict(zip(INCREMENT_COLUMNS[:3], increments.control.T, strict=True))
     write_table(path, columns | symmetric_columns(_MOTION, increments.covariance))

@@ -57,11 +57,19 @@ class Bag:
         """The names of all topics, for messages."""
         return ", ".join(sorted({c.topic for c in self._reader.connections})) or "no topic"
 
-    def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
+    def messages(
+        self, topic: str, start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[int, Any]]:
         """Time of recording in nanoseconds and message, for every message of a topic."""
-        stamp = None
-        for connection, stamp, raw in self._raw(topic):
-            yield stamp, self._read(raw, connection)
+        connections = [c for c in self._reader.connections if c.topic == topic]
+        kind, stamp = connections[0].msgtype, None
+        try:
+            for connection, stamp, raw in self._reader.messages(connections, start, stop):
+                kind = connection.msgtype
+                yield stamp, self._reader.deserialize(raw, kind)
+        except Exception as error:
+            name = f"{self.path}, {topic}"
+            raise DriveError(f"{name}: expected {kind}: {_first_line(error)}") from error
         if stamp is None:
             raise DriveError(f"{self.path}, {topic}: expected messages, found none")
 
@@ -74,27 +82,9 @@ class Bag:
     def at(self, topic: str, stamp: int) -> Any:
         """The message recorded at a time in nanoseconds."""
         try:
-            for connection, _, raw in self._raw(topic, stamp, stamp + 1):
-                return self._read(raw, connection)
+            return next(self.messages(topic, stamp, stamp + 1))[1]
         except DriveError as error:
             raise ImageError(str(error)) from error
-        raise ImageError(f"{self.path}, {topic}: expected a message at {stamp} ns, found none")
-
-    def _raw(self, topic: str, start: int | None = None, stop: int | None = None) -> Any:
-        connections = [c for c in self._reader.connections if c.topic == topic]
-        try:
-            yield from self._reader.messages(connections, start=start, stop=stop)
-        except Exception as error:
-            raise DriveError(f"{self.path}, {topic}: {_first_line(error)}") from error
-
-    def _read(self, raw: bytes, connection: Any) -> Any:
-        try:
-            return self._reader.deserialize(raw, connection.msgtype)
-        except Exception as error:
-            raise DriveError(
-                f"{self.path}, {connection.topic}: expected {connection.msgtype}: "
-                f"{_first_line(error)}"
-            ) from error
 
 
 def _check(path: Path) -> None:

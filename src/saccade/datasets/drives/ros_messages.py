@@ -42,7 +42,7 @@ def seconds_of(message: Any) -> float:
 
 
 def pixels_of(message: Any, name: str) -> Image:
-    """The image of an Image or a CompressedImage: grey or RGB, or depth as it is."""
+    """The image of an Image or a CompressedImage: gray or RGB, or depth as it is."""
     if hasattr(message, "format"):
         pixels = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
         if pixels is None:
@@ -71,10 +71,7 @@ def pixels_of(message: Any, name: str) -> Image:
 def calibration_of(left: Any, right: Any | None, name: str) -> Calibration:
     """Calibration from the CameraInfo of one camera, or of a rectified stereo pair.
 
-    Args:
-        left: CameraInfo of the left camera.
-        right: of the right one, whose projection has the baseline; None for a single camera.
-        name: for the error message.
+    The projection of the right camera has the baseline; `name` is for the error message.
     """
     K, D, P = (finite(_field(left, each), name) for each in "kdp")
     P = P.reshape(3, 4)
@@ -127,23 +124,20 @@ def _field(message: Any, name: str) -> Any:
 
 
 def extrinsics(messages: Iterable[Any], base: str, part: str, name: str) -> FloatArray | None:
-    """Pose (4, 4) of a part in a base frame; None where no chain of transforms connects them.
+    """Pose (4, 4) of the frame `part` in the frame `base`, such as base_link, by static TFMessages.
 
-    Args:
-        messages: TFMessages with static transforms.
-        base: name of the base frame, such as base_link.
-        part: name of the frame of the part.
-        name: of the file, for the error message.
+    None where no chain of transforms connects them. `name` is for the error message.
     """
     edges: dict[str, list[tuple[str, FloatArray]]] = {}
     for message in messages:
         for transform in message.transforms:
-            parent, child = _frame(transform.header.frame_id), _frame(transform.child_frame_id)
+            frames = (transform.header.frame_id, transform.child_frame_id)
+            parent, child = (frame.lstrip("/") for frame in frames)  # tf had a leading slash
             pose = _matrix(transform, name)
             inverse = np.asarray(np.linalg.inv(pose), np.float64)
             edges.setdefault(parent, []).append((child, pose))
             edges.setdefault(child, []).append((parent, inverse))
-    poses = {_frame(base): np.eye(4)}
+    poses = {base.lstrip("/"): np.eye(4)}
     stack = list(poses)
     while stack:
         parent = stack.pop()
@@ -151,12 +145,7 @@ def extrinsics(messages: Iterable[Any], base: str, part: str, name: str) -> Floa
             if child not in poses:
                 poses[child] = poses[parent] @ pose
                 stack.append(child)
-    return poses.get(_frame(part))
-
-
-def _frame(name: str) -> str:
-    """The name of a frame without the leading slash of old bags."""
-    return name.lstrip("/")
+    return poses.get(part.lstrip("/"))
 
 
 def _matrix(transform: Any, name: str) -> FloatArray:

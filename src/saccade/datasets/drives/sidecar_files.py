@@ -50,12 +50,7 @@ def read_tum_poses(path: Path) -> Poses:
 
 
 def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
-    """Lines of the twelve numbers of a (3, 4) pose, row by row.
-
-    Args:
-        path: the file.
-        time: (n,) seconds of the frames, one for each line.
-    """
+    """Lines of the twelve numbers of a (3, 4) pose, row by row; one for each time (n,)."""
     rows = [row.require_cells(12, "numbers").numbers() for row in read_rows(path)]
     if len(rows) != len(time):
         raise LogError(f"{path}: expected {len(time)} poses as in times.txt, found {len(rows)}")
@@ -83,11 +78,7 @@ def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
 def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Truth:
     """Ground truth from poses of the camera, in any world frame.
 
-    Args:
-        poses: of the camera.
-        camera: on the robot.
-        start_time: seconds of the first frame; the world frame becomes the robot's frame at the
-            pose nearest to it.
+    The world frame becomes the robot's frame at the pose nearest to `start_time`, in seconds.
     """
     rotation = poses.rotation @ camera.rotation.T
     position = poses.position - rotation @ camera.position
@@ -123,17 +114,15 @@ def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | No
 
 def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Truth:
     """Ground truth of a folder, if it has any; KITTI's has a pose for each recorded frame."""
-    if (folder / "groundtruth.tum").exists():
-        return robot_truth(read_tum_poses(folder / "groundtruth.tum"))
+    if (of_robot := folder / "groundtruth.tum").exists():
+        return robot_truth(read_tum_poses(of_robot))
     start_time = float(frames.time[0])
     if (folder / "groundtruth_tum.txt").exists():
-        poses = read_tum_poses(folder / "groundtruth_tum.txt")
-        return camera_truth(poses, camera, start_time)
+        return camera_truth(read_tum_poses(folder / "groundtruth_tum.txt"), camera, start_time)
     benchmark = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
     for file in (folder / "groundtruth_kitti.txt", folder / "poses.txt", benchmark):
         if file.exists():
-            poses = read_kitti_poses(file, frames.recorded)
-            return camera_truth(poses, camera, start_time)
+            return camera_truth(read_kitti_poses(file, frames.recorded), camera, start_time)
     return Truth()
 
 
@@ -148,14 +137,8 @@ def assemble_drive(
 ) -> Drive:
     """A drive from its parts.
 
-    Args:
-        name: of the drive.
-        folder: with odometry and ground truth, which are read where they are None.
-        calibration: the camera; the start pose, which is else that of the ground truth.
-        frames: of the drive.
-        load: see `Drive`.
-        increments: odometry between the frames; unknown motion where the folder has none either.
-        truth: ground truth.
+    Odometry and ground truth that are None are read from the folder; without odometry the motion is
+    unknown. The start is that of the calibration, else that of the ground truth, else the origin.
     """
     if increments is None:
         increments = read_increments(folder, frames) or unknown_increments(frames.time)

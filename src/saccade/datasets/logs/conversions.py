@@ -13,8 +13,7 @@ from saccade.types import FloatArray, LandmarkLog
 class OdometryNoise:
     """Random odometry errors: variances grow with the path length, not with the samples.
 
-    A robot at rest accumulates no error, and splitting a path into pieces
-    changes nothing.
+    A robot at rest accumulates no error, and splitting a path into pieces changes nothing.
     """
 
     distance: float
@@ -39,8 +38,8 @@ def integrate(
 ) -> tuple[FloatArray, FloatArray]:
     """Relative poses between given times, from piecewise constant speeds.
 
-    Each piece of constant speed and turn rate is an arc. The robot is at rest
-    before the first sample; the last sample holds to the end.
+    Each piece of constant speed and turn rate is an arc. The robot is at rest before the first
+    sample; the last sample holds to the end.
 
     Args:
         time: (n,) seconds, ascending.
@@ -97,15 +96,12 @@ def _rotate_back(xy: FloatArray, theta: FloatArray) -> FloatArray:
 def to_range_bearing(
     xy: FloatArray, covariance: FloatArray, name_of: Callable[[int], str]
 ) -> tuple[FloatArray, FloatArray]:
-    """Range and bearing of points in the robot's frame, to first order.
+    """Range and bearing (k, 2) of points in the robot's frame, and their covariance (k, 2, 2).
 
     Args:
         xy: (k, 2) forward and left in metres.
-        covariance: (k, 2, 2) square metres.
+        covariance: (k, 2, 2) in square metres; propagated to first order.
         name_of: name of a point in the file, for the message.
-
-    Returns:
-        (k, 2) range and bearing, and their covariance (k, 2, 2).
 
     Raises:
         LogError: a point coincides with the robot, where it has no bearing.
@@ -122,15 +118,7 @@ def to_range_bearing(
 
 
 def to_cartesian(observation: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Points in the robot's frame, to first order: the inverse of `to_range_bearing`.
-
-    Args:
-        observation: (k, 2) range in metres, bearing in radians.
-        covariance: (k, 2, 2).
-
-    Returns:
-        (k, 2) forward and left in metres, and their covariance (k, 2, 2).
-    """
+    """Points (k, 2), forward and left, and their covariance: inverse of `to_range_bearing`."""
     r, c, s = observation[:, 0], np.cos(observation[:, 1]), np.sin(observation[:, 1])
     A = np.empty((len(observation), 2, 2))
     A[:, 0, 0], A[:, 0, 1] = c, -r * s
@@ -138,20 +126,22 @@ def to_cartesian(observation: FloatArray, covariance: FloatArray) -> tuple[Float
     return np.stack([r * c, r * s], 1), A @ covariance @ A.transpose(0, 2, 1)
 
 
-def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
-    """The controls of a log as relative poses: forward, left and turn.
-
-    Returns:
-        (t, 3), and their covariance (t, 3, 3), to first order.
-
-    Raises:
-        LogError: the controls are those of a custom motion model.
-    """
+def require_motion_model(log: LandmarkLog) -> None:
+    """Raise `LogError` if the controls are those of a custom motion model."""
     if log.motion == "custom":
         raise LogError(
             f"{log.name}: expected controls of drive or compose, found those of a "
             "custom motion model"
         )
+
+
+def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
+    """The controls of a log as relative poses (t, 3), and their covariance (t, 3, 3).
+
+    Raises:
+        LogError: the controls are those of a custom motion model.
+    """
+    require_motion_model(log)
     if log.motion == "compose":
         return log.control, log.control_covariance
     d, phi = log.control.T

@@ -18,10 +18,9 @@ from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 Reference: TypeAlias = Literal["laser", "axle"]
 """Reference point of the vehicle's pose."""
-WHEEL_BASE = 2.83
-"""L: metres from the rear to the front axle."""
-ENCODER_OFFSET = 0.76
-"""H: metres from the middle of the rear axle to the left rear wheel, which has the encoder."""
+WHEEL_BASE, ENCODER_OFFSET = 2.83, 0.76
+"""L, H: metres from the rear to the front axle, and from the middle of the rear axle to the left
+rear wheel, which has the encoder."""
 LASER = (3.78, 0.5)
 """a, b: position of the laser, metres ahead of and to the left of the middle of the rear axle."""
 VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.06, turn=0.06, drift=0.0125)
@@ -43,10 +42,10 @@ def read_victoria_park(
 ) -> LandmarkLog:
     """Read the Victoria Park log, raw or as GTSAM distributes it.
 
-    The raw .mat has speed and steering angle at 40 Hz and the trees detected in
-    each laser scan. There is a pose at the time of each scan; between scans the
-    motion of the rear axle is integrated by `integrate` and transformed to the
-    reference point. Trees have no identity. The log starts at the origin.
+    The raw .mat has speed and steering angle at 40 Hz and the trees detected in each laser scan.
+    There is a pose at the time of each scan; between scans the motion of the rear axle is
+    integrated by `integrate` and transformed to the reference point. Trees have no identity. The
+    log starts at the origin.
 
     Args:
         path: the .mat, or the .txt with known identities, which includes its own noise.
@@ -57,8 +56,8 @@ def read_victoria_park(
             covariances are then transformed.
 
     Returns:
-        The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it exists,
-        as ground truth: its headings are NaN and its frame is not that of the log.
+        The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it exists, as ground
+        truth: its headings are NaN and its frame is not that of the log.
 
     Raises:
         LogError: no such file, or not this log.
