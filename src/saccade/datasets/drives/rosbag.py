@@ -38,13 +38,14 @@ from saccade.datasets.drives.odometry import (
     increments_from_poses,
     unknown_increments,
 )
-from saccade.datasets.drives.ros_bag_reader import Bag, reading
-from saccade.datasets.drives.ros_messages import (
+from saccade.datasets.drives.ros_bags import (
+    Bag,
     calibration_of,
     extrinsics,
     finite,
     pixels_of,
     pose_of,
+    reading,
     seconds_of,
 )
 from saccade.datasets.drives.sidecar_files import (
@@ -70,26 +71,23 @@ TRUTH_WORDS = ("truth", "gt", "vicon", "mocap")
 def read_rosbag_drive(path: Path) -> Drive:
     """A drive from a bag."""
     with reading(str(path), DriveError):
-        return _read_drive(Bag(path), path)
-
-
-def _read_drive(bag: Bag, path: Path) -> Drive:
-    left, right, depth = _image_topics(bag)
-    stamps, seconds = bag.stamps(left)
-    zero = float(seconds.min())
-    frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
-    calibration = _calibration(bag, left, right)
-    time = seconds[frames.index]
-    load = frame_loader(
-        calibration,
-        frames.time,
-        left=_topic_images(bag, left, stamps[frames.index]),
-        right=_associated_images(bag, right, time),
-        depth=_associated_images(bag, depth, time, calibration.depth_unit),
-    )
-    increments = _increments(bag, frames.time, zero)
-    truth = _truth(bag, zero)
-    return assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
+        bag = Bag(path)
+        left, right, depth = _image_topics(bag)
+        stamps, seconds = bag.stamps(left)
+        zero = float(seconds.min())
+        frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
+        calibration = _calibration(bag, left, right)
+        time = seconds[frames.index]
+        load = frame_loader(
+            calibration,
+            frames.time,
+            left=_topic_images(bag, left, stamps[frames.index]),
+            right=_associated_images(bag, right, time),
+            depth=_associated_images(bag, depth, time, calibration.depth_unit),
+        )
+        increments = _increments(bag, frames.time, zero)
+        truth = _truth(bag, zero)
+        return assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
 
 
 def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saccade.errors import LogError, require
+from saccade.errors import LogError, require_ranges
 from saccade.types import FloatArray, LandmarkLog
 
 
@@ -24,9 +24,7 @@ class OdometryNoise:
     """Standard deviation of the heading after one metre straight ahead, in radians."""
 
     def __post_init__(self) -> None:
-        for name in ("distance", "turn", "drift"):
-            value = getattr(self, name)
-            require(0 <= value < 1e3, name, "from 0 to under 1000", value)
+        require_ranges(self, distance=(0, 1000), turn=(0, 1000), drift=(0, 1000))
 
 
 def integrate(

@@ -29,7 +29,7 @@ VICTORIA_PARK_BIAS = (0.05, 0.02, 0.02)
 """See `LandmarkLog.odometry_bias`; a steering offset of one degree turns the car by 0.006 rad per
 metre."""
 MAX_SPEED, MAX_TIME = 1e6, 1e15
-"""Bounds of plausible values, in metres per second and milliseconds."""
+"""Bounds of valid values, in metres per second and milliseconds."""
 VICTORIA_PARK_SENSOR = (0.2, 0.015)
 """Standard deviations of range (m) and bearing (rad) of a tree, whose trunk is not a point."""
 
@@ -112,14 +112,9 @@ def read_victoria_park(
 
 
 def center_motion(speed: FloatArray, steering: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Speed and turn rate of the middle of the rear axle, from left wheel speed and steering.
+    """Speed (m/s) and turn rate (rad/s) of the middle of the rear axle, (n,) each.
 
-    Args:
-        speed: (n,) of the left rear wheel in m/s.
-        steering: (n,) angle of the front wheels in radians, positive to the left.
-
-    Returns:
-        Speed in m/s and turn rate in rad/s, (n,) each.
+    From the speed (n,) of the left rear wheel in m/s and the steering angle (n,) in radians.
     """
     center = speed / (1 - np.tan(steering) * ENCODER_OFFSET / WHEEL_BASE)
     return center, center * np.tan(steering) / WHEEL_BASE
