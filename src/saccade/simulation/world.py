@@ -93,7 +93,7 @@ class WorldConfig:
 
     @classmethod
     def car(cls) -> "WorldConfig":
-        """A car with a laser, two laps of a closed course, after Bailey et al. (2006)."""
+        """A car with a laser scanner, two laps of a closed course, after Bailey et al. (2006)."""
         return cls(
             vehicle="car",
             course_length=400.0,
@@ -120,8 +120,8 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         seed: of the noise.
 
     Returns:
-        A log with landmark identities and ground truth: it starts at the true pose, the
-        origin, and its covariances are those of the simulated noise.
+        A log with landmark identities and ground truth. It starts at the true pose, the origin;
+        its covariances are those of the simulated noise.
     """
     rng = np.random.default_rng(seed)
     commands = _commands(config)

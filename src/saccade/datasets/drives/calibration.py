@@ -30,8 +30,8 @@ from saccade.types import Float32Array, FloatArray, Image
 
 CAMERA_FILE = "camera.toml"
 _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
-_MOUNTING = {"baseline": "baseline", "place": "position", "rotation": "rotation"}
-_CAMERA = {name: name for name in _INTRINSICS} | _MOUNTING
+_EXTRINSICS = {"baseline": "baseline", "place": "position", "rotation": "rotation"}
+_CAMERA = {name: name for name in _INTRINSICS} | _EXTRINSICS
 """Attributes of `Camera` by their names in the file."""
 _OTHERS = ("distortion", "rate", "depth_unit", "odometry_bias", "start")
 _SHAPES = {"place": (3,), "rotation": (3, 3), "odometry_bias": (3,), "start": (3,)}
@@ -105,7 +105,7 @@ def _numbers(path: Path, name: str, value: Any) -> Any:
         )
     if shape == ():
         return float(array)
-    return array if name in _MOUNTING else tuple(array.tolist())
+    return array if name in _EXTRINSICS else tuple(array.tolist())
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
@@ -169,7 +169,7 @@ def rectify_stereo(
     """Rectified stereo camera: both cameras rotated so that epipolar lines are image rows.
 
     Args:
-        left: the left camera; its `camera` has the size and the mounting.
+        left: the left camera; its `camera` has the size and the extrinsics.
         right: the right one.
         rotation: (3, 3) from the frame of the left camera to that of the right one.
         translation: (3,) metres; position of the left camera in the frame of the right one.
@@ -203,10 +203,10 @@ def rectify_stereo(
     return camera, left, right
 
 
-def pinhole(matrix: FloatArray, size: tuple[int, int], **mounting: Any) -> Camera:
+def pinhole(matrix: FloatArray, size: tuple[int, int], **extrinsics: Any) -> Camera:
     """The camera with a matrix (3, 3) or a projection (3, 4), and a width and height in pixels.
 
-    `mounting`: baseline, position and rotation of `Camera`.
+    `extrinsics`: baseline, position and rotation of `Camera`.
     """
     return Camera(
         width=int(size[0]),
@@ -215,7 +215,7 @@ def pinhole(matrix: FloatArray, size: tuple[int, int], **mounting: Any) -> Camer
         fy=float(matrix[1, 1]),
         cx=float(matrix[0, 2]),
         cy=float(matrix[1, 2]),
-        **mounting,
+        **extrinsics,
     )
 
 

@@ -62,7 +62,7 @@ def read_euroc_drive(path: Path) -> Drive:
         right_stamps, right_files = _images(top / "cam1")
         file_at = dict(zip(right_stamps.tolist(), right_files, strict=True))
         right = image_files([file_at.get(stamp) for stamp in stamps[frames.index].tolist()])
-    # the rectified camera looks straight ahead on the robot
+    # the robot's frame is chosen so that the rectified camera looks straight ahead
     body_from_camera = body_from_sensor[:3, :3] @ lens.rotation.T
     calibration = Calibration(replace(camera, rotation=AHEAD.copy()))
     folder = top.parent if top.name == "mav0" else top
@@ -111,13 +111,9 @@ def _read_stamped(path: Path, columns: int) -> tuple[IntArray, FloatArray]:
     for row in read_rows(path, delimiter=","):
         if len(row.cells) < columns + 1:
             raise row.error(f"{columns + 1} cells", str(row.cells))
-        stamps.append(_stamp(row))
+        stamps.append(row.integer(0, "nanoseconds", below=2**63))
         table.append(row.numbers(slice(1, columns + 1)))
     return np.array(stamps, np.int64), np.array(table, np.float64).reshape(-1, columns)
-
-
-def _stamp(row: Row) -> int:
-    return row.integer(0, "nanoseconds", below=2**63)
 
 
 def _seconds(stamps: IntArray, zero: int) -> FloatArray:
@@ -131,8 +127,8 @@ def _images(folder: Path) -> tuple[IntArray, list[Path]]:
     rows = list(read_rows(path, delimiter=","))
     if not rows:
         raise DriveError(f"{path}: expected times and files, found none")
-    stamps = np.array([_stamp(row) for row in rows])
-    return stamps, [folder / "data" / row.cells[-1] for row in rows]
+    stamps = [row.integer(0, "nanoseconds", below=2**63) for row in rows]
+    return np.array(stamps), [folder / "data" / row.cells[-1] for row in rows]
 
 
 def _gyroscope_increments(

@@ -131,13 +131,13 @@ def _calibration(
             f"{calib}: expected a principal point inside the images of {width} x {height} px, "
             f"found {P[0, 2]:.1f}, {P[1, 2]:.1f}"
         )
-    mounting = {"position": np.array([0.0, 0.0, KITTI_HEIGHT]), "rotation": AHEAD.copy()}
+    extrinsics = {"position": np.array([0.0, 0.0, KITTI_HEIGHT]), "rotation": AHEAD.copy()}
     if (path / "calib.npz").exists():
-        mounting = read_extrinsics(Archive(path / "calib.npz"))
+        extrinsics = read_extrinsics(Archive(path / "calib.npz"))
     baseline, right = 0.0, projections.get(names[1])
     if stereo and right is not None:
         baseline = float(P[0, 3] / P[0, 0] - right[0, 3] / right[0, 0])
-    return Calibration(pinhole(P, size, baseline=baseline, **mounting))
+    return Calibration(pinhole(P, size, baseline=baseline, **extrinsics))
 
 
 def _missing_images(available: IntArray, folder: Path) -> tuple[str, ...]:

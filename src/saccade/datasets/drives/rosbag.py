@@ -10,7 +10,7 @@ Topics are selected by their types, and among several by their names:
     nav_msgs Odometry                       the one without "truth" or "gt" in its name
     Odometry, PoseStamped, TransformStamped with "truth", "gt", "vicon" or "mocap" in the name:
                                             ground truth of the robot
-    tf2_msgs TFMessage                      those that end in "static": mounting of the camera on
+    tf2_msgs TFMessage                      those that end in "static": pose of the camera on
                                             the robot, if they connect the frames of image and
                                             odometry
 

@@ -27,7 +27,7 @@ MRCLAM_SENSOR = (0.08, 0.012)
 MAX_BEARING = 1.0
 """Radians from the optical axis; half the field of view of these robots is less."""
 UTIAS_BARCODES = (5, 14, 41, 32, 23)
-"""Barcodes on the robots of the published sets, which identify these sets."""
+"""Barcodes on the robots of the published sets, by which these sets are recognized."""
 
 _TABLES = {
     "barcodes": ("Barcodes", ("subject", "barcode")),
@@ -82,15 +82,15 @@ def read_mrclam(
     starts at the true pose: its frame is that of the surveyed landmarks.
 
     Args:
-        path: the published folder (Barcodes.dat, RobotN_Odometry.dat, ...), or an
-            .npz with the same tables.
+        path: the published folder (Barcodes.dat, RobotN_Odometry.dat, ...), or an .npz with the
+            same tables.
         robot: 1 to 5.
-        odometry_noise: of the wheels.
-        sensor_sigma: standard deviations of range (m) and bearing (rad).
+        odometry_noise: see `load`.
+        sensor_sigma: see `load`.
         platform: calibration; None for `UTIAS` in the published sets, `Platform()` in others.
 
     Returns:
-        The log; `landmark` is the subject, 6 to 20.
+        The log; landmarks are the subjects 6 to 20.
 
     Raises:
         LogError: a file is missing or broken; names the file and the line.

@@ -40,7 +40,7 @@ MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]
 TORO_ORDER = (0, 1, 4, 2, 5, 3)
 """Index in TORO's order of each of xx, xy, xt, yy, yt, tt."""
 MIN_SIGMA = 1e-4
-"""Metres and radians added to a singular covariance in every direction, to write its inverse."""
+"""Standard deviation (m, rad) added in every direction to a singular covariance to invert it."""
 
 _EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
 _OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
@@ -78,7 +78,7 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
             first edge is `ODOMETRY`, else "root".
 
     Returns:
-        A log of relative poses; its times are the pose numbers of the file, and it starts at the
+        A log of relative poses; its times are the numbers of the poses, and it starts at the
         vertex of the first pose, or at the origin.
 
     Raises:

@@ -49,11 +49,9 @@ def read_victoria_park(
 
     Args:
         path: the .mat, or the .txt with known identities, which includes its own noise.
-        odometry_noise: of speed and steering in the .mat.
-        sensor_sigma: standard deviations of range (m) and bearing (rad) in the .mat.
-        reference: reference point of the poses of the .mat: the "laser", beside which the GPS
-            antenna stands, or the middle of the rear "axle", to which the observations and their
-            covariances are then transformed.
+        odometry_noise: see `load`; of the .mat.
+        sensor_sigma: see `load`; of the .mat.
+        reference: see `load`; for the "axle" observations and covariances are transformed.
 
     Returns:
         The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it exists, as ground
@@ -121,6 +119,7 @@ def center_motion(speed: FloatArray, steering: FloatArray) -> tuple[FloatArray, 
 
 
 def _array(path: Path, name: str, values: object) -> FloatArray:
+    """Values of a variable as float64."""
     try:
         return np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
@@ -128,6 +127,7 @@ def _array(path: Path, name: str, values: object) -> FloatArray:
 
 
 def _ascending(path: Path, name: str, values: object) -> FloatArray:
+    """Times (n,) of a variable, finite and ascending."""
     time = _array(path, name, values).ravel()
     if not (np.abs(time) < MAX_TIME).all() or (np.diff(time) < 0).any():
         raise LogError(f"{path}: expected {name} to be finite and ascending, found that it is not")
