@@ -49,7 +49,7 @@ def render(
 ) -> npt.NDArray[np.uint8]:
     """The image of a level camera on a robot at a pose (3,), or of its right camera.
 
-    Supersampled from the mipmap scale that fits; (H, W) or (H, W, 3) as the atlas of the scene.
+    Supersampled from the mipmap level that fits; (H, W) or (H, W, 3) as the atlas of the scene.
     """
     size = (camera.width, camera.height)
     x, y = (
@@ -111,12 +111,12 @@ def _wall_texels(
 ) -> tuple[Float32Array, Float32Array]:
     """Column and row (rows, n) in the atlas of each sample, ignoring the ground."""
     texels = scene.wall_texels
-    i = _scale(texels * columns.stretch / SAMPLES[0], ACROSS)
-    j = _scale(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
+    i = _mipmap_level(texels * columns.stretch / SAMPLES[0], ACROSS)
+    j = _mipmap_level(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
     band = scene.band[columns.wall]
-    left = np.stack([scales.left for scales in scene.wall_scales])[band, i]
-    width = np.stack([scales.width for scales in scene.wall_scales])[band, i]
-    top = np.stack([scales.top for scales in scene.wall_scales])[band, j]
+    left = np.stack([levels.left for levels in scene.wall_levels])[band, i]
+    width = np.stack([levels.width for levels in scene.wall_levels])[band, i]
+    top = np.stack([levels.top for levels in scene.wall_levels])[band, j]
     across = left + np.clip(columns.position * texels / 2**i - 0.5, 0, width - 1)
     first = (scene.wall_height - camera.position[2]) * texels / 2**j - 0.5
     slope = columns.depth / camera.fy * texels / 2**j
@@ -132,15 +132,15 @@ def _ground_texels(
 ) -> tuple[Float32Array, Float32Array]:
     """Column and row (rows, n) in the atlas of each ground sample below the horizon."""
     depth = camera.fy * camera.position[2] / (y - camera.cy)
-    texels, scales = scene.ground.texels, scene.ground_scales
+    texels, levels = scene.ground.texels, scene.ground_levels
     long = depth**2 / (camera.fy * camera.position[2]) / SAMPLES[1]  # metres from sample to sample
     wide = depth / camera.fx / SAMPLES[0]
-    i = _scale(texels * np.sqrt(long * wide), GROUND)
+    i = _mipmap_level(texels * np.sqrt(long * wide), GROUND)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     east, south = (camera_position(camera, pose, right) - scene.ground.corner) * (1, -1)
     slant = ((x - camera.cx) / camera.fx).astype(np.float32)
     texel = []
-    for start, ahead, across, first in ((east, c, s, scales.left), (south, -s, c, scales.top)):
+    for start, ahead, across, first in ((east, c, s, levels.left), (south, -s, c, levels.top)):
         scale = texels / 2**i
         middle = ((start + depth * ahead) * scale - 0.5)[:, None].astype(np.float32)
         coordinate = np.multiply.outer((depth * across * scale).astype(np.float32), slant)
@@ -150,12 +150,12 @@ def _ground_texels(
     return texel[0], texel[1]
 
 
-def _scale(texels: FloatArray, scales: int) -> IntArray:
-    """Mipmap scale for samples that cover `texels` of the finest scale.
+def _mipmap_level(texels: FloatArray, levels: int) -> IntArray:
+    """Mipmap level for samples that cover `texels` of the finest level.
 
     A texel is at least 0.84 of a sample, since edges shift where samples skip texels.
     """
-    return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, scales - 1).astype(np.int64)
+    return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, levels - 1).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,7 +23,7 @@ from saccade.types import FloatArray, IntArray
 SKY = (206, 217, 230)
 """RGB."""
 ACROSS, DOWN, GROUND = 6, 4, 6
-"""Scales of a wall's texture across and down, each half the one before; and of the ground's."""
+"""Mipmap levels of a wall's texture across and down, each half the one before; the ground's."""
 TEXELS, GROUND_TEXELS = 180.0, 160.0
 """Per metre of wall and of ground: on the default course at least one per pixel of a wall."""
 CORNER = 0.35
@@ -54,8 +54,8 @@ class Ground:
     """Per metre."""
 
 
-class Scales(NamedTuple):
-    """Positions of the scales of one texture in the atlas: scale i across, j down."""
+class MipmapLevels(NamedTuple):
+    """Positions of the mipmap levels of one texture in the atlas: i across, j down."""
 
     left: IntArray
     """(across,) column of the first texel."""
@@ -87,14 +87,14 @@ class Scene:
     """Metres, of all walls."""
     wall_texels: float
     """Per metre of wall."""
-    wall_scales: tuple[Scales, ...]
-    """Scales of each band; the row above each scale is sky."""
+    wall_levels: tuple[MipmapLevels, ...]
+    """Of each band of walls; the row above each level is sky."""
     ground: Ground
     """The ground."""
-    ground_scales: Scales
-    """Scales of the ground; only isotropic ones are filled."""
+    ground_levels: MipmapLevels
+    """Of the ground; only isotropic levels are filled."""
     atlas: npt.NDArray[np.uint8]
-    """(H, W) gray or (H, W, 3) RGB: all textures at all scales."""
+    """(H, W) gray or (H, W, 3) RGB: all textures at all levels."""
 
 
 def build_scene(
@@ -104,29 +104,29 @@ def build_scene(
 
     The textures of walls have `texels` per metre, and a height of `wall_height` metres.
     """
-    rows, scales = 0, []
+    rows, levels = 0, []
     textures = [(walls.texture, ACROSS, DOWN) for walls in bands]
     for texture, across, down in [*textures, (ground.texture, GROUND, GROUND)]:
-        scales.append(_layout(texture.shape, across, down, rows))
-        rows = int(scales[-1].top[-1] + scales[-1].height[-1] + 1)
-    columns = max(int(each.left[-1] + each.width[-1] + 1) for each in scales)
-    *wall_scales, ground_scales = scales
+        levels.append(_layout(texture.shape, across, down, rows))
+        rows = int(levels[-1].top[-1] + levels[-1].height[-1] + 1)
+    columns = max(int(each.left[-1] + each.width[-1] + 1) for each in levels)
+    *wall_levels, ground_levels = levels
     shape = (rows, columns, 3) if color else (rows, columns)
     atlas = np.zeros(shape, np.uint8)
     sky = _to_atlas(np.array([[SKY]], np.uint8), color)[0, 0]
-    for walls, scale in zip(bands, wall_scales, strict=True):
-        narrow = _pad(_to_atlas(walls.texture, color), scale)
+    for walls, positions in zip(bands, wall_levels, strict=True):
+        narrow = _pad(_to_atlas(walls.texture, color), positions)
         for i in range(ACROSS):
             short = narrow
             for j in range(DOWN):
-                _put(atlas, short, scale, i, j)
+                _put(atlas, short, positions, i, j)
                 short = _halve(short, across=False)
             narrow = _halve(narrow, across=True)
-        for row in scale.top - 1:
+        for row in positions.top - 1:
             atlas[row] = sky
-    image = _pad(_to_atlas(ground.texture, color), ground_scales)
+    image = _pad(_to_atlas(ground.texture, color), ground_levels)
     for i in range(GROUND):
-        _put(atlas, image, ground_scales, i, i)
+        _put(atlas, image, ground_levels, i, i)
         image = _halve(_halve(image, across=True), across=False)
     length = [np.hypot(*np.diff(walls.corners, axis=0).T) for walls in bands]
     return Scene(
@@ -136,31 +136,31 @@ def build_scene(
         band=np.repeat(np.arange(len(bands)), [len(lengths) for lengths in length]),
         wall_height=wall_height,
         wall_texels=texels,
-        wall_scales=tuple(wall_scales),
+        wall_levels=tuple(wall_levels),
         ground=ground,
-        ground_scales=ground_scales,
+        ground_levels=ground_levels,
         atlas=atlas,
     )
 
 
-def _layout(shape: tuple[int, ...], across: int, down: int, row: int) -> Scales:
-    """Positions of the scales of a texture below a row of the atlas, padded by a texel."""
+def _layout(shape: tuple[int, ...], across: int, down: int, row: int) -> MipmapLevels:
+    """Positions of the levels of a texture below a row of the atlas, padded by a texel."""
     height, width = (
-        -(-side // 2 ** (scales - 1)) * 2 ** (scales - 1) >> np.arange(scales)
-        for side, scales in ((shape[0], down), (shape[1], across))
+        -(-side // 2 ** (levels - 1)) * 2 ** (levels - 1) >> np.arange(levels)
+        for side, levels in ((shape[0], down), (shape[1], across))
     )
     left = 1 + np.concatenate([[0], np.cumsum(width + 2)[:-1]])
     top = row + 1 + np.concatenate([[0], np.cumsum(height + 2)[:-1]])
-    return Scales(left, top, width, height)
+    return MipmapLevels(left, top, width, height)
 
 
 def _to_atlas(texture: Texture, color: bool) -> npt.NDArray[np.uint8]:
     return texture if color else np.asarray(cv2.cvtColor(texture, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
-def _pad(image: npt.NDArray[np.uint8], scales: Scales) -> npt.NDArray[np.uint8]:
+def _pad(image: npt.NDArray[np.uint8], levels: MipmapLevels) -> npt.NDArray[np.uint8]:
     """Repeat the last row and column, so that all sizes can be halved exactly."""
-    below, right = int(scales.height[0]) - image.shape[0], int(scales.width[0]) - image.shape[1]
+    below, right = int(levels.height[0]) - image.shape[0], int(levels.width[0]) - image.shape[1]
     return np.asarray(cv2.copyMakeBorder(image, 0, below, 0, right, cv2.BORDER_REPLICATE), np.uint8)
 
 
@@ -171,11 +171,11 @@ def _halve(image: npt.NDArray[np.uint8], across: bool) -> npt.NDArray[np.uint8]:
 
 
 def _put(
-    atlas: npt.NDArray[np.uint8], image: npt.NDArray[np.uint8], scales: Scales, i: int, j: int
+    atlas: npt.NDArray[np.uint8], image: npt.NDArray[np.uint8], levels: MipmapLevels, i: int, j: int
 ) -> None:
-    """Copy a scale to its position in the atlas, with replicated borders."""
+    """Copy a level to its position in the atlas, with replicated borders."""
     framed = cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-    top, left = scales.top[j] - 1, scales.left[i] - 1
+    top, left = levels.top[j] - 1, levels.left[i] - 1
     atlas[top : top + framed.shape[0], left : left + framed.shape[1]] = framed
 
 
