@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from saccade.datasets import save_drive
-from saccade.datasets.drives.camera_file import read_calibration
+from saccade.datasets.drives.calibration import read_calibration
 from support.documentation import PAGES, code_of, prose_of
 from support.extraction import check_whole, extract_here, photographs
 from support.paths import ROOT

@@ -17,7 +17,7 @@ from saccade.batch.dataset import read_manifest
 from saccade.batch.index import Index
 from saccade.batch.store import LocalStore
 from saccade.datasets import load
-from saccade.datasets.drives.camera_file import read_calibration
+from saccade.datasets.drives.calibration import read_calibration
 from saccade.errors import ConfigError, KeypointsError
 from saccade.formats import FORMATS
 from saccade.settings import load_settings

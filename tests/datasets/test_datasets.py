@@ -8,15 +8,10 @@ from evo.tools import file_interface
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saccade.datasets import (
-    OdometryNoise,
-    integrate,
-    load,
-    read_dlr,
-    read_pose_graph,
-    write_landmarks,
-    write_tum,
-)
+from saccade.datasets import OdometryNoise, load, write_landmarks, write_tum
+from saccade.datasets.logs.conversions import integrate
+from saccade.datasets.logs.dlr import read_dlr
+from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.errors import ConfigError, LogError, OutputError
 from saccade.slam import compose
 from saccade.types import LandmarkMap, Trajectory

@@ -284,7 +284,7 @@ class TestFolder:
             "x,y\n1,2\n": "expected the header ahead_m,left_m,turn_rad or time_s",
             speeds + "0,1,1\n0.1,1\n": "line 3: expected 3 cells, found 2",
             speeds + "0,1,1\n0.1,1,much\n": "line 3: expected a finite number",
-            speeds + "0,1,1\n0.1,1,1\n": "expected speeds from 0.000 to 0.550 s as the frames",
+            speeds + "0,1,1\n0.1,1,1\n": "expected odometry from 0.000 to 0.550 s as the frames",
             speeds + "0,1,1\n0.4,1,1\n0.3,1,1\n0.6,1,1\n": "time goes back from 0.400 to 0.300",
             "ahead_m,left_m,turn_rad,cov_ahead_ahead,cov_ahead_left,cov_ahead_turn,cov_left_left,"
             "cov_left_turn,cov_turn_turn\n" + "1,0,0,1,0,0,1,0,1\n": "to each of 12 frames",

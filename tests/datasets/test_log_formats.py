@@ -9,14 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saccade import slam
-from saccade.datasets import (
-    OdometryNoise,
-    load,
-    read_mrclam,
-    save,
-    write_mrclam,
-    write_pose_graph,
-)
+from saccade.datasets import OdometryNoise, load, save
+from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
+from saccade.datasets.logs.pose_graph import write_pose_graph
 from saccade.errors import ConfigError, LogError
 from saccade.slam import compose, drive
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
@@ -263,7 +258,7 @@ def test_the_least_csv_is_a_log(tmp_path):
         ("1,0.5,0,0.1", "1,0.5,0", "line 4: expected 12 cells, found 11"),
         ("1,0.5,0,0.1", "1,0.5,0,x", "line 4: expected a finite number .* 'x'"),
         ("1,0.5,0,0.1", "1,0.5,0,", "line 4: expected a finite number for turn, found nothing"),
-        ("1,0.5,0,0.1", "-1,0.5,0,0.1", "line 4: time goes back from 0 to -1"),
+        ("1,0.5,0,0.1", "-1,0.5,0,0.1", "line 4: time goes back from 0.000 to -1.000 s"),
         ("0.001,,,,,", "0.001,,2,0.3,,", "line 4: expected .* or range, bearing, found both"),
         ("1,,,,,,,,3.5,-0.1,", "1,,,,,,,,,,", "line 5: .* found neither"),
         (

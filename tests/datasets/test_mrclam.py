@@ -7,7 +7,7 @@ import pytest
 
 from saccade import slam
 from saccade.datasets import OdometryNoise, load
-from saccade.datasets.logs.mrclam import Platform
+from saccade.datasets.logs.mrclam import UTIAS, Platform
 from saccade.datasets.logs.mrclam import read_mrclam as load_mrclam
 from saccade.errors import ConfigError, LogError
 from saccade.evaluation.trajectory import landmark_rmse, position_rmse
@@ -188,15 +188,14 @@ def test_what_a_platform_says_of_its_ranges_is_what_the_survey_says(set_six):
         z = [observe(p, m)[0] for p, m in zip(np.transpose([*xy, heading]), there, strict=True)]
         return np.median(np.abs(log.observation[:, 0] / np.array(z)[:, 0] - 1))
 
-    assert error(Platform.utias()) < 0.02
-    assert error(Platform.ideal()) > 0.04
+    assert error(UTIAS) < 0.02
+    assert error(Platform()) > 0.04
 
 
 @pytest.mark.shared
 def test_barcodes_of_the_published_sets_say_whose_robots_they_are(set_six, folder):
     ranges = [
-        load_mrclam(set_six, 1, platform=p).observation[:, 0]
-        for p in (None, Platform.utias(), Platform.ideal())
+        load_mrclam(set_six, 1, platform=p).observation[:, 0] for p in (None, UTIAS, Platform())
     ]
     np.testing.assert_array_equal(ranges[0], ranges[1])
     assert (ranges[0] != ranges[2]).all()

@@ -11,7 +11,7 @@ import numpy as np
 
 from saccade import Keypoints, exchange, slam
 from saccade.datasets import load, load_drive, save, save_drive
-from saccade.datasets.drives.camera_poses import read_tum_poses
+from saccade.datasets.drives.sidecar_files import read_tum_poses
 from saccade.datasets.fixations import read_fixations
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import SaccadeError

@@ -13,10 +13,8 @@ from saccade.errors import ConfigError
 from saccade.evaluation.trajectory import position_rmse
 from saccade.settings import as_toml
 from saccade.simulation import DriveConfig, LightConfig, OdometryConfig, simulate_drive
-from saccade.simulation.illumination import Illumination
-from saccade.simulation.rendering import render
-from saccade.simulation.ring import poster_images
-from saccade.simulation.scene import Ground, Walls, build_scene
+from saccade.simulation.rendering import Illumination, render
+from saccade.simulation.scene import Ground, Walls, build_scene, poster_images
 from saccade.simulation.textures import all_posters
 from saccade.slam import compose
 from saccade.slam.filter.odometry_bias import unbiased
@@ -280,10 +278,10 @@ def test_posters_repeat_and_mirror_on_demand(rng):
     ("setting", "words"),
     [
         ({"size": (40.0, 8.0)}, "size: expected two of"),
-        ({"corridor": 6.0}, "corridor: expected 1 to 4.05 m"),
-        ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.5 m"),
+        ({"corridor": 6.0}, "corridor: expected 1 to 4.05, found 6"),
+        ({"turning_radius": 2.9}, "turning_radius: expected 0.5 to 2.5, found 2.9"),
         ({"sway": 1.0}, "sway: expected"),
-        ({"camera_height": 3.0}, "camera_height: expected 0.05 to 2.399 m"),
+        ({"camera_height": 3.0}, "camera_height: expected 0.05 to 2.399, found 3"),
         ({"field_of_view": 200.0}, "field_of_view: expected 20 to 120"),
     ],
 )

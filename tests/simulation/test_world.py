@@ -9,7 +9,7 @@ import pytest
 from saccade import datasets, slam
 from saccade.errors import ConfigError
 from saccade.simulation import WorldConfig, run_monte_carlo, simulate_world
-from saccade.simulation.monte_carlo import MonteCarloRuns
+from saccade.simulation.world import MonteCarloRuns
 from saccade.slam import EkfConfig
 
 WORLDS = ("loop", "slippery", "car", "coarse")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saccade import datasets, visual
-from saccade.datasets.drives.odometry_increments import OdometryIncrements, compose_increments
+from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import correct_associations, score_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back

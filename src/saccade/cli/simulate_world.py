@@ -33,7 +33,7 @@ def world(
     assert log.truth is not None
     assert log.landmark_truth is not None
     make_folder(out)
-    datasets.write_log_csv(out / "log.csv", log)
+    datasets.save(out / "log.csv", log)
     datasets.write_tum(out / "truth.tum", log.truth)
     datasets.write_landmarks(out / "landmarks.csv", log.landmark_truth)
     row = {

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from saccade.datasets.matlab import read_matlab
-from saccade.datasets.text import read_rows
+from saccade.datasets.tables import Row, read_rows
 from saccade.errors import LogError
 from saccade.types import FixationTable
 
@@ -35,20 +35,17 @@ def read_fixations(path: str | Path) -> FixationTable:
 
 def _csv_rows(path: Path) -> list[_Row]:
     rows = read_rows(path, delimiter=",", comment=None)
-    header = next(rows, None)
-    names = [] if header is None else header.cells
-    missing = [name for name in COLUMNS if name not in names]
-    if missing:
-        raise LogError(
-            f"{path}: expected the columns {', '.join(COLUMNS)}; {missing[0]} is missing"
-        )
+    names = next(rows, Row(path, 1, [])).cells
+    for name in COLUMNS:
+        if name not in names:
+            raise LogError(f"{path}: expected the columns {', '.join(COLUMNS)}; {name} is missing")
     image, viewer, index, x, y = (names.index(name) for name in COLUMNS)
     fixations = []
     for row in rows:
         row.require_cells(len(names))
-        xy = [row.numbers(slice(i, i + 1))[0] for i in (x, y)]
-        ids = [row.integer(i, names[i]) for i in (viewer, index)]
-        fixations.append((row.cells[image], ids[0], ids[1], xy[0], xy[1]))
+        (left,), (top,) = (row.numbers(slice(i, i + 1)) for i in (x, y))
+        person, number = (row.integer(i, names[i]) for i in (viewer, index))
+        fixations.append((row.cells[image], person, number, left, top))
     return fixations
 
 

@@ -4,7 +4,6 @@ A sequence is a folder with `1.png`, `2.png`, ... and for every image but the fi
 file `H_1_k.txt`: the 3x3 homography from pixels of image 1 to pixels of image k.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,26 +34,23 @@ def homography_pairs(folder: Path) -> list[HomographyPair]:
     Raises:
         ImageError: there are none, an image is missing, or a homography cannot be read.
     """
-    sequences = sorted({path.parent for path in folder.rglob("H_1_*.txt")})
-    if not sequences:
+    found = folder.rglob("H_1_*.txt")
+    files = sorted(found, key=lambda path: (path.parent, len(path.stem), path.stem))
+    if not files:
         raise ImageError(f"{folder}: expected sequences with files H_1_2.txt, ..., found none")
-    return [pair for sequence in sequences for pair in _pairs_of(sequence)]
-
-
-def _pairs_of(sequence: Path) -> Iterator[HomographyPair]:
-    numbers = sorted(path.stem.removeprefix("H_1_") for path in sequence.glob("H_1_*.txt"))
-    for number in sorted(numbers, key=lambda text: (len(text), text)):
-        yield HomographyPair(
-            sequence.name,
-            _image(sequence, "1"),
-            _image(sequence, number),
-            _homography(sequence / f"H_1_{number}.txt"),
+    return [
+        HomographyPair(
+            sequence=file.parent.name,
+            first=_image(file.parent, "1"),
+            second=_image(file.parent, file.stem.removeprefix("H_1_")),
+            homography=_homography(file),
         )
+        for file in files
+    ]
 
 
 def _image(sequence: Path, number: str) -> Path:
-    for suffix in SUFFIXES:
-        path = sequence / f"{number}{suffix}"
+    for path in (sequence / f"{number}{suffix}" for suffix in SUFFIXES):
         if path.is_file():
             return path
     raise ImageError(f"{sequence}: expected an image {number}.png (or {', '.join(SUFFIXES[1:])})")

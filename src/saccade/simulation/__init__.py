@@ -2,8 +2,7 @@
 
 from saccade.simulation.drive import simulate_drive
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
-from saccade.simulation.monte_carlo import MonteCarloRuns, run_monte_carlo
-from saccade.simulation.world import WorldConfig, simulate_world
+from saccade.simulation.world import MonteCarloRuns, WorldConfig, run_monte_carlo, simulate_world
 
 __all__ = [
     "DriveConfig",

@@ -1,12 +1,11 @@
 """Configuration of a simulated camera drive: scene, camera, illumination, odometry."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from saccade.errors import require
+from saccade.errors import require, require_ranges
 from saccade.frames import Camera
-from saccade.simulation.validation import require_ranges
 
 
 @dataclass(frozen=True)
@@ -27,17 +26,8 @@ class LightConfig:
     """Standard deviation of the logarithm of a gain that is independent in every frame."""
 
     def __post_init__(self) -> None:
-        require_ranges(
-            self,
-            {
-                "noise_sigma": (0, 128, ""),
-                "brightness": (1e-3, 16, ""),
-                "gain_sigma": (0, 2, ""),
-                "gamma_sigma": (0, 2, ""),
-                "vignetting": (0, 1, ""),
-                "flicker_sigma": (0, 2, ""),
-            },
-        )
+        require_ranges(self, noise_sigma=(0, 128), brightness=(1e-3, 16), vignetting=(0, 1))
+        require_ranges(self, gain_sigma=(0, 2), gamma_sigma=(0, 2), flicker_sigma=(0, 2))
 
 
 @dataclass(frozen=True)
@@ -58,7 +48,7 @@ class OdometryConfig:
 
     def __post_init__(self) -> None:
         names = ("scale_percent", "heading_drift", "distance_percent", "heading_sigma")
-        require_ranges(self, dict.fromkeys(names, (0, 50, "")))
+        require_ranges(self, **dict.fromkeys(names, (0, 50)))
 
 
 @dataclass(frozen=True)
@@ -70,7 +60,7 @@ class DriveConfig:
     corridor: float = 2.2
     """Metres between the outer walls and the central block."""
     wall_height: float = 2.4
-    """Metres."""
+    """Height of all walls in metres."""
     poster_spacing: float = 1.6
     """Smallest distance of posters along a wall, in metres."""
     posters: int | None = None
@@ -85,7 +75,7 @@ class DriveConfig:
     frames: int = 600
     """Number of frames."""
     frames_per_lap: int = 300
-    """Number of frames per lap."""
+    """Number of frames per lap; sets the speed."""
     frame_rate: float = 10.0
     """Frames per second."""
     image_size: tuple[int, int] = (320, 240)
@@ -97,7 +87,7 @@ class DriveConfig:
     camera_height: float = 0.7
     """Metres above the ground."""
     color: bool = False
-    """Whether the images are RGB; grey otherwise."""
+    """Whether the images are RGB; gray otherwise."""
     depth: bool = False
     """Whether the frames include their true depth."""
     light: LightConfig = LightConfig()
@@ -112,26 +102,26 @@ class DriveConfig:
         )
         pixels = len(self.image_size) == 2 and all(16 <= side <= 4096 for side in self.image_size)
         require(pixels, "image_size", "two of 16 to 4096 px", self.image_size)
-        corridor, max_radius = self.corridor, min(self.size) / 2 - 0.2
-        require_ranges(self, {"corridor": (1, max_radius, "m")})
+        corridor, max_radius = self.corridor, round(min(self.size) / 2 - 0.2, 3)
+        require_ranges(self, corridor=(1, max_radius))
         clearance = 0.2 * corridor + self.sway  # between the course and the corners of the block
         max_radius = min((np.sqrt(0.5) * corridor - clearance) / (np.sqrt(2) - 1), max_radius)
         require_ranges(
             self,
-            {
-                "sway": (0, 0.2 * corridor, "m, a fifth of corridor"),
-                "turning_radius": (0.5, max_radius, "m"),
-                "wall_height": (1, 4, "m"),
-                "camera_height": (0.05, self.wall_height - 1e-3, "m"),
-                "poster_spacing": (0.5, 100, "m"),
-                "posters": (1, 1000, ""),
-                "frames": (2, 10**6, ""),
-                "frames_per_lap": (2, 10**6, ""),
-                "frame_rate": (1e-3, 1e4, "Hz"),
-                "field_of_view": (20, 120, "degrees"),
-                "baseline": (1e-3, 0.25 * corridor, "m"),
-            },
+            sway=(0, round(0.2 * corridor, 3)),
+            turning_radius=(0.5, round(float(max_radius), 3)),
+            wall_height=(1, 4),
+            camera_height=(0.05, round(self.wall_height - 1e-3, 3)),
+            poster_spacing=(0.5, 100),
+            frames=(2, 10**6),
+            frames_per_lap=(2, 10**6),
+            frame_rate=(1e-3, 1e4),
+            field_of_view=(20, 120),
         )
+        if self.posters is not None:
+            require_ranges(self, posters=(1, 1000))
+        if self.baseline is not None:
+            require_ranges(self, baseline=(1e-3, round(0.25 * corridor, 3)))
 
     @property
     def camera(self) -> Camera:
@@ -172,11 +162,9 @@ class DriveConfig:
     @classmethod
     def dark(cls) -> "DriveConfig":
         """The ring at dusk: a third of the intensity, and more noise."""
-        return replace(cls(), light=LightConfig(noise_sigma=5.0, brightness=0.35, vignetting=0.4))
+        return cls(light=LightConfig(noise_sigma=5.0, brightness=0.35, vignetting=0.4))
 
     @classmethod
     def flicker(cls) -> "DriveConfig":
         """The ring with flickering lamps and automatic exposure."""
-        return replace(
-            cls(), light=LightConfig(gain_sigma=0.3, gamma_sigma=0.15, flicker_sigma=0.15)
-        )
+        return cls(light=LightConfig(gain_sigma=0.3, gamma_sigma=0.15, flicker_sigma=0.15))

@@ -1,16 +1,18 @@
-"""Renders the images of a level camera by ray casting.
+"""Renders the images of a level camera by ray casting, and its illumination and noise.
 
 Walls are vertical and the camera is level: each image column intersects one wall, at one depth.
 The remaining texture lookup per sample is one call of OpenCV's remap.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from saccade.frames import Camera
+from saccade.simulation.drive_config import LightConfig
 from saccade.simulation.scene import ACROSS, DOWN, GROUND, Scene
 from saccade.types import Float32Array, FloatArray, IntArray
 
@@ -18,10 +20,11 @@ SAMPLES = (3, 2)
 """Samples per pixel, across and down, which are averaged."""
 NEAREST = 0.02
 """Near clipping plane, metres along the optical axis."""
+WAVES, PERIODS = 4, (8.0, 40.0)
+"""Number of sine waves in a drift, and seconds of the shortest and the longest."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Columns:
+class Columns(NamedTuple):
     """Intersections of n image columns with the walls."""
 
     wall: IntArray
@@ -44,16 +47,9 @@ def camera_position(camera: Camera, pose: FloatArray, right: bool = False) -> Fl
 def render(
     scene: Scene, camera: Camera, pose: FloatArray, right: bool = False
 ) -> npt.NDArray[np.uint8]:
-    """The image of one camera, supersampled from the mipmap scale that fits.
+    """The image of a level camera on a robot at a pose (3,), or of its right camera.
 
-    Args:
-        scene: the scene.
-        camera: level and looking ahead, at its height above the ground.
-        pose: (3,) of the robot.
-        right: whether to render the right camera of the rig.
-
-    Returns:
-        (H, W) or (H, W, 3) as the atlas of the scene.
+    Supersampled from the mipmap level that fits; (H, W) or (H, W, 3) as the atlas of the scene.
     """
     size = (camera.width, camera.height)
     x, y = (
@@ -115,13 +111,12 @@ def _wall_texels(
 ) -> tuple[Float32Array, Float32Array]:
     """Column and row (rows, n) in the atlas of each sample, ignoring the ground."""
     texels = scene.wall_texels
-    i = _scale(texels * columns.stretch / SAMPLES[0], ACROSS)
-    j = _scale(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
-    left, width, top = np.empty((3, len(i)))
-    for band, scales in enumerate(scene.wall_scales):
-        in_band = scene.band[columns.wall] == band
-        left[in_band], width[in_band] = scales.left[i[in_band]], scales.width[i[in_band]]
-        top[in_band] = scales.top[j[in_band]]
+    i = _mipmap_level(texels * columns.stretch / SAMPLES[0], ACROSS)
+    j = _mipmap_level(texels * columns.depth / camera.fy / SAMPLES[1], DOWN)
+    band = scene.band[columns.wall]
+    left = np.stack([levels.left for levels in scene.wall_levels])[band, i]
+    width = np.stack([levels.width for levels in scene.wall_levels])[band, i]
+    top = np.stack([levels.top for levels in scene.wall_levels])[band, j]
     across = left + np.clip(columns.position * texels / 2**i - 0.5, 0, width - 1)
     first = (scene.wall_height - camera.position[2]) * texels / 2**j - 0.5
     slope = columns.depth / camera.fy * texels / 2**j
@@ -137,15 +132,15 @@ def _ground_texels(
 ) -> tuple[Float32Array, Float32Array]:
     """Column and row (rows, n) in the atlas of each ground sample below the horizon."""
     depth = camera.fy * camera.position[2] / (y - camera.cy)
-    texels, scales = scene.ground.texels, scene.ground_scales
+    texels, levels = scene.ground.texels, scene.ground_levels
     long = depth**2 / (camera.fy * camera.position[2]) / SAMPLES[1]  # metres from sample to sample
     wide = depth / camera.fx / SAMPLES[0]
-    i = _scale(texels * np.sqrt(long * wide), GROUND)
+    i = _mipmap_level(texels * np.sqrt(long * wide), GROUND)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     east, south = (camera_position(camera, pose, right) - scene.ground.corner) * (1, -1)
     slant = ((x - camera.cx) / camera.fx).astype(np.float32)
     texel = []
-    for start, ahead, across, first in ((east, c, s, scales.left), (south, -s, c, scales.top)):
+    for start, ahead, across, first in ((east, c, s, levels.left), (south, -s, c, levels.top)):
         scale = texels / 2**i
         middle = ((start + depth * ahead) * scale - 0.5)[:, None].astype(np.float32)
         coordinate = np.multiply.outer((depth * across * scale).astype(np.float32), slant)
@@ -155,9 +150,75 @@ def _ground_texels(
     return texel[0], texel[1]
 
 
-def _scale(texels: FloatArray, scales: int) -> IntArray:
-    """Mipmap scale for samples that cover `texels` of the finest scale.
+def _mipmap_level(texels: FloatArray, levels: int) -> IntArray:
+    """Mipmap level for samples that cover `texels` of the finest level.
 
     A texel is at least 0.84 of a sample, since edges shift where samples skip texels.
     """
-    return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, scales - 1).astype(np.int64)
+    return np.clip(np.ceil(np.log2(np.maximum(texels, 1)) - 0.25), 0, levels - 1).astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Illumination:
+    """Illumination of n frames, and the noise of the sensor."""
+
+    gain: FloatArray
+    """(n,)."""
+    gamma: FloatArray
+    """(n,)."""
+    vignetting: FloatArray
+    """(n,) fraction of the intensity lost in the corners."""
+    noise: float
+    """Standard deviation of each pixel, in steps of 1/255."""
+    falloff: Float32Array
+    """(H, W) squared distance from the image center, 1 in the corners."""
+    seed: int
+    """Of the noise."""
+
+    @classmethod
+    def sample(
+        cls, config: LightConfig, camera: Camera, time: FloatArray, seed: np.random.SeedSequence
+    ) -> "Illumination":
+        """Illumination drawn for times (n,) in seconds."""
+        drifts, flicker, noise = seed.spawn(3)
+        gain, gamma, vignetting = (_drift(time, stream) for stream in drifts.spawn(3))
+        independent = np.random.default_rng(flicker).standard_normal(len(time))
+        across, down = (
+            (np.arange(side) - (side - 1) / 2) / (camera.width / 2)
+            for side in (camera.width, camera.height)
+        )
+        squared = across**2 + down[:, None] ** 2
+        return cls(
+            gain=config.brightness
+            * np.exp(config.gain_sigma * gain + config.flicker_sigma * independent),
+            gamma=np.exp(config.gamma_sigma * gamma),
+            vignetting=np.clip(config.vignetting * (1 + vignetting / 3), 0, 1),
+            noise=config.noise_sigma,
+            falloff=(squared / squared.max()).astype(np.float32),
+            seed=int(noise.generate_state(1, np.uint64)[0]),
+        )
+
+    def apply(self, image: npt.NDArray[np.uint8], frame: int, camera: int) -> npt.NDArray[np.uint8]:
+        """The image of the sensor, from that under ideal illumination, (H, W) or (H, W, 3).
+
+        The left camera, 0, and the right, 1, have equal illumination and independent noise.
+        """
+        gamma = float(self.gamma[frame])
+        curve = (255 * (np.arange(256) / 255) ** gamma).astype(np.float32)
+        loss = np.float32(self.vignetting[frame]) * self.falloff
+        factor = np.asarray(cv2.pow(np.float32(self.gain[frame]) * (1 - loss), gamma))
+        exposed: Float32Array = np.asarray(cv2.LUT(image, curve), np.float32)
+        exposed *= factor if image.ndim == 2 else factor[:, :, None]
+        bits = np.random.SFC64([self.seed, frame, camera])
+        noise = np.random.Generator(bits).standard_normal(exposed.shape, np.float32)
+        noise *= np.float32(self.noise)
+        return np.asarray(cv2.add(exposed, noise, dtype=cv2.CV_8U), np.uint8)  # rounds, saturates
+
+
+def _drift(time: FloatArray, seed: np.random.SeedSequence) -> FloatArray:
+    """(n,) smooth random function of time with mean 0 and standard deviation 1."""
+    rng = np.random.default_rng(seed)
+    periods = np.geomspace(*PERIODS, WAVES) * rng.uniform(0.85, 1.15, WAVES)
+    phases = rng.uniform(0, 2 * np.pi, WAVES)
+    waves = np.sin(2 * np.pi * time[:, None] / periods + phases)
+    return np.asarray(waves.sum(1) * np.sqrt(2 / WAVES))

@@ -28,10 +28,8 @@ PHOTOGRAPHS = {
 """Photographs of the package, and the columns and rows into which each is cut: posters are
 disjoint parts."""
 
-BRICK = (0.30, 0.09)
-"""Width and height of a brick with its mortar, in metres."""
-MORTAR = 0.012
-"""Metres."""
+BRICK, MORTAR = (0.30, 0.09), 0.012
+"""Width and height of a brick with its mortar, and width of the mortar, in metres."""
 
 
 def all_posters() -> list[Texture]:
@@ -46,13 +44,7 @@ def mirror(image: Texture) -> Texture:
 
 
 def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
-    """Bricks in running bond, each with random tone and grain.
-
-    Args:
-        shape: height and width.
-        texels: per metre.
-        rng: draws the tones and the grain.
-    """
+    """Bricks in running bond with random tone and grain; `texels` are per metre."""
     height, width = shape
     y = np.arange(height, dtype=np.float32) / np.float32(texels)
     x = np.arange(width, dtype=np.float32) / np.float32(texels)
@@ -76,7 +68,7 @@ def brick_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) 
 
 
 def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
-    """Rough plaster with stains, and a painted band at the bottom; arguments as of `brick_wall`."""
+    """Rough plaster with stains, and a painted band at the bottom; `texels` are per metre."""
     shade = 1 + 0.05 * _noise(shape, (2, 5, 11), rng)
     shade *= 1 + 0.09 * _noise(shape, tuple(int(texels * m) for m in (0.15, 0.4, 1.2)), rng)
     shade[_noise(shape, (3, 6), rng) > 2.6] *= 0.75  # holes

@@ -1,14 +1,16 @@
-"""Simulated landmark logs with ground truth: a vehicle on a course among landmarks."""
+"""Simulated landmark logs with ground truth, and Monte Carlo tests of a filter with them."""
 
-import dataclasses
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from saccade.errors import require
-from saccade.simulation.validation import require_ranges
+from saccade.errors import require, require_ranges, require_types
+from saccade.slam import EkfConfig, run
+from saccade.slam.consistency import chi_square_band, pose_nees
 from saccade.slam.models import wrap
+from saccade.slam.run import RETRACTIONS
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 LAYOUT_SEED = 2010
@@ -59,27 +61,20 @@ class WorldConfig:
     """Metres between a car's axles."""
 
     def __post_init__(self) -> None:
-        vehicles = ("robot", "car")
-        require(self.vehicle in vehicles, "vehicle", f"one of {vehicles}", self.vehicle)
+        require_types(self)
         counts = ("steps", "landmarks", "scan_interval")
         lengths = ("course_length", "step_length", "step_time", "wheel_base")
         spreads = (
             *("landmark_spread", "range_percent", "range_sigma", "bearing_sigma"),
             *("odometry_percent", "speed_sigma", "steering_sigma"),
         )
-        require_ranges(
-            self,
-            dict.fromkeys(counts, (1, 10**6, ""))
-            | dict.fromkeys(lengths, (1e-6, 1e6, ""))
-            | dict.fromkeys(spreads, (0, 1000, ""))
-            | {"curvature_amplitude": (0, 3, ""), "field_of_view": (0.1, 360, "degrees")},
-        )
-        require(
-            len(self.range_limits) == 2 and 0 <= self.range_limits[0] < self.range_limits[1] < 1e6,
-            "range_limits",
-            "two ascending numbers from 0",
-            self.range_limits,
-        )
+        require_ranges(self, **dict.fromkeys(counts, (1, 10**6)))
+        require_ranges(self, **dict.fromkeys(lengths, (1e-6, 1e6)))
+        require_ranges(self, **dict.fromkeys(spreads, (0, 1000)))
+        require_ranges(self, curvature_amplitude=(0, 3), field_of_view=(0.1, 360))
+        limits = self.range_limits
+        ascending = len(limits) == 2 and 0 <= limits[0] < limits[1] < 1e6
+        require(ascending, "range_limits", "two ascending numbers from 0", limits)
 
     @classmethod
     def loop(cls) -> "WorldConfig":
@@ -98,7 +93,7 @@ class WorldConfig:
 
     @classmethod
     def car(cls) -> "WorldConfig":
-        """A car with a laser, two laps of a closed course, after Bailey et al. (2006)."""
+        """A car with a laser scanner, two laps of a closed course, after Bailey et al. (2006)."""
         return cls(
             vehicle="car",
             course_length=400.0,
@@ -125,8 +120,8 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         seed: of the noise.
 
     Returns:
-        A log with landmark identities and ground truth: it starts at the true pose, the
-        origin, and its covariances are those of the simulated noise.
+        A log with landmark identities and ground truth. It starts at the true pose, the origin;
+        its covariances are those of the simulated noise.
     """
     rng = np.random.default_rng(seed)
     commands = _commands(config)
@@ -164,13 +159,8 @@ def _commands(config: WorldConfig) -> FloatArray:
             [np.full(config.steps, config.step_length), curvature * config.step_length], 1
         )
     sine = curvature * config.wheel_base
-    feasible = bool(np.abs(sine).max() < 1)
-    require(
-        feasible,
-        "curvature_amplitude",
-        "a course that the car can steer",
-        config.curvature_amplitude,
-    )
+    feasible, amplitude = bool(np.abs(sine).max() < 1), config.curvature_amplitude
+    require(feasible, "curvature_amplitude", "a course that the car can steer", amplitude)
     speed = np.full(config.steps, config.step_length / config.step_time)
     return np.stack([speed, np.arcsin(sine)], 1)
 
@@ -223,7 +213,7 @@ def _landmarks(config: WorldConfig) -> FloatArray:
     """(n, 2) random landmarks along the course and to its sides."""
     rng = np.random.default_rng(LAYOUT_SEED)
     steps_per_lap = int(np.ceil(config.course_length / config.step_length))
-    lap = dataclasses.replace(config, steps=steps_per_lap)
+    lap = replace(config, steps=steps_per_lap)
     course = _path(_increments(lap, _commands(lap)))
     pose = course[rng.integers(0, len(course), config.landmarks)]  # (n, 3)
     left = np.stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])], 1)
@@ -245,3 +235,53 @@ def _observations(
     visible &= np.abs(z[..., 1]) <= np.deg2rad(config.field_of_view / 2)
     scan, landmark = np.nonzero(visible)
     return scans[scan], landmark.astype(np.int64), z[visible]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MonteCarloRuns:
+    """Errors of several runs at every pose."""
+
+    nees: FloatArray
+    """(runs, t) normalized estimation error squared of the pose, in the filter's error
+    coordinates; 3 is expected. NaN where the pose is still exact."""
+    squared_error: FloatArray
+    """(runs, t) of the position, in square metres."""
+
+    @property
+    def anees(self) -> float:
+        """Average NEES over poses and runs."""
+        return float(np.nanmean(self.nees))
+
+    @property
+    def median(self) -> float:
+        """Median over the runs of the mean NEES over the poses."""
+        return float(np.median(np.nanmean(self.nees, 1)))
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """95 % interval of the mean NEES over the runs at one pose."""
+        return chi_square_band(3, len(self.nees))
+
+    @property
+    def in_band(self) -> float:
+        """Fraction of the poses whose mean NEES lies in the band."""
+        mean = self.nees[:, np.isfinite(self.nees).all(0)].mean(0)
+        low, high = self.band
+        return float(((mean >= low) & (mean <= high)).mean())
+
+    @property
+    def rmse(self) -> float:
+        """RMSE of the position, in metres."""
+        return float(np.sqrt(self.squared_error.mean()))
+
+
+def run_monte_carlo(
+    world: WorldConfig, config: EkfConfig, runs: int, seed: int = 0
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """NEES (t,) and squared position error (t,) of each run; the seed of run i is `seed + i`."""
+    for number in range(runs):
+        log = simulate_world(world, seed + number)
+        estimate = run(log, config).trajectory
+        assert log.truth is not None
+        error = (estimate.pose - log.truth.pose)[:, :2]
+        yield pose_nees(estimate, log.truth, RETRACTIONS[config.filter]), np.square(error).sum(1)

@@ -18,7 +18,7 @@ from saccade.batch import Job, extract, open_source  # noqa: E402
 from saccade.batch.engines import Here  # noqa: E402
 from saccade.batch.index import build_index  # noqa: E402
 from saccade.datasets import save  # noqa: E402
-from saccade.datasets.drives.camera_file import Calibration, write_calibration  # noqa: E402
+from saccade.datasets.drives.calibration import Calibration, write_calibration  # noqa: E402
 from saccade.frames import Camera  # noqa: E402
 from saccade.settings import as_toml  # noqa: E402
 

@@ -5,7 +5,7 @@
     mav0/imu0/               optional: data.csv with rad/s and m/s^2, sensor.yaml
     mav0/state_groundtruth_estimate0/data.csv
                              optional: position and quaternion (w first) of the body
-    odometry.csv             optional, beside mav0; see `odometry_csv`
+    odometry.csv             optional, beside mav0; see `odometry`
 
 The robot's frame is that of a robot on which the left camera looks straight ahead; times count
 from the first image. Both cameras are undistorted and rectified. There is no wheel odometry:
@@ -14,66 +14,35 @@ unknown (see `unknown_increments`).
 """
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import Calibration
-from saccade.datasets.drives.camera_poses import Poses, rotation_matrices
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import FrameLoader, ImageFiles
-from saccade.datasets.drives.odometry_increments import (
+from saccade.datasets.drives.calibration import Calibration, Lens, pinhole, rectify_stereo
+from saccade.datasets.drives.frames import FrameTimes, frame_loader, image_files
+from saccade.datasets.drives.odometry import (
     OdometryIncrements,
     SpeedNoise,
     increments_from_speeds,
     unknown_increments,
 )
-from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, read_increments
-from saccade.datasets.drives.undistortion import Lens, pinhole, rectify_stereo
-from saccade.datasets.text import Row, read_rows
+from saccade.datasets.drives.sidecar_files import (
+    Poses,
+    Truth,
+    assemble_drive,
+    camera_truth,
+    read_increments,
+    rotation_matrices,
+)
+from saccade.datasets.tables import Row, read_rows
 from saccade.errors import DriveError
-from saccade.frames import AHEAD, Camera, Drive
+from saccade.frames import AHEAD, Drive
 from saccade.types import FloatArray, IntArray
 
 GYRO = SpeedNoise(ahead=0.0, left=0.0, turn=0.002, turn_bias=0.08)
 """Ten times the noise density of the ADIS16448 on these vehicles, since they rotate about all three
 axes; and its uncalibrated bias."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Sensor:
-    """Contents of a sensor.yaml."""
-
-    path: Path
-    body: FloatArray
-    """(4, 4) pose of the sensor in the body's frame."""
-    values: dict[str, FloatArray]
-    """Lists of numbers by their names."""
-
-    @classmethod
-    def read(cls, path: Path) -> "_Sensor":
-        rows = list(read_rows(path))
-        text = "\n".join(" ".join(row.cells).split("#")[0] for row in rows)
-        last = rows[-1].line if rows else 0
-        values = {}
-        for name, inside in re.findall(r"(\w+):\s*\[([^\]]*)\]", text):
-            values[name] = np.array(Row(path, last, inside.replace(",", " ").split()).numbers())
-        body = values.get("data", np.eye(4))
-        if body.size != 16:
-            raise DriveError(f"{path}: expected T_BS of 16 numbers, found {body.size}")
-        return cls(path, body.reshape(4, 4), values)
-
-    @property
-    def lens(self) -> Lens:
-        sizes = {"resolution": 2, "intrinsics": 4, "distortion_coefficients": 4}
-        for name, size in sizes.items():
-            found = self.values.get(name, np.zeros(0)).size
-            if found != size:
-                raise DriveError(f"{self.path}: expected {size} numbers as {name}, found {found}")
-        (width, height), (fx, fy, cx, cy), distortion = (self.values[n].tolist() for n in sizes)
-        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-        return Lens(matrix, tuple(distortion), pinhole(matrix, (width, height)), np.eye(3))
 
 
 def read_euroc_drive(path: Path) -> Drive:
@@ -82,52 +51,69 @@ def read_euroc_drive(path: Path) -> Drive:
     stamps, files = _images(top / "cam0")
     zero = int(stamps.min())
     frames = FrameTimes.sort(_seconds(stamps, zero), str(top / "cam0" / "data.csv"))
-    sensor = _Sensor.read(top / "cam0" / "sensor.yaml")
-    lens, right_lens, right = sensor.lens, None, None
-    camera = lens.camera
+    body_from_sensor, lens = _read_camera(top / "cam0" / "sensor.yaml")
+    camera, right_lens, right = lens.camera, None, None
     if (top / "cam1").is_dir():
-        right_sensor = _Sensor.read(top / "cam1" / "sensor.yaml")
-        right_from_left = np.linalg.inv(right_sensor.body) @ sensor.body
+        body_from_right, right_lens = _read_camera(top / "cam1" / "sensor.yaml")
+        right_from_left = np.linalg.inv(body_from_right) @ body_from_sensor
         camera, lens, right_lens = rectify_stereo(
-            lens, right_sensor.lens, right_from_left[:3, :3], right_from_left[:3, 3]
+            lens, right_lens, right_from_left[:3, :3], right_from_left[:3, 3]
         )
         right_stamps, right_files = _images(top / "cam1")
         file_at = dict(zip(right_stamps.tolist(), right_files, strict=True))
-        right = ImageFiles([file_at.get(stamp) for stamp in stamps[frames.index].tolist()])
-    # the rectified camera looks straight ahead on the robot
-    body_from_camera = sensor.body[:3, :3] @ lens.rotation.T
-    camera = replace(camera, rotation=AHEAD.copy())
+        right = image_files([file_at.get(stamp) for stamp in stamps[frames.index].tolist()])
+    # the robot's frame is chosen so that the rectified camera looks straight ahead
+    body_from_camera = body_from_sensor[:3, :3] @ lens.rotation.T
+    calibration = Calibration(replace(camera, rotation=AHEAD.copy()))
     folder = top.parent if top.name == "mav0" else top
     increments = read_increments(folder, frames) or _gyroscope_increments(
         top / "imu0", frames.time, zero, body_from_camera
     )
     states = top / "state_groundtruth_estimate0" / "data.csv"
-    truth = _truth(states, zero, sensor, body_from_camera, camera)
-    load = FrameLoader(
-        camera,
-        frames.time,
-        left=ImageFiles([files[i] for i in frames.index.tolist()]),
-        right=right,
-        lens=lens,
-        right_lens=right_lens,
-    )
+    poses = _camera_poses(states, zero, body_from_sensor[:3, 3], body_from_camera)
+    truth = Truth() if poses is None else camera_truth(poses, calibration.camera, start_time=0.0)
+    left = image_files([files[i] for i in frames.index.tolist()])
+    load = frame_loader(calibration, frames.time, left, right, lenses=(lens, right_lens))
     name = folder.resolve().name
-    return assemble_drive(name, folder, Calibration(camera), frames, load, increments, truth)
+    return assemble_drive(name, folder, calibration, frames, load, increments, truth)
 
 
-def read_stamped(path: Path, columns: int) -> tuple[IntArray, FloatArray]:
+def _read_sensor(path: Path) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Pose (4, 4) of a sensor in the body's frame, and all lists of numbers of a sensor.yaml."""
+    rows = list(read_rows(path))
+    text = "\n".join(" ".join(row.cells).split("#")[0] for row in rows)
+    last = rows[-1].line if rows else 0
+    values = {}
+    for name, inside in re.findall(r"(\w+):\s*\[([^\]]*)\]", text):
+        values[name] = np.array(Row(path, last, inside.replace(",", " ").split()).numbers())
+    pose = values.get("data", np.eye(4))
+    if pose.size != 16:
+        raise DriveError(f"{path}: expected T_BS of 16 numbers, found {pose.size}")
+    return pose.reshape(4, 4), values
+
+
+def _read_camera(path: Path) -> tuple[FloatArray, Lens]:
+    """Pose (4, 4) of a camera in the body's frame, and its intrinsics and distortion."""
+    pose, values = _read_sensor(path)
+    sizes = {"resolution": 2, "intrinsics": 4, "distortion_coefficients": 4}
+    for name, size in sizes.items():
+        found = values.get(name, np.zeros(0)).size
+        if found != size:
+            raise DriveError(f"{path}: expected {size} numbers as {name}, found {found}")
+    (width, height), (fx, fy, cx, cy), distortion = (values[name].tolist() for name in sizes)
+    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    return pose, Lens(matrix, tuple(distortion), pinhole(matrix, (width, height)), np.eye(3))
+
+
+def _read_stamped(path: Path, columns: int) -> tuple[IntArray, FloatArray]:
     """Nanoseconds (n,) and numbers (n, columns) of an ASL data.csv; further columns are ignored."""
     stamps, table = [], []
     for row in read_rows(path, delimiter=","):
         if len(row.cells) < columns + 1:
             raise row.error(f"{columns + 1} cells", str(row.cells))
-        stamps.append(_stamp(row))
+        stamps.append(row.integer(0, "nanoseconds", below=2**63))
         table.append(row.numbers(slice(1, columns + 1)))
     return np.array(stamps, np.int64), np.array(table, np.float64).reshape(-1, columns)
-
-
-def _stamp(row: Row) -> int:
-    return row.integer(0, "nanoseconds", below=2**63)
 
 
 def _seconds(stamps: IntArray, zero: int) -> FloatArray:
@@ -141,8 +127,8 @@ def _images(folder: Path) -> tuple[IntArray, list[Path]]:
     rows = list(read_rows(path, delimiter=","))
     if not rows:
         raise DriveError(f"{path}: expected times and files, found none")
-    stamps = np.array([_stamp(row) for row in rows])
-    return stamps, [folder / "data" / row.cells[-1] for row in rows]
+    stamps = [row.integer(0, "nanoseconds", below=2**63) for row in rows]
+    return np.array(stamps), [folder / "data" / row.cells[-1] for row in rows]
 
 
 def _gyroscope_increments(
@@ -152,31 +138,30 @@ def _gyroscope_increments(
     increments = unknown_increments(frame_time)
     if not (folder / "data.csv").exists():
         return increments
-    stamps, rates = read_stamped(folder / "data.csv", 3)
+    stamps, rates = _read_stamped(folder / "data.csv", 3)
     if len(stamps) < 2:
         return increments
     yaml = folder / "sensor.yaml"
-    body = _Sensor.read(yaml).body[:3, :3] if yaml.exists() else np.eye(3)
+    body = _read_sensor(yaml)[0][:3, :3] if yaml.exists() else np.eye(3)
     rates = rates @ body.T @ body_from_camera @ AHEAD.T  # (k, 3) rad/s about ahead, left and up
     time = _seconds(stamps, zero)
     order = np.argsort(time, kind="stable")
     turns = increments_from_speeds(
         time[order], np.zeros(len(time)), rates[order, 2], frame_time, GYRO
     )
-    control, covariance = increments.control.copy(), increments.covariance.copy()
-    control[:, 2], covariance[:, 2, 2] = turns.control[:, 2], turns.covariance[:, 2, 2]
-    return OdometryIncrements(control, covariance)
+    increments.control[:, 2] = turns.control[:, 2]
+    increments.covariance[:, 2, 2] = turns.covariance[:, 2, 2]
+    return increments
 
 
-def _truth(
-    path: Path, zero: int, sensor: _Sensor, body_from_camera: FloatArray, camera: Camera
-) -> Truth:
+def _camera_poses(
+    path: Path, zero: int, position: FloatArray, body_from_camera: FloatArray
+) -> Poses | None:
+    """Ground truth of a camera at a position (3,) in the body's frame; None where it is missing."""
     if not path.exists():
-        return Truth()
-    stamps, states = read_stamped(path, 7)
+        return None
+    stamps, states = _read_stamped(path, 7)
     if len(stamps) == 0:
-        return Truth()
+        return None
     body = rotation_matrices(states[:, [4, 5, 6, 3]], str(path))  # (n, 3, 3), w first in the file
-    position = states[:, :3] + body @ sensor.body[:3, 3]
-    poses = Poses(_seconds(stamps, zero), body @ body_from_camera, position)
-    return Truth.of_camera(poses, camera, start_time=0.0)
+    return Poses(_seconds(stamps, zero), body @ body_from_camera, states[:, :3] + body @ position)

@@ -1,6 +1,6 @@
 """Drives from a folder of images, or from a video, with a calibration beside it.
 
-    camera.toml              see `camera_file`; required
+    camera.toml              see `calibration`; required
     the images               in the folder or its subfolder images/: sorted by the numbers in
                              their names, or by name; or the video, in the folder of the rest
     right/, depth/           optional, with the names of the images; not with a video
@@ -10,40 +10,25 @@
 and odometry and ground truth as in `sidecar_files`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE, read_calibration
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import (
-    FrameLoader,
-    ImageFiles,
+from saccade.datasets.drives.calibration import CAMERA_FILE, read_calibration
+from saccade.datasets.drives.frames import (
+    FrameTimes,
     SourceImage,
     are_numbered,
+    frame_loader,
+    image_files,
     list_images,
 )
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.drives.undistortion import Lens
-from saccade.datasets.text import read_table
+from saccade.datasets.tables import read_table
 from saccade.errors import DriveError
 from saccade.frames import Drive
-from saccade.types import IntArray
 from saccade.video import VideoFrames
-
-
-@dataclass(frozen=True, eq=False)
-class _VideoImages:
-    """Reads image i from a video; an `ImageSource`."""
-
-    video: VideoFrames
-    index: IntArray
-    """(n,) number in the video of each image."""
-
-    def __call__(self, i: int) -> SourceImage:
-        number = int(self.index[i])
-        return SourceImage(self.video[number], f"{self.video.path}, frame {number}")
 
 
 def read_folder_drive(path: Path) -> Drive:
@@ -55,13 +40,12 @@ def read_folder_drive(path: Path) -> Drive:
         images.sort(key=lambda image: int(image.stem))
     frames = _frame_times(path, len(images), calibration.rate)
     left = [images[i] for i in frames.index.tolist()]
-    load = FrameLoader(
-        calibration.camera,
+    load = frame_loader(
+        calibration,
         frames.time,
-        left=ImageFiles(left),
-        right=ImageFiles(_same_names(path / "right", left)),
-        depth=ImageFiles(_same_names(path / "depth", left), calibration.depth_unit),
-        lens=Lens.of(calibration.camera, calibration.distortion),
+        left=image_files(left),
+        right=image_files(_same_names(path / "right", left)),
+        depth=image_files(_same_names(path / "depth", left), calibration.depth_unit),
     )
     return assemble_drive(path.resolve().name, path, calibration, frames, load)
 
@@ -77,10 +61,12 @@ def read_video_drive(path: Path) -> Drive:
             "the video is truncated"
         )
         frames = replace(frames, remarks=(*frames.remarks, remark))
-    lens = Lens.of(calibration.camera, calibration.distortion)
-    load = FrameLoader(
-        calibration.camera, frames.time, left=_VideoImages(video, frames.index), lens=lens
-    )
+
+    def read(i: int) -> SourceImage:
+        number = int(frames.index[i])
+        return SourceImage(video[number], f"{path}, frame {number}")
+
+    load = frame_loader(calibration, frames.time, left=read)
     return assemble_drive(path.stem, path.parent, calibration, frames, load)
 
 

@@ -2,85 +2,94 @@
 
     calib.txt                P0 and, for stereo, P1: (3, 4) projections of the rectified cameras
     times.txt                seconds, one line a frame
-    image_0/, image_1/       left and right, grey, named by the number of the frame; image_2/ and
+    image_0/, image_1/       left and right, gray, named by the number of the frame; image_2/ and
                              image_3/ (with P2, P3) are read where there is no image_0
     depth/                   optional: 16-bit images of the left camera's depth
-    camera.toml              optional, see `camera_file`: instead of calib.txt
+    camera.toml              optional, see `calibration`: instead of calib.txt
     calib.npz                optional: `cam_T_imu`, see `read_extrinsics`
 
 and odometry and ground truth as in `sidecar_files`. There may be fewer images than times.
 """
 
+import shutil
+import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
+import cv2
 import numpy as np
 
-from saccade.datasets.archive import Archive
-from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import (
-    FrameLoader,
-    ImageFiles,
+from saccade.datasets.drives.calibration import (
+    CAMERA_FILE,
+    Calibration,
+    camera_matrix,
+    pinhole,
+    read_calibration,
+    write_calibration,
+)
+from saccade.datasets.drives.frames import (
+    FrameTimes,
+    are_numbered,
+    frame_loader,
+    image_files,
     image_size,
-    index_images,
     list_images,
 )
+from saccade.datasets.drives.odometry import OdometryIncrements, write_increments
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.drives.undistortion import Lens, pinhole
-from saccade.datasets.text import read_rows, read_table
-from saccade.errors import DriveError
-from saccade.frames import AHEAD, Drive
-from saccade.types import FloatArray, IntArray
+from saccade.datasets.tables import Archive, read_rows, read_table, write_tum
+from saccade.errors import DriveError, OutputError
+from saccade.frames import AHEAD, Camera, Drive, Frame
+from saccade.types import FloatArray, Image, IntArray
 
 KITTI_HEIGHT = 1.65
 """Metres of KITTI's cameras above the road."""
-
-
-class StereoPair(NamedTuple):
-    """Folders and projections of two cameras."""
-
-    left: str
-    right: str
-    left_projection: str
-    right_projection: str
-
-
-PAIRS = (
-    StereoPair("image_0", "image_1", "P0", "P1"),
-    StereoPair("image_2", "image_3", "P2", "P3"),
-)
-"""The grey and the color cameras."""
+PAIRS = {("image_0", "image_1"): ("P0", "P1"), ("image_2", "image_3"): ("P2", "P3")}
+"""Folders and projections of the left and right gray cameras, and of the color cameras."""
 
 
 def read_kitti_drive(path: Path) -> Drive:
     """A drive from a folder."""
-    pair = next((pair for pair in PAIRS if (path / pair.left).is_dir()), PAIRS[0])
+    pair = next((pair for pair in PAIRS if (path / pair[0]).is_dir()), ("image_0", "image_1"))
     recorded = read_table(path / "times.txt", ("seconds",))[:, 0]
-    left = index_images(list_images(path / pair.left), len(recorded))
+    left = _images_by_frame(path / pair[0], len(recorded))
     right, depth = (
-        index_images(list_images(folder), len(recorded)) if folder.is_dir() else {}
-        for folder in (path / pair.right, path / "depth")
+        _images_by_frame(folder, len(recorded)) if folder.is_dir() else {}
+        for folder in (path / pair[1], path / "depth")
     )
     available = np.array(sorted(left), np.int64)
     frames = FrameTimes.sort(recorded, str(path / "times.txt"), available)
-    remarks = frames.remarks + _missing_images(available, path / pair.left)
+    remarks = frames.remarks + _missing_images(available, path / pair[0])
     frames = replace(frames, remarks=remarks)
     numbers = frames.index.tolist()
-    calibration = _calibration(path, pair, image_size(left[numbers[0]]), stereo=bool(right))
-    load = FrameLoader(
-        calibration.camera,
+    size = image_size(left[numbers[0]])
+    calibration = _calibration(path, PAIRS[pair], size, stereo=bool(right))
+    load = frame_loader(
+        calibration,
         frames.time,
-        left=ImageFiles([left[i] for i in numbers]),
-        right=ImageFiles([right.get(i) for i in numbers]),
-        depth=ImageFiles([depth.get(i) for i in numbers], calibration.depth_unit),
-        lens=Lens.of(calibration.camera, calibration.distortion),
+        left=image_files([left[i] for i in numbers]),
+        right=image_files([right.get(i) for i in numbers]),
+        depth=image_files([depth.get(i) for i in numbers], calibration.depth_unit),
     )
     return assemble_drive(path.resolve().name, path, calibration, frames, load)
 
 
-def read_projections(path: Path) -> dict[str, FloatArray]:
+def _images_by_frame(folder: Path, count: int) -> dict[int, Path]:
+    """Images by the number in their names, or by their position in the sorted list."""
+    paths = list_images(folder)
+    numbers = [int(path.stem) for path in paths] if are_numbered(paths) else range(len(paths))
+    frames = dict(zip(numbers, paths, strict=True))
+    last = max(frames)
+    if last >= count:
+        raise DriveError(
+            f"{frames[last]}: expected one of {count} frames as there are times, "
+            f"found number {last}"
+        )
+    return frames
+
+
+def _read_projections(path: Path) -> dict[str, FloatArray]:
     """The (3, 4) matrices of a calib.txt by their names."""
     matrices = {}
     for row in read_rows(path):
@@ -104,28 +113,31 @@ def read_extrinsics(archive: Archive) -> dict[str, FloatArray]:
     return {"position": position, "rotation": np.ascontiguousarray(matrix[:3, :3].T)}
 
 
-def _calibration(path: Path, pair: StereoPair, size: tuple[int, int], stereo: bool) -> Calibration:
+def _calibration(
+    path: Path, names: tuple[str, str], size: tuple[int, int], stereo: bool
+) -> Calibration:
+    """The calibration in camera.toml, or by the projections of two names in calib.txt."""
     if (path / CAMERA_FILE).exists():
         return read_calibration(path / CAMERA_FILE)
     calib = path / "calib.txt"
-    projections = read_projections(calib)
-    P = projections.get(pair.left_projection)
+    projections = _read_projections(calib)
+    P = projections.get(names[0])
     if P is None:
         found = ", ".join(projections) or "none"
-        raise DriveError(f"{calib}: expected {pair.left_projection}, found {found}")
+        raise DriveError(f"{calib}: expected {names[0]}, found {found}")
     width, height = size
     if not (0 < P[0, 2] < width and 0 < P[1, 2] < height):
         raise DriveError(
             f"{calib}: expected a principal point inside the images of {width} x {height} px, "
             f"found {P[0, 2]:.1f}, {P[1, 2]:.1f}"
         )
-    mounting = {"position": np.array([0.0, 0.0, KITTI_HEIGHT]), "rotation": AHEAD.copy()}
+    extrinsics = {"position": np.array([0.0, 0.0, KITTI_HEIGHT]), "rotation": AHEAD.copy()}
     if (path / "calib.npz").exists():
-        mounting = read_extrinsics(Archive(path / "calib.npz"))
-    baseline, right = 0.0, projections.get(pair.right_projection)
+        extrinsics = read_extrinsics(Archive(path / "calib.npz"))
+    baseline, right = 0.0, projections.get(names[1])
     if stereo and right is not None:
         baseline = float(P[0, 3] / P[0, 0] - right[0, 3] / right[0, 0])
-    return Calibration(pinhole(P, size, baseline=baseline, **mounting))
+    return Calibration(pinhole(P, size, baseline=baseline, **extrinsics))
 
 
 def _missing_images(available: IntArray, folder: Path) -> tuple[str, ...]:
@@ -136,3 +148,121 @@ def _missing_images(available: IntArray, folder: Path) -> tuple[str, ...]:
     count = int((np.diff(available) - 1).sum())
     images = "image is" if count == 1 else "images are"
     return (f"{folder}: {count} {images} missing, first number {available[gaps[0]] + 1}",)
+
+
+DRIVE_FILES = (
+    *("calib.txt", CAMERA_FILE, "times.txt", "odometry.csv", "groundtruth.tum"),
+    *("image_0", "image_1", "depth"),
+)
+"""Files of an earlier drive, which may be replaced."""
+
+
+def save_drive(
+    path: str | Path, drive: Drive, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Write a drive as a folder in KITTI's layout, with odometry.csv and groundtruth.tum.
+
+    The folder is written atomically; one of an earlier drive is replaced.
+
+    Args:
+        path: the folder.
+        drive: with images; tracks are not part of the layout.
+        progress: called with the number of frames written, and of all.
+
+    Raises:
+        DriveError: a frame has no image.
+        ImageError: a frame cannot be read.
+        OutputError: the folder cannot be written, or holds other files than those of a drive.
+    """
+    path = Path(path)
+    try:
+        names = {file.name for file in path.iterdir()} if path.exists() else set()
+        for name in sorted(names - set(DRIVE_FILES))[:1]:
+            raise OutputError(f"{path}: expected a new or empty folder, found {name!r} in it")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=".saccade-", dir=path.parent))
+    except OSError as error:
+        if isinstance(error, OutputError):
+            raise
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    try:
+        _write(temporary / "new", drive, progress)
+        _exchange(path, temporary / "new", temporary / "old")
+    except OutputError as error:
+        raise OutputError(str(error).replace(str(temporary / "new"), str(path))) from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _exchange(path: Path, new: Path, old: Path) -> None:
+    """Replace a folder that may exist by the new one; on failure restore it."""
+    if path.exists():
+        path.replace(old)
+    try:
+        new.replace(path)
+    except OSError:
+        if old.exists():
+            old.replace(path)
+        raise
+
+
+def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | None) -> None:
+    folder.mkdir()
+    calibration = Calibration(
+        drive.camera,
+        odometry_bias=drive.odometry_bias,
+        start=(float(drive.start[0]), float(drive.start[1]), float(drive.start[2])),
+    )
+    write_calibration(folder / CAMERA_FILE, calibration)
+    (folder / "calib.txt").write_text(_projections(drive.camera), encoding="utf-8")
+    np.savetxt(folder / "times.txt", drive.time, fmt="%.9f")
+    write_increments(
+        folder / "odometry.csv", OdometryIncrements(drive.control, drive.control_covariance)
+    )
+    if drive.truth is not None:
+        write_tum(folder / "groundtruth.tum", drive.truth)
+    for i in range(len(drive)):
+        frame = drive.load(i)
+        if frame.image is None:
+            raise DriveError(f"{drive.name}, frame {i}: expected an image to write, found none")
+        depth = _depth_steps(frame, calibration.depth_unit)
+        images = (("image_0", frame.image), ("image_1", frame.right), ("depth", depth))
+        for name, image in images:
+            if image is not None:
+                _write_png(folder / name / f"{i:06d}.png", image)
+        if progress is not None:
+            progress(i + 1, len(drive))
+
+
+def _projections(camera: Camera) -> str:
+    """P0 to P3 as KITTI writes them; P2 and P3 are the same cameras as P0 and P1."""
+    left = np.column_stack([camera_matrix(camera), np.zeros(3)])
+    right = left.copy()
+    right[0, 3] = -camera.fx * camera.baseline
+    return "".join(
+        f"P{i}: {' '.join(f'{value:.12e}' for value in P.ravel())}\n"
+        for i, P in enumerate((left, right, left, right))
+    )
+
+
+def _depth_steps(frame: Frame, unit: float) -> Image | None:
+    """Depth as a 16-bit image; 0 where it is unknown or out of range."""
+    if frame.depth is None:
+        return None
+    steps = np.rint(np.nan_to_num(frame.depth, nan=0.0, posinf=0.0) / unit)
+    return np.where((steps > 0) & (steps < 1 << 16), steps, 0).astype(np.uint16)
+
+
+def _write_png(path: Path, image: Image) -> None:
+    path.parent.mkdir(exist_ok=True)
+    pixels = image
+    if image.dtype.kind == "f":
+        pixels = np.rint(image.clip(0, 1) * 255).astype(np.uint8)
+    if pixels.ndim == 3:
+        pixels = cv2.cvtColor(np.ascontiguousarray(pixels[:, :, :3]), cv2.COLOR_RGB2BGR)
+    encoded, data = cv2.imencode(".png", pixels)
+    if not encoded:
+        raise OutputError(f"{path}: cannot be written: the image cannot be encoded")
+    path.write_bytes(data.tobytes())

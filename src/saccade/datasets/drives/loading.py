@@ -4,14 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, TypeAlias, cast, get_args
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE
+from saccade.datasets.drives.calibration import CAMERA_FILE
 from saccade.datasets.drives.euroc import read_euroc_drive
 from saccade.datasets.drives.folder import read_folder_drive, read_video_drive
 from saccade.datasets.drives.kitti import PAIRS, read_kitti_drive
 from saccade.datasets.drives.rosbag import read_rosbag_drive
 from saccade.datasets.drives.tracks import TRACK_FILES, read_tracks_drive
 from saccade.datasets.drives.tum_rgbd import read_tum_drive
-from saccade.errors import DriveError, LogError, require
+from saccade.errors import DriveError, ImageError, LogError, require
 from saccade.frames import Drive
 from saccade.video import is_video
 
@@ -51,7 +51,7 @@ def load_drive(kind: DriveKind, path: str | Path) -> Drive:
         kind = detect_layout(path)
     try:
         return _READERS[kind](path)
-    except LogError as error:
+    except (ImageError, LogError) as error:
         raise DriveError(str(error)) from error
 
 
@@ -68,7 +68,7 @@ def detect_layout(path: Path) -> DriveKind:
             raise DriveError(f"{path}: expected a folder, a video, a .bag or an .npz, found none")
         return cast("DriveKind", kind)
     marks: tuple[tuple[DriveKind, tuple[str, ...]], ...] = (
-        ("kitti", tuple(pair.left for pair in PAIRS)),
+        ("kitti", tuple(left for left, _ in PAIRS)),
         ("tum-rgbd", ("rgb.txt",)),
         ("euroc", ("mav0", "cam0")),
         ("rosbag", ("metadata.yaml",)),

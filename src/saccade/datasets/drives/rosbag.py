@@ -10,7 +10,7 @@ Topics are selected by their types, and among several by their names:
     nav_msgs Odometry                       the one without "truth" or "gt" in its name
     Odometry, PoseStamped, TransformStamped with "truth", "gt", "vicon" or "mocap" in the name:
                                             ground truth of the robot
-    tf2_msgs TFMessage                      those that end in "static": mounting of the camera on
+    tf2_msgs TFMessage                      those that end in "static": pose of the camera on
                                             the robot, if they connect the frames of image and
                                             odometry
 
@@ -19,33 +19,43 @@ those of the messages' headers, from the first image on. Without odometry the mo
 `unknown_increments`). Needs the extra `ros`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from posixpath import commonpath
-from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
-from saccade.datasets.drives.camera_poses import Poses, project_to_plane, rotation_matrices
-from saccade.datasets.drives.frame_times import FrameTimes, associate
-from saccade.datasets.drives.image_files import FrameLoader, SourceImage
-from saccade.datasets.drives.odometry_increments import (
+from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration, read_calibration
+from saccade.datasets.drives.frames import (
+    FrameTimes,
+    ImageSource,
+    SourceImage,
+    associate,
+    frame_loader,
+)
+from saccade.datasets.drives.odometry import (
     OdometryIncrements,
     increments_from_poses,
     unknown_increments,
 )
-from saccade.datasets.drives.ros_bag_reader import Bag, reading
-from saccade.datasets.drives.ros_messages import (
+from saccade.datasets.drives.ros_bags import (
+    Bag,
     calibration_of,
     extrinsics,
     finite,
     pixels_of,
     pose_of,
+    reading,
     seconds_of,
 )
-from saccade.datasets.drives.sidecar_files import Truth, assemble_drive
-from saccade.datasets.drives.undistortion import Lens
+from saccade.datasets.drives.sidecar_files import (
+    Poses,
+    Truth,
+    assemble_drive,
+    project_to_plane,
+    robot_truth,
+    rotation_matrices,
+)
 from saccade.errors import DriveError, ImageError
 from saccade.frames import Camera, Drive
 from saccade.types import FloatArray, IntArray
@@ -58,96 +68,80 @@ POSES = (ODOMETRY, "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Transform
 TRUTH_WORDS = ("truth", "gt", "vicon", "mocap")
 
 
-class ImageTopics(NamedTuple):
-    """Names of the image topics; None where there is none."""
-
-    left: str
-    right: str | None
-    depth: str | None
-
-
-@dataclass(frozen=True, eq=False)
-class TopicImages:
-    """Reads image i from a topic; an `ImageSource`."""
-
-    bag: Bag
-    topic: str
-    stamps: IntArray
-    """(n,) nanoseconds of recording, -1 where there is no image."""
-    unit: float = 1.0
-    """Metres per step of integer depth images."""
-
-    def __call__(self, i: int) -> SourceImage | None:
-        """Image i."""
-        if self.stamps[i] < 0:
-            return None
-        name = f"{self.bag.path}, {self.topic}, frame {i}"
-        with reading(name, ImageError):
-            pixels = pixels_of(self.bag.at(self.topic, int(self.stamps[i])), name)
-        return SourceImage(pixels, name, 1.0 if pixels.dtype.kind == "f" else self.unit)
-
-
 def read_rosbag_drive(path: Path) -> Drive:
     """A drive from a bag."""
     with reading(str(path), DriveError):
-        return _read_drive(Bag(path), path)
+        bag = Bag(path)
+        left, right, depth = _image_topics(bag)
+        stamps, seconds = bag.stamps(left)
+        zero = float(seconds.min())
+        frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
+        calibration = _calibration(bag, left, right)
+        time = seconds[frames.index]
+        load = frame_loader(
+            calibration,
+            frames.time,
+            left=_topic_images(bag, left, stamps[frames.index]),
+            right=_associated_images(bag, right, time),
+            depth=_associated_images(bag, depth, time, calibration.depth_unit),
+        )
+        increments = _increments(bag, frames.time, zero)
+        truth = _truth(bag, zero)
+        return assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
 
 
-def _read_drive(bag: Bag, path: Path) -> Drive:
-    topics = _image_topics(bag)
-    stamps, seconds = bag.stamps(topics.left)
-    zero = float(seconds.min())
-    frames = FrameTimes.sort(seconds - zero, f"{path}, {topics.left}")
-    calibration = _calibration(bag, topics)
-    time, unit = seconds[frames.index], calibration.depth_unit
-    load = FrameLoader(
-        calibration.camera,
-        frames.time,
-        left=TopicImages(bag, topics.left, stamps[frames.index]),
-        right=_associated_images(bag, topics.right, time),
-        depth=_associated_images(bag, topics.depth, time, unit),
-        lens=Lens.of(calibration.camera, calibration.distortion),
-    )
-    increments = _increments(bag, frames.time, zero)
-    truth = _truth(bag, zero)
-    return assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
-
-
-def _image_topics(bag: Bag) -> ImageTopics:
+def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
+    """Topics of the left and right images and of the depth; None where there is none."""
     topics = bag.topics(IMAGES)
     depth = next((topic for topic in topics if "depth" in topic), None)
     right = next((topic for topic in topics if "right" in topic and "depth" not in topic), None)
     left = [topic for topic in topics if topic != right and "depth" not in topic]
     if not left:
         raise DriveError(f"{bag.path}: expected a topic of images, found {bag.all_topics()}")
-    return ImageTopics(min(left, key=lambda topic: "left" not in topic), right, depth)
+    return min(left, key=lambda topic: "left" not in topic), right, depth
+
+
+def _topic_images(bag: Bag, topic: str, stamps: IntArray, unit: float = 1.0) -> ImageSource:
+    """Images of a topic recorded at `stamps` (n,) in nanoseconds, -1 where there is none.
+
+    `unit` is that of integer depth images, in metres per step; others are in metres.
+    """
+
+    def read(i: int) -> SourceImage | None:
+        if stamps[i] < 0:
+            return None
+        name = f"{bag.path}, {topic}, frame {i}"
+        with reading(name, ImageError):
+            pixels = pixels_of(bag.at(topic, int(stamps[i])), name)
+        return SourceImage(pixels, name, 1.0 if pixels.dtype.kind == "f" else unit)
+
+    return read
 
 
 def _associated_images(
     bag: Bag, topic: str | None, time: FloatArray, unit: float = 1.0
-) -> TopicImages | None:
+) -> ImageSource | None:
     """The images of a topic nearest to times (n,) in seconds."""
     if topic is None:
         return None
     stamps, seconds = bag.stamps(topic)
     nearest = associate(time, seconds, MAX_TIME_DIFFERENCE)
-    return TopicImages(bag, topic, np.where(nearest >= 0, stamps[nearest], -1), unit)
+    return _topic_images(bag, topic, np.where(nearest >= 0, stamps[nearest], -1), unit)
 
 
-def _calibration(bag: Bag, topics: ImageTopics) -> Calibration:
+def _calibration(bag: Bag, left: str, right: str | None) -> Calibration:
     file = bag.path.parent / CAMERA_FILE
     if file.exists():
         return read_calibration(file)
     infos = bag.topics(("sensor_msgs/msg/CameraInfo",))
     if not infos:
         raise DriveError(f"{bag.path}: expected CameraInfo, or {file}, found {bag.all_topics()}")
-    left = _closest(infos, topics.left)
-    _, left_info = next(bag.messages(left))
-    right_info = None
-    if topics.right is not None and (right := _closest(infos, topics.right)) != left:
-        _, right_info = next(bag.messages(right))
-    calibration = calibration_of(left_info, right_info, f"{bag.path}, {left}")
-    return replace(calibration, camera=_mount(bag, topics.left, calibration.camera))
+    info, right_message = _closest(infos, left), None
+    if right is not None and (right_info := _closest(infos, right)) != info:
+        _, right_message = next(bag.messages(right_info))
+    _, message = next(bag.messages(info))
+    calibration = calibration_of(message, right_message, f"{bag.path}, {info}")
+    return replace(calibration, camera=_mount(bag, left, calibration.camera))
 
 
 def _mount(bag: Bag, image: str, camera: Camera) -> Camera:
@@ -180,7 +174,7 @@ def _odometry_topic(bag: Bag) -> str | None:
 
 def _truth(bag: Bag, zero: float) -> Truth:
     topic = next((topic for topic in bag.topics(POSES) if _is_truth(topic)), None)
-    return Truth() if topic is None else Truth.of_robot(_poses(bag, topic, zero))
+    return Truth() if topic is None else robot_truth(_poses(bag, topic, zero))
 
 
 def _is_truth(topic: str) -> bool:

@@ -1,57 +1,107 @@
 """Odometry and ground truth in files beside the images of a drive, whatever its layout.
 
-odometry.csv             see `odometry_csv`; or odometry_oxts.csv
+odometry.csv             see `odometry`; or odometry_oxts.csv
 groundtruth.tum          ground truth of the robot, on the ground; or of the left camera, in its
                          frame: groundtruth_tum.txt, groundtruth_kitti.txt, poses.txt or, as in
                          KITTI's benchmark, ../../poses/NAME.txt
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import Calibration
-from saccade.datasets.drives.camera_poses import (
-    Poses,
-    off_plane_components,
-    project_to_plane,
-    read_kitti_poses,
-    read_tum_poses,
-    robot_poses,
-)
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.odometry_csv import read_odometry
-from saccade.datasets.drives.odometry_increments import OdometryIncrements, unknown_increments
+from saccade.datasets.drives.calibration import Calibration
+from saccade.datasets.drives.frames import FrameTimes
+from saccade.datasets.drives.odometry import OdometryIncrements, read_odometry, unknown_increments
+from saccade.datasets.tables import read_rows, read_table
+from saccade.errors import LogError
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import FloatArray, Trajectory
 
+TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """Ground truth of a drive, if known."""
+
+class Poses(NamedTuple):
+    """n timed poses in SE(3)."""
+
+    time: FloatArray
+    """(n,) seconds."""
+    rotation: FloatArray
+    """(n, 3, 3) from the body frame to the world frame."""
+    position: FloatArray
+    """(n, 3) metres, in the world frame."""
+
+
+class Truth(NamedTuple):
+    """Ground truth of a drive, if known: `Drive.truth` and `Drive.truth_off_plane`."""
 
     trajectory: Trajectory | None = None
-    """As `Drive.truth`."""
     off_plane: FloatArray | None = None
-    """As `Drive.truth_off_plane`."""
 
-    @classmethod
-    def of_robot(cls, poses: Poses) -> "Truth":
-        """Ground truth from poses of the robot in space."""
-        return cls(project_to_plane(poses), off_plane_components(poses))
 
-    @classmethod
-    def of_camera(cls, poses: Poses, camera: Camera, start_time: float) -> "Truth":
-        """Ground truth from poses of the camera, in any world frame.
+def read_tum_poses(path: Path) -> Poses:
+    """Lines of `time x y z qx qy qz qw`; `#` begins a comment."""
+    table = read_table(path, TUM_COLUMNS)
+    if len(table) == 0:
+        raise LogError(f"{path}: expected poses, found none")
+    return Poses(table[:, 0], rotation_matrices(table[:, 4:], str(path)), table[:, 1:4])
 
-        Args:
-            poses: of the camera.
-            camera: on the robot.
-            start_time: seconds of the first frame, at which the robot is at the origin.
-        """
-        return cls.of_robot(robot_poses(poses, camera, start_time))
+
+def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
+    """Lines of the twelve numbers of a (3, 4) pose, row by row; one for each time (n,)."""
+    rows = [row.require_cells(12, "numbers").numbers() for row in read_rows(path)]
+    if len(rows) != len(time):
+        raise LogError(f"{path}: expected {len(time)} poses as in times.txt, found {len(rows)}")
+    matrix = np.array(rows).reshape(-1, 3, 4)
+    return Poses(time, matrix[:, :, :3], matrix[:, :, 3])
+
+
+def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
+    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w, which are normalized."""
+    length = np.linalg.norm(quaternion, axis=1)
+    if (length < 0.5).any():
+        row = int(np.argmin(length))
+        raise LogError(f"{name}: expected unit quaternions, found length {length[row]:.3g}, {row=}")
+    x, y, z, w = (quaternion / length[:, None]).T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1),
+            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1),
+            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1),
+        ],
+        1,
+    )
+
+
+def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Truth:
+    """Ground truth from poses of the camera, in any world frame.
+
+    The world frame becomes the robot's frame at the pose nearest to `start_time`, in seconds.
+    """
+    rotation = poses.rotation @ camera.rotation.T
+    position = poses.position - rotation @ camera.position
+    first = int(np.argmin(np.abs(poses.time - start_time)))
+    to_start = rotation[first].T
+    position = (position - position[first]) @ to_start.T
+    return robot_truth(Poses(poses.time, to_start @ rotation, position))
+
+
+def robot_truth(poses: Poses) -> Truth:
+    """Ground truth from poses of the robot in space."""
+    R = poses.rotation
+    pitch = np.arcsin(R[:, 2, 0].clip(-1, 1))
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
+    off_plane = np.column_stack([poses.position[:, 2], pitch, roll])
+    return Truth(project_to_plane(poses), off_plane)
+
+
+def project_to_plane(poses: Poses) -> Trajectory:
+    """Projection of the robot's poses to the plane z = 0: x, y, and the heading of its x axis."""
+    x_axis = poses.rotation[:, :, 0]
+    heading = np.arctan2(x_axis[:, 1], x_axis[:, 0])
+    return Trajectory(poses.time, np.column_stack([poses.position[:, :2], heading]))
 
 
 def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | None:
@@ -64,17 +114,15 @@ def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | No
 
 def read_truth(folder: Path, frames: FrameTimes, camera: Camera) -> Truth:
     """Ground truth of a folder, if it has any; KITTI's has a pose for each recorded frame."""
-    if (folder / "groundtruth.tum").exists():
-        return Truth.of_robot(read_tum_poses(folder / "groundtruth.tum"))
+    if (of_robot := folder / "groundtruth.tum").exists():
+        return robot_truth(read_tum_poses(of_robot))
     start_time = float(frames.time[0])
     if (folder / "groundtruth_tum.txt").exists():
-        poses = read_tum_poses(folder / "groundtruth_tum.txt")
-        return Truth.of_camera(poses, camera, start_time)
+        return camera_truth(read_tum_poses(folder / "groundtruth_tum.txt"), camera, start_time)
     benchmark = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
     for file in (folder / "groundtruth_kitti.txt", folder / "poses.txt", benchmark):
         if file.exists():
-            poses = read_kitti_poses(file, frames.recorded)
-            return Truth.of_camera(poses, camera, start_time)
+            return camera_truth(read_kitti_poses(file, frames.recorded), camera, start_time)
     return Truth()
 
 
@@ -89,14 +137,8 @@ def assemble_drive(
 ) -> Drive:
     """A drive from its parts.
 
-    Args:
-        name: of the drive.
-        folder: with odometry and ground truth, which are read where they are None.
-        calibration: the camera; the start pose, which is else that of the ground truth.
-        frames: of the drive.
-        load: see `Drive`.
-        increments: odometry between the frames; unknown motion where the folder has none either.
-        truth: ground truth.
+    Odometry and ground truth that are None are read from the folder; without odometry the motion is
+    unknown. The start is that of the calibration, else that of the ground truth, else the origin.
     """
     if increments is None:
         increments = read_increments(folder, frames) or unknown_increments(frames.time)

@@ -13,46 +13,21 @@ its observation of the frame before: the point continues as another track, and t
 the two frames is lost. The clean file has such observations removed and the tracks split.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.archive import Archive
-from saccade.datasets.drives.camera_file import Calibration
-from saccade.datasets.drives.frame_times import FrameTimes
-from saccade.datasets.drives.image_files import image_size, list_images
+from saccade.datasets.drives.calibration import Calibration, pinhole
+from saccade.datasets.drives.frames import FrameTimes, image_size, list_images
 from saccade.datasets.drives.kitti import read_extrinsics
 from saccade.datasets.drives.sidecar_files import assemble_drive
-from saccade.datasets.drives.undistortion import pinhole
-from saccade.datasets.text import read_table
+from saccade.datasets.tables import Archive, read_table
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive, Frame, Tracks
 from saccade.types import FloatArray, IntArray
 
 TRACK_FILES = ("stereo_tracks_clean.npz", "stereo_tracks.npz")
 """File names looked for in a folder."""
-
-
-@dataclass(frozen=True, eq=False)
-class TrackLoader:
-    """Loads the tracks of frame i; the `load` of a `Drive`."""
-
-    time: FloatArray
-    """(n,) seconds."""
-    begin: IntArray
-    """(n,) row of the first observation of each frame."""
-    end: IntArray
-    """(n,) row after the last."""
-    tracks: Tracks
-    """All observations, sorted by frame."""
-
-    def __call__(self, i: int) -> Frame:
-        """Frame i."""
-        rows = slice(int(self.begin[i]), int(self.end[i]))
-        tracks = self.tracks
-        observed = Tracks(tracks.id[rows], tracks.xy[rows], tracks.disparity[rows])
-        return Frame(float(self.time[i]), tracks=observed)
 
 
 def read_tracks_drive(path: Path) -> Drive:
@@ -67,9 +42,16 @@ def read_tracks_drive(path: Path) -> Drive:
         raise DriveError(f"{folder / 'times.txt'}: expected times of frames, found none")
     frames = FrameTimes.sort(recorded, str(folder / "times.txt"))
     calibration = Calibration(_camera(folder, tracks.xy))
-    begin, end = (np.searchsorted(frame_of, frames.index, side=s) for s in ("left", "right"))
+    time = frames.time
+    begin = np.searchsorted(frame_of, frames.index)
+    end = np.searchsorted(frame_of, frames.index, side="right")
+
+    def load(i: int) -> Frame:
+        rows = slice(int(begin[i]), int(end[i]))
+        observed = Tracks(tracks.id[rows], tracks.xy[rows], tracks.disparity[rows])
+        return Frame(float(time[i]), tracks=observed)
+
     name = f"{folder.resolve().name}/{file.stem}"
-    load = TrackLoader(frames.time, begin, end, tracks)
     return assemble_drive(name, folder, calibration, frames, load)
 
 

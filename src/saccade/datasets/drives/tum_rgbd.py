@@ -3,9 +3,9 @@
     rgb.txt                  lines of `time file`, the color images
     depth.txt                the same for the depth images, 16 bit, 5000 steps per metre
     groundtruth.txt          optional: `time x y z qx qy qz qw` of the color camera
-    camera.toml              optional, see `camera_file`; not required where the folder's name
+    camera.toml              optional, see `calibration`; not required where the folder's name
                              contains freiburg1, 2 or 3
-    odometry.csv             optional, see `odometry_csv`
+    odometry.csv             optional, see `odometry`
 
 A hand-held camera has no wheels: without odometry.csv the motion is unknown (see
 `unknown_increments`).
@@ -16,13 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.camera_file import CAMERA_FILE, Calibration, read_calibration
-from saccade.datasets.drives.camera_poses import read_tum_poses
-from saccade.datasets.drives.frame_times import FrameTimes, associate
-from saccade.datasets.drives.image_files import FrameLoader, ImageFiles
-from saccade.datasets.drives.sidecar_files import Truth, assemble_drive
-from saccade.datasets.drives.undistortion import Lens
-from saccade.datasets.text import read_rows
+from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration, read_calibration
+from saccade.datasets.drives.frames import FrameTimes, associate, frame_loader, image_files
+from saccade.datasets.drives.sidecar_files import (
+    Truth,
+    assemble_drive,
+    camera_truth,
+    read_tum_poses,
+)
+from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive
 from saccade.types import FloatArray
@@ -42,29 +44,28 @@ formats; images of the third are undistorted."""
 
 def read_tum_drive(path: Path) -> Drive:
     """A drive from a folder."""
-    recorded, files = read_list(path / "rgb.txt")
+    recorded, files = _read_list(path / "rgb.txt")
     frames = FrameTimes.sort(recorded, str(path / "rgb.txt"))
     calibration = _calibration(path)
     depth: list[Path | None] = [None] * len(frames.index)
     if (path / "depth.txt").exists():
-        depth_time, depth_files = read_list(path / "depth.txt")
+        depth_time, depth_files = _read_list(path / "depth.txt")
         nearest = associate(frames.time, depth_time, MAX_TIME_DIFFERENCE)
         depth = [path / depth_files[i] if i >= 0 else None for i in nearest.tolist()]
     truth = Truth()
     if (path / "groundtruth.txt").exists():
         poses = read_tum_poses(path / "groundtruth.txt")
-        truth = Truth.of_camera(poses, calibration.camera, float(frames.time[0]))
-    load = FrameLoader(
-        calibration.camera,
+        truth = camera_truth(poses, calibration.camera, float(frames.time[0]))
+    load = frame_loader(
+        calibration,
         frames.time,
-        left=ImageFiles([path / files[i] for i in frames.index.tolist()]),
-        depth=ImageFiles(depth, calibration.depth_unit),
-        lens=Lens.of(calibration.camera, calibration.distortion),
+        left=image_files([path / files[i] for i in frames.index.tolist()]),
+        depth=image_files(depth, calibration.depth_unit),
     )
     return assemble_drive(path.resolve().name, path, calibration, frames, load, truth=truth)
 
 
-def read_list(path: Path) -> tuple[FloatArray, list[str]]:
+def _read_list(path: Path) -> tuple[FloatArray, list[str]]:
     """Times (n,) and files of a list of images."""
     rows = [row.require_cells(2, "cells (time, file)") for row in read_rows(path)]
     if not rows:

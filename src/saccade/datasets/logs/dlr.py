@@ -4,15 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.archive import Archive
-from saccade.datasets.logs.cartesian import to_range_bearing
-from saccade.datasets.table import from_upper_triangle
+from saccade.datasets.logs.conversions import to_range_bearing
+from saccade.datasets.tables import Archive, from_upper_triangle
 from saccade.errors import LogError
 from saccade.types import LandmarkLog
-
-_ODOMETRY = ("forward", "left", "turn")
-_UPPER = ("xx", "xy", "xt", "yy", "yt", "tt")
-_OBSERVATION = ("step", "landmark", "x", "y", "xx", "xy", "yy")
 
 
 def read_dlr(path: str | Path) -> LandmarkLog:
@@ -31,9 +26,10 @@ def read_dlr(path: str | Path) -> LandmarkLog:
     """
     path = Path(path)
     archive = Archive(path)
-    odometry = archive.table("odometry", _ODOMETRY)
-    upper = archive.table("odometry_cov_upper", _UPPER)
-    observations = archive.table("observations", _OBSERVATION)
+    odometry = archive.table("odometry", ("forward", "left", "turn"))
+    upper = archive.table("odometry_cov_upper", ("xx", "xy", "xt", "yy", "yt", "tt"))
+    columns = ("step", "landmark", "x", "y", "xx", "xy", "yy")
+    observations = archive.table("observations", columns)
     steps = len(odometry)
     if len(upper) != steps:
         raise LogError(f"{path}: expected {steps} covariances of odometry, found {len(upper)}")

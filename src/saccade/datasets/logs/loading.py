@@ -5,20 +5,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
-from saccade.datasets.archive import Archive
+from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.dlr import read_dlr
 from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
 from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
-from saccade.datasets.odometry import OdometryNoise
+from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog
 
 Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr"]
-"""The formats that are read; "auto" detects the format from the path and the content."""
+"""Formats to read; "auto" detects the format from the path and the content."""
 Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam", "mrclam"]
-"""The formats that are written; "auto" goes by the suffix."""
+"""Formats to write; "auto" chooses by the suffix of the file."""
 _READERS: dict[str, Callable[..., LandmarkLog]] = {
     "csv": read_log_csv,
     "g2o": read_pose_graph,
@@ -58,20 +58,16 @@ def load(
     """Read a landmark log. An option that is None has the default of its format.
 
     Args:
-        kind: "csv" (see `log_csv`), "g2o" or "isam" (g2o, iSAM, TORO or GTSAM text: one
-            reader), "mrclam" (folder or .npz), "victoria-park" (raw .mat, or GTSAM's .txt),
-            "dlr" (.npz), or "auto".
+        kind: "csv" (see `log_csv`), "g2o" or "isam" (either reads g2o, iSAM, TORO and GTSAM
+            text), "mrclam" (folder or .npz), "victoria-park" (raw .mat, or GTSAM's .txt), "dlr"
+            (.npz), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
         matrix_form: g2o and isam: form of the matrices; detected by default.
-        odometry_noise: mrclam and the raw Victoria Park log: odometry noise.
-        sensor_sigma: mrclam and the raw Victoria Park log: standard deviations of
-            range (m) and bearing (rad).
+        odometry_noise: mrclam and the raw Victoria Park log: random odometry errors.
+        sensor_sigma: of the same: standard deviations of range (m) and bearing (rad).
         reference: the raw Victoria Park log: whether poses are those of the "laser", beside
             the GPS antenna (default), or of the rear "axle".
-
-    Returns:
-        The log.
 
     Raises:
         LogError: the file is missing, broken, or of another format; one line that names it.

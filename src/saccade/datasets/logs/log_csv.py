@@ -20,13 +20,16 @@ from typing import Literal
 
 import numpy as np
 
-from saccade.datasets.table import (
+from saccade.datasets.logs.conversions import require_motion_model
+from saccade.datasets.tables import (
+    Row,
     covariance_names,
     from_upper_triangle,
+    read_rows,
+    require_ascending,
     symmetric_columns,
     write_table,
 )
-from saccade.datasets.text import Row, read_rows
 from saccade.errors import LogError
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
@@ -51,11 +54,7 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
         LogError: the controls are those of a custom motion model.
         OutputError: the file cannot be written.
     """
-    if log.motion not in _CONTROLS:
-        raise LogError(
-            f"{log.name}: expected controls of drive or compose, found those of a custom motion "
-            "model"
-        )
+    require_motion_model(log)
     control = _CONTROLS[log.motion]
     poses, observations = np.arange(len(log.time)), np.arange(len(log.observation))
     pose_row = poses + np.searchsorted(log.observation_pose, poses)
@@ -98,21 +97,21 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     records = [row.require_cells(len(header.cells)) for row in rows]
     if not records:
         raise LogError(f"{path}: expected a row for the first pose, found none")
-    columns = _parse_columns(header.cells, records, columns_of(motion))
+    columns = {name: np.full(len(records), np.nan) for name in columns_of(motion)}
+    for i, name in enumerate(header.cells):
+        if name != "landmark":
+            columns[name][:] = [row.numbers(slice(i, i + 1), blank=np.nan)[0] for row in records]
     is_control, is_observation = (
         np.asarray(np.isfinite([columns[name] for name in names]).any(0))
         for names in (control, _OBSERVATION)
     )
     _check_rows(header.cells, records, control, is_control, is_observation)
     controls, observations = np.flatnonzero(is_control), np.flatnonzero(is_observation)
-    time = _cells(records, columns, np.arange(len(records)), ("time",))[:, 0]
-    pose_time = time[~is_observation]
+    poses = np.flatnonzero(~is_observation)
+    time = _cells(records, columns, np.arange(len(records)), ("time",))
+    require_ascending(time[poses], lambda i: f"{path}, line {records[poses[i]].line}")
+    time, pose_time = time[:, 0], time[poses, 0]
     observation_pose = np.cumsum(~is_observation)[observations] - 1
-    for i in np.flatnonzero(np.diff(pose_time) < 0)[:1].tolist():
-        row = records[int(np.flatnonzero(~is_observation)[i + 1])]
-        raise LogError(
-            f"{path}, line {row.line}: time goes back from {pose_time[i]:g} to {pose_time[i + 1]:g}"
-        )
     for k in np.flatnonzero(time[observations] != pose_time[observation_pose])[:1].tolist():
         raise records[int(observations[k])].error(
             f"an observation at the time of the pose above, {pose_time[observation_pose[k]]:g}",
@@ -144,17 +143,6 @@ def _check_header(header: Row, motion: str) -> None:
             f"the columns {', '.join(known)}, each once",
             repr(unknown[0][:40]) if unknown else found,
         )
-
-
-def _parse_columns(
-    header: list[str], records: list[Row], known: list[str]
-) -> dict[str, FloatArray]:
-    """The columns (n,) of all known names, NaN where a cell is empty or the column is missing."""
-    columns = {name: np.full(len(records), np.nan) for name in known}
-    for i, name in enumerate(header):
-        if name != "landmark":
-            columns[name][:] = [row.numbers(slice(i, i + 1), blank=np.nan)[0] for row in records]
-    return columns
 
 
 def _check_rows(

@@ -5,20 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.archive import Archive
-from saccade.datasets.logs.cartesian import to_relative_poses
-from saccade.datasets.odometry import OdometryNoise, integrate
-from saccade.datasets.text import read_table
+from saccade.datasets.logs.conversions import OdometryNoise, integrate, to_relative_poses
+from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
 from saccade.files import atomic_write
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5
 """Subjects 1 to 5 are the robots themselves; the others are landmarks."""
-MAX_STEP = 0.5
-"""Seconds; poses are inserted between observations that are farther apart."""
-MAX_DURATION = 1e6
-"""Seconds; a longer log contains a corrupt time stamp."""
+MAX_STEP, MAX_DURATION = 0.5, 1e6
+"""Seconds: poses are inserted between observations that are farther apart; a longer log contains a
+corrupt time stamp."""
 STALE_LIMIT = 0.2
 """Seconds by which the first odometry sample may be stamped after the second: it is in the logs of
 most robots of set 9, and is dropped."""
@@ -30,62 +27,44 @@ MRCLAM_SENSOR = (0.08, 0.012)
 MAX_BEARING = 1.0
 """Radians from the optical axis; half the field of view of these robots is less."""
 UTIAS_BARCODES = (5, 14, 41, 32, 23)
-"""Barcodes on the robots of the published sets, which identify these sets."""
+"""Barcodes on the robots of the published sets, by which these sets are recognized."""
 
 _TABLES = {
-    "barcodes": ("Barcodes.dat", "barcodes", ("subject", "barcode")),
-    "odometry": (
-        "Robot{}_Odometry.dat",
-        "robot{}_odometry",
-        ("time", "forward velocity", "angular velocity"),
-    ),
-    "measurements": (
-        "Robot{}_Measurement.dat",
-        "robot{}_measurement",
-        ("time", "barcode", "range", "bearing"),
-    ),
-    "truth": ("Robot{}_Groundtruth.dat", "robot{}_groundtruth", ("time", "x", "y", "heading")),
-    "landmarks": (
-        "Landmark_Groundtruth.dat",
-        "landmarks",
-        ("subject", "x", "y", "x sigma", "y sigma"),
-    ),
+    "barcodes": ("Barcodes", ("subject", "barcode")),
+    "robot{}_odometry": ("Robot{}_Odometry", ("time", "forward velocity", "angular velocity")),
+    "robot{}_measurement": ("Robot{}_Measurement", ("time", "barcode", "range", "bearing")),
+    "robot{}_groundtruth": ("Robot{}_Groundtruth", ("time", "x", "y", "heading")),
+    "landmarks": ("Landmark_Groundtruth", ("subject", "x", "y", "x sigma", "y sigma")),
 }
-"""File, name in an .npz, and columns of each table; the last two are optional."""
-_OPTIONAL = ("truth", "landmarks")
+"""Name of each .dat file and columns, by the name in an .npz."""
+_OPTIONAL = ("robot{}_groundtruth", "landmarks")
 
 
 @dataclass(frozen=True)
 class Platform:
     """Calibration of a robot: how its logged numbers relate to physical quantities."""
 
-    latency: float
+    latency: float = 0.0
     """Seconds from a logged velocity, which is a command, to its execution."""
-    turn: float
+    turn: float = 1.0
     """Radians turned per logged radian."""
-    depth: float | None
+    depth: float | None = None
     """Logged range per metre of depth along the optical axis; None where the logged range is the
     distance."""
-    odometry_bias: tuple[float, float, float]
+    odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """See `LandmarkLog.odometry_bias`."""
 
-    @classmethod
-    def ideal(cls) -> "Platform":
-        """A calibrated robot without latency."""
-        return cls(latency=0.0, turn=1.0, depth=None, odometry_bias=(0.0, 0.0, 0.0))
 
-    @classmethod
-    def utias(cls) -> "Platform":
-        """The robots of the published sets.
+UTIAS = Platform(latency=0.2, turn=0.93, depth=1.035, odometry_bias=(0.1, 0.1, 0.1))
+"""The robots of the published sets.
 
-        Estimated from the ground truth of set 6, with equal results for all five robots: the
-        logged range is proportional to the cosine of the bearing, since it is derived from the
-        height of the barcode in the image. The correction reduces range errors from 4 to 1 %.
-        The robots drive 2 to 5 % farther than logged, less 0.1 m for each radian of turn, and
-        veer to the right by 0.01 to 0.06 rad per metre; the filter estimates these. The same
-        corrections reduce the innovations of set 9, which has no ground truth.
-        """
-        return cls(latency=0.2, turn=0.93, depth=1.035, odometry_bias=(0.1, 0.1, 0.1))
+Estimated from the ground truth of set 6, with equal results for all five robots: the logged range
+is proportional to the cosine of the bearing, since it is derived from the height of the barcode in
+the image. The correction reduces range errors from 4 to 1 %. The robots drive 2 to 5 % farther than
+logged, less 0.1 m for each radian of turn, and veer to the right by 0.01 to 0.06 rad per metre; the
+filter estimates these. The same corrections reduce the innovations of set 9, which has no ground
+truth.
+"""
 
 
 def read_mrclam(
@@ -97,23 +76,21 @@ def read_mrclam(
 ) -> LandmarkLog:
     """Read one robot of an MRCLAM set.
 
-    There is a pose at every time of a measurement, and others between them so
-    that no step is longer than half a second; the odometry is integrated
-    between them by `integrate`. Observations of other robots and of unlisted
-    barcodes are dropped. Where the ground truth is known, the log starts at the
-    true pose: its frame is that of the surveyed landmarks.
+    There is a pose at every time of a measurement, and others between them so that no step is
+    longer than half a second; the odometry is integrated between them by `integrate`. Observations
+    of other robots and of unlisted barcodes are dropped. Where the ground truth is known, the log
+    starts at the true pose: its frame is that of the surveyed landmarks.
 
     Args:
-        path: the published folder (Barcodes.dat, RobotN_Odometry.dat, ...), or an
-            .npz with the same tables.
+        path: the published folder (Barcodes.dat, RobotN_Odometry.dat, ...), or an .npz with the
+            same tables.
         robot: 1 to 5.
-        odometry_noise: of the wheels.
-        sensor_sigma: standard deviations of range (m) and bearing (rad).
-        platform: calibration; None for `Platform.utias` in the published sets and
-            `Platform.ideal` in others.
+        odometry_noise: see `load`.
+        sensor_sigma: see `load`.
+        platform: calibration; None for `UTIAS` in the published sets, `Platform()` in others.
 
     Returns:
-        The log; `landmark` is the subject, 6 to 20.
+        The log; landmarks are the subjects 6 to 20.
 
     Raises:
         LogError: a file is missing or broken; names the file and the line.
@@ -123,7 +100,7 @@ def read_mrclam(
     require(min(sensor_sigma) > 0, "sensor_sigma", "two positive numbers", sensor_sigma)
     path = Path(path)
     tables = _read_tables(path, robot)
-    time, speed, turn_rate = tables["odometry"].T
+    time, speed, turn_rate = tables["robot{}_odometry"].T
     if len(time) == 0:
         raise LogError(f"{path}: expected odometry of robot {robot}, found none")
 
@@ -131,8 +108,8 @@ def read_mrclam(
     subject_of = {int(barcode): int(subject) for subject, barcode in barcodes}
     if platform is None:
         published = all(subject_of.get(b) == i + 1 for i, b in enumerate(UTIAS_BARCODES))
-        platform = Platform.utias() if published else Platform.ideal()
-    measurements = tables["measurements"]  # (k, 4)
+        platform = UTIAS if published else Platform()
+    measurements = tables["robot{}_measurement"]  # (k, 4)
     subject = np.array([subject_of.get(int(b), -1) for b in measurements[:, 1]], np.int64)
     measurements, subject = measurements[subject > ROBOTS], subject[subject > ROBOTS]
     times = np.concatenate([time[[0, -1]], measurements[:, 0]])
@@ -141,25 +118,39 @@ def read_mrclam(
             f"{path}: expected times within {MAX_DURATION:.0f} s of each other, "
             f"found {times.min():g} to {times.max():g} s"
         )
-    pose_time = _pose_times(times.min(), times.max(), measurements[:, 0])
+    steps = int(np.ceil(np.ptp(times) / MAX_STEP))
+    pose_time = np.union1d(np.linspace(times.min(), times.max(), steps + 1), measurements[:, 0])
     control, control_covariance = integrate(
         time + platform.latency, speed, platform.turn * turn_rate, pose_time, odometry_noise
     )
-    truth = _truth(tables.get("truth"))
+    truth = None
+    if len(poses := tables.get("robot{}_groundtruth", np.empty((0, 4)))):
+        truth = Trajectory(time=poses[:, 0].copy(), pose=poses[:, 1:].copy())
+    landmark_truth = None
+    if (survey := tables.get("landmarks")) is not None:
+        landmark_truth = LandmarkMap(
+            id=_integers(path, "landmarks", survey[:, :1])[:, 0],
+            xy=survey[:, 1:3].copy(),
+            covariance=survey[:, 3:, None] ** 2 * np.eye(2),
+        )
+    observation = measurements[:, 2:].copy()
+    if platform.depth is not None:
+        bearing = np.clip(observation[:, 1], -MAX_BEARING, MAX_BEARING)
+        observation[:, 0] /= platform.depth * np.cos(bearing)
     return LandmarkLog(
         name=f"{path.stem}, robot {robot}",
-        start=np.zeros(3) if truth is None else _interpolate(truth, float(pose_time[0])),
+        start=np.zeros(3) if truth is None else truth.at(pose_time[:1])[0],
         time=pose_time,
         motion="compose",
         control=control,
         control_covariance=control_covariance,
         observation_pose=np.searchsorted(pose_time, measurements[:, 0]).astype(np.int64),
-        observation=_observations(measurements[:, 2:], platform),
+        observation=observation,
         observation_covariance=np.tile(np.diag(np.square(sensor_sigma)), (len(subject), 1, 1)),
         landmark=subject,
         odometry_bias=platform.odometry_bias,
         truth=truth,
-        landmark_truth=_landmark_truth(path, tables.get("landmarks")),
+        landmark_truth=landmark_truth,
     )
 
 
@@ -169,16 +160,14 @@ def _read_tables(path: Path, robot: int) -> dict[str, FloatArray]:
     if archive is None and not path.is_dir():
         raise LogError(f"{path}: expected a folder with Barcodes.dat or an .npz, found nothing")
     tables = {}
-    for name, (file, key, columns) in _TABLES.items():
-        dat, key = path / file.format(robot), key.format(robot)
+    for name, (file, columns) in _TABLES.items():
+        dat, key = path / f"{file.format(robot)}.dat", name.format(robot)
         exists = dat.exists() if archive is None else key in archive
-        if name in _OPTIONAL and not exists:
+        if not exists and name in _OPTIONAL:
             continue
-        limit = STALE_LIMIT if name == "odometry" else 0.0
+        limit = STALE_LIMIT if name == "robot{}_odometry" else 0.0
         tables[name] = (
-            read_table(dat, columns, limit)
-            if archive is None
-            else archive.table(key, columns, limit)
+            archive.table(key, columns, limit) if archive else read_table(dat, columns, limit)
         )
     return tables
 
@@ -192,42 +181,6 @@ def _integers(path: Path, name: str, table: FloatArray) -> IntArray:
             f"found {table[tuple(invalid[0])]:g}"
         )
     return table.astype(np.int64)
-
-
-def _observations(logged: FloatArray, platform: Platform) -> FloatArray:
-    """Range and bearing (k, 2) from the logged values."""
-    z = logged.copy()
-    if platform.depth is not None:
-        z[:, 0] /= platform.depth * np.cos(np.clip(z[:, 1], -MAX_BEARING, MAX_BEARING))
-    return z
-
-
-def _pose_times(first: float, last: float, observed: FloatArray) -> FloatArray:
-    steps = int(np.ceil((last - first) / MAX_STEP))
-    regular = np.linspace(first, last, steps + 1) if steps else np.array([first])
-    return np.union1d(regular, observed)
-
-
-def _truth(table: FloatArray | None) -> Trajectory | None:
-    if table is None or len(table) == 0:
-        return None
-    return Trajectory(time=table[:, 0].copy(), pose=table[:, 1:].copy())
-
-
-def _landmark_truth(path: Path, table: FloatArray | None) -> LandmarkMap | None:
-    if table is None:
-        return None
-    return LandmarkMap(
-        id=_integers(path, "landmarks", table[:, :1])[:, 0],
-        xy=table[:, 1:3].copy(),
-        covariance=table[:, 3:, None] ** 2 * np.eye(2),
-    )
-
-
-def _interpolate(truth: Trajectory, time: float) -> FloatArray:
-    x, y = (np.interp(time, truth.time, truth.pose[:, i]) for i in range(2))
-    theta = np.interp(time, truth.time, np.unwrap(truth.pose[:, 2]))
-    return np.array([x, y, np.arctan2(np.sin(theta), np.cos(theta))])
 
 
 def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
@@ -258,12 +211,12 @@ def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
     measurements = np.column_stack([times, log.landmark + shift, log.observation])
     tables = {
         "barcodes": ("subject barcode", np.stack([subjects, subjects], 1)),
-        "odometry": ("time [s] speed [m/s] turn rate [rad/s]", _velocities(log)),
-        "measurements": ("time [s] barcode range [m] bearing [rad]", measurements),
+        "robot{}_odometry": ("time [s] speed [m/s] turn rate [rad/s]", _velocities(log)),
+        "robot{}_measurement": ("time [s] barcode range [m] bearing [rad]", measurements),
     }
     if log.truth is not None:
         truth = np.column_stack([log.truth.time, log.truth.pose])
-        tables["truth"] = ("time [s] x [m] y [m] heading [rad]", truth)
+        tables["robot{}_groundtruth"] = ("time [s] x [m] y [m] heading [rad]", truth)
     if log.landmark_truth is not None:
         covariance = log.landmark_truth.covariance
         sigma = np.zeros((len(surveyed), 2))
@@ -274,9 +227,9 @@ def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
             np.column_stack([surveyed + shift, log.landmark_truth.xy, sigma]),
         )
     for name, (header, table) in tables.items():
-        file = _TABLES[name][0]
+        file = f"{_TABLES[name][0].format(robot)}.dat"
         lines = [f"# {header}", *("\t".join(map(_number, row)) for row in table.tolist())]
-        with atomic_write(Path(folder) / file.format(robot)) as temporary:
+        with atomic_write(Path(folder) / file) as temporary:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -15,19 +15,17 @@ The last numbers of an edge are a symmetric or a triangular matrix in one of sev
 the log.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.logs.cartesian import to_cartesian, to_range_bearing, to_relative_poses
-from saccade.datasets.table import from_upper_triangle, upper_triangle
-from saccade.datasets.text import Row, read_rows
+from saccade.datasets.logs.conversions import to_cartesian, to_range_bearing, to_relative_poses
+from saccade.datasets.tables import Row, from_upper_triangle, read_rows, upper_triangle
 from saccade.errors import LogError, require
 from saccade.files import atomic_write
-from saccade.types import FloatArray, LandmarkLog
+from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]
 """What the matrix of an edge is.
@@ -42,32 +40,22 @@ MatrixForm: TypeAlias = Literal["covariance", "information", "root", "toro"]
 TORO_ORDER = (0, 1, 4, 2, 5, 3)
 """Index in TORO's order of each of xx, xy, xt, yy, yt, tt."""
 MIN_SIGMA = 1e-4
-"""Metres and radians added to a singular covariance in every direction, to write its inverse."""
+"""Standard deviation (m, rad) added in every direction to a singular covariance to invert it."""
 
 _EDGES = {"EDGE_SE2": 12, "EDGE2": 12, "ODOMETRY": 12}
 _OBSERVATIONS = {"EDGE_SE2_XY": 8, "LANDMARK": 8, "BR": 7}
 _POSES = {"VERTEX_SE2": 5, "VERTEX2": 5}
 _FIELDS = {**_EDGES, **_OBSERVATIONS, **_POSES, "VERTEX_XY": 4, "FIX": 2}
 """Number of fields in a line of each tag."""
-
-
-class _Tags(NamedTuple):
-    """Tags and matrix form of a dialect."""
-
-    edge: str
-    observation: str
-    vertex: str | None
-    form: MatrixForm
-
-
 Dialect: TypeAlias = Literal["g2o", "isam", "toro", "gtsam"]
 """The program a file is written for."""
-_DIALECTS: dict[Dialect, _Tags] = {
-    "g2o": _Tags("EDGE_SE2", "EDGE_SE2_XY", "VERTEX_SE2", "information"),
-    "isam": _Tags("EDGE2", "LANDMARK", None, "root"),
-    "toro": _Tags("EDGE2", "LANDMARK", "VERTEX2", "toro"),
-    "gtsam": _Tags("ODOMETRY", "LANDMARK", None, "covariance"),
+_DIALECTS: dict[Dialect, tuple[str, str, str | None, MatrixForm]] = {
+    "g2o": ("EDGE_SE2", "EDGE_SE2_XY", "VERTEX_SE2", "information"),
+    "isam": ("EDGE2", "LANDMARK", None, "root"),
+    "toro": ("EDGE2", "LANDMARK", "VERTEX2", "toro"),
+    "gtsam": ("ODOMETRY", "LANDMARK", None, "covariance"),
 }
+"""Tags of edges, observations and vertices, and the matrix form."""
 
 
 class _Edge(NamedTuple):
@@ -80,16 +68,6 @@ class _Edge(NamedTuple):
     values: list[float]
 
 
-@dataclass
-class _Graph:
-    """The lines of a file by their role."""
-
-    edges: list[_Edge] = field(default_factory=list)
-    observations: list[_Edge] = field(default_factory=list)
-    vertices: dict[int, list[float]] = field(default_factory=dict)
-    tags: set[str] = field(default_factory=set)
-
-
 def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> LandmarkLog:
     """Read a g2o, iSAM, TORO or GTSAM text log.
 
@@ -100,7 +78,7 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
             first edge is `ODOMETRY`, else "root".
 
     Returns:
-        A log of relative poses; its times are the pose numbers of the file, and it starts at the
+        A log of relative poses; its times are the numbers of the poses, and it starts at the
         vertex of the first pose, or at the origin.
 
     Raises:
@@ -111,11 +89,11 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
     forms = get_args(MatrixForm)
     require(matrix_form in (None, *forms), "matrix_form", f"one of {forms}", matrix_form)
     path = Path(path)
-    graph = _parse(path)
-    form = matrix_form or _detect_form(graph)
-    edges = _chain(graph.edges)
+    edges, observations, vertices, tags = _parse(path)
+    form = matrix_form or _detect_form(edges, tags)
+    edges = _chain(edges)
     poses = [edges[0].first, *(edge.second for edge in edges)]
-    observations = sorted(graph.observations, key=lambda edge: edge.first)
+    observations.sort(key=lambda edge: edge.first)
     observed_from = np.array([edge.first for edge in observations], np.int64)
     pose_index = np.searchsorted(poses, observed_from)
     for k in np.flatnonzero(np.append(poses, -1)[pose_index] != observed_from)[:1].tolist():
@@ -124,7 +102,7 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
     observation, observation_covariance = _read_observations(observations, form)
     return LandmarkLog(
         name=path.stem,
-        start=np.array(graph.vertices.get(poses[0], [0.0, 0.0, 0.0])),
+        start=np.array(vertices.get(poses[0], [0.0, 0.0, 0.0])),
         time=np.array(poses, np.float64),
         motion="compose",
         control=values[:, :3],
@@ -136,33 +114,36 @@ def read_pose_graph(path: str | Path, matrix_form: MatrixForm | None = None) -> 
     )
 
 
-def _parse(path: Path) -> _Graph:
-    graph = _Graph()
+def _parse(path: Path) -> tuple[list[_Edge], list[_Edge], dict[int, list[float]], set[str]]:
+    """Edges, observations, poses by their numbers, and all tags."""
+    edges: list[_Edge] = []
+    observations: list[_Edge] = []
+    vertices, tags = {}, set()
     for row in read_rows(path):
         tag = row.cells[0]
         if tag not in _FIELDS:
             raise row.error(", ".join(_FIELDS), repr(tag[:40]))
         row.require_cells(_FIELDS[tag], f"fields in a line of {tag}")
-        graph.tags.add(tag)
+        tags.add(tag)
         first = row.integer(1, "the number of a pose or landmark")
         if tag in _POSES:
-            graph.vertices[first] = row.numbers(slice(2, None))
+            vertices[first] = row.numbers(slice(2, None))
         if tag not in _EDGES and tag not in _OBSERVATIONS:
             continue
         second = row.integer(2, "the number of a pose or landmark")
         edge = _Edge(row, tag, first, second, row.numbers(slice(3, None)))
-        (graph.edges if tag in _EDGES else graph.observations).append(edge)
-    if not graph.edges:
+        (edges if tag in _EDGES else observations).append(edge)
+    if not edges:
         raise LogError(f"{path}: expected lines of {', '.join(_EDGES)}, found none")
-    return graph
+    return edges, observations, vertices, tags
 
 
-def _detect_form(graph: _Graph) -> MatrixForm:
-    if graph.tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
+def _detect_form(edges: list[_Edge], tags: set[str]) -> MatrixForm:
+    if tags & {"EDGE_SE2", "EDGE_SE2_XY"}:
         return "information"
-    if "VERTEX2" in graph.tags:
+    if "VERTEX2" in tags:
         return "toro"
-    return "covariance" if graph.edges[0].tag == "ODOMETRY" else "root"
+    return "covariance" if edges[0].tag == "ODOMETRY" else "root"
 
 
 def _chain(edges: list[_Edge]) -> list[_Edge]:
@@ -214,10 +195,9 @@ def _covariances(edges: list[_Edge], entries: FloatArray, form: MatrixForm) -> F
         matrices = root.transpose(0, 2, 1) @ root
     eigenvalues = np.linalg.eigvalsh(matrices)
     threshold = 1e-12 * np.abs(eigenvalues[:, -1])
+    invalid = eigenvalues[:, 0] <= threshold
     if form == "covariance":
         invalid = eigenvalues[:, 0] < -threshold
-    else:
-        invalid = eigenvalues[:, 0] <= threshold
     for i in np.flatnonzero(invalid)[:1].tolist():
         raise edges[i].row.error(f"the {form} entries of a covariance", str(entries[i].tolist()))
     return matrices if form == "covariance" else np.asarray(np.linalg.inv(matrices), np.float64)
@@ -249,61 +229,53 @@ def write_pose_graph(
             f"{log.name}: expected the identity of every landmark, which {dialect} needs, found "
             f"none for {int((log.landmark < 0).sum())} observations; write it as CSV"
         )
-    tags = _DIALECTS[dialect]
+    edge, observation, vertex, form = _DIALECTS[dialect]
     landmark_offset = len(log.time) if dialect == "g2o" else 0
-    vertices = np.stack([log.observation_pose, landmark_offset + log.landmark], 1).tolist()
+    poses = np.arange(len(log.time))
+    steps = np.stack([poses[:-1], poses[1:]], 1)
+    vertices = np.stack([log.observation_pose, landmark_offset + log.landmark], 1)
+    control, control_covariance = to_relative_poses(log)
+    values = _range_bearing_values(log) if range_bearing else _cartesian_values(log, form)
     lines = [
-        *_vertex_lines(log, tags.vertex, landmark_offset),
-        *_edge_lines(log, tags),
-        *(_range_bearing_lines if range_bearing else _cartesian_lines)(log, tags, vertices),
+        *([] if vertex is None else _vertex_lines(log, control, vertex, landmark_offset)),
+        *_lines(edge, steps, np.hstack([control, _entries(control_covariance, form)])),
+        *_lines("BR" if range_bearing else observation, vertices, values),
         *(["FIX 0"] if dialect == "g2o" else []),  # at the end: GTSAM reads no farther
     ]
     with atomic_write(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _vertex_lines(log: LandmarkLog, tag: str | None, landmark_offset: int) -> Iterator[str]:
+def _vertex_lines(
+    log: LandmarkLog, control: FloatArray, tag: str, landmark_offset: int
+) -> Iterator[str]:
     """Initial estimates: poses by dead reckoning, landmarks by their first observation."""
-    if tag is None:
-        return
-    control, _ = to_relative_poses(log)
     x, y, theta = log.start.tolist()
     poses = [(x, y, theta)]
     for forward, left, turn in control.tolist():
         c, s = np.cos(theta), np.sin(theta)
         x, y, theta = x + c * forward - s * left, y + s * forward + c * left, theta + turn
         poses.append((float(x), float(y), float(np.arctan2(np.sin(theta), np.cos(theta)))))
-    for number, pose in enumerate(poses):
-        yield _line(tag, [number], pose)
+    yield from _lines(tag, np.arange(len(poses))[:, None], np.array(poses))
     if landmark_offset == 0:
         return
     landmarks, first = np.unique(log.landmark, return_index=True)
-    for landmark, k in zip(landmarks.tolist(), first.tolist(), strict=True):
-        x, y, theta = poses[int(log.observation_pose[k])]
-        distance, bearing = log.observation[k].tolist()
-        xy = x + distance * np.cos(theta + bearing), y + distance * np.sin(theta + bearing)
-        yield _line("VERTEX_XY", [landmark_offset + landmark], map(float, xy))
+    x, y, theta = np.array(poses)[log.observation_pose[first]].T
+    distance, bearing = log.observation[first].T
+    xy = x + distance * np.cos(theta + bearing), y + distance * np.sin(theta + bearing)
+    yield from _lines("VERTEX_XY", landmark_offset + landmarks[:, None], np.stack(xy, 1))
 
 
-def _edge_lines(log: LandmarkLog, tags: _Tags) -> Iterator[str]:
-    control, covariance = to_relative_poses(log)
-    for i, (u, entries) in enumerate(zip(control, _entries(covariance, tags.form), strict=True)):
-        yield _line(tags.edge, [i, i + 1], [*u.tolist(), *entries])
-
-
-def _cartesian_lines(log: LandmarkLog, tags: _Tags, vertices: list[list[int]]) -> Iterator[str]:
+def _cartesian_values(log: LandmarkLog, form: MatrixForm) -> FloatArray:
     xy, covariance = to_cartesian(log.observation, log.observation_covariance)
     for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
         raise LogError(
             f"{log.name}, observation {k}: expected a landmark away from the robot, found range 0"
         )
-    for k, entries in enumerate(_entries(covariance, tags.form)):
-        yield _line(tags.observation, vertices[k], [*xy[k].tolist(), *entries])
+    return np.hstack([xy, _entries(covariance, form)])
 
 
-def _range_bearing_lines(
-    log: LandmarkLog, _tags: _Tags, vertices: list[list[int]]
-) -> Iterator[str]:
+def _range_bearing_values(log: LandmarkLog) -> FloatArray:
     covariance = log.observation_covariance
     for k in np.flatnonzero(covariance[:, 0, 1])[:1].tolist():
         raise LogError(
@@ -311,13 +283,11 @@ def _range_bearing_lines(
             f"BR lines cannot store, found {float(covariance[k, 0, 1]):g}"
         )
     range_sigma, bearing_sigma = np.sqrt(covariance.diagonal(axis1=1, axis2=2)).T
-    values = np.column_stack([log.observation[:, ::-1], bearing_sigma, range_sigma])
-    for ends, row in zip(vertices, values.tolist(), strict=True):
-        yield _line("BR", ends, row)
+    return np.column_stack([log.observation[:, ::-1], bearing_sigma, range_sigma])
 
 
-def _entries(covariance: FloatArray, form: MatrixForm) -> list[list[float]]:
-    """The entries of a line for each covariance (n, d, d)."""
+def _entries(covariance: FloatArray, form: MatrixForm) -> FloatArray:
+    """The entries (n, d (d + 1) / 2) in the file of covariances (n, d, d)."""
     d = covariance.shape[1]
     matrices: FloatArray = covariance
     if form != "covariance":
@@ -331,8 +301,10 @@ def _entries(covariance: FloatArray, form: MatrixForm) -> list[list[float]]:
     entries = upper_triangle(matrices)  # (n, 3) or (n, 6)
     if form == "toro" and d == 3:
         entries = entries[:, np.argsort(TORO_ORDER)]
-    return list(entries.tolist())
+    return entries
 
 
-def _line(tag: str, vertices: list[int], values: Iterable[float]) -> str:
-    return " ".join([tag, *map(str, vertices), *map(repr, values)])
+def _lines(tag: str, vertices: IntArray, values: FloatArray) -> Iterator[str]:
+    """Lines of a tag, the numbers of vertices (n, 1) or (n, 2), and values (n, k)."""
+    for numbers, row in zip(vertices.tolist(), values.tolist(), strict=True):
+        yield " ".join([tag, *map(str, numbers), *map(repr, row)])

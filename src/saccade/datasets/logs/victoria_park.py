@@ -5,19 +5,22 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.logs.cartesian import to_cartesian, to_range_bearing
+from saccade.datasets.logs.conversions import (
+    OdometryNoise,
+    integrate,
+    to_cartesian,
+    to_range_bearing,
+)
 from saccade.datasets.logs.pose_graph import read_pose_graph
 from saccade.datasets.matlab import read_matlab
-from saccade.datasets.odometry import OdometryNoise, integrate
 from saccade.errors import LogError, require
 from saccade.types import FloatArray, LandmarkLog, Trajectory
 
 Reference: TypeAlias = Literal["laser", "axle"]
 """Reference point of the vehicle's pose."""
-WHEEL_BASE = 2.83
-"""L: metres from the rear to the front axle."""
-ENCODER_OFFSET = 0.76
-"""H: metres from the middle of the rear axle to the left rear wheel, which has the encoder."""
+WHEEL_BASE, ENCODER_OFFSET = 2.83, 0.76
+"""L, H: metres from the rear to the front axle, and from the middle of the rear axle to the left
+rear wheel, which has the encoder."""
 LASER = (3.78, 0.5)
 """a, b: position of the laser, metres ahead of and to the left of the middle of the rear axle."""
 VICTORIA_PARK_ODOMETRY = OdometryNoise(distance=0.06, turn=0.06, drift=0.0125)
@@ -26,7 +29,7 @@ VICTORIA_PARK_BIAS = (0.05, 0.02, 0.02)
 """See `LandmarkLog.odometry_bias`; a steering offset of one degree turns the car by 0.006 rad per
 metre."""
 MAX_SPEED, MAX_TIME = 1e6, 1e15
-"""Bounds of plausible values, in metres per second and milliseconds."""
+"""Bounds of valid values, in metres per second and milliseconds."""
 VICTORIA_PARK_SENSOR = (0.2, 0.015)
 """Standard deviations of range (m) and bearing (rad) of a tree, whose trunk is not a point."""
 
@@ -39,22 +42,20 @@ def read_victoria_park(
 ) -> LandmarkLog:
     """Read the Victoria Park log, raw or as GTSAM distributes it.
 
-    The raw .mat has speed and steering angle at 40 Hz and the trees detected in
-    each laser scan. There is a pose at the time of each scan; between scans the
-    motion of the rear axle is integrated by `integrate` and transformed to the
-    reference point. Trees have no identity. The log starts at the origin.
+    The raw .mat has speed and steering angle at 40 Hz and the trees detected in each laser scan.
+    There is a pose at the time of each scan; between scans the motion of the rear axle is
+    integrated by `integrate` and transformed to the reference point. Trees have no identity. The
+    log starts at the origin.
 
     Args:
         path: the .mat, or the .txt with known identities, which includes its own noise.
-        odometry_noise: of speed and steering in the .mat.
-        sensor_sigma: standard deviations of range (m) and bearing (rad) in the .mat.
-        reference: reference point of the poses of the .mat: the "laser", beside which the GPS
-            antenna stands, or the middle of the rear "axle", to which the observations and their
-            covariances are then transformed.
+        odometry_noise: see `load`; of the .mat.
+        sensor_sigma: see `load`; of the .mat.
+        reference: see `load`; for the "axle" observations and covariances are transformed.
 
     Returns:
-        The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it exists,
-        as ground truth: its headings are NaN and its frame is not that of the log.
+        The log; of the .mat with the GPS of `aa3_gpsx.mat` beside it, if it exists, as ground
+        truth: its headings are NaN and its frame is not that of the log.
 
     Raises:
         LogError: no such file, or not this log.
@@ -109,20 +110,16 @@ def read_victoria_park(
 
 
 def center_motion(speed: FloatArray, steering: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Speed and turn rate of the middle of the rear axle, from left wheel speed and steering.
+    """Speed (m/s) and turn rate (rad/s) of the middle of the rear axle, (n,) each.
 
-    Args:
-        speed: (n,) of the left rear wheel in m/s.
-        steering: (n,) angle of the front wheels in radians, positive to the left.
-
-    Returns:
-        Speed in m/s and turn rate in rad/s, (n,) each.
+    From the speed (n,) of the left rear wheel in m/s and the steering angle (n,) in radians.
     """
     center = speed / (1 - np.tan(steering) * ENCODER_OFFSET / WHEEL_BASE)
     return center, center * np.tan(steering) / WHEEL_BASE
 
 
 def _array(path: Path, name: str, values: object) -> FloatArray:
+    """Values of a variable as float64."""
     try:
         return np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
@@ -130,6 +127,7 @@ def _array(path: Path, name: str, values: object) -> FloatArray:
 
 
 def _ascending(path: Path, name: str, values: object) -> FloatArray:
+    """Times (n,) of a variable, finite and ascending."""
     time = _array(path, name, values).ravel()
     if not (np.abs(time) < MAX_TIME).all() or (np.diff(time) < 0).any():
         raise LogError(f"{path}: expected {name} to be finite and ascending, found that it is not")

@@ -15,21 +15,23 @@ start                           [x, y, heading] at the first frame; default that
 """
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from saccade.errors import ConfigError, DriveError, require
 from saccade.files import atomic_write, read_text
 from saccade.frames import Camera
-from saccade.types import FloatArray
+from saccade.types import Float32Array, FloatArray, Image
 
 CAMERA_FILE = "camera.toml"
 _INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
-_MOUNTING = {"baseline": "baseline", "place": "position", "rotation": "rotation"}
-_CAMERA = {name: name for name in _INTRINSICS} | _MOUNTING
+_EXTRINSICS = {"baseline": "baseline", "place": "position", "rotation": "rotation"}
+_CAMERA = {name: name for name in _INTRINSICS} | _EXTRINSICS
 """Attributes of `Camera` by their names in the file."""
 _OTHERS = ("distortion", "rate", "depth_unit", "odometry_bias", "start")
 _SHAPES = {"place": (3,), "rotation": (3, 3), "odometry_bias": (3,), "start": (3,)}
@@ -58,9 +60,6 @@ class Calibration:
         require(known, "distortion", "k1, k2, p1, p2 and perhaps k3", self.distortion)
         for name in ("rate", "depth_unit"):
             require(0 < getattr(self, name) < 1e6, name, "over 0, under 1e6", getattr(self, name))
-        for name in ("odometry_bias", "start"):
-            value = getattr(self, name)
-            require(value is None or len(value) == 3, name, "three numbers", value)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -106,7 +105,7 @@ def _numbers(path: Path, name: str, value: Any) -> Any:
         )
     if shape == ():
         return float(array)
-    return array if name in _MOUNTING else tuple(array.tolist())
+    return array if name in _EXTRINSICS else tuple(array.tolist())
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
@@ -120,10 +119,106 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     camera = calibration.camera
     values = {name: getattr(camera, attribute) for name, attribute in _CAMERA.items()}
     values |= {name: getattr(calibration, name) for name in _OTHERS}
-    values = {
-        name: np.asarray(value).tolist() if np.ndim(value) else value
-        for name, value in values.items()
-        if value is not None
-    }
+    known = {name: value for name, value in values.items() if value is not None}
+    values = {n: np.asarray(v).tolist() if np.ndim(v) else v for n, v in known.items()}
     with atomic_write(path) as temporary:
         temporary.write_text(tomli_w.dumps(values), encoding="utf-8")
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """Maps the images of a camera with distortion to those of a pinhole camera."""
+
+    matrix: FloatArray
+    """(3, 3) intrinsics of the camera with distortion."""
+    distortion: tuple[float, ...]
+    """k1, k2, p1, p2 and optionally k3 of OpenCV."""
+    camera: Camera
+    """The pinhole camera."""
+    rotation: FloatArray
+    """(3, 3) from the frame of the camera with distortion to that of the pinhole camera."""
+
+    @classmethod
+    def of(cls, camera: Camera, distortion: tuple[float, ...]) -> "Lens | None":
+        """Lens of a camera that keeps its intrinsics; None without distortion."""
+        if not any(distortion):
+            return None
+        return cls(camera_matrix(camera), distortion, camera, np.eye(3))
+
+    def undistort(self, pixels: Image, interpolation: int = cv2.INTER_LINEAR) -> Image:
+        """The image of the pinhole camera; black outside the field of view of the lens."""
+        return cv2.remap(pixels, *self._maps, interpolation)
+
+    @cached_property
+    def _maps(self) -> tuple[Float32Array, Float32Array]:
+        size = (self.camera.width, self.camera.height)
+        x, y = cv2.initUndistortRectifyMap(
+            self.matrix,
+            np.array(self.distortion),
+            self.rotation,
+            camera_matrix(self.camera),
+            size,
+            cv2.CV_32FC1,
+        )
+        return np.asarray(x, np.float32), np.asarray(y, np.float32)
+
+
+def rectify_stereo(
+    left: Lens, right: Lens, rotation: FloatArray, translation: FloatArray
+) -> tuple[Camera, Lens, Lens]:
+    """Rectified stereo camera: both cameras rotated so that epipolar lines are image rows.
+
+    Args:
+        left: the left camera; its `camera` has the size and the extrinsics.
+        right: the right one.
+        rotation: (3, 3) from the frame of the left camera to that of the right one.
+        translation: (3,) metres; position of the left camera in the frame of the right one.
+
+    Returns:
+        The rectified camera with its baseline, and both lenses.
+    """
+    size = (left.camera.width, left.camera.height)
+    rectification = cv2.stereoRectify(
+        left.matrix,
+        np.array(left.distortion),
+        right.matrix,
+        np.array(right.distortion),
+        size,
+        rotation,
+        translation.reshape(3, 1),
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=0,
+    )
+    R1, R2, P1, P2 = (np.asarray(matrix, np.float64) for matrix in rectification[:4])
+    camera = pinhole(
+        P1,
+        size,
+        baseline=float(-P2[0, 3] / P2[0, 0]),
+        position=left.camera.position,
+        rotation=left.camera.rotation @ R1.T,
+    )
+    left, right = (
+        replace(lens, camera=camera, rotation=R) for lens, R in ((left, R1), (right, R2))
+    )
+    return camera, left, right
+
+
+def pinhole(matrix: FloatArray, size: tuple[int, int], **extrinsics: Any) -> Camera:
+    """The camera with a matrix (3, 3) or a projection (3, 4), and a width and height in pixels.
+
+    `extrinsics`: baseline, position and rotation of `Camera`.
+    """
+    return Camera(
+        width=int(size[0]),
+        height=int(size[1]),
+        fx=float(matrix[0, 0]),
+        fy=float(matrix[1, 1]),
+        cx=float(matrix[0, 2]),
+        cy=float(matrix[1, 2]),
+        **extrinsics,
+    )
+
+
+def camera_matrix(camera: Camera) -> FloatArray:
+    """(3, 3) intrinsics of a camera."""
+    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])

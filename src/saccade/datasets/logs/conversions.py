@@ -1,19 +1,19 @@
-"""Dead reckoning: speeds and turn rates integrated to relative poses with covariances."""
+"""Conversions of odometry and observations with their covariances."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from saccade.errors import require
-from saccade.types import FloatArray
+from saccade.errors import LogError, require_ranges
+from saccade.types import FloatArray, LandmarkLog
 
 
 @dataclass(frozen=True)
 class OdometryNoise:
     """Random odometry errors: variances grow with the path length, not with the samples.
 
-    A robot at rest accumulates no error, and splitting a path into pieces
-    changes nothing.
+    A robot at rest accumulates no error, and splitting a path into pieces changes nothing.
     """
 
     distance: float
@@ -24,9 +24,7 @@ class OdometryNoise:
     """Standard deviation of the heading after one metre straight ahead, in radians."""
 
     def __post_init__(self) -> None:
-        for name in ("distance", "turn", "drift"):
-            value = getattr(self, name)
-            require(0 <= value < 1e3, name, "from 0 to under 1000", value)
+        require_ranges(self, distance=(0, 1000), turn=(0, 1000), drift=(0, 1000))
 
 
 def integrate(
@@ -38,8 +36,8 @@ def integrate(
 ) -> tuple[FloatArray, FloatArray]:
     """Relative poses between given times, from piecewise constant speeds.
 
-    Each piece of constant speed and turn rate is an arc. The robot is at rest
-    before the first sample; the last sample holds to the end.
+    Each piece of constant speed and turn rate is an arc. The robot is at rest before the first
+    sample; the last sample holds to the end.
 
     Args:
         time: (n,) seconds, ascending.
@@ -91,3 +89,63 @@ def _rotate_back(xy: FloatArray, theta: FloatArray) -> FloatArray:
     """Vectors (n, 2) in frames with headings (n,)."""
     c, s = np.cos(theta), np.sin(theta)
     return np.stack([c * xy[:, 0] + s * xy[:, 1], -s * xy[:, 0] + c * xy[:, 1]], 1)
+
+
+def to_range_bearing(
+    xy: FloatArray, covariance: FloatArray, name_of: Callable[[int], str]
+) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing (k, 2) of points in the robot's frame, and their covariance (k, 2, 2).
+
+    Args:
+        xy: (k, 2) forward and left in metres.
+        covariance: (k, 2, 2) in square metres; propagated to first order.
+        name_of: name of a point in the file, for the message.
+
+    Raises:
+        LogError: a point coincides with the robot, where it has no bearing.
+    """
+    x, y = xy[:, 0], xy[:, 1]
+    r = np.hypot(x, y)
+    for k in np.flatnonzero(r < 1e-9)[:1].tolist():
+        raise LogError(f"{name_of(k)}: expected a landmark away from the robot, found range 0")
+    J = np.empty((len(xy), 2, 2))
+    J[:, 0, 0], J[:, 0, 1] = x / r, y / r
+    J[:, 1, 0], J[:, 1, 1] = -y / r / r, x / r / r
+    R = J @ covariance @ J.transpose(0, 2, 1)
+    return np.stack([r, np.arctan2(y, x)], 1), (R + R.transpose(0, 2, 1)) / 2
+
+
+def to_cartesian(observation: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (k, 2), forward and left, and their covariance: inverse of `to_range_bearing`."""
+    r, c, s = observation[:, 0], np.cos(observation[:, 1]), np.sin(observation[:, 1])
+    A = np.empty((len(observation), 2, 2))
+    A[:, 0, 0], A[:, 0, 1] = c, -r * s
+    A[:, 1, 0], A[:, 1, 1] = s, r * c
+    return np.stack([r * c, r * s], 1), A @ covariance @ A.transpose(0, 2, 1)
+
+
+def require_motion_model(log: LandmarkLog) -> None:
+    """Raise `LogError` if the controls are those of a custom motion model."""
+    if log.motion == "custom":
+        raise LogError(
+            f"{log.name}: expected controls of drive or compose, found those of a "
+            "custom motion model"
+        )
+
+
+def to_relative_poses(log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
+    """The controls of a log as relative poses (t, 3), and their covariance (t, 3, 3).
+
+    Raises:
+        LogError: the controls are those of a custom motion model.
+    """
+    require_motion_model(log)
+    if log.motion == "compose":
+        return log.control, log.control_covariance
+    d, phi = log.control.T
+    c, s = np.cos(phi), np.sin(phi)
+    A = np.zeros((len(d), 3, 2))
+    A[:, 0, 0], A[:, 0, 1] = c, -d * s
+    A[:, 1, 0], A[:, 1, 1] = s, d * c
+    A[:, 2, 1] = 1.0
+    return np.stack([d * c, d * s, phi], 1), A @ log.control_covariance @ A.transpose(0, 2, 1)

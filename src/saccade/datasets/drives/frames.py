@@ -1,0 +1,186 @@
+"""Frames of a drive: their times, and their images, which are read and undistorted on demand."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+
+from saccade.datasets.drives.calibration import Calibration, Lens
+from saccade.errors import DriveError, ImageError
+from saccade.frames import Frame
+from saccade.image import find_images, read_stored
+from saccade.types import FloatArray, Image, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTimes:
+    """The n frames of a drive among the m frames that were recorded."""
+
+    recorded: FloatArray
+    """(m,) seconds of all frames, in the order of the files."""
+    index: IntArray
+    """(n,) indices of the frames of the drive among them, in the order of their times."""
+    remarks: tuple[str, ...] = ()
+    """What was wrong with the times, one line each."""
+
+    @property
+    def time(self) -> FloatArray:
+        """(n,) seconds, strictly ascending."""
+        return self.recorded[self.index]
+
+    @classmethod
+    def sort(
+        cls, recorded: FloatArray, name: str, available: IntArray | None = None
+    ) -> "FrameTimes":
+        """Frames sorted by time; of several at the same time the first is kept.
+
+        Args:
+            recorded: (m,) seconds of all frames.
+            name: of the file with the times, for the remarks.
+            available: ascending indices of the frames that have images; None for all.
+        """
+        if available is None:
+            available = np.arange(len(recorded))
+        time = recorded[available]
+        order = np.argsort(time, kind="stable")
+        is_new = np.diff(time[order], prepend=-np.inf) > 0
+        backwards = np.flatnonzero(np.diff(time) < 0)
+        remarks = []
+        if len(backwards):
+            remarks.append(
+                f"{name}: time goes back {len(backwards)} times, first at frame "
+                f"{backwards[0] + 1}; the frames are sorted by it"
+            )
+        if not is_new.all():
+            remarks.append(
+                f"{name}: duplicate times: {int((~is_new).sum())}, first at frame "
+                f"{order[~is_new].min()}; only the first frame of each is kept"
+            )
+        index = available[order[is_new]]
+        return cls(recorded, np.asarray(index, np.int64), tuple(remarks))
+
+
+def associate(time: FloatArray, others: FloatArray, tolerance: float) -> IntArray:
+    """Mutual nearest neighbors of times (n,) among others (m,), in seconds.
+
+    Returns:
+        (n,) indices in `others`; -1 without a neighbor within the tolerance, in seconds.
+    """
+    if len(others) == 0:
+        return np.full(len(time), -1)
+    forward, distance = _nearest(time, others)
+    backward, _ = _nearest(others, time)
+    mutual = time[backward[forward]] == time
+    return np.asarray(np.where(mutual & (distance <= tolerance), forward, -1), np.int64)
+
+
+def _nearest(time: FloatArray, others: FloatArray) -> tuple[IntArray, FloatArray]:
+    """For each time (n,) the index of the nearest of the others (m,), and its distance."""
+    order = np.argsort(others, kind="stable")
+    after = np.searchsorted(others[order], time)
+    neighbors = order[np.stack([after - 1, after]).clip(0, len(others) - 1)]  # (2, n)
+    distance = np.abs(others[neighbors] - time)
+    nearest = distance.argmin(0), np.arange(len(time))
+    return np.asarray(neighbors[nearest], np.int64), np.asarray(distance[nearest])
+
+
+class SourceImage(NamedTuple):
+    """An image as it was recorded."""
+
+    pixels: Image
+    name: str
+    """For error messages."""
+    unit: float = 1.0
+    """Metres per step, of a depth image."""
+
+
+ImageSource: TypeAlias = Callable[[int], SourceImage | None]
+"""Reads image i of one camera; None where it has none. Raises `ImageError`."""
+
+
+def image_files(paths: Sequence[Path | None], unit: float = 1.0) -> ImageSource:
+    """Source that reads image i from `paths[i]`; `unit` is that of depth images."""
+
+    def read(i: int) -> SourceImage | None:
+        path = paths[i]
+        return None if path is None else SourceImage(read_stored(path), str(path), unit)
+
+    return read
+
+
+def frame_loader(
+    calibration: Calibration,
+    time: FloatArray,
+    left: ImageSource,
+    right: ImageSource | None = None,
+    depth: ImageSource | None = None,
+    lenses: tuple[Lens, Lens | None] | None = None,
+) -> Callable[[int], Frame]:
+    """The `load` of a `Drive`: reads and undistorts the images of frame i.
+
+    Args:
+        calibration: the camera of the undistorted images, and the distortion.
+        time: (n,) seconds.
+        left: images of the (left) camera.
+        right: images of the right camera.
+        depth: depth of the left camera; 0 is unknown.
+        lenses: of the left camera, and of the right one or None for that of the left; None for
+            the distortion of `calibration`.
+    """
+    camera = calibration.camera
+    lens, right_lens = lenses or (Lens.of(camera, calibration.distortion), None)
+
+    def undistort(image: SourceImage, lens: Lens | None, interpolation: int) -> Image:
+        height, width = image.pixels.shape[:2]
+        if (width, height) != (camera.width, camera.height):
+            raise ImageError(
+                f"{image.name}: expected {camera.width} x {camera.height} px as the "
+                f"calibration, found {width} x {height}"
+            )
+        return image.pixels if lens is None else lens.undistort(image.pixels, interpolation)
+
+    def image(source: ImageSource | None, lens: Lens | None, i: int) -> Image | None:
+        recorded = None if source is None else source(i)
+        return None if recorded is None else undistort(recorded, lens, cv2.INTER_LINEAR)
+
+    def metres(i: int) -> FloatArray | None:
+        recorded = None if depth is None else depth(i)
+        if recorded is None:
+            return None
+        if recorded.pixels.ndim != 2:
+            raise ImageError(
+                f"{recorded.name}: expected depth, one number per pixel, found a color image"
+            )
+        steps = undistort(recorded, lens, cv2.INTER_NEAREST)
+        return np.where(np.nan_to_num(steps) == 0, np.nan, steps * np.float64(recorded.unit))
+
+    def load(i: int) -> Frame:
+        return Frame(
+            time=float(time[i]),
+            image=image(left, lens, i),
+            right=image(right, right_lens or lens, i),
+            depth=metres(i),
+        )
+
+    return load
+
+
+def are_numbered(paths: Sequence[Path]) -> bool:
+    """Whether all file names are numbers."""
+    return all(path.stem.isascii() and path.stem.isdecimal() for path in paths)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Width and height of an image."""
+    height, width = read_stored(path).shape[:2]
+    return width, height
+
+
+def list_images(folder: Path) -> list[Path]:
+    """The images of a folder, sorted by name."""
+    if not folder.is_dir():
+        raise DriveError(f"{folder}: expected a folder of images, found none")
+    return find_images(folder)

@@ -1,0 +1,218 @@
+"""Odometry of a camera drive as CSV; the header selects one of three kinds.
+
+    increments  ahead_m, left_m, turn_rad and their covariance: cov_ahead_ahead, cov_ahead_left,
+                cov_ahead_turn, cov_left_left, cov_left_turn, cov_turn_turn; row i is the motion
+                from frame i to frame i + 1, in the robot's frame at i
+    speeds      time_s, ahead_mps, turn_radps; sampled independently of the frames, on their clock
+    OXTS        frame, t, vf, vl, vu, wf, wl, wu; of KITTI's inertial unit
+
+Lines that begin with `#` are comments.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade.datasets.drives.frames import FrameTimes
+from saccade.datasets.tables import (
+    Row,
+    covariance_names,
+    from_upper_triangle,
+    read_rows,
+    require_ascending,
+    symmetric_columns,
+    write_table,
+)
+from saccade.errors import DriveError
+from saccade.frames import steps_between
+from saccade.types import FloatArray, IntArray, Trajectory
+
+_MOTION = ("ahead", "left", "turn")
+INCREMENT_COLUMNS = ("ahead_m", "left_m", "turn_rad", *covariance_names(_MOTION))
+SPEED_COLUMNS = ("time_s", "ahead_mps", "turn_radps")
+OXTS_COLUMNS = ("frame", "t", "vf", "vl", "vu", "wf", "wl", "wu")
+_HEADERS = (INCREMENT_COLUMNS, SPEED_COLUMNS, OXTS_COLUMNS)
+
+UNKNOWN_SPEED, UNKNOWN_TURN = 2.0, 1.0
+"""Standard deviations of the speed (m/s) and turn rate (rad/s) of a robot without odometry."""
+BIAS_HORIZON = 10.0
+"""Seconds without landmark updates after which white noise must cover a gyroscope bias."""
+
+
+class OdometryIncrements(NamedTuple):
+    """Motion of a robot in m increments, each in the robot's frame at its beginning."""
+
+    control: FloatArray
+    """(m, 3) metres ahead, metres to the left, radians turned."""
+    covariance: FloatArray
+    """(m, 3, 3)."""
+
+
+@dataclass(frozen=True)
+class SpeedNoise:
+    """Errors of measured speeds: white noise, and a gyroscope bias."""
+
+    ahead: float
+    """Metres per root second: standard deviation of the distance after one second."""
+    left: float
+    """The same to the side."""
+    turn: float
+    """Radians per root second."""
+    turn_bias: float = 0.0
+    """Constant bias in radians per second, approximated by the white noise that has the same
+    standard deviation after `BIAS_HORIZON`, since a drive stores no such bias."""
+
+
+WHEELS = SpeedNoise(ahead=0.05, left=0.02, turn=0.02, turn_bias=0.002)
+"""Default for wheel encoders and a gyroscope on a small robot."""
+OXTS = SpeedNoise(ahead=0.17, left=0.05, turn=0.018, turn_bias=0.005)
+"""From the ground truth of KITTI 07: 0.52 m/s and 0.05 rad/s, independent in samples at 10 Hz."""
+
+
+def increments_from_speeds(
+    time: FloatArray,
+    speed: FloatArray,
+    turn_rate: FloatArray,
+    frame_time: FloatArray,
+    noise: SpeedNoise,
+) -> OdometryIncrements:
+    """Increments between frames as arcs, from linearly interpolated speeds.
+
+    Args:
+        time: (n,) seconds of the samples, ascending; the first and the last extend beyond.
+        speed: (n,) metres per second ahead.
+        turn_rate: (n,) radians per second to the left.
+        frame_time: (m + 1,) times of the frames, ascending.
+        noise: of the speeds.
+    """
+    duration = np.diff(frame_time)
+    d, phi = (np.diff(_integral(time, rate, frame_time)) for rate in (speed, turn_rate))
+    chord = d * np.sinc(phi / (2 * np.pi))
+    control = np.stack([chord * np.cos(phi / 2), chord * np.sin(phi / 2), phi], 1)
+    return OdometryIncrements(control, _covariance(d, duration, noise))
+
+
+def increments_from_poses(
+    poses: Trajectory, frame_time: FloatArray, name: str
+) -> OdometryIncrements:
+    """Increments between frames at times (m + 1,), from poses by wheel odometry.
+
+    Raises:
+        DriveError: the poses do not cover the frames; `name` is that of the file.
+    """
+    _require_coverage(poses.time, frame_time, float(np.diff(frame_time).max(initial=0.0)), name)
+    control = steps_between(poses.at(frame_time))
+    return OdometryIncrements(control, _covariance(control[:, 0], np.diff(frame_time), WHEELS))
+
+
+def unknown_increments(frame_time: FloatArray) -> OdometryIncrements:
+    """Increments between frames at times (m + 1,) of a robot without odometry.
+
+    They are zero, with the covariance of unknown motion.
+    """
+    duration = np.diff(frame_time)
+    sigma = np.outer(duration, (UNKNOWN_SPEED, UNKNOWN_SPEED, UNKNOWN_TURN))
+    return OdometryIncrements(np.zeros(sigma.shape), np.square(sigma)[:, :, None] * np.eye(3))
+
+
+def compose_increments(
+    increments: OdometryIncrements, frames: IntArray, name: str
+) -> OdometryIncrements:
+    """Increments between some of the frames, with covariances to first order.
+
+    Args:
+        increments: from each of m + 1 frames to the next.
+        frames: (k + 1,) ascending numbers of frames, from 0 to m.
+        name: of the file, for the message.
+
+    Raises:
+        DriveError: the numbers are not ascending, or exceed m.
+    """
+    if (np.diff(frames) < 0).any():
+        raise DriveError(
+            f"{name}: expected frames in the order of their times, found number "
+            f"{frames[np.argmax(np.diff(frames) < 0) + 1]} later in the files, earlier in time: "
+            "its increment is not known"
+        )
+    if frames[-1] > len(increments.control):
+        raise DriveError(
+            f"{name}: expected increments to each of {frames[-1] + 1} frames, found "
+            f"{len(increments.control)} increments"
+        )
+    control = np.zeros((len(frames) - 1, 3))
+    covariance = np.zeros((len(frames) - 1, 3, 3))
+    for k, (first, last) in enumerate(pairwise(frames.tolist())):
+        for i in range(first, last):
+            c, s = np.cos(control[k, 2]), np.sin(control[k, 2])
+            Fu = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            u = Fu @ increments.control[i]
+            Fx = np.array([[1.0, 0.0, -u[1]], [0.0, 1.0, u[0]], [0.0, 0.0, 1.0]])
+            control[k] += u
+            control[k, 2] = np.angle(np.exp(1j * control[k, 2]))
+            covariance[k] = Fx @ covariance[k] @ Fx.T + Fu @ increments.covariance[i] @ Fu.T
+    return OdometryIncrements(control, covariance)
+
+
+def _covariance(distance: FloatArray, duration: FloatArray, noise: SpeedNoise) -> FloatArray:
+    """(m, 3, 3) of increments with distances (m,) and durations (m,) and a steady turn."""
+    turn = noise.turn**2 + noise.turn_bias**2 * min(BIAS_HORIZON, float(duration.sum()))
+    covariance = np.zeros((len(duration), 3, 3))
+    for i, density in enumerate((noise.ahead**2, noise.left**2, turn)):
+        covariance[:, i, i] = density * duration
+    covariance[:, 1, 2] = covariance[:, 2, 1] = distance / 2 * covariance[:, 2, 2]
+    covariance[:, 1, 1] += np.square(distance) / 3 * covariance[:, 2, 2]
+    return covariance
+
+
+def _require_coverage(time: FloatArray, frame_time: FloatArray, slack: float, name: str) -> None:
+    """Raise `DriveError` unless odometry at times (n,) covers the frames up to `slack` seconds."""
+    if time[0] > frame_time[0] + slack or time[-1] < frame_time[-1] - slack:
+        raise DriveError(
+            f"{name}: expected odometry from {frame_time[0]:.3f} to {frame_time[-1]:.3f} s as the "
+            f"frames, found {time[0]:.3f} to {time[-1]:.3f} s"
+        )
+
+
+def _integral(time: FloatArray, rate: FloatArray, at: FloatArray) -> FloatArray:
+    """Integral of a rate from the first sample to times (k,), by the trapezoidal rule."""
+    knots = np.union1d(time, at)
+    values = np.interp(knots, time, rate)
+    pieces = np.diff(knots) * (values[1:] + values[:-1]) / 2
+    return np.asarray(np.interp(at, knots, np.concatenate([[0.0], np.cumsum(pieces)])))
+
+
+def read_odometry(path: Path, frames: FrameTimes) -> OdometryIncrements:
+    """Odometry between the frames of a drive, from a file of one of the three kinds.
+
+    Raises:
+        DriveError: another header, too few rows, or times that do not cover the frames.
+        LogError: a broken row; names it.
+    """
+    rows = read_rows(path, delimiter=",")
+    header = tuple(next(rows, Row(path, 1, [])).cells)
+    if header not in _HEADERS:
+        raise DriveError(
+            f"{path}: expected the header {' or '.join(','.join(h[:3]) for h in _HEADERS)},..., "
+            f"found {','.join(header)[:80]!r}"
+        )
+    values = [row.require_cells(len(header)).numbers() for row in rows]
+    table = np.array(values, np.float64).reshape(-1, len(header))
+    if header == INCREMENT_COLUMNS:
+        increments = OdometryIncrements(table[:, :3], from_upper_triangle(table[:, 3:]))
+        return compose_increments(increments, frames.index, str(path))
+    columns, noise = ([0, 1, 2], WHEELS) if header == SPEED_COLUMNS else ([1, 2, 7], OXTS)
+    if len(table) < 2:
+        raise DriveError(f"{path}: expected at least two rows of speeds, found {len(table)}")
+    table = require_ascending(table[:, columns], lambda i: f"{path}, row {i}")
+    time, speed, turn_rate = table.T
+    _require_coverage(time, frames.time, float(np.median(np.diff(time))), str(path))
+    return increments_from_speeds(time, speed, turn_rate, frames.time, noise)
+
+
+def write_increments(path: Path, increments: OdometryIncrements) -> None:
+    """Write increments as CSV, with every digit."""
+    columns = dict(zip(INCREMENT_COLUMNS[:3], increments.control.T, strict=True))
+    write_table(path, columns | symmetric_columns(_MOTION, increments.covariance))

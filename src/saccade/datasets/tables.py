@@ -1,0 +1,334 @@
+"""Tables of numbers: text and .npz are checked as they are read; CSV and TUM are written."""
+
+import csv
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from io import StringIO
+from itertools import combinations_with_replacement
+from math import isnan, isqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.errors import LogError, require
+from saccade.extras import import_optional
+from saccade.files import atomic_write, read_text
+from saccade.npz import read_arrays
+from saccade.types import FloatArray, LandmarkMap, Trajectory
+
+LARGEST = 1e100
+"""Bound on every number read: no measurement is larger, and its square is still finite."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table in a text file."""
+
+    path: Path
+    line: int
+    """Line number in the file, from 1."""
+    cells: list[str]
+    """Contents of the cells, without surrounding blanks."""
+
+    def error(self, expected: str, found: str) -> LogError:
+        """The error to raise for this row."""
+        return LogError(f"{self.path}, line {self.line}: expected {expected}, found {found}")
+
+    def numbers(self, columns: slice = slice(None), blank: float | None = None) -> list[float]:
+        """Cells as finite numbers under `LARGEST`; an empty cell is `blank`, unless that is None.
+
+        Raises:
+            LogError: a cell is no such number.
+        """
+        values = []
+        for cell in self.cells[columns]:
+            if not cell and blank is not None:
+                values.append(blank)
+                continue
+            try:
+                value = float(cell)
+            except ValueError:
+                value = np.inf
+            if not abs(value) < LARGEST:
+                raise self.error(f"a finite number under {LARGEST:g}", repr(cell))
+            values.append(value)
+        return values
+
+    def integer(self, column: int, name: str, below: int = 10**18) -> int:
+        """A cell as a non-negative integer less than `below`, called `name` in messages.
+
+        Raises:
+            LogError: the cell is no such integer.
+        """
+        cell = self.cells[column]
+        digits = cell.isascii() and cell.isdecimal() and len(cell) < 20
+        if not digits or int(cell) >= below:
+            raise self.error(f"{name} (an integer under {below:.3g})", repr(cell[:40]))
+        return int(cell)
+
+    def require_cells(self, count: int, names: str = "cells") -> "Row":
+        """The row itself, if it has `count` cells.
+
+        Raises:
+            LogError: it has more or fewer; `names` is in the message.
+        """
+        if len(self.cells) != count:
+            raise self.error(
+                f"{count} {names}", f"{len(self.cells)}: {' '.join(self.cells)[:80]!r}"
+            )
+        return self
+
+
+def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#") -> Iterator[Row]:
+    """The rows of a text file that are neither empty nor a comment.
+
+    Args:
+        path: the file.
+        delimiter: between cells, with CSV's quotes; None for any white space.
+        comment: how a line that is skipped begins; None where every line counts.
+
+    Raises:
+        LogError: the file is missing, cannot be read, is not text, or has broken quotes.
+    """
+    try:
+        text = read_text(path)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise LogError(
+            f"{path}: expected text, found a byte at {error.start} that is not UTF-8"
+        ) from error
+    for line, cells in _split(path, text, delimiter):
+        if any(cells) and not (comment and cells[0].startswith(comment)):
+            yield Row(path, line, cells)
+
+
+def _split(path: Path, text: str, delimiter: str | None) -> Iterator[tuple[int, list[str]]]:
+    """Line number and cells of every line."""
+    if delimiter is None:
+        yield from enumerate(map(str.split, text.splitlines()), 1)
+        return
+    reader = csv.reader(StringIO(text, newline=""), delimiter=delimiter)
+    try:
+        for cells in reader:
+            yield reader.line_num, [cell.strip() for cell in cells]
+    except csv.Error as error:
+        raise LogError(f"{path}, line {reader.line_num}: expected CSV cells: {error}") from error
+
+
+def read_table(path: Path, columns: tuple[str, ...], stale_limit: float = 0.0) -> FloatArray:
+    """A table of numbers, separated by white space.
+
+    Args:
+        path: the file.
+        columns: names for the messages; a first column "time" must be ascending.
+        stale_limit: see `require_ascending`.
+
+    Returns:
+        (n, len(columns)) values.
+
+    Raises:
+        LogError: a line has another number of fields, a field is no finite number, or the time
+            goes back; names the file and the line.
+    """
+    names = f"numbers ({', '.join(columns)})"
+    rows = [row.require_cells(len(columns), names) for row in read_rows(path)]
+    table = np.array([row.numbers() for row in rows], np.float64).reshape(-1, len(columns))
+    if columns[0] == "time":
+        table = require_ascending(table, lambda i: f"{path}, line {rows[i].line}", stale_limit)
+    return table
+
+
+def require_ascending(
+    table: FloatArray, name_of: Callable[[int], str], stale_limit: float = 0.0
+) -> FloatArray:
+    """A table (n, c) whose first column, the time in seconds, is ascending.
+
+    A first row less than `stale_limit` seconds later than the second is stale, and dropped.
+
+    Raises:
+        LogError: the time goes back; `name_of` names the row.
+    """
+    time = table[:, 0]
+    skip = int(len(time) > 1 and 0 < time[0] - time[1] < stale_limit)
+    backwards = np.flatnonzero(np.diff(time[skip:]) < 0) + skip
+    if len(backwards):
+        i = int(backwards[0])
+        raise LogError(
+            f"{name_of(i + 1)}: time goes back from {time[i]:.3f} to {time[i + 1]:.3f} s; "
+            "sort the log by time"
+        )
+    return table[skip:]
+
+
+class Archive:
+    """The arrays of an .npz, each checked when it is requested.
+
+    Raises:
+        LogError: the file is missing, truncated, or no .npz.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self.arrays = read_arrays(path)
+        except OSError as error:
+            raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except ValueError as error:
+            raise LogError(
+                f"{path}: expected an .npz of tables, found another file or a broken one: {error}"
+            ) from error
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.arrays
+
+    def array(
+        self,
+        name: str,
+        shape: tuple[int | None, ...] | None = None,
+        kinds: str = "iuf",
+        description: str | None = None,
+    ) -> npt.NDArray[Any]:
+        """The array of a name.
+
+        Args:
+            name: of the array.
+            shape: expected lengths, None for any; None for any shape.
+            kinds: codes of the accepted types: i, u, f.
+            description: of what is expected, for the message; None for the shape.
+
+        Raises:
+            LogError: it is missing, has another type or shape, or holds numbers that are not
+                finite or beyond `LARGEST`.
+        """
+        lengths = ", ".join("n" if n is None else str(n) for n in shape or ())
+        expected = f"{name}: expected {description or f'numbers of shape ({lengths})'}"
+        if name not in self.arrays:
+            found = ", ".join(sorted(self.arrays)) or "nothing"
+            raise LogError(f"{self.path}, {expected}, found only {found[:80]}")
+        values = self.arrays[name]
+        fits = shape is None or (
+            values.ndim == len(shape)
+            and all(n in (None, m) for n, m in zip(shape, values.shape, strict=True))
+        )
+        if values.dtype.kind not in kinds or not fits:
+            raise LogError(f"{self.path}, {expected}, found {values.dtype} of shape {values.shape}")
+        finite = np.abs(values.astype(np.float64)) < LARGEST
+        if not finite.all():
+            row = int(np.argwhere(~np.atleast_1d(finite))[0, 0])
+            raise LogError(
+                f"{self.path}, {name}, row {row}: expected finite numbers, "
+                f"found {np.atleast_1d(values)[row].tolist()}"
+            )
+        return values
+
+    def table(self, name: str, columns: tuple[str, ...], stale_limit: float = 0.0) -> FloatArray:
+        """The array of a name as a table (n, len(columns)); see `read_table`."""
+        description = f"numbers in the columns {', '.join(columns)}"
+        values = self.array(name, (None, len(columns)), description=description)
+        table = np.asarray(values, np.float64)
+        if columns[0] == "time":
+            table = require_ascending(table, lambda i: f"{self.path}, {name}, row {i}", stale_limit)
+        return table
+
+
+def write_table(path: str | Path, columns: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Write named columns; the suffix of the file selects the format.
+
+    Args:
+        path: .csv, with every digit and NaN as an empty cell; or .parquet, with NaN as null.
+        columns: by name, each (n,) of numbers.
+
+    Raises:
+        ConfigError: another suffix, or Parquet without pyarrow.
+        OutputError: the file cannot be written.
+    """
+    path = Path(path)
+    known = path.suffix in (".csv", ".parquet")
+    require(known, "path", "a file that ends in .csv or .parquet", str(path))
+    if path.suffix == ".csv":
+        _write_csv(path, columns)
+        return
+    arrow = import_optional("pyarrow", "parquet")
+    parquet = import_optional("pyarrow.parquet", "parquet")
+    table = arrow.table({name: arrow.array(c, from_pandas=True) for name, c in columns.items()})
+    with atomic_write(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
+        parquet.write_table(table, file)
+
+
+def _write_csv(path: Path, columns: Mapping[str, npt.NDArray[Any]]) -> None:
+    cells = [
+        ["" if isinstance(value, float) and isnan(value) else value for value in column.tolist()]
+        for column in columns.values()
+    ]
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*cells, strict=True))
+
+
+def covariance_names(names: tuple[str, ...]) -> list[str]:
+    """Column names of the upper triangle of a covariance: "cov_x_x", "cov_x_y", ..."""
+    return [f"cov_{a}_{b}" for a, b in combinations_with_replacement(names, 2)]
+
+
+def symmetric_columns(names: tuple[str, ...], matrices: FloatArray) -> dict[str, FloatArray]:
+    """The upper triangles of covariances (n, d, d) as columns (n,) by `covariance_names`."""
+    return dict(zip(covariance_names(names), upper_triangle(matrices).T, strict=True))
+
+
+def upper_triangle(matrices: FloatArray) -> FloatArray:
+    """(n, d (d + 1) / 2) entries of symmetric matrices (n, d, d)."""
+    return np.asarray(matrices[:, *np.triu_indices(matrices.shape[1])])
+
+
+def from_upper_triangle(entries: FloatArray) -> FloatArray:
+    """(n, d, d) symmetric matrices from their entries (n, d (d + 1) / 2)."""
+    d = (isqrt(8 * entries.shape[1] + 1) - 1) // 2
+    rows, columns = np.triu_indices(d)
+    matrices = np.zeros((len(entries), d, d))
+    matrices[:, rows, columns] = matrices[:, columns, rows] = entries
+    return matrices
+
+
+def write_tum(path: str | Path, trajectory: Trajectory) -> None:
+    """Write `time x y z qx qy qz qw` per pose; the ground is z = 0, headings turn about z.
+
+    Args:
+        path: the file; replaced if it exists.
+        trajectory: poses with headings; covariances are not part of the format.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    x, y, theta = trajectory.pose.T
+    zero = np.zeros(len(trajectory))
+    rows = np.stack(
+        [trajectory.time, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], 1
+    )
+    with atomic_write(path) as temporary:
+        np.savetxt(temporary, rows, fmt="%.9f")
+
+
+def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
+    """Write one row per landmark: id, x, y, cov_xx, cov_xy, cov_yy, sightings.
+
+    Metres and square metres; "sightings" counts the observations. Cells are empty where the
+    covariance or the count is not known.
+
+    Args:
+        path: the file; replaced if it exists.
+        landmarks: the map.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    covariance, observations = landmarks.covariance, landmarks.observations
+    if covariance is None:
+        covariance = np.full((len(landmarks), 2, 2), np.nan)
+    columns = {"id": landmarks.id, "x": landmarks.xy[:, 0], "y": landmarks.xy[:, 1]}
+    columns |= zip(("cov_xx", "cov_xy", "cov_yy"), upper_triangle(covariance).T, strict=True)
+    columns["sightings"] = np.full(len(landmarks), np.nan) if observations is None else observations
+    write_table(path, columns)
