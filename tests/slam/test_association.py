@@ -30,7 +30,6 @@ from saccade.slam.association._kernels import (
     squared_distance,
 )
 from saccade.slam.association.gating import mahalanobis_squared
-from saccade.slam.association.known import number_by_first_observation
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RangeBearing
@@ -131,7 +130,7 @@ def test_known_identities_are_looked_up():
 
 
 @given(st.lists(st.lists(st.integers(-1, 4), max_size=5), max_size=6))
-def test_numbers_of_a_whole_log_are_those_found_scan_by_scan(scans):
+def test_numbers_of_many_scans_are_those_found_scan_by_scan(scans):
     associate, ekf, known, found = KnownIdentity(), _filter(), 0, []
     for names in scans:
         z, noise = np.zeros((len(names), 2)), np.zeros((len(names), 2, 2))
@@ -144,7 +143,13 @@ def test_numbers_of_a_whole_log_are_those_found_scan_by_scan(scans):
         found += numbers
     pose = np.repeat(np.arange(len(scans)), [len(names) for names in scans])
     identity = np.array([name for names in scans for name in names], np.int64)
-    assert number_by_first_observation(identity, pose).tolist() == found
+    cut = int((pose < 3).sum())
+    ahead, halves = KnownIdentity(), KnownIdentity()
+    assert ahead.number_ahead(identity, pose, 0).tolist() == found
+    first = halves.number_ahead(identity[:cut], pose[:cut], 0)
+    second = halves.number_ahead(identity[cut:], pose[cut:], len(halves.number))
+    assert [*first, *second] == found
+    assert ahead.number == halves.number == associate.number
 
 
 @given(

@@ -7,8 +7,8 @@ import numpy as np
 
 from saccade.simulation.world import WorldConfig, simulate_world
 from saccade.slam import EkfConfig, run
+from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_band, pose_nees
-from saccade.slam.run import RETRACTIONS
 from saccade.types import FloatArray
 
 
