@@ -163,7 +163,11 @@ class Slam:
         steps = self.prepare(
             _array("time", (1,), time),
             _array("control", (0, c) if control is None else (1, c), control),
-            _array("covariance of the control", (0 if control is None else 1, c, c), U),
+            _array(
+                "covariance of the control",
+                (0 if control is None else 1, c, c),
+                U if control is not None else None,
+            ),
             np.array([0, k]),
             _array("observations", (k, 2), z),
             _array("covariances of the observations", (k, 2, 2), R),
