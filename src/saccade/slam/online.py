@@ -124,11 +124,11 @@ class Slam:
         self.num_steps = 0
         """Steps that were taken."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
-        self._known = type(self.associate) is KnownIdentity
-        nearest = self.associate if type(self.associate) is NearestNeighbor else None
-        self.is_compiled = self.ekf.is_compiled and (self._known or nearest is not None)
+        built_in_rule = type(self.associate) in (KnownIdentity, NearestNeighbor)
+        self.is_compiled = self.ekf.is_compiled and built_in_rule
         """Whether many steps are taken at once in compiled code: the models and the association
         are those of this package."""
+        nearest = self.associate if isinstance(self.associate, NearestNeighbor) else None
         gates = nearest.gates if nearest else Gates(inf, inf, False)
         self._rules = Rules(nearest is not None, gates, self.candidates.policy, self.culling.rule)
 
@@ -215,7 +215,7 @@ class Slam:
         check_all("observation", z, R)
         control = np.concatenate([np.zeros((still, *control.shape[1:])), control])
         landmark = np.full(len(z), NEW)
-        if isinstance(self.associate, KnownIdentity) and self._known:
+        if self.is_compiled and isinstance(self.associate, KnownIdentity):
             scan = np.repeat(np.arange(len(time)), np.diff(edge))
             landmark = self.associate.number_ahead(identity, scan, len(self.ekf))
         return Steps(
@@ -290,8 +290,7 @@ class Slam:
         if len(z) > 0:
             check = self.culling.is_due(s.first + i)
             expected = ekf.predict_observations().z if check else None
-            if not self._known:
-                found[:] = self.associate(ekf, z, R, identity)
+            found[:] = self.associate(ekf, z, R, identity)
             innovations = ekf.update_scan(z, R, found)  # C.10-C.14
             for array, values in zip(out.innovations, innovations, strict=True):
                 array[scan] = values

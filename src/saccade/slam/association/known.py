@@ -23,13 +23,8 @@ class KnownIdentity(Association):
     """Landmark in the map of each identity observed so far."""
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
-        """Look each identity up; see `Association`."""
-        names = identity.tolist()
-        number = [self.number.get(name, NEW) if name >= 0 else DROPPED for name in names]
-        for i, name in enumerate(names):
-            if number[i] == NEW and name in names[:i]:
-                number[i] = DROPPED
-        return np.array(number, np.int64)
+        """Look each identity up; see `Association`. New landmarks get the next free numbers."""
+        return self.number_ahead(identity, np.zeros(len(identity), np.int64), len(ekf))
 
     def number_ahead(self, identity: IntArray, scan: IntArray, mapped: int) -> IntArray:
         """Associate consecutive scans of which every new landmark is added to the map.
@@ -52,10 +47,6 @@ class KnownIdentity(Association):
         number[new] = mapped + np.arange(len(new))
         self.number.update(zip(names[new].tolist(), number[new].tolist(), strict=True))
         return np.where(repeated, DROPPED, number[which])
-
-    def added(self, landmark: int, identity: int) -> None:
-        """Remember which landmark it became."""
-        self.number[identity] = landmark
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
