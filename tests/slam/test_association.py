@@ -30,7 +30,6 @@ from saccade.slam.association._kernels import (
     squared_distance,
 )
 from saccade.slam.association.gating import mahalanobis_squared
-from saccade.slam.association.known import number_by_first_observation
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RangeBearing
@@ -122,29 +121,34 @@ def test_pairs_exclude_each_other_and_no_better_pair_is_left(distance, limit):
 
 
 def test_known_identities_are_looked_up():
-    associate = KnownIdentity()
+    associate, ekf = KnownIdentity(), _filter([])
     z, noise = _scan(WORLD)
     identity = np.array([7, 7, -1, 0])
-    assert associate(_filter(), z, noise, identity).tolist() == [NEW, DROPPED, DROPPED, NEW]
-    associate.added(0, 7)
-    assert associate(_filter(), z, noise, identity).tolist() == [0, 0, DROPPED, NEW]
+    assert associate(ekf, z, noise, identity).tolist() == [0, DROPPED, DROPPED, 1]
+    assert associate.number == {7: 0, 0: 1}
+    assert associate(ekf, z, noise, identity).tolist() == [0, 0, DROPPED, 1]
 
 
 @given(st.lists(st.lists(st.integers(-1, 4), max_size=5), max_size=6))
-def test_numbers_of_a_whole_log_are_those_found_scan_by_scan(scans):
-    associate, ekf, known, found = KnownIdentity(), _filter(), 0, []
+def test_numbers_of_many_scans_are_those_found_scan_by_scan(scans):
+    number, found = {}, []
     for names in scans:
-        z, noise = np.zeros((len(names), 2)), np.zeros((len(names), 2, 2))
-        numbers = associate(ekf, z, noise, np.array(names, np.int64)).tolist()
-        for k, number in enumerate(numbers):
-            if number == NEW:
-                associate.added(known, names[k])
-                numbers[k] = known
-                known += 1
-        found += numbers
+        before = dict(number)
+        for k, name in enumerate(names):
+            repeated = name in names[:k] and name not in before
+            if name < 0 or repeated:
+                found.append(DROPPED)
+            else:
+                found.append(number.setdefault(name, len(number)))
     pose = np.repeat(np.arange(len(scans)), [len(names) for names in scans])
     identity = np.array([name for names in scans for name in names], np.int64)
-    assert number_by_first_observation(identity, pose).tolist() == found
+    cut = int((pose < 3).sum())
+    ahead, halves = KnownIdentity(), KnownIdentity()
+    assert ahead.number_ahead(identity, pose, 0).tolist() == found
+    first = halves.number_ahead(identity[:cut], pose[:cut], 0)
+    second = halves.number_ahead(identity[cut:], pose[cut:], len(halves.number))
+    assert [*first, *second] == found
+    assert ahead.number == halves.number == number
 
 
 @given(

@@ -129,7 +129,8 @@ def test_every_part_of_a_run_is_saved_by_name(rng, tmp_path):
     log, _, _ = simulate(rng, steps=10)
     slam.run(log, recorder=Recorder(), checkpoint=Checkpoint(tmp_path / "run.npz", None))
     with np.load(tmp_path / "run.npz", allow_pickle=False) as archive:
-        assert {"format", "identity", "step", "checksum", "ekf.P", "ekf.ids"} <= set(archive.files)
+        assert {"format", "identity", "step", "checksum", "slam.num_steps"} <= set(archive.files)
+        assert {"slam.ekf.P", "slam.ekf.ids"} <= set(archive.files)
         assert {name.split(".")[0] for name in archive.files if "." in name} == {
-            *("ekf", "associate", "candidates", "results", "recorder")
+            *("slam", "results", "recorder")
         }

@@ -7,7 +7,7 @@ import pytest
 
 from saccade import slam
 from saccade.slam import RANGE_BEARING, compose
-from saccade.slam.association.known import number_by_first_observation
+from saccade.slam.config import RETRACTIONS
 from saccade.slam.filter.odometry_bias import unbiased
 from support.circular_log import simulate
 
@@ -40,28 +40,28 @@ def test_what_the_wheels_are_off_by_is_found(rng, motion, kind):
     assert result.odometry_bias[1] == pytest.approx(BIAS[1], abs=0.005)
 
 
-@pytest.mark.parametrize("retraction", list(slam.Retraction))
-def test_replay_and_steps_are_the_same(rng, retraction):
-    """The compiled way through a log, and predict and update one by one."""
+@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+def test_a_log_and_its_predictions_and_updates_are_the_same(rng, kind):
+    """The compiled way through a log, and predict, update and augment one by one."""
     log, _, _ = _biased(rng, "compose", noise=1.0)
-    seen = log.observation_pose > 0
-    number = np.full(len(seen), -1)
-    number[seen] = number_by_first_observation(log.landmark[seen], log.observation_pose[seen])
+    fast = slam.run(log, slam.EkfConfig(filter=kind, huber=1.0))
+    number = fast.association
     start = np.append(log.start, np.zeros(3)), np.diag([0, 0, 0, 0.01, 0.01, 0.01])
-    fast, slow = (slam.EkfSlam(*start, compose, RANGE_BEARING, retraction, 1.0) for _ in "ab")
-    said = log.control, log.control_covariance, log.observation_pose - 1, log.observation
-    parts = (each[seen] for each in (*said[2:], log.observation_covariance, number))
-    fast.replay(*said[:2], *parts)
-    for pose in range(1, len(log.time)):
-        slow.predict(log.control[pose - 1], log.control_covariance[pose - 1])
+    slow = slam.EkfSlam(*start, compose, RANGE_BEARING, RETRACTIONS[kind], 1.0)
+    for pose in range(len(log.time)):
+        if pose > 0:
+            slow.predict(log.control[pose - 1], log.control_covariance[pose - 1])
         for k in np.flatnonzero(log.observation_pose == pose):
             z, R = log.observation[k], log.observation_covariance[k]
             if number[k] == len(slow):
                 slow.augment(z, R)
             elif number[k] >= 0:
                 slow.update(z, R, int(number[k]))
-    np.testing.assert_allclose(fast.state, slow.state, atol=1e-9)
-    np.testing.assert_allclose(fast.covariance, slow.covariance, atol=1e-9)
+    np.testing.assert_allclose(fast.trajectory.pose[-1], slow.pose, atol=1e-9)
+    np.testing.assert_allclose(fast.trajectory.covariance[-1], slow.pose_covariance, atol=1e-9)
+    np.testing.assert_allclose(fast.odometry_bias, slow.odometry_bias, atol=1e-9)
+    np.testing.assert_allclose(fast.map.xy, slow.landmarks, atol=1e-9)
+    np.testing.assert_allclose(fast.map.covariance, slow.landmark_covariances, atol=1e-9)
 
 
 @pytest.mark.parametrize("motion", ["drive", "compose"])

@@ -22,10 +22,10 @@ def filter_compiled_ahead(log: Path) -> Iterator[Callable[[], None]]:
         A function that waits for the process.
     """
     from saccade._jit import needs_compiling
-    from saccade.slam._log_kernels import replay
+    from saccade.slam._step_kernels import take_steps
 
     command = [sys.executable, "-c", f"import {__name__} as a; a.run_filter()", str(log)]
-    if (os.cpu_count() or 1) < 2 or not sys.executable or not needs_compiling(replay):
+    if (os.cpu_count() or 1) < 2 or not sys.executable or not needs_compiling(take_steps):
         yield lambda: None
         return
     quiet = subprocess.DEVNULL

@@ -8,9 +8,9 @@ import numpy as np
 
 from saccade.errors import require, require_ranges, require_types
 from saccade.slam import EkfConfig, run
+from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_band, pose_nees
 from saccade.slam.models import wrap
-from saccade.slam.run import RETRACTIONS
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 LAYOUT_SEED = 2010

@@ -6,6 +6,7 @@ from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Checkpoint
+from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
@@ -22,9 +23,10 @@ from saccade.slam.models import (
     observe,
     wrap,
 )
+from saccade.slam.online import Slam, StepResult
 from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
 from saccade.slam.results import Innovation
-from saccade.slam.run import EkfConfig, SlamResult, dead_reckon, run
+from saccade.slam.run import SlamResult, dead_reckon, run
 from saccade.slam.smoothing.batch import smooth
 from saccade.slam.smoothing.problem import SmoothConfig, SmoothResult
 from saccade.slam.snapshots import Recorder
@@ -54,9 +56,11 @@ __all__ = [
     "Relocalizer",
     "Retraction",
     "Sensor",
+    "Slam",
     "SlamResult",
     "SmoothConfig",
     "SmoothResult",
+    "StepResult",
     "compose",
     "dead_reckon",
     "difference",

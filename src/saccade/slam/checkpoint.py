@@ -41,6 +41,22 @@ class Stateful(Protocol):
         """Restore what `to_arrays` of a part with the same settings gave."""
 
 
+class StoredArrays:
+    """Arrays as a part of a run: saved by their names, restored in place."""
+
+    def __init__(self, arrays: Arrays) -> None:
+        self._arrays = arrays
+
+    def to_arrays(self) -> Arrays:
+        """The arrays."""
+        return self._arrays
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Fill them with what `to_arrays` gave."""
+        for name, array in self._arrays.items():
+            array[...] = arrays[name]
+
+
 class Checkpoint:
     """Where a run saves its state, and how often.
 
@@ -101,7 +117,7 @@ class Checkpoint:
         """
         if self.every is not None and time.monotonic() - self._last < self.every:
             return
-        arrays = merge({name: _arrays_of(name, part) for name, part in parts.items() if part})
+        arrays = merge({name: arrays_of(name, part) for name, part in parts.items() if part})
         for name, value in (("format", FORMAT), ("step", step), ("identity", self._identity)):
             arrays[name] = np.array(value)
         arrays["checksum"] = np.array(_checksum(arrays))
@@ -127,6 +143,21 @@ class Checkpoint:
         if not known or str(arrays["identity"]) != self._identity:
             raise LogError(f"{self.path}: of another log, other settings or another version")
         return arrays
+
+
+def arrays_of(name: str, part: Stateful) -> Arrays:
+    """The state of a part of a run.
+
+    Raises:
+        ConfigError: it cannot be saved; names the part.
+    """
+    if not isinstance(part, Stateful):
+        raise ConfigError(f"checkpoint: expected {name} to have to_arrays, found {type(part)}")
+    arrays = part.to_arrays()
+    for key, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "biufU":
+            raise ConfigError(f"checkpoint: expected {name}.{key} to be numbers, found {array!r}")
+    return arrays
 
 
 def merge(parts: Mapping[str, Arrays]) -> Arrays:
@@ -177,16 +208,6 @@ def restore_attributes(part: object, arrays: Arrays) -> None:
 
 def _is_stackable(value: object) -> bool:
     return isinstance(value, list) and len(value) > 0 and isinstance(value[0], SCALARS | np.ndarray)
-
-
-def _arrays_of(name: str, part: Stateful) -> Arrays:
-    if not isinstance(part, Stateful):
-        raise ConfigError(f"checkpoint: expected {name} to have to_arrays, found {type(part)}")
-    arrays = part.to_arrays()
-    for key, array in arrays.items():
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in "biufU":
-            raise ConfigError(f"checkpoint: expected {name}.{key} to be numbers, found {array!r}")
-    return arrays
 
 
 def _checksum(arrays: Arrays) -> str:

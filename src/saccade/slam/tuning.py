@@ -11,7 +11,8 @@ from itertools import product
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam.run import EkfConfig, run
+from saccade.slam.config import EkfConfig
+from saccade.slam.run import run
 from saccade.types import LandmarkLog
 
 STEPS = (2.0, 2.0**0.5, 2.0**0.25)

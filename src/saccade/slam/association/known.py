@@ -23,17 +23,30 @@ class KnownIdentity(Association):
     """Landmark in the map of each identity observed so far."""
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
-        """Look each identity up; see `Association`."""
-        names = identity.tolist()
-        number = [self.number.get(name, NEW) if name >= 0 else DROPPED for name in names]
-        for i, name in enumerate(names):
-            if number[i] == NEW and name in names[:i]:
-                number[i] = DROPPED
-        return np.array(number, np.int64)
+        """Look each identity up; see `Association`. New landmarks get the next free numbers."""
+        return self.number_ahead(identity, np.zeros(len(identity), np.int64), len(ekf))
 
-    def added(self, landmark: int, identity: int) -> None:
-        """Remember which landmark it became."""
-        self.number[identity] = landmark
+    def number_ahead(self, identity: IntArray, scan: IntArray, mapped: int) -> IntArray:
+        """Associate consecutive scans of which every new landmark is added to the map.
+
+        Args:
+            identity: (k,) of the landmarks, -1 where it is unknown.
+            scan: (k,) in which each was observed, ascending.
+            mapped: landmarks in the map before.
+
+        Returns:
+            (k,) number of the landmark in the map, in the order of first observation, or `DROPPED`.
+        """
+        names, first, which = np.unique(identity, return_index=True, return_inverse=True)
+        known = [self.number.get(name, NEW) if name >= 0 else DROPPED for name in names.tolist()]
+        number = np.array(known, np.int64)
+        new = np.flatnonzero(number == NEW)
+        new = new[np.argsort(first[new])]
+        repeated = (number == NEW)[which] & (scan == scan[first[which]])
+        repeated[first] = False
+        number[new] = mapped + np.arange(len(new))
+        self.number.update(zip(names[new].tolist(), number[new].tolist(), strict=True))
+        return np.where(repeated, DROPPED, number[which])
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
@@ -45,22 +58,3 @@ class KnownIdentity(Association):
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         self.number = dict(zip(arrays["identity"].tolist(), arrays["number"].tolist(), strict=True))
-
-
-def number_by_first_observation(identity: IntArray, pose: IntArray) -> IntArray:
-    """The association by `KnownIdentity` of a whole log.
-
-    Args:
-        identity: (k,) of the landmarks, -1 where it is unknown.
-        pose: (k,) from which each was observed, ascending.
-
-    Returns:
-        (k,) number of the landmark in the map, in the order of first observation; `DROPPED` for
-        observations without an identity, and for repeated ones from the first pose.
-    """
-    _, first, which = np.unique(identity, return_index=True, return_inverse=True)
-    repeated = (pose == pose[first[which]]) & (np.arange(len(pose)) != first[which])
-    named = np.flatnonzero(identity[first] >= 0)
-    number = np.full(len(first), DROPPED, np.int64)
-    number[named[np.argsort(first[named])]] = np.arange(len(named))
-    return np.where(repeated, DROPPED, number[which])

@@ -23,7 +23,8 @@ class Association(Protocol):
             identity: (m,) of the landmarks as given by the log, -1 where it is unknown.
 
         Returns:
-            (m,) the number of the landmark in the map, `NEW` or `DROPPED`.
+            (m,) the number of the landmark in the map, `NEW` or `DROPPED`. The next free numbers
+            add landmarks without waiting for more observations.
         """
 
     def added(self, landmark: int, identity: int) -> None:

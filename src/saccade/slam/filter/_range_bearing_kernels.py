@@ -1,14 +1,33 @@
 """EKF steps with the models of this package: `drive` and `compose`, range and bearing."""
 
 from math import atan2, cos, hypot, sin
+from typing import NamedTuple
 
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import augment, predict, sandwich, update, wrapped
-from saccade.slam.filter._state_kernels import INVARIANT, STANDARD, FilterState, Scratch
-from saccade.types import FloatArray
+from saccade.slam.filter._state_kernels import (
+    INVARIANT,
+    LANDMARKS,
+    STANDARD,
+    FilterState,
+    Scratch,
+    is_full,
+)
+from saccade.types import FloatArray, IntArray
 
 MIN_RANGE = 1e-6
 """Metres; a landmark closer than this to the robot has no bearing."""
+
+
+class Innovations(NamedTuple):
+    """Innovations of k observations, NaN where one updated nothing; see `results.Innovation`."""
+
+    value: FloatArray
+    """(k, 2)."""
+    covariance: FloatArray
+    """(k, 2, 2)."""
+    nis: FloatArray
+    """(k,)."""
 
 
 @kernel()
@@ -83,6 +102,31 @@ def update_range_bearing(
         H[1, 2] = -1.0
     v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > MIN_RANGE else 0.0))
     return update(f, w, m, v, H, R, S)
+
+
+@kernel()
+def update_scan(
+    f: FilterState,
+    w: Scratch,
+    z: FloatArray,
+    R: FloatArray,
+    landmark: IntArray,
+    k: int,
+    end: int,
+    out: Innovations,
+) -> int:
+    """Update by observations from k to `end`, as far as there is room; returns the next one.
+
+    The next free number of a landmark augments, a negative one leaves the observation out.
+    """
+    while k < end and not is_full(f):
+        if landmark[k] == f.counts[LANDMARKS]:
+            augment_range_bearing(f, w, z[k], R[k])
+        elif landmark[k] >= 0:
+            m = f.robot_size + 2 * landmark[k]
+            out.nis[k] = update_range_bearing(f, w, m, z[k], R[k], out.value[k], out.covariance[k])
+        k += 1
+    return k
 
 
 @kernel()

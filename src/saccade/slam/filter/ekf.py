@@ -7,10 +7,10 @@ from typing import Self
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam._log_kernels import Replay, Stretch, replay
 from saccade.slam.association._kernels import predict_observations
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter import _kernels, _range_bearing_kernels
+from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, is_full
 from saccade.slam.filter.error_state import STANDARD, Retraction, linearize
 from saccade.slam.filter.odometry_bias import BIASES, bias_jacobian
@@ -30,10 +30,9 @@ from saccade.slam.filter.state import (
     state_rows,
     state_size,
 )
-from saccade.slam.filter.validation import check_covariance, check_landmark, check_vector
+from saccade.slam.filter.validation import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrap
 from saccade.slam.results import Innovation, PredictedObservations
-from saccade.slam.stretch import new_replay, new_stretch
 from saccade.types import FloatArray, IntArray
 
 
@@ -141,7 +140,7 @@ class EkfSlam:
         whitened = w.A @ v
         return Innovation(v, S, float(whitened @ whitened))
 
-    def update_scan(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Replay:
+    def update_scan(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
         """Update by all observations from one pose.
 
         Args:
@@ -150,10 +149,27 @@ class EkfSlam:
             landmark: (k,) number in the map; the next free number augments, a negative
                 one leaves the observation out.
         """
-        still = np.zeros((1, 2)), np.zeros((1, 2, 2)), np.zeros(len(z), np.int64)
-        s, out = new_stretch(*still, z, R, landmark), new_replay(1, len(z))
-        s.next_observation[0] = 0
-        self.replay_into(s, out)
+        z, R = (np.array(each, np.float64, order="C") for each in (z, R))
+        check_all("observation", z, R)
+        free = np.maximum.accumulate(np.append(len(self) - 1, landmark))[:-1] + 1  # (k,)
+        if (landmark > free).any():
+            raise LogError(
+                f"landmark: expected numbers up to {int(free[landmark > free][0])}, "
+                f"found {int(landmark[landmark > free][0])}"
+            )
+        out = new_innovations(len(z))
+        if self.is_compiled:
+            k = 0
+            while k < len(z):
+                self.reserve()
+                f, w, kernel = self.filter_state, self.scratch, _range_bearing_kernels.update_scan
+                k = kernel(f, w, z, R, landmark, k, len(z), out)
+            return out
+        for k, number in enumerate(landmark.tolist()):
+            if number == len(self):
+                self.augment(z[k], R[k])
+            elif number >= 0:
+                out.value[k], out.covariance[k], out.nis[k] = self.update(z[k], R[k], number)
         return out
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
@@ -172,47 +188,6 @@ class EkfSlam:
         xy, Gx, Gz = self._sensor.inverse_observe(self.robot_state, z)  # C.15, C.18
         _kernels.augment(self.filter_state, self.scratch, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
         return len(self) - 1
-
-    def replay(
-        self,
-        control: FloatArray,
-        U: FloatArray,
-        scan: IntArray,
-        z: FloatArray,
-        R: FloatArray,
-        landmark: IntArray,
-    ) -> Replay:
-        """Run the filter over t controls and the k observations made after them.
-
-        Args:
-            control: (t, c).
-            U: (t, c, c) their covariances.
-            scan: (k,) after which of the controls each observation was made, ascending.
-            z: (k, 2).
-            R: (k, 2, 2) their covariances.
-            landmark: (k,) number in the map; the next free number augments, a negative
-                one leaves the observation out.
-        """
-        s = new_stretch(control, U, scan, z, R, landmark)
-        out = new_replay(len(control), len(z))
-        self.replay_into(s, out)
-        return out
-
-    def replay_into(self, s: Stretch, out: Replay) -> None:
-        """`replay` of a stretch; fills `out`."""
-        free = np.maximum.accumulate(np.append(len(self) - 1, s.landmark))[:-1] + 1  # (k,)
-        if (s.landmark > free).any():
-            raise LogError(
-                f"landmark: expected numbers up to {int(free[s.landmark > free][0])}, "
-                f"found {int(s.landmark[s.landmark > free][0])}"
-            )
-        if not self.is_compiled:
-            self._replay_custom_models(s, out)
-            return
-        s = s._replace(bias_jacobian=self.bias_jacobian(s.control))
-        while s.next_pose[0] < len(s.control):
-            self.reserve()
-            replay(self.filter_state, self.scratch, s, out)
 
     def remove(self, landmarks: IntArray) -> None:
         """Remove landmarks from the map; those behind them move up in number.
@@ -365,18 +340,6 @@ class EkfSlam:
         x, y, theta = self.pose
         return f"EkfSlam({len(self)} landmarks, pose {x:.2f} {y:.2f} m {theta:.3f} rad)"
 
-    def _replay_custom_models(self, s: Stretch, out: Replay) -> None:
-        for i in range(len(s.control)):
-            if s.next_observation[0] < 0:
-                self.predict(s.control[i], s.U[i])
-            for k in range(s.edge[i], s.edge[i + 1]):
-                if s.landmark[k] == len(self):
-                    self.augment(s.z[k], s.R[k])
-                elif s.landmark[k] >= 0:
-                    innovation = self.update(s.z[k], s.R[k], int(s.landmark[k]))
-                    out.innovation[k], out.innovation_covariance[k], out.nis[k] = innovation
-            out.pose[i], out.covariance[i] = self.pose, self.pose_covariance
-
     def _linearized(
         self, z: FloatArray, R: FloatArray, landmark: int
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
@@ -388,3 +351,8 @@ class EkfSlam:
         first[[0, r]] -= a[[1, r + 1]]
         first[[1, r + 1]] += a[[0, r]]
         return r + 2 * landmark, *linearize(f.error_state, self._sensor, s, first, z, R)
+
+
+def new_innovations(k: int) -> Innovations:
+    """Room for the innovations of so many observations."""
+    return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))

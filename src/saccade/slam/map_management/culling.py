@@ -12,11 +12,6 @@ from saccade.slam.map_management._kernels import (
 )
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
-NO_CULLING = CullingRule(
-    enabled=False, field_of_view=FieldOfView(0.0, 0.0, 0.0), min_ratio=0.0, max_missed=0, interval=1
-)
-"""All landmarks stay."""
-
 
 def field_of_view(log: LandmarkLog) -> FieldOfView:
     """The field of view of a log's sensor: ranges up to the median, and 90 % of the bearings.
@@ -35,6 +30,7 @@ class Culling:
 
     Args:
         view: where a landmark is reliably detected; `field_of_view` takes it from the whole log.
+            Without one no landmark is culled.
         min_ratio: fraction of the checks in which a landmark was in view that it must have been
             observed.
         max_missed: misses that are tolerated before that fraction counts.
@@ -42,16 +38,17 @@ class Culling:
     """
 
     def __init__(
-        self, view: FieldOfView, min_ratio: float, max_missed: int = 5, interval: int = 4
+        self, view: FieldOfView | None, min_ratio: float, max_missed: int = 5, interval: int = 4
     ) -> None:
-        self.rule = CullingRule(True, view, min_ratio, max_missed, interval)
+        shown = view or FieldOfView(0.0, 0.0, 0.0)
+        self.rule = CullingRule(view is not None, shown, min_ratio, max_missed, interval)
         self.counts = _new_counts(0)
         self.removed = 0
         """Landmarks that were culled."""
 
     def is_due(self, step: int) -> bool:
         """Whether the map is checked at this pose."""
-        return step % self.rule.interval == 0
+        return self.rule.enabled and step % self.rule.interval == 0
 
     def update(self, ekf: EkfSlam, expected: FloatArray, association: IntArray) -> IntArray:
         """Count the observed and the missed landmarks of a scan.

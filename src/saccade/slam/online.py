@@ -1,0 +1,363 @@
+"""EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from saccade.errors import LogError
+from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
+from saccade.slam.association._kernels import NEW, Gates
+from saccade.slam.association.known import KnownIdentity
+from saccade.slam.association.nearest_neighbor import NearestNeighbor
+from saccade.slam.association.rule import Association
+from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
+from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
+from saccade.slam.filter.ekf import EkfSlam, new_innovations
+from saccade.slam.filter.validation import check_all
+from saccade.slam.map_management._kernels import FieldOfView
+from saccade.slam.map_management.candidates import Candidates
+from saccade.slam.map_management.culling import Culling
+from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.types import FloatArray, IntArray
+
+MIN_SIGMA = 1e-4
+"""Metres and radians: standard deviation added to observations with a singular covariance. Exact
+ones would make a filter diverge by its own linearization errors."""
+MAX_COORDINATE = 1e9
+"""Metres from the origin at which the estimate has diverged."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StepResult:
+    """Pose, association and innovations of one step; depends on nothing that comes later."""
+
+    pose: FloatArray
+    """(3,) x, y in metres, heading in radians."""
+    covariance: FloatArray
+    """(3, 3) of the pose."""
+    association: IntArray
+    """(k,) number of the landmark in the map for each observation, -1 if it was not used."""
+    innovations: FloatArray
+    """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
+    innovation_covariances: FloatArray
+    """(k, 2, 2) before the update."""
+    nis: FloatArray
+    """(k,) normalized innovations squared."""
+    culled: IntArray
+    """(g,) landmarks that were removed from the map, by their numbers before this; those behind
+    them have moved up, also in `association`."""
+
+    def __repr__(self) -> str:
+        x, y, theta = self.pose
+        used = int((self.association >= 0).sum())
+        return (
+            f"StepResult(pose {x:.2f} {y:.2f} m {theta:.3f} rad, "
+            f"{used} of {len(self.association)} observations used)"
+        )
+
+
+class Slam:
+    """EKF-SLAM step by step, without knowledge of what comes later.
+
+    `run` takes a log through the same steps, with the same results to the last bit.
+
+    Args:
+        config: filter, association and noise. The association "auto" is "mutual", and
+            `min_observations`, which counts to the end of a log, has no effect.
+        start: (3,) first pose.
+        motion: the motion model; by default `drive`, with controls of distance and turn.
+        sensor: the sensor model; by default range and bearing.
+        association: a custom association rule instead of the one in `config`.
+        field_of_view: largest range in metres and left and right bearing in radians up to which
+            the sensor reliably detects landmarks. A log gives it by its quantiles (see `run`);
+            without it no landmark is culled.
+        odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
+
+    Raises:
+        LogError: here and in `step`, an argument of the wrong shape or that is not finite.
+
+    Examples:
+        >>> import numpy as np
+        >>> from saccade.slam import EkfConfig, Slam
+        >>> slam = Slam(EkfConfig(association="known"))
+        >>> U, R = np.diag([0.02, 0.01]) ** 2, np.tile(np.diag([0.1, 0.02]) ** 2, (2, 1, 1))
+        >>> names = np.array([7, 9])
+        >>> _ = slam.step(0.0, z=np.array([[4.0, 0.3], [6.0, -0.8]]), R=R, names=names)
+        >>> slam.step(1.0, np.array([1.0, 0.0]), U, np.array([[3.1, 0.4], [5.3, -0.9]]), R, names)
+        StepResult(pose 1.00 -0.00 m -0.004 rad, 2 of 2 observations used)
+        >>> slam.ekf.landmarks.round(1)
+        array([[ 3.8,  1.2],
+               [ 4.2, -4.2]])
+    """
+
+    def __init__(
+        self,
+        config: EkfConfig = EkfConfig(),
+        *,
+        start: FloatArray | tuple[float, float, float] = (0.0, 0.0, 0.0),
+        motion: Motion = drive,
+        sensor: Sensor = RANGE_BEARING,
+        association: Association | None = None,
+        field_of_view: tuple[float, float, float] | None = None,
+        odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        built_in = motion in (drive, compose) and sensor is RANGE_BEARING
+        estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
+        bias = odometry_bias if estimated else ()
+        self.config = config
+        self.ekf = EkfSlam(
+            np.concatenate([start, np.zeros(len(bias))]),
+            np.diag(np.square([*config.start_sigma, *bias])),
+            motion=motion,
+            sensor=sensor,
+            retraction=RETRACTIONS[config.filter],
+            huber=config.huber,
+        )
+        self.associate = association or _association(config)
+        """The association rule."""
+        self.candidates = Candidates(config.confirm_after, config.candidate_timeout, config.gate)
+        view = None if config.culling_ratio is None else field_of_view
+        if isinstance(self.associate, KnownIdentity):
+            view = None
+        self.culling = Culling(view and FieldOfView(*view), config.culling_ratio or 0.0)
+        self.num_steps = 0
+        """Steps that were taken."""
+        self._control_size = 2 if motion is drive else 3 if motion is compose else None
+        built_in_rule = type(self.associate) in (KnownIdentity, NearestNeighbor)
+        self.is_compiled = self.ekf.is_compiled and built_in_rule
+        """Whether many steps are taken at once in compiled code: the models and the association
+        are those of this package."""
+        nearest = self.associate if isinstance(self.associate, NearestNeighbor) else None
+        gates = nearest.gates if nearest else Gates(inf, inf, False)
+        self._rules = Rules(nearest is not None, gates, self.candidates.policy, self.culling.rule)
+
+    def step(
+        self,
+        time: float,
+        control: FloatArray | None = None,
+        U: FloatArray | None = None,
+        z: FloatArray | None = None,
+        R: FloatArray | None = None,
+        names: IntArray | None = None,
+    ) -> StepResult:
+        """Move to the next pose and process the scan that is observed there.
+
+        Args:
+            time: of the pose, in the unit of `EkfConfig.candidate_timeout`.
+            control: (c,) from the last pose to this one; None where the robot has not moved, as
+                at the first pose.
+            U: (c, c) its covariance.
+            z: (k, 2) range in metres, bearing in radians; None without observations.
+            R: (k, 2, 2) their covariances.
+            names: (k,) landmark identities for known association, -1 where unknown.
+
+        Returns:
+            Pose, association and innovations.
+
+        Raises:
+            LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
+        """
+        k, c = 0 if z is None else len(z), self._control_size
+        c = c or (1 if control is None else np.size(control))
+        steps = self.prepare(
+            _array("time", (1,), time),
+            _array("control", (0, c) if control is None else (1, c), control),
+            _array(
+                "covariance of the control",
+                (0 if control is None else 1, c, c),
+                U if control is not None else None,
+            ),
+            np.array([0, k]),
+            _array("observations", (k, 2), z),
+            _array("covariances of the observations", (k, 2, 2), R),
+            np.full(k, -1) if names is None else _array("names", (k,), names).astype(np.int64),
+        )
+        out = new_results(1, k)
+        culled = self.advance(steps, 1, out)
+        return StepResult(
+            pose=out.pose[0],
+            covariance=out.covariance[0],
+            association=np.maximum(steps.landmark, -1),
+            innovations=out.innovations.value,
+            innovation_covariances=out.innovations.covariance,
+            nis=out.innovations.nis,
+            culled=culled[0] if culled else np.empty(0, np.int64),
+        )
+
+    def prepare(
+        self,
+        time: FloatArray,
+        control: FloatArray,
+        U: FloatArray,
+        edge: IntArray,
+        z: FloatArray,
+        R: FloatArray,
+        identity: IntArray,
+    ) -> Steps:
+        """The next steps, for `advance`: validated, and with the noise of the settings.
+
+        Known identities are associated at once: `advance` must take all of these steps.
+
+        Args:
+            time: (t,).
+            control: (t, c), or (t - 1, c) where none leads to the first pose.
+            U: their covariances.
+            edge: (t + 1,) the observations of step i are edge[i] to edge[i + 1].
+            z: (k, 2).
+            R: (k, 2, 2).
+            identity: (k,) of the landmarks, -1 where it is unknown.
+        """
+        config, still = self.config, len(time) - len(control)
+        U = U * config.motion_noise_scale**2
+        R = _regularized(R * config.sensor_noise_scale**2)
+        check_all("control", control, U)
+        check_all("observation", z, R)
+        control = np.concatenate([np.zeros((still, *control.shape[1:])), control])
+        landmark = np.full(len(z), NEW)
+        if self.is_compiled and isinstance(self.associate, KnownIdentity):
+            scan = np.repeat(np.arange(len(time)), np.diff(edge))
+            landmark = self.associate.number_ahead(identity, scan, len(self.ekf))
+        return Steps(
+            first=self.num_steps,
+            still=still,
+            time=np.array(time, np.float64),
+            control=control,
+            U=np.concatenate([np.zeros((still, *U.shape[1:])), U]),
+            bias_jacobian=self.ekf.bias_jacobian(control),
+            edge=edge,
+            z=np.array(z, np.float64, order="C"),
+            R=np.array(R, order="C"),
+            identity=identity,
+            landmark=landmark,
+            position=np.array([0, -1]),
+        )
+
+    def advance(self, s: Steps, end: int, out: StepResults) -> list[IntArray]:
+        """Take the steps before `end`; fills `out` and the association.
+
+        Returns:
+            For every step that culled, its landmarks as in `StepResult.culled`.
+
+        Raises:
+            LogError: the estimate diverged; names the step.
+        """
+        start, culled = int(s.position[0]), []
+        while s.position[0] < end:
+            landmarks = self._take_many(s, end, out) if self.is_compiled else self._take(s, out)
+            if len(landmarks) > 0:
+                culled.append(landmarks)
+                self.remove(landmarks, s.landmark)
+        self.num_steps = s.first + end
+        diverged = ~(np.abs(out.pose[start:end]).max(1) < MAX_COORDINATE)
+        if diverged.any():
+            raise LogError(
+                f"pose {s.first + start + int(diverged.argmax())}: expected an estimate on this "
+                "planet, found that it has gone astray; observations or controls contradict the "
+                "deviations they are said to have"
+            )
+        return culled
+
+    def remove(self, landmarks: IntArray, association: IntArray) -> None:
+        """Remove landmarks (g,) from the filter, and from an association (k,) in place."""
+        kept = np.ones(len(self.ekf), np.bool_)
+        kept[landmarks] = False
+        number = np.where(kept, np.cumsum(kept) - 1, -1)
+        used = association >= 0
+        association[used] = number[association[used]]
+        self.ekf.remove(landmarks)
+
+    def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
+        """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
+        i, new = s.position[0], 0
+        if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
+            new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
+        self.ekf.reserve(max(new, 1))
+        self.candidates.reserve(new)
+        if self.culling.rule.enabled:
+            self.culling.reserve(len(self.ekf.filter_state.blocks))
+        f, w, candidates = self.ekf.filter_state, self.ekf.scratch, self.candidates.buffer
+        take_steps(f, w, s, end, self._rules, candidates, self.culling.counts, out)
+        return self.culling.remove_culled()
+
+    def _take(self, s: Steps, out: StepResults) -> IntArray:
+        """Take one step with custom models or a custom association; see `take_step`."""
+        ekf, i = self.ekf, int(s.position[0])
+        scan, culled = slice(s.edge[i], s.edge[i + 1]), np.empty(0, np.int64)
+        z, R, identity, found = s.z[scan], s.R[scan], s.identity[scan], s.landmark[scan]
+        if i >= s.still:
+            ekf.predict(s.control[i], s.U[i])  # C.5-C.9
+        if len(z) > 0:
+            check = self.culling.is_due(s.first + i)
+            expected = ekf.predict_observations().z if check else None
+            found[:] = self.associate(ekf, z, R, identity)
+            innovations = ekf.update_scan(z, R, found)  # C.10-C.14
+            for array, values in zip(out.innovations, innovations, strict=True):
+                array[scan] = values
+            new = np.flatnonzero(found == NEW)
+            for k in new[self.candidates.confirm(ekf, z[new], R[new], float(s.time[i]))]:
+                found[k] = ekf.augment(z[k], R[k])  # C.15-C.18
+                self.associate.added(int(found[k]), int(identity[k]))
+            found[:] = np.maximum(found, -1)
+            if expected is not None:
+                culled = self.culling.update(ekf, expected, found)
+        out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
+        s.position[0] = i + 1
+        return culled
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments."""
+        parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
+        state = {**merge(parts), "num_steps": np.array(self.num_steps)}
+        return {name: array.copy() for name, array in state.items()}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        arrays = {name: array.copy() for name, array in arrays.items()}
+        for name, part in self._parts().items():
+            part.from_arrays(select(arrays, name))
+        self.num_steps = int(arrays["num_steps"])
+
+    def _parts(self) -> dict[str, Stateful]:
+        return {
+            "ekf": self.ekf,
+            "associate": self.associate,
+            "candidates": self.candidates,
+            "culling": self.culling,
+        }
+
+    def __repr__(self) -> str:
+        return f"Slam({self.num_steps} steps, {self.ekf!r})"
+
+
+def new_results(t: int, k: int) -> StepResults:
+    """Room for the results of so many steps and observations."""
+    return StepResults(np.empty((t, 3)), np.empty((t, 3, 3)), new_innovations(k))
+
+
+def _association(config: EkfConfig) -> Association:
+    if config.association == "known":
+        return KnownIdentity()
+    rule = ASSOCIATION_RULES["mutual" if config.association == "auto" else config.association]
+    return rule(config.gate, config.new_gate)
+
+
+def _array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
+    """The finite numbers as an array of this shape; None for none."""
+    if value is None and 0 in shape:
+        return np.empty(shape)
+    array = np.asarray(np.nan if value is None else value, np.float64)
+    if array.ndim == len(shape) - 1 and shape[0] == 1:
+        array = array[None]
+    if array.shape != shape:
+        raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
+    if not np.isfinite(array).all():
+        raise LogError(f"{name}: expected finite numbers, found {array.tolist()}")
+    return array
+
+
+def _regularized(R: FloatArray) -> FloatArray:
+    """Covariances (k, 2, 2), singular ones with `MIN_SIGMA` in every direction."""
+    a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
+    smallest = (a + d) / 2 - np.hypot((a - d) / 2, b)  # eigenvalue
+    return R + MIN_SIGMA**2 * (smallest < MIN_SIGMA**2)[:, None, None] * np.eye(2)

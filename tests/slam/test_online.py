@@ -1,0 +1,270 @@
+"""Steps one by one, as a live robot takes them, against whole logs and against custom rules."""
+
+import dataclasses
+import doctest
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from saccade import slam
+from saccade.datasets import load
+from saccade.errors import LogError
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam import EkfConfig, NearestNeighbor, drive, observe, online
+from saccade.slam.map_management._kernels import ConfirmationPolicy, confirm
+from saccade.slam.map_management.candidates import Candidates
+from saccade.slam.run import slam_for
+from support.circular_log import simulate
+from support.oracles_slam import ListedCandidates
+
+
+class OneByOne(NearestNeighbor):
+    """The same rule, but not the one of which there is a kernel."""
+
+
+def _cluttered(rng, steps=250):
+    """A log without names, trees that are there for a while only, and what is no tree."""
+    log, truth, _ = simulate(rng, steps=steps)
+    passing, first = rng.uniform(-9, 9, (60, 2)), 3 * np.arange(60)
+    rows = [np.column_stack([log.observation_pose, log.observation])]
+    for step, pose in enumerate(truth):
+        there = passing[(first <= step) & (step < first + 12)]
+        z, _ = observe(pose, there)
+        false = np.column_stack([rng.uniform(1, 8, 2), rng.uniform(-3, 3, 2)])
+        z = np.concatenate([z[z[:, 0] < 8.0], false])
+        rows.append(np.column_stack([np.full(len(z), step), z]))
+    seen = np.concatenate(rows)
+    seen = seen[np.argsort(seen[:, 0], kind="stable")]
+    return dataclasses.replace(
+        log,
+        observation_pose=seen[:, 0].astype(np.int64),
+        observation=seen[:, 1:],
+        observation_covariance=np.tile(log.observation_covariance[0], (len(seen), 1, 1)),
+        landmark=np.full(len(seen), -1),
+    )
+
+
+CULLING = EkfConfig(candidate_timeout=4.0, confirm_after=3, culling_ratio=0.9, min_observations=1)
+
+
+@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+@pytest.mark.parametrize(("rule", "biased"), [("mutual", True), ("nearest", False)])
+def test_many_poses_at_once_are_the_same_as_one_by_one(rng, kind, rule, biased):
+    log = _cluttered(rng)
+    if biased:
+        log = dataclasses.replace(log, odometry_bias=(0.05, 0.02, 0.02))
+    config = dataclasses.replace(CULLING, filter=kind, association=rule)
+    many = slam.run(log, config)
+    one = slam.run(log, config, associate=OneByOne(mutual=rule == "mutual"))
+    np.testing.assert_array_equal(many.association, one.association)
+    np.testing.assert_allclose(many.trajectory.pose, one.trajectory.pose, atol=1e-9)
+    np.testing.assert_allclose(many.trajectory.covariance, one.trajectory.covariance, atol=1e-9)
+    np.testing.assert_allclose(many.map.xy, one.map.xy, atol=1e-9)
+    np.testing.assert_allclose(many.map.covariance, one.map.covariance, atol=1e-9)
+    np.testing.assert_allclose(many.consistency.nis, one.consistency.nis, rtol=1e-6)
+    np.testing.assert_allclose(many.innovation_covariance, one.innovation_covariance, atol=1e-9)
+    assert many.removed == one.removed > 2  # so that all of it has been tried
+    assert len(many.map) >= 15
+
+
+def _scan_of(log, step):
+    """The arguments of `Slam.step`."""
+    k = log.observation_pose == step
+    moved = [log.control[step - 1], log.control_covariance[step - 1]] if step > 0 else [None, None]
+    return (log.time[step], *moved, *(each[k] for each in (
+        log.observation, log.observation_covariance, log.landmark
+    )))  # fmt: skip
+
+
+def _check_steps(log, config, associate=None):
+    """That the steps of a log have the bits of its run; returns the run and the number culled."""
+    config = dataclasses.replace(config, min_observations=1)
+    whole = slam.run(log, config, associate=associate() if associate else None)
+    live = slam_for(log, config, associate=associate() if associate else None)
+    steps, association = [], np.empty(0, np.int64)
+    for i in range(len(log.time)):
+        mapped = len(live.ekf)
+        step = live.step(*_scan_of(log, i))
+        kept = np.setdiff1d(np.arange(mapped + len(step.association)), step.culled)
+        moved = np.full(mapped + len(step.association) + 1, -1)  # the last is for none
+        moved[kept] = np.arange(len(kept))
+        association = np.concatenate([moved[association], step.association])
+        steps.append(step)
+    for ours, theirs in (
+        ([each.pose for each in steps], whole.trajectory.pose),
+        ([each.covariance for each in steps], whole.trajectory.covariance),
+        ([row for each in steps for row in each.innovations], whole.innovation),
+        ([C for each in steps for C in each.innovation_covariances], whole.innovation_covariance),
+        ([nis for each in steps for nis in each.nis], whole.consistency.nis),
+        (live.ekf.landmarks, whole.map.xy),
+        (live.ekf.landmark_covariances, whole.map.covariance),
+    ):
+        assert np.reshape(ours, theirs.shape).tobytes() == theirs.tobytes()
+    culled = sum(len(each.culled) for each in steps)
+    rare = whole.removed - culled  # landmarks whose observations were all of a culled one
+    assert rare >= 0
+    if rare == 0:
+        np.testing.assert_array_equal(association, whole.association)
+    return whole, culled
+
+
+def test_steps_of_victoria_park_have_the_bits_of_its_run():
+    log = load("auto", files("saccade") / "data" / "victoria_park.txt")
+    whole, _ = _check_steps(log, EkfConfig())
+    assert len(whole.map) > 40
+
+
+@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+@pytest.mark.parametrize("association", ["known", "mutual", "joint"])
+def test_steps_of_a_simulated_world_have_the_bits_of_its_run(kind, association):
+    log = simulate_world(WorldConfig(steps=200), seed=3)
+    config = dataclasses.replace(CULLING, filter=kind, association=association)
+    whole, _ = _check_steps(log, config)
+    assert len(whole.map) > 5
+
+
+def test_steps_have_the_bits_of_a_run_where_landmarks_are_culled_and_biases_are_found(rng):
+    log = dataclasses.replace(_cluttered(rng), odometry_bias=(0.05, 0.02, 0.02))
+    whole, culled = _check_steps(log, CULLING)
+    assert whole.odometry_bias is not None
+    assert culled > 2
+    log = dataclasses.replace(log, odometry_bias=(0.0, 0.0, 0.0))
+    assert _check_steps(log, CULLING, lambda: OneByOne(mutual=True))[1] > 2
+
+
+def test_steps_of_known_identities_at_uneven_times_have_the_bits_of_their_run(rng):
+    """As in MRCLAM: most poses without observations, some repeated, some of unknown identity."""
+    log, _, _ = simulate(rng, "compose", steps=400)
+    kept = np.flatnonzero(rng.random(len(log.landmark)) < 0.15)
+    kept = np.sort(np.concatenate([kept, kept[::5]]))  # seen twice in a scan
+    named = np.where(rng.random(len(kept)) < 0.1, -1, log.landmark[kept] * 3 + 6)
+    log = dataclasses.replace(
+        log,
+        time=np.cumsum(rng.integers(0, 3, len(log.time)) * 0.02),
+        observation_pose=log.observation_pose[kept],
+        observation=log.observation[kept],
+        observation_covariance=log.observation_covariance[kept],
+        landmark=named,
+    )
+    whole, _ = _check_steps(log, EkfConfig(association="known"))
+    assert len(whole.map) == len(np.unique(named[named >= 0]))
+
+
+@given(
+    st.integers(0, 10**6),
+    st.sampled_from(["known", "nearest", "mutual"]),
+    st.sampled_from(["invariant", "standard", "first-estimates"]),
+    st.sampled_from(["drive", "compose"]),
+)
+def test_steps_of_any_log_have_the_bits_of_its_run(seed, association, kind, motion):
+    rng = np.random.default_rng(seed)
+    log, _, _ = simulate(rng, motion, steps=int(rng.integers(1, 40)), reach=rng.uniform(2, 12))
+    order = np.argsort(log.observation_pose + 0.5 * rng.random(len(log.landmark)))
+    kept = order[rng.random(len(order)) < rng.random()]
+    kept = kept if len(kept) > 0 else order[:1]
+    log = dataclasses.replace(
+        log,
+        observation_pose=log.observation_pose[kept],
+        observation=log.observation[kept],
+        observation_covariance=log.observation_covariance[kept],
+        landmark=np.maximum(log.landmark[kept], 0),
+        odometry_bias=(0.05, 0.01, 0.01) if rng.random() < 0.5 else (0.0, 0.0, 0.0),
+    )
+    config = dataclasses.replace(
+        CULLING, filter=kind, association=association, confirm_after=int(rng.integers(1, 4))
+    )
+    _check_steps(log, config)
+
+
+def test_state_that_is_saved_goes_on_to_the_same_bits(rng):
+    log = _cluttered(rng, steps=80)
+    one, two = (slam_for(log, CULLING) for _ in "ab")
+    for i in range(40):
+        one.step(*_scan_of(log, i))
+    saved = one.to_arrays()
+    ends = []
+    two.from_arrays(saved)
+    for each in (one, two):
+        for i in range(40, 80):
+            end = each.step(*_scan_of(log, i))
+        ends.append(end)
+    assert ends[0].pose.tobytes() == ends[1].pose.tobytes()
+    assert one.ekf.covariance.tobytes() == two.ekf.covariance.tobytes()
+    assert one.num_steps == two.num_steps == 80
+
+
+def test_without_a_field_of_view_no_landmark_is_culled(rng):
+    log = _cluttered(rng)
+    live = slam.Slam(CULLING, start=log.start, motion=slam.compose)
+    assert sum(len(live.step(*_scan_of(log, i)).culled) for i in range(len(log.time))) == 0
+    assert len(live.ekf) > 20
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"time": np.nan}, "time: expected finite"),
+        ({"control": [1.0]}, r"control: expected shape \(1, 2\), found \(1, 1\)"),
+        ({"control": [np.nan, 0.0]}, "control: expected finite numbers"),
+        ({"U": None}, "covariance of the control: expected shape"),
+        ({"U": -np.eye(2)}, "covariance of control 0: expected a symmetric"),
+        ({"z": [[1.0, 0.0, 2.0]]}, r"observations: expected shape \(1, 2\)"),
+        ({"R": np.zeros((2, 2, 2))}, r"covariances of the observations: expected shape"),
+        ({"names": [1, 2]}, r"names: expected shape \(1,\)"),
+    ],
+)
+@pytest.mark.parametrize("motion", [drive, lambda pose, control: drive(pose, control)])
+def test_a_step_that_is_none_is_refused_and_changes_nothing(change, message, motion):
+    step = {
+        "time": 1.0,
+        "control": [0.5, 0.1],
+        "U": np.eye(2) * 1e-4,
+        "z": [[3.0, 0.2]],
+        "R": np.eye(2)[None] * 0.01,
+        "names": [4],
+    }
+    live = slam.Slam(EkfConfig(association="known"), motion=motion)
+    if motion is not drive and "found (1, 1)" in message.replace("\\", ""):
+        message = "covariance of the control"  # a custom model has as many numbers as are given
+    live.step(**step)
+    before = live.to_arrays()
+    with pytest.raises(LogError, match=message) as caught:
+        live.step(**{**step, **change})
+    assert "\n" not in str(caught.value)
+    for name, array in live.to_arrays().items():
+        assert array.tobytes() == before[name].tobytes()
+    live.step(**step)
+
+
+def test_an_estimate_that_diverges_is_named():
+    live = slam.Slam()
+    live.step(0.0, [6e8, 0.0], np.eye(2))
+    with pytest.raises(LogError, match="pose 1: expected an estimate on this planet"):
+        live.step(1.0, [6e8, 0.0], np.eye(2))
+
+
+def test_the_example_of_the_docstring_runs():
+    assert doctest.testmod(online).attempted >= 7
+    assert doctest.testmod(online).failed == 0
+
+
+@given(st.integers(0, 10**6))
+def test_candidates_are_those_of_a_list(seed):
+    rng = np.random.default_rng(seed)
+    policy = ConfirmationPolicy(confirm_after=3, timeout=2.0, gate=9.2)
+    candidates, listed = Candidates(3, 2.0), ListedCandidates(*policy)
+    candidates.reserve(200)
+    kept = candidates.buffer
+    for time in np.cumsum(rng.uniform(0, 1.5, 12)):
+        xy = rng.integers(0, 4, (rng.integers(0, 6), 2)) + 0.1 * rng.normal(size=(1, 2))
+        root = 0.3 * rng.normal(size=(len(xy), 2, 2))
+        covariance = root @ root.transpose(0, 2, 1) * rng.integers(0, 2, (len(xy), 1, 1))
+        confirmed = np.empty(len(xy), np.bool_)
+        confirm(kept, policy, xy, covariance, float(time), confirmed)
+        assert confirmed.tolist() == listed.confirm(xy, covariance, time)
+    np.testing.assert_array_equal(
+        kept.xy[: kept.length[0]], np.reshape([c[0] for c in listed.waiting], (-1, 2))
+    )
