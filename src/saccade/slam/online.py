@@ -117,10 +117,9 @@ class Slam:
         self.associate = association or _association(config)
         """The association rule."""
         self.candidates = Candidates(config.confirm_after, config.candidate_timeout, config.gate)
-        view = None if config.culling_ratio is None else field_of_view
-        if isinstance(self.associate, KnownIdentity):
-            view = None
-        self.culling = Culling(view and FieldOfView(*view), config.culling_ratio or 0.0)
+        culls = field_of_view is not None and not isinstance(self.associate, KnownIdentity)
+        ratio = config.culling_ratio if culls else None
+        self.culling = Culling(FieldOfView(*(field_of_view or (0.0, 0.0, 0.0))), ratio)
         self.num_steps = 0
         """Steps that were taken."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
@@ -306,14 +305,15 @@ class Slam:
         return culled
 
     def to_arrays(self) -> Arrays:
-        """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments."""
+        """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.
+
+        They are the filter's own: save or copy them before the next step.
+        """
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
-        state = {**merge(parts), "num_steps": np.array(self.num_steps)}
-        return {name: array.copy() for name, array in state.items()}
+        return {**merge(parts), "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        arrays = {name: array.copy() for name, array in arrays.items()}
         for name, part in self._parts().items():
             part.from_arrays(select(arrays, name))
         self.num_steps = int(arrays["num_steps"])

@@ -30,18 +30,17 @@ class Culling:
 
     Args:
         view: where a landmark is reliably detected; `field_of_view` takes it from the whole log.
-            Without one no landmark is culled.
         min_ratio: fraction of the checks in which a landmark was in view that it must have been
-            observed.
+            observed; None culls none.
         max_missed: misses that are tolerated before that fraction counts.
         interval: poses from one check of the whole map to the next.
     """
 
     def __init__(
-        self, view: FieldOfView | None, min_ratio: float, max_missed: int = 5, interval: int = 4
+        self, view: FieldOfView, min_ratio: float | None, max_missed: int = 5, interval: int = 4
     ) -> None:
-        shown = view or FieldOfView(0.0, 0.0, 0.0)
-        self.rule = CullingRule(view is not None, shown, min_ratio, max_missed, interval)
+        enabled = min_ratio is not None
+        self.rule = CullingRule(enabled, view, min_ratio or 0.0, max_missed, interval)
         self.counts = _new_counts(0)
         self.removed = 0
         """Landmarks that were culled."""
