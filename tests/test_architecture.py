@@ -187,7 +187,8 @@ RETIRED = {
     *("Recording", "Senses", "Trials", "Waiting", "Workbench", "borne_out", "common_sigma"),
     *("depth_share", "foresee", "foretell", "heard", "least_wanted", "lifetime", "look_alikes"),
     *("meetings", "motion_share", "palindrome", "proof", "range_share", "rehearsed", "surprise"),
-    *("take_in", "taken_in", "tell_pose", "trusted"),
+    *("take_in", "taken_in", "tell_pose", "trusted", "Explorer", "Passage", "Stretch", "swing"),
+    *("sightings", "go_on", "seen_again", "known_again", "agreeing", "make_room", "least_seen"),
 }
 """Private words for what docs/glossary.md has the field's terms for."""
 

@@ -251,9 +251,9 @@ class Slam:
         diverged = ~(np.abs(out.pose[start:end]).max(1) < MAX_COORDINATE)
         if diverged.any():
             raise LogError(
-                f"pose {s.first + start + int(diverged.argmax())}: expected an estimate on this "
-                "planet, found that it has gone astray; observations or controls contradict the "
-                "deviations they are said to have"
+                f"pose {s.first + start + int(diverged.argmax())}: expected a position within "
+                f"{MAX_COORDINATE:g} m, found that the estimate diverged; observations or controls "
+                "contradict their standard deviations"
             )
         return culled
 
