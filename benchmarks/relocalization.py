@@ -8,6 +8,7 @@ after five scans, or when a hypothesis has a probability over .99 ("sure").
 """
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,16 +16,12 @@ from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.types import FloatArray, LandmarkLog, LandmarkMap
 
-ROBOT = {"course_length": 60, "landmarks": 60, "landmark_spread": 6, "steps": 800}
+ROBOT = WorldConfig(
+    course_length=60, landmarks=60, landmark_spread=6, steps=800, range_limits=(0.5, 8.0)
+)
 WORLDS = {
-    "robot": WorldConfig(**ROBOT, range_limits=(0.5, 8.0)),
-    "coarse": WorldConfig(
-        **ROBOT,
-        range_limits=(0.5, 8.0),
-        range_percent=10,
-        bearing_sigma=5,
-        odometry_percent=3,
-    ),
+    "robot": ROBOT,
+    "coarse": replace(ROBOT, range_percent=10, bearing_sigma=5, odometry_percent=3),
     "park": WorldConfig(
         course_length=500,
         curvature_amplitude=1.5,

@@ -8,22 +8,23 @@ to each other and to a robot outside of the map.
 
 from dataclasses import dataclass
 from math import log, pi
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.special import logsumexp
-from scipy.stats import chi2
 
 from saccade.errors import require
-from saccade.slam.consistency import normalized_squared
+from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
 from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
 from saccade.types import FloatArray, IntArray
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 NEIGHBORS = 4
 """Number of neighbors relative to which the error of a landmark is taken."""
-GATE = float(chi2.ppf(0.99, 2))
+GATE = chi_square_gate(2, 0.99)
 """Squared Mahalanobis distance within which a point is associated with its nearest landmark."""
 ITERATIONS = 4
 """Gauss-Newton steps of a refinement."""
@@ -112,6 +113,8 @@ class Relocalizer:
         config: RelocalizationConfig = RelocalizationConfig(),
         motion: Motion = compose,
     ) -> None:
+        from scipy.spatial import cKDTree
+
         n = len(landmarks)
         require(landmarks.shape == (n, 2), "landmarks", "(N, 2)", landmarks.shape)
         known = covariance.shape in ((n, 2, 2), (2 * n, 2 * n))
@@ -132,8 +135,7 @@ class Relocalizer:
         Q = Fu @ U @ Fu.T  # (3, 3)
         rotation = _rotations(moved[2:])[0].T
         self._points = (self._points - moved[:2]) @ rotation.T
-        J = np.tile(np.eye(2, 3), (len(self._points), 1, 1))
-        J[:, 0, 2], J[:, 1, 2] = -self._points[:, 1], self._points[:, 0]  # (k, 2, 3)
+        J = _pose_jacobians(self._points)
         J[:, :, :2] = rotation
         self._spread = rotation @ self._spread @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
 
@@ -244,9 +246,7 @@ class Relocalizer:
         near = self._nearest(pose[:2] + at)
         v = self._landmarks[near] - pose[:2] - at
         S = rotation @ self._spread @ rotation.T + self._errors[near]
-        J = np.tile(np.eye(2, 3), (len(at), 1, 1))
-        J[:, 0, 2], J[:, 1, 2] = -at[:, 1], at[:, 0]
-        return v, S, J, near
+        return v, S, _pose_jacobians(at), near
 
     def _nearest(self, xy: FloatArray) -> IntArray:
         """(k,) landmarks nearest to positions (k, 2)."""
@@ -298,7 +298,14 @@ def _rotations(angle: FloatArray) -> FloatArray:
     return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
 
 
-def _local_errors(tree: cKDTree, xy: FloatArray, covariance: FloatArray) -> FloatArray:
+def _pose_jacobians(points: FloatArray) -> FloatArray:
+    """(k, 2, 3) of points (k, 2) by the translation and the turn that move them."""
+    J = np.tile(np.eye(2, 3), (len(points), 1, 1))
+    J[:, 0, 2], J[:, 1, 2] = -points[:, 1], points[:, 0]
+    return J
+
+
+def _local_errors(tree: "cKDTree", xy: FloatArray, covariance: FloatArray) -> FloatArray:
     """(N, 2, 2) covariance of each landmark relative to its neighbors: half of the difference's."""
     n = len(xy)
     if covariance.shape == (n, 2, 2) or n < 2:
