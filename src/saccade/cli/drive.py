@@ -93,6 +93,7 @@ def print_summary(row: dict[str, Any], title: str) -> None:
         trajectories["visual odometry"] = row["visual_odometry"]
         columns = {
             "ate_m": "ATE (m)",
+            "ate_unaligned_m": "unaligned (m)",
             "rpe_m": "RPE (m)",
             "end_m": "at the end (m)",
             "inside_3sigma": "in 99.7 % ellipse",

@@ -9,6 +9,7 @@ from saccade.cli import evaluate_features as features
 from saccade.cli import evaluate_fixations as fixations
 from saccade.cli import evaluate_places as places
 from saccade.cli import evaluate_selection as selection
+from saccade.cli import evaluate_trajectory as trajectory
 
 evaluate = typer.Typer(
     help="Evaluate against human fixations, other implementations and ground truth.",
@@ -24,6 +25,11 @@ for command, meaning, options in (
     (consistency.consistency, consistency.MEANING, "consistency --preset loop --runs 20"),
     (places.places, places.MEANING, "places hallway --lap 40"),
     (selection.selection, selection.MEANING, "selection --budget 2 --seeds 5"),
+    (
+        trajectory.trajectory,
+        trajectory.MEANING,
+        "trajectory mapped/trajectory.tum --truth groundtruth.tum",
+    ),
 ):
     evaluate.command(
         help=f"{getdoc(command)}\n\n{meaning}", epilog=f"Example: saccade evaluate {options}"

@@ -34,13 +34,18 @@ LABELS = {
     "nis_mean": ("mean normalized innovation squared", NUMBER),
     "smoothing_iterations": ("iterations of the smoother", COUNT),
     "odometry_rmse_m": ("odometry, position RMSE", METERS),
+    "odometry_unaligned_rmse_m": ("odometry, unaligned", METERS),
     "position_rmse_m": ("filter, position RMSE", METERS),
+    "position_unaligned_rmse_m": ("filter, unaligned", METERS),
     "smoothed_position_rmse_m": ("smoother, position RMSE", METERS),
+    "smoothed_position_unaligned_rmse_m": ("smoother, unaligned", METERS),
     "odometry_gps_rmse_m": ("odometry, RMSE to GPS", METERS),
     "position_gps_rmse_m": ("filter, RMSE to GPS", METERS),
     "smoothed_position_gps_rmse_m": ("smoother, RMSE to GPS", METERS),
     "landmark_rmse_m": ("landmarks, RMSE", METERS),
+    "landmark_unaligned_rmse_m": ("landmarks, unaligned", METERS),
     "smoothed_landmark_rmse_m": ("smoothed landmarks, RMSE", METERS),
+    "smoothed_landmark_unaligned_rmse_m": ("smoothed landmarks, unaligned", METERS),
 }
 """Names and formats of the figures of run.json on the page and in the terminal."""
 

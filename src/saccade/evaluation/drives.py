@@ -22,6 +22,8 @@ class DriveScore:
 
     ate_m: float
     """Absolute trajectory error: RMSE of the position after alignment without scale (evo's APE)."""
+    ate_unaligned_m: float
+    """The same without alignment, with the start given."""
     rpe_m: float
     """Relative pose error: RMSE of the translation between frames (evo's RPE)."""
     end_m: float
@@ -48,6 +50,7 @@ def score_drive(estimate: Trajectory, truth: Trajectory) -> DriveScore:
         inside = float((normalized_squared(error[1:], covariance) < THREE_SIGMA_2D).mean())
     return DriveScore(
         ate_m=position_rmse(Trajectory(estimate.time, estimate.pose), truth),
+        ate_unaligned_m=position_rmse(estimate, truth, aligned=False),
         rpe_m=float(np.sqrt(np.square(step_error).mean())),
         end_m=float(np.hypot(*error[-1])),
         inside_3sigma=inside,

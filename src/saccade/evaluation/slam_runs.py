@@ -15,7 +15,11 @@ GPS_INLIERS = 0.9
 def summarize_run(
     log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None = None
 ) -> dict[str, Any]:
-    """The figures of a run, as in run.json; errors where the log has the truth."""
+    """The figures of a run, as in run.json; errors where the log has the truth.
+
+    They are those after alignment, and the unaligned ones where the truth is in the frame of the
+    log: it has headings.
+    """
     bias = None
     if result.odometry_bias is not None:
         names = ("distance_scale", "turn_rad_per_m", "distance_m_per_rad")
@@ -45,9 +49,14 @@ def summarize_run(
         for name, trajectory in trajectories.items():
             rmse = position_rmse(trajectory, log.truth, keep=1.0 if exact else GPS_INLIERS)
             row[f"{name}_{'rmse_m' if exact else 'gps_rmse_m'}"] = none_if_nan(rmse)
+            if exact:
+                rmse = position_rmse(trajectory, log.truth, aligned=False)
+                row[f"{name}_unaligned_rmse_m"] = none_if_nan(rmse)
     if log.landmark_truth is not None:
         for name, landmarks in maps.items():
-            row[f"{name}_rmse_m"] = none_if_nan(landmark_rmse(landmarks, log.landmark_truth))
+            for kind, aligned in (("rmse_m", True), ("unaligned_rmse_m", False)):
+                rmse = landmark_rmse(landmarks, log.landmark_truth, aligned)
+                row[f"{name}_{kind}"] = none_if_nan(rmse)
     return row
 
 

@@ -1,0 +1,203 @@
+"""`saccade evaluate trajectory`: errors of estimated trajectories against the truth."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+from typer import Argument, Option
+
+from saccade.cli.options import Json, Report
+
+if TYPE_CHECKING:
+    from saccade.evaluation.pose_errors import PoseScores
+    from saccade.types import FloatArray
+
+LEAD = "Errors of estimated trajectories against the truth."
+COLUMNS = ["", "RMSE", "mean", "median", "std", "min", "max"]
+MEANING = (
+    "ATE: distance from the true position at the same time, after rigid alignment of all positions "
+    "(aligned), after alignment of the first pose (first pose), and as it is (unaligned), which is "
+    "right for an estimate in the frame of the truth. RPE: error of the motion from one pose to a "
+    "later one. Segments: the same over 100 to 800 m of the true path, by its length, as in "
+    "KITTI's benchmark. Definitions as in evo."
+)
+LABELS = {
+    "ate_aligned_m": "ATE aligned [m]",
+    "ate_first_pose_m": "ATE first pose [m]",
+    "ate_unaligned_m": "ATE unaligned [m]",
+    "rotation_aligned_deg": "rotation aligned [deg]",
+    "rotation_first_pose_deg": "rotation first pose [deg]",
+    "rotation_unaligned_deg": "rotation unaligned [deg]",
+    "rpe_m": "RPE translation [m]",
+    "rpe_deg": "RPE rotation [deg]",
+    "segments_percent": "segments [%]",
+    "segments_deg_per_100m": "segments [deg / 100 m]",
+}
+"""Errors in the JSON output, and in tables."""
+
+
+def trajectory(
+    estimates: Annotated[
+        list[Path], Argument(metavar="ESTIMATE", help="Estimated trajectories: TUM files.")
+    ],
+    truth: Annotated[Path, Option(metavar="TRUTH", help="True trajectory: a TUM file.")],
+    scale: Annotated[
+        bool, Option("--scale", help="Align the scale too, as for a single camera.")
+    ] = False,
+    max_difference: Annotated[
+        float,
+        Option(min=0.0, metavar="SECONDS", help="Largest difference in time from the true pose."),
+    ] = 0.01,
+    interpolate: Annotated[
+        bool,
+        Option("--interpolate", help="Interpolate the finer trajectory at the times of the other."),
+    ] = False,
+    delta: Annotated[
+        float, Option(metavar="D", help="RPE: distance between the poses of a pair.")
+    ] = 1.0,
+    unit: Annotated[
+        str, Option(help="RPE: unit of --delta: frames, seconds or meters.")
+    ] = "frames",
+    all_pairs: Annotated[
+        bool, Option("--all-pairs", help="RPE: a pair from every pose; else one after the other.")
+    ] = False,
+    csv: Annotated[
+        Path | None, Option(metavar="FILE", help="Also write the errors of each pose as CSV.")
+    ] = None,
+    report: Report = None,
+    as_json: Json = False,
+) -> None:
+    """Score trajectories against the truth: absolute and relative errors (ATE, RPE).
+
+    TUM files have lines of time x y z qx qy qz qw. A pose is compared with the true one
+    nearest in time.
+    """
+    from saccade.cli.output import print_json, print_table
+    from saccade.datasets.drives.sidecar_files import read_tum_poses
+    from saccade.errors import LogError
+    from saccade.evaluation.pose_errors import PoseErrorConfig, Unit, score_poses
+
+    config = PoseErrorConfig(
+        max_difference, interpolate, scale, delta, cast("Unit", unit), all_pairs
+    )
+    true = read_tum_poses(truth)
+    scores: dict[str, PoseScores] = {}
+    for path in dict.fromkeys(estimates):
+        try:
+            scores[str(path)] = score_poses(read_tum_poses(path), true, config)
+        except LogError as error:
+            name = "" if str(error).startswith(str(path)) else f"{path}: "
+            raise LogError(f"{name}{error}") from error
+    if csv is not None:
+        _write_csv(csv, scores)
+    _write_report(report, scores)
+    if as_json:
+        estimates_row = {name: _summary(each) for name, each in scores.items()}
+        print_json({"truth": str(truth), **asdict(config), "estimates": estimates_row})
+        return
+    rows: list[list[str]] = []
+    for name, each in scores.items():
+        rows += [[name, *[""] * (len(COLUMNS) - 1)]] if len(scores) > 1 else []
+        rows += _rows(each)
+    title = f"against {truth}" if len(scores) > 1 else f"{estimates[0]} against {truth}"
+    print_table(title, COLUMNS, rows)
+
+
+def _errors(scores: "PoseScores") -> "dict[str, FloatArray]":
+    """The errors by their names in `LABELS`."""
+    relative, segments = scores.relative.errors, scores.segments
+    return {
+        "ate_aligned_m": scores.aligned.translation,
+        "ate_first_pose_m": scores.first_aligned.translation,
+        "ate_unaligned_m": scores.unaligned.translation,
+        "rotation_aligned_deg": scores.aligned.rotation,
+        "rotation_first_pose_deg": scores.first_aligned.rotation,
+        "rotation_unaligned_deg": scores.unaligned.rotation,
+        "rpe_m": relative.translation,
+        "rpe_deg": relative.rotation,
+        "segments_percent": segments.translation,
+        "segments_deg_per_100m": segments.rotation,
+    }
+
+
+def _rows(scores: "PoseScores") -> list[list[str]]:
+    from saccade.evaluation.pose_errors import statistics
+
+    return [
+        [LABELS[key], *("" if isnan(x) else f"{x:.3f}" for x in statistics(errors))]
+        for key, errors in _errors(scores).items()
+        if len(errors)
+    ]
+
+
+def _summary(scores: "PoseScores") -> dict[str, Any]:
+    from saccade.evaluation.pose_errors import statistics
+    from saccade.evaluation.trajectory import none_if_nan
+
+    row: dict[str, Any] = {
+        "poses": len(scores.estimate.time),
+        "pairs": len(scores.relative.first),
+        "scale": scores.scale,
+    }
+    for key, errors in _errors(scores).items():
+        found = statistics(errors)._asdict()
+        row[key] = {each: none_if_nan(value) for each, value in found.items()}
+    return row
+
+
+def _write_csv(path: Path, scores: "Mapping[str, PoseScores]") -> None:
+    """One row for each pose of each estimate; the relative errors where their pair ends."""
+    import numpy as np
+
+    from saccade.datasets import write_table
+    from saccade.errors import require
+
+    require(path.suffix == ".csv", "--csv", "a file that ends in .csv", str(path))
+    parts: list[dict[str, np.ndarray[Any, Any]]] = []
+    for name, each in scores.items():
+        n = len(each.estimate.time)
+        columns: dict[str, np.ndarray[Any, Any]] = {"estimate": np.full(n, name)}
+        columns["time"] = each.estimate.time
+        columns |= dict(zip("xyz", each.estimate.position.T, strict=True))
+        columns |= {key: errors for key, errors in _errors(each).items() if "segments" not in key}
+        for key, errors in zip(("rpe_m", "rpe_deg"), each.relative.errors, strict=True):
+            columns[key] = np.full(n, np.nan)
+            columns[key][each.relative.second] = errors
+        parts.append(columns)
+    write_table(path, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
+
+
+def _write_report(path: Path | None, scores: "Mapping[str, PoseScores]") -> None:
+    import tempfile
+
+    if path is None:
+        return
+    from saccade.viewing import save_figure
+    from saccade.viewing.embedding import png_file
+    from saccade.viewing.page import Picture
+    from saccade.viewing.report import Table, write_tables
+    from saccade.viewing.trajectory import ComparedTrajectory, trajectory_figure
+
+    compared = [
+        ComparedTrajectory(
+            name,
+            each.estimate.time,
+            each.estimate.position,
+            each.truth.position,
+            {"aligned": each.aligned.translation, "unaligned": each.unaligned.translation},
+        )
+        for name, each in scores.items()
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        file = save_figure(trajectory_figure(compared), Path(folder) / "trajectory.png")
+        picture = Picture(
+            png_file(file),
+            "The trajectories from above, and their errors over time",
+            "Aligned trajectories from above, and distances from the true positions over time.",
+            wide=True,
+        )
+    rows = [[f"{name}: {row[0]}", *row[1:]] for name, each in scores.items() for row in _rows(each)]
+    table = Table("Errors", COLUMNS, rows, MEANING, "estimate and error", [picture])
+    write_tables(path, "saccade evaluate trajectory", LEAD, [table])
