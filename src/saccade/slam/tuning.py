@@ -25,6 +25,8 @@ MAX_NIS = 25.0
 """Bound of the loss of an outlier; four in a million of the other innovations are beyond it."""
 MIN_INNOVATIONS = 20
 """Innovations that an estimate needs, in either half."""
+START_FACTORS = (1.0, 2.0, 4.0, 8.0)
+"""Factors on both initial scales, the first of which that has enough innovations is the start."""
 MAX_ROUNDS = 4
 """Of association with the scales of the round before."""
 MAX_CORRELATION = 0.1
@@ -79,12 +81,16 @@ def tune(log: LandmarkLog, config: EkfConfig) -> Tuning:
     Raises:
         LogError: there are too few innovations, or the filter diverges with the initial scales.
     """
-    middle = int(log.observation_pose[len(log.observation) // 2]) if len(log.observation) else 0
-    found, first = config, _first_poses(log, middle)
+    if len(log.observation) == 0:
+        raise LogError("tune: expected observations of landmarks, found none")
+    middle = int(log.observation_pose[len(log.observation) // 2])
+    first = _first_poses(log, middle)
+    found, named = _start(first, config)
     for _ in range(MAX_ROUNDS):
-        previous, found = found, _search(first, found)
+        previous, found = found, _search(named, found)
         if found == previous:
             break
+        named = _named(first, found)
     scales = found.motion_noise_scale, found.sensor_noise_scale
     if found == config:
         return Tuning(config, scales, np.nan, np.nan, "these are the initial scales")
@@ -92,17 +98,34 @@ def tune(log: LandmarkLog, config: EkfConfig) -> Tuning:
     return Tuning(config if objection else found, scales, before, after, objection)
 
 
-def _search(log: LandmarkLog, config: EkfConfig) -> EkfConfig:
-    """The scales of the highest likelihood, for the association by the given ones."""
-    named = replace(log, landmark=run(log, config).association)
-    if not (named.landmark >= 0).any():
-        raise LogError("tune: expected observations of landmarks, found none that could be used")
-    count = int(np.isfinite(_run_known(named, config).consistency.nis).sum())
-    if count < MIN_INNOVATIONS:
-        raise LogError(
-            f"tune: expected at least {MIN_INNOVATIONS} innovations in the first half of the log, "
-            f"found {count}"
-        )
+def _start(log: LandmarkLog, config: EkfConfig) -> tuple[EkfConfig, LandmarkLog]:
+    """Settings that associate enough observations, and the log with their association.
+
+    Gates of a noise that is declared far too small reject nearly all: then it is doubled.
+    """
+    counts = []
+    for factor in START_FACTORS:
+        scales = factor * config.motion_noise_scale, factor * config.sensor_noise_scale
+        start = _scaled(config, scales)
+        named = _named(log, start)
+        nis = _run_known(named, start).consistency.nis
+        counts.append(int(np.isfinite(nis).sum()))
+        if counts[-1] >= MIN_INNOVATIONS:
+            return start, named
+    raise LogError(
+        f"tune: expected at least {MIN_INNOVATIONS} innovations in the first half of the log, "
+        f"found {counts[0]}"
+    )
+
+
+def _named(log: LandmarkLog, config: EkfConfig) -> LandmarkLog:
+    """The observations that a run uses, with its association as identities."""
+    association = run(log, config).association
+    return _select(replace(log, landmark=association), association >= 0)
+
+
+def _search(named: LandmarkLog, config: EkfConfig) -> EkfConfig:
+    """The scales of the highest likelihood, for a known association."""
     losses: dict[tuple[float, float], float] = {}
 
     def loss(scales: tuple[float, float]) -> float:
@@ -132,10 +155,9 @@ def _test(
     log: LandmarkLog, middle: int, config: EkfConfig, found: EkfConfig
 ) -> tuple[float, float, str]:
     """Mean losses from the pose `middle` on with two settings, and what speaks against `found`."""
-    second = log.observation_pose >= middle
-    association = run(log, found).association
-    used, previously = association >= 0, run(log, config).association >= 0
-    named = replace(log, landmark=association)
+    named, previous = _named(log, found), _named(log, config)
+    second = named.observation_pose >= middle
+    kept = second.sum() / max((previous.observation_pose >= middle).sum(), 1)
     result = _run_known(named, found)
     before, after = _losses(_run_known(named, config)), _losses(result)
     tested = second & np.isfinite(before) & np.isfinite(after)
@@ -143,7 +165,6 @@ def _test(
     if count < MIN_INNOVATIONS:
         return np.nan, np.nan, f"the second has only {count} innovations to test them"
     means = float(before.mean()), float(after.mean())
-    kept = used[second].sum() / max(previously[second].sum(), 1)
     if kept < MIN_KEPT:
         return *means, f"with them only {kept:.0%} as many observations of the second are used"
     if means[0] - means[1] <= SIGNIFICANT * (before - after).std() / np.sqrt(count):
@@ -164,10 +185,8 @@ def innovation_correlation(result: SlamResult, counted: BoolArray) -> float:
     """
     used = np.flatnonzero(counted & np.isfinite(result.consistency.nis))
     values, vectors = np.linalg.eigh(result.innovation_covariance[used])
-    along = (vectors.transpose(0, 2, 1) @ result.innovation[used, :, None]) / np.sqrt(values)[
-        ..., None
-    ]
-    normalized = (vectors @ along)[..., 0]  # by the symmetric root of the covariance
+    along = (vectors.transpose(0, 2, 1) @ result.innovation[used, :, None])[..., 0]
+    normalized = (vectors @ (along / np.sqrt(values))[..., None])[..., 0]  # S^-1/2 v
     length = np.linalg.norm(normalized, axis=1, keepdims=True)
     normalized *= np.minimum(1.0, 3.0 / np.maximum(length, 3.0))
     landmark = result.association[used]
@@ -199,15 +218,22 @@ def _losses(result: SlamResult) -> FloatArray:
 def _first_poses(log: LandmarkLog, count: int) -> LandmarkLog:
     """The log up to a pose; at least the first one."""
     poses = max(count, 1)
-    seen = int(np.searchsorted(log.observation_pose, poses))
+    seen = _select(log, log.observation_pose < poses)
     return replace(
-        log,
+        seen,
         time=log.time[:poses],
         control=log.control[: poses - 1],
         control_covariance=log.control_covariance[: poses - 1],
-        observation_pose=log.observation_pose[:seen],
-        observation=log.observation[:seen],
-        observation_covariance=log.observation_covariance[:seen],
-        landmark=log.landmark[:seen],
         truth=None,
+    )
+
+
+def _select(log: LandmarkLog, kept: BoolArray) -> LandmarkLog:
+    """The log with some of its observations, by a mask (k,)."""
+    return replace(
+        log,
+        observation_pose=log.observation_pose[kept],
+        observation=log.observation[kept],
+        observation_covariance=log.observation_covariance[kept],
+        landmark=log.landmark[kept],
     )
