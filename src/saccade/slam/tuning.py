@@ -7,6 +7,7 @@ noise (Mehra 1970); there the most likely scales describe the noise between one 
 which is too small for the errors that stay, and the initial scales are kept.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -88,9 +89,10 @@ def tune(log: LandmarkLog, config: EkfConfig) -> Tuning:
     found, named = _start(first, config)
     for _ in range(MAX_ROUNDS):
         previous, found = found, _search(named, found)
-        if found == previous:
+        again = _named(first, found)
+        if found == previous or len(again.landmark) < MIN_KEPT * len(named.landmark):
             break
-        named = _named(first, found)
+        named = again
     scales = found.motion_noise_scale, found.sensor_noise_scale
     if found == config:
         return Tuning(config, scales, np.nan, np.nan, "these are the initial scales")
@@ -130,11 +132,11 @@ def _search(named: LandmarkLog, config: EkfConfig) -> EkfConfig:
 
     def loss(scales: tuple[float, float]) -> float:
         if scales not in losses:
-            try:
-                result = _run_known(named, _scaled(config, scales))
-                losses[scales] = float(np.nanmean(_losses(result)))
-            except LogError:  # diverged
-                losses[scales] = np.inf
+            losses[scales] = np.inf
+            with suppress(LogError):  # diverged
+                each = _losses(_run_known(named, _scaled(config, scales)))
+                if np.isfinite(each).sum() >= MIN_INNOVATIONS:
+                    losses[scales] = float(np.nanmean(each))
         return losses[scales]
 
     best = config.motion_noise_scale, config.sensor_noise_scale
