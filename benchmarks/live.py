@@ -1,0 +1,121 @@
+"""Latency and memory of `slam.Slam` on a robot: odometry a thousand times a second for ten minutes.
+
+    OMP_NUM_THREADS=1 uv run python benchmarks/live.py [--minutes 10] [--landmarks 100,500]
+
+A robot drives round a course at 2 m/s among landmarks, each within 8 m of it observed forty times a
+second. Time is simulated: steps are taken one after the other, and the time of the processor is
+measured for each, without that of other processes. "Over 1 ms" is the fraction of the steps that
+take longer than the robot has; memory is that of the process, after the first minute and at the
+end.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from saccade import slam
+from saccade.types import FloatArray, IntArray
+
+RATE = 1000
+"""Steps a second."""
+SCAN_INTERVAL = 25
+"""Steps from a scan to the next."""
+SPEED = 2.0
+"""Metres a second."""
+REACH = 8.0
+"""Metres."""
+SPACING = 1.2
+"""Metres of the course for each landmark."""
+U = np.diag([0.02, 0.01]) ** 2 * SPEED / RATE
+"""Of a step: 2 cm and 0.01 rad after a metre."""
+SIGMA = np.array([0.05, 0.01])
+R = np.diag(SIGMA) ** 2
+
+
+class Step(NamedTuple):
+    """Arguments of `Slam.step`."""
+
+    time: float
+    control: FloatArray | None
+    U: FloatArray | None
+    z: FloatArray | None = None
+    R: FloatArray | None = None
+    names: IntArray | None = None
+
+
+def robot(steps: int, landmarks: int, seed: int = 0) -> Iterator[Step]:
+    """What a robot passes to `Slam.step`; it starts at the origin with heading 0."""
+    rng = np.random.default_rng(seed)
+    radius = landmarks * SPACING / (2 * np.pi)
+    angle = rng.uniform(0, 2 * np.pi, landmarks)
+    away = radius + rng.uniform(1, 5, landmarks) * rng.choice([-1, 1], landmarks)
+    world = np.column_stack([away * np.sin(angle), radius - away * np.cos(angle)])
+    control = np.array([SPEED / RATE, SPEED / RATE / radius])
+    noise = np.sqrt(U.diagonal())
+    for i in range(steps):
+        turn = SPEED * i / RATE / radius
+        pose = np.array([radius * np.sin(turn), radius * (1 - np.cos(turn)), turn])
+        step = Step(i / RATE, None, None)
+        if i > 0:
+            step = step._replace(control=control + noise * rng.normal(size=2), U=U)
+        if i % SCAN_INTERVAL == 0:
+            near = np.flatnonzero(np.hypot(*(world - pose[:2]).T) < REACH)
+            z = slam.observe(pose, world[near])[0] + SIGMA * rng.normal(size=(len(near), 2))
+            step = step._replace(z=z, R=np.tile(R, (len(z), 1, 1)), names=near)
+        yield step
+
+
+def resident() -> float:
+    """Megabytes of memory of this process; NaN where the system does not say."""
+    status = Path("/proc/self/statm")
+    return int(status.read_text().split()[1]) * 4096 / 1e6 if status.exists() else float("nan")
+
+
+def soak(live: slam.Slam, steps: Iterator[Step], count: int) -> tuple[FloatArray, list[float]]:
+    """Seconds (count,) of each step, and the memory after every minute."""
+    seconds, memory = np.empty(count), []
+    for i, step in enumerate(steps):
+        start = time.thread_time()
+        live.step(*step)
+        seconds[i] = time.thread_time() - start
+        if (i + 1) % (60 * RATE) == 0:
+            memory.append(resident())
+    return seconds, memory
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=int, default=10)
+    parser.add_argument("--landmarks", default="100,500")
+    options = parser.parse_args()
+    count = options.minutes * 60 * RATE
+    settings: dict[str, dict[str, Any]] = {
+        "known": {"association": "known"},
+        "mutual": {"association": "mutual"},
+    }
+    print("                                 milliseconds of a step")
+    print(
+        "landmarks  association  mapped   median   99 %  99.9 %     max  over 1 ms  scans   memory"
+    )
+    for landmarks in map(int, options.landmarks.split(",")):
+        for name, setting in settings.items():
+            live = slam.Slam(slam.EkfConfig(**setting))
+            soak(slam.Slam(slam.EkfConfig(**setting)), robot(100, landmarks), 100)  # compiles
+            seconds, memory = soak(live, robot(count, landmarks), count)
+            ms = 1e3 * seconds
+            median, most, nearly, longest = np.quantile(ms, (0.5, 0.99, 0.999, 1.0))
+            scans = np.median(ms[::SCAN_INTERVAL])
+            print(
+                f"{landmarks:9}  {name:11}{len(live.ekf):8}{median:9.3f}{most:7.3f}{nearly:8.3f}"
+                f"{longest:8.2f}{(ms > 1).mean():11.4%}{scans:7.3f}"
+                f"{memory[0]:7.0f} -> {memory[-1]:.0f} MB",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
