@@ -59,7 +59,7 @@ def test_memory_does_not_grow_once_the_map_is_whole():
             blocks.append(sys.getallocatedblocks())
     assert len(robot.ekf) == 5
     assert sizes[0] == sizes[1]
-    assert abs(blocks[1] - blocks[0]) < 200
+    assert blocks[1] - blocks[0] < 1500  # a leak is one or more for each of 6000 steps
 
 
 @pytest.mark.nightly
