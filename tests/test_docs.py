@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saccade.datasets import save_drive
+from saccade.datasets import load, save_drive
 from saccade.datasets.drives.calibration import read_calibration
 from support.documentation import PAGES, code_of, prose_of
 from support.extraction import check_whole, extract_here, photographs
@@ -47,6 +47,11 @@ OF_PAGES = {
     "drive-simulation.md": lambda names: (
         names["frame"].image.shape == (240, 320)
         and len(names["log"].truth) == len(names["log"].time)
+    ),
+    "live.md": lambda names: (
+        12 < len(names["live"].ekf) <= 20
+        and (names["step"].association >= 0).all()
+        and len(load("auto", "drive.csv").observation) == len(names["log"].observation)
     ),
     "coming-from/opencv.md": lambda names: (
         len(names["points"]) == len(names["keypoints"]) == 200

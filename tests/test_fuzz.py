@@ -37,6 +37,7 @@ COMMANDS = {
     "fixations": ("fixations", "evaluate fixations --images {0} --fixations {0}/fixations.csv"),
     "features": ("homography", "evaluate features --pairs {0} --detector opencv"),
     "places": ("png", "evaluate places {0}/a.png --lap 2"),
+    "trajectory": ("tum-poses", "evaluate trajectory {0}/poses.txt --truth {0}/poses.txt"),
     "consistency": ("world", "evaluate consistency --config {0}/world.toml --runs 1 --json"),
     "selection": (
         "selection-run",

@@ -233,6 +233,7 @@ COMMANDS = (
     ["look", "a.png", "--config", "loop"],
     ["evaluate", "features", "--pairs", "loop"],
     ["evaluate", "fixations", "loop", "--images", "loop"],
+    ["evaluate", "trajectory", "loop", "--truth", "loop"],
 )
 
 

@@ -42,6 +42,7 @@ READS = {
     "evaluate places {} --lap 2": ("png",),
     "evaluate selection {} --no-simulator": ("bag", "npz"),
     "evaluate consistency --config {}": ("toml",),
+    "evaluate trajectory {0} --truth {0}": ("tum",),
     "simulate world --config {}": ("toml",),
     "simulate drive --config {}": ("toml",),
 }

@@ -69,8 +69,6 @@ def page(tmp_path_factory):
 def test_code_of_the_page_runs_and_is_right(page):
     names, results = page
 
-    assert 12 < len(names["live"].ekf) <= 20
-    assert (names["step"].association >= 0).all()
     plain, stereo, car, reach = results
     assert len(plain.map) == len(names["smoothed"].map) > 20
     for result in (stereo, car):

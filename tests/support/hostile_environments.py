@@ -42,6 +42,7 @@ COMMANDS = {
     "evaluate places": "{in}/photos --lap 2",
     "evaluate selection": "--budget 1 --criterion strength --seeds 1 --frames 8 -o out",
     "evaluate consistency": "--config {in}/world.toml --runs 1",
+    "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum --csv out/a.csv --report out/a.html",
     "simulate world": "--config {in}/world.toml -o out",
     "simulate drive": "--config {in}/drive.toml --frames 2 -o out",
     "textbook": "{in}/log.csv -o out",
@@ -78,6 +79,7 @@ def make_inputs(folder):
     (folder / "made").mkdir()
     TARGETS["index-images"].make(folder / "made")
     (folder / "made" / "out").rename(folder / "points")
+    (folder / "a.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 1 0 0 0 0 1\n")
     (folder / "world.toml").write_text("steps = 20\nlandmarks = 5\n")
     (folder / "drive.toml").write_text("frames = 2\nimage_size = [64, 48]\n")
 

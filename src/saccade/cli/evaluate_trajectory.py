@@ -78,6 +78,7 @@ def trajectory(
     from saccade.datasets.drives.sidecar_files import read_tum_poses
     from saccade.errors import LogError
     from saccade.evaluation.pose_errors import PoseErrorConfig, Unit, score_poses
+    from saccade.files import as_text
 
     config = PoseErrorConfig(
         max_difference, interpolate, scale, delta, cast("Unit", unit), all_pairs
@@ -86,7 +87,7 @@ def trajectory(
     scores: dict[str, PoseScores] = {}
     for path in dict.fromkeys(estimates):
         try:
-            scores[str(path)] = score_poses(read_tum_poses(path), true, config)
+            scores[as_text(str(path))] = score_poses(read_tum_poses(path), true, config)
         except LogError as error:
             name = "" if str(error).startswith(str(path)) else f"{path}: "
             raise LogError(f"{name}{error}") from error
@@ -101,7 +102,7 @@ def trajectory(
     for name, each in scores.items():
         rows += [[name, *[""] * (len(COLUMNS) - 1)]] if len(scores) > 1 else []
         rows += _rows(each)
-    title = f"against {truth}" if len(scores) > 1 else f"{estimates[0]} against {truth}"
+    title = f"against {truth}" if len(scores) > 1 else f"{next(iter(scores))} against {truth}"
     print_table(title, COLUMNS, rows)
 
 
@@ -170,12 +171,11 @@ def _write_csv(path: Path, scores: "Mapping[str, PoseScores]") -> None:
 
 
 def _write_report(path: Path | None, scores: "Mapping[str, PoseScores]") -> None:
-    import tempfile
-
     if path is None:
         return
-    from saccade.viewing import save_figure
-    from saccade.viewing.embedding import png_file
+    from io import BytesIO
+
+    from saccade.viewing.embedding import data_uri
     from saccade.viewing.page import Picture
     from saccade.viewing.report import Table, write_tables
     from saccade.viewing.trajectory import ComparedTrajectory, trajectory_figure
@@ -190,10 +190,10 @@ def _write_report(path: Path | None, scores: "Mapping[str, PoseScores]") -> None
         )
         for name, each in scores.items()
     ]
-    with tempfile.TemporaryDirectory() as folder:
-        file = save_figure(trajectory_figure(compared), Path(folder) / "trajectory.png")
+    with BytesIO() as file:
+        trajectory_figure(compared).savefig(file, format="png", facecolor="white")
         picture = Picture(
-            png_file(file),
+            data_uri("png", file.getvalue()),
             "The trajectories from above, and their errors over time",
             "Aligned trajectories from above, and distances from the true positions over time.",
             wide=True,
