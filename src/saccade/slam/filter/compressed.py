@@ -7,208 +7,208 @@ estimates, at any later time
 
     C_BA = E Phi,    C_BB <- C_BB + E Psi E^T,    d = E delta.
 
-Phi, Psi and delta change as the covariances with A, the covariance and the state of landmarks
-that are never observed. Thus the filter of `ekf` on A and on as many of these auxiliary landmarks
-as A has coordinates is equivalent to the full filter, and the update of B is deferred.
+Phi, Psi and delta change as the covariances with A, the covariance and the state of points that
+are never observed. Thus the filter of `ekf` on A and on as many of these auxiliary points as A
+has coordinates is equivalent to the full filter, and the update of B is deferred.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from saccade.slam.filter._state_kernels import LANDMARKS, STANDARD, FilterState
+from saccade.slam.filter._compressed_kernels import read_block, write_block
+from saccade.slam.filter._state_kernels import (
+    LANDMARKS,
+    STANDARD,
+    FilterState,
+    Scratch,
+    is_full,
+)
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import (
+    RANK,
     add_rows,
+    auxiliary_rows,
     flush,
+    grown,
+    new_scratch,
     new_state,
     state_rows,
     state_size,
     symmetric,
 )
-from saccade.slam.filter.validation import check_landmark
-from saccade.slam.results import Innovation, PredictedObservations
 from saccade.types import FloatArray, IntArray
 
-SPARE = 16
-"""Landmarks that can be added to a neighborhood before another one is entered; or as many as it
-began with, if that is more."""
-NEGLIGIBLE = 1e-15
-"""Fraction of the largest eigenvalue of Psi below which others are rounding."""
+SPARE = 8
+"""Landmarks, at least, that can be added to a neighborhood before its arrays grow."""
+NEGLIGIBLE = 1e-9
+"""Fraction of the smallest variance of the landmarks outside of a neighborhood: directions in
+which it reduces their variance by less than this are left as they were."""
 
 
-class CompressedSlam:
-    """`EkfSlam` that updates the neighborhood of the robot, and the other landmarks later.
+@dataclass
+class Neighborhood:
+    """Some landmarks, and what is deferred for the others."""
 
-    Methods and properties are those of `EkfSlam`, with equal results up to rounding. Those of
-    the whole map bring all of it up to date.
-
-    Args:
-        ekf: the filter to begin with; it is owned by this one from then on.
-        radius: metres around the robot within which landmarks belong to its neighborhood.
-            An observation of another one moves the neighborhood to where the robot is.
-    """
-
-    def __init__(self, ekf: EkfSlam, radius: float) -> None:
-        self._whole = ekf
-        self._radius = radius
-        self._enter(np.empty(0, np.int64))
-
-    def predict(self, u: FloatArray, U: FloatArray) -> None:
-        """See `EkfSlam.predict`."""
-        self._local.predict(u, U)
-
-    def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """See `EkfSlam.update`."""
-        number = self._local_number(landmark)
-        return self._local.update(z, R, number)
-
-    def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """See `EkfSlam.innovation`."""
-        number = self._local_number(landmark)
-        return self._local.innovation(z, R, number)
-
-    def augment(self, z: FloatArray, R: FloatArray) -> int:
-        """See `EkfSlam.augment`; the landmark belongs to the neighborhood."""
-        if len(self._number) >= self._capacity:
-            self._leave()
-            self._enter(np.empty(0, np.int64))
-        new = len(self)
-        self._number[new] = self._local.augment(z, R)
-        return new
-
-    def predict_observations(self) -> PredictedObservations:
-        """See `EkfSlam.predict_observations`."""
-        return self.whole.predict_observations()
-
-    def marginal(self, landmarks: IntArray) -> FloatArray:
-        """The joint covariance of the robot and of some landmarks (3 + 2k, 3 + 2k)."""
-        if all(int(each) in self._number for each in landmarks):
-            return self._local.marginal(np.array([self._number[int(each)] for each in landmarks]))
-        return self.whole.marginal(landmarks)
-
-    @property
-    def whole(self) -> EkfSlam:
-        """The filter over the whole map, up to date until the next step."""
-        self._leave()
-        self._enter(np.array(list(self._number), np.int64))
-        return self._whole
-
-    @property
-    def neighborhood(self) -> IntArray:
-        """Numbers of the landmarks in it."""
-        return np.array(sorted(self._number), np.int64)
-
-    @property
-    def pose(self) -> FloatArray:
-        """(3,) x, y in metres, heading in radians."""
-        return self._local.pose
-
-    @property
-    def pose_covariance(self) -> FloatArray:
-        """(3, 3)."""
-        return self._local.pose_covariance
-
-    @property
-    def landmarks(self) -> FloatArray:
-        """(N, 2) metres, in the order in which they were augmented."""
-        return self.whole.landmarks
-
-    @property
-    def landmark_covariances(self) -> FloatArray:
-        """(N, 2, 2) square metres."""
-        return self.whole.landmark_covariances
-
-    @property
-    def state(self) -> FloatArray:
-        """(3 + 2N,) the pose, then the landmarks (C.3)."""
-        return self.whole.state
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(3 + 2N, 3 + 2N) of the whole state (C.4)."""
-        return self.whole.covariance
+    inside: IntArray
+    """(k,) their numbers in the map when it was entered, ascending."""
+    rest: IntArray
+    """(m,) those of all others."""
+    local: IntArray
+    """(k + m,) number in the neighborhood of each landmark of that map, -1 for the others."""
+    basis: FloatArray
+    """(2 m, q) C_BA and d; the other half of E is a quarter turn of it."""
+    filter_state: FilterState
+    """Of the robot, the neighborhood and q auxiliary points, and landmarks that were added."""
+    scratch: Scratch
 
     def __len__(self) -> int:
-        return len(self._number) + len(self._rest)
+        return int(self.filter_state.counts[LANDMARKS])
 
-    def __repr__(self) -> str:
-        return f"CompressedSlam({len(self._number)} of {len(self)} landmarks, {self._local!r})"
+    def numbers(self, count: int) -> IntArray:
+        """(count,) number in the map of its first landmarks, with those added or to be added."""
+        added = len(self.local) + np.arange(count - len(self.inside))
+        return np.concatenate([self.inside, added])
 
-    def _local_number(self, landmark: int) -> int:
-        """The number of a landmark in the neighborhood, after a move if it was outside."""
-        check_landmark(landmark, len(self))
-        if landmark not in self._number:
-            self._leave()
-            self._enter(np.array([landmark]))
-        return self._number[landmark]
+    def from_map(self, landmark: IntArray) -> IntArray:
+        """Numbers in the neighborhood of landmarks of the map, -1 for those outside.
 
-    def _enter(self, required: IntArray) -> None:
-        """Make a neighborhood of the landmarks around the robot and of the required ones."""
-        f, r = self._whole.filter_state, self._whole.filter_state.robot_size
+        Negative numbers stay, and so do the places of those that are yet to be added.
+        """
+        k, N = len(self.inside), len(self.local)
+        known = (landmark >= 0) & (landmark < N)
+        local = np.where(landmark < N, landmark, landmark - N + k)
+        local[known] = self.local[landmark[known]]
+        return local
+
+    def to_map(self, local: IntArray) -> IntArray:
+        """Numbers in the map of landmarks of the neighborhood; negative ones stay."""
+        k, N = len(self.inside), len(self.local)
+        known = (local >= 0) & (local < k)
+        landmark = np.where(local < k, local, local - k + N)
+        landmark[known] = self.inside[local[known]]
+        return landmark
+
+    def reserve(self, landmarks: int) -> None:
+        """Make room for another step and so many more landmarks."""
+        while len(self) + landmarks > len(self.filter_state.blocks):
+            self.filter_state = grown(self.filter_state)
+            self.scratch = new_scratch(self.filter_state)
+        if is_full(self.filter_state):
+            flush(self.filter_state)
+
+
+class CompressedSlam(EkfSlam):
+    """`EkfSlam` that can defer what steps among some landmarks change about the others.
+
+    `filter_state`, and with it every method that needs the landmarks, brings all of the map up to
+    date, and ends the stay in the neighborhood; the pose and its covariance do not need it.
+    """
+
+    neighborhood: Neighborhood | None = None
+    """Where the filter works at present."""
+
+    @property
+    def filter_state(self) -> FilterState:  # type: ignore[override]
+        """The arrays of the filter of the whole map, up to date."""
+        self.leave()
+        return self._whole
+
+    @filter_state.setter
+    def filter_state(self, filter_state: FilterState) -> None:
+        self._whole = filter_state
+        self.neighborhood = None
+
+    @property
+    def robot_filter(self) -> FilterState:
+        """See `EkfSlam.robot_filter`."""
+        return self._whole if self.neighborhood is None else self.neighborhood.filter_state
+
+    def __len__(self) -> int:
+        if self.neighborhood is None:
+            return int(self._whole.counts[LANDMARKS])
+        return len(self.neighborhood) + len(self.neighborhood.rest)
+
+    def enter(self, inside: IntArray) -> Neighborhood:
+        """Work among these landmarks (k,), ascending, until `leave`."""
+        f, r = self.filter_state, self.robot_filter.robot_size
         flush(f)
-        offset = self._whole.landmarks - f.state[:2]
-        near = np.hypot(offset[:, 0], offset[:, 1]) <= self._radius
-        near[required] = True
-        inside, self._rest = np.flatnonzero(near), np.flatnonzero(~near)
-        rows, rest = state_rows(inside, r), state_rows(self._rest, r)[r:]
-        L, k = len(rows), len(inside)
-        self._number = {number: i for i, number in enumerate(inside.tolist())}
-        self._capacity = k + max(k, SPARE)
-        self._auxiliary = np.arange(k, k + L + 1)
+        N, k = len(self), len(inside)
+        local_number = np.full(N, -1)
+        local_number[inside] = np.arange(k)
+        rest = np.flatnonzero(local_number < 0)
+        rows, rest_rows = state_rows(inside, r), _rows(rest, r)
+        L = len(rows)
+        basis = np.empty((len(rest_rows), L + 1))
+        read_block(f.P, rest_rows, rows, basis[:, :L])
+        basis[:, L] = _quarter_turn(-f.heading_lever[rest_rows])  # d = -J a
 
-        self._E = np.empty((len(rest), L + 1, 2))
-        self._E[:, :L, 0] = _block(f, rest, rows)
-        self._E[:, L, 0] = _quarter_turn(-f.heading_lever[rest])  # d = -J a
-        self._E[:, :L, 1] = _quarter_turn(self._E[:, :L, 0])
-        self._E[:, L, 1] = f.heading_lever[rest]
-
-        capacity = self._capacity + L + 1
-        local = new_state(f.state[:r], f.P[:r, :r], capacity, f.error_state, f.huber)
+        room = k + max(k // 4, SPARE)
+        local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, L + 1)
         local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
-        local.P[:L, :L] = _block(f, rows, rows)
+        block = np.empty((L, L))
+        read_block(f.P, rows, rows, block)
+        local.P[:L, :L] = np.triu(block)
+        local.P[:r, :r] = f.P[:r, :r]
         local.blocks[:k] = f.blocks[inside]
-        local.blocks[self._auxiliary] = np.inf  # of no variance that an update could exhaust
-        local.P[np.arange(L), L + 2 * np.arange(L)] = 1.0
-        local.state[3 * L] = 1.0
-        local.heading_lever[3 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
-        local.counts[LANDMARKS] = k + L + 1
-        self._local = self._whole.with_filter_state(local)
+        first = auxiliary_rows(local).start
+        local.P[np.arange(L), first + 2 * np.arange(L)] = 1.0
+        local.state[first + 2 * L] = 1.0
+        local.heading_lever[first + 2 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
+        local.counts[LANDMARKS] = k
+        self.neighborhood = Neighborhood(
+            inside, rest, local_number, basis, local, new_scratch(local)
+        )
+        return self.neighborhood
 
-    def _leave(self) -> None:
-        """Bring the whole filter up to date."""
-        local, r = self._local.filter_state, self._local.filter_state.robot_size
+    def leave(self) -> None:
+        """Bring the filter of the whole map up to date."""
+        place, self.neighborhood = self.neighborhood, None
+        if place is None:
+            return
+        local, r, numbers = place.filter_state, place.filter_state.robot_size, place.numbers(len(place))
         flush(local)
-        C = symmetric(local.P[: state_size(local), : state_size(local)])
-        self._whole.reserve(len(self) - len(self._whole))
-        f = self._whole.filter_state
-        f.counts[LANDMARKS] = len(self)
-        inside = np.array(list(self._number), np.int64)
-        numbers = np.array(list(self._number.values()), np.int64)
-        rows, local_rows = state_rows(inside, r), state_rows(numbers, r)
-        f.state[rows] = local.state[local_rows]
-        f.heading_lever[rows] = local.heading_lever[local_rows]
-        f.blocks[inside] = local.blocks[numbers]
-        _set_block(f, rows, rows, C[np.ix_(local_rows, local_rows)])
-        if len(self._rest) > 0:
-            self._apply_deferred(f, C, rows, local_rows)
+        self.reserve(len(numbers) - len(place.inside))
+        f, n = self._whole, state_size(local)
+        f.counts[LANDMARKS] = len(place.local) + len(numbers) - len(place.inside)
+        rows = state_rows(numbers, r)
+        f.state[rows], f.heading_lever[rows] = local.state[:n], local.heading_lever[:n]
+        f.blocks[numbers] = local.blocks[: len(numbers)]
+        write_block(f.P, rows, rows, symmetric(local.P[:n, :n]))
+        if len(place.rest) > 0:
+            _apply_deferred(f, place, rows)
+        f.P[:r, :r] = local.P[:r, :r]
 
-    def _apply_deferred(
-        self, f: FilterState, C: FloatArray, rows: IntArray, local_rows: IntArray
-    ) -> None:
-        """Apply the deferred updates to the landmarks outside the neighborhood."""
-        r = f.robot_size
-        rest, auxiliary = state_rows(self._rest, r)[r:], state_rows(self._auxiliary, r)[r:]
-        E = self._E.reshape(len(rest), -1)
-        _set_block(f, rest, rows, E @ C[np.ix_(auxiliary, local_rows)])  # C_BA
-        delta = self._local.filter_state.state[auxiliary]
-        f.heading_lever[rest] = _quarter_turn(E @ delta) if f.error_state != STANDARD else 0.0
-        delta[-2] -= 1.0
-        f.state[rest] += E @ delta
-        values, vectors = np.linalg.eigh(C[np.ix_(auxiliary, auxiliary)])  # Psi
-        kept = np.abs(values) > NEGLIGIBLE * np.abs(values).max()
-        Y = np.zeros((kept.sum(), state_size(f)))
-        Y[:, rest] = (E @ (vectors[:, kept] * np.sqrt(np.abs(values[kept])))).T
-        add_rows(f, -1.0, Y[values[kept] < 0])
-        add_rows(f, 1.0, Y[values[kept] > 0])
+
+def _apply_deferred(f: FilterState, place: Neighborhood, rows: IntArray) -> None:
+    """Apply the deferred updates to the landmarks outside the neighborhood."""
+    local, E, rest = place.filter_state, place.basis, _rows(place.rest, f.robot_size)
+    points = auxiliary_rows(local)
+    Phi, delta = local.P[: len(rows), points], local.state[points].copy()
+    write_block(f.P, rest, rows, _combined(E, Phi))  # C_BA
+    f.heading_lever[rest] = (
+        _quarter_turn(_combined(E, delta[None])[:, 0]) if f.error_state != STANDARD else 0.0
+    )
+    delta[-2] -= 1.0
+    f.state[rest] += _combined(E, delta[None])[:, 0]
+    values, vectors = np.linalg.eigh(local.P[points, points], UPLO="U")  # Psi
+    least = NEGLIGIBLE * f.blocks[place.rest][:, ::2].min()
+    for sign in (-1.0, 1.0):
+        kept = sign * values > 0
+        roots = np.sqrt(np.abs(values[kept]))
+        half = _combined(E, (vectors[:, kept] * roots).T)  # (2 m, p)
+        sizes, directions = np.linalg.eigh(half.T @ half)
+        Y = np.zeros((int((sizes > least).sum()), state_size(f)))
+        Y[:, rest] = (half @ directions[:, sizes > least]).T
+        add_rows(f, sign, Y)
+
+
+def _combined(basis: FloatArray, weights: FloatArray) -> FloatArray:
+    """E w (2 m, p) of weights (p, 2 q): of each column of the basis, and of its quarter turn."""
+    product = basis @ weights[:, ::2].T
+    if weights[:, 1::2].any():
+        product += _quarter_turn(basis @ weights[:, 1::2].T)
+    return np.asarray(product)
 
 
 def _quarter_turn(points: FloatArray) -> FloatArray:
@@ -218,13 +218,6 @@ def _quarter_turn(points: FloatArray) -> FloatArray:
     return turned
 
 
-def _block(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
-    i, j = rows[:, None], columns
-    return f.P[np.minimum(i, j), np.maximum(i, j)]
-
-
-def _set_block(f: FilterState, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
-    i, j = rows[:, None], columns
-    f.P[np.minimum(i, j), np.maximum(i, j)] = block
-    r = f.robot_size
-    f.P[:r, :r] = symmetric(f.P[:r, :r])
+def _rows(landmarks: IntArray, r: int) -> IntArray:
+    """(2 k,) rows of landmarks."""
+    return state_rows(landmarks, r)[r:]
