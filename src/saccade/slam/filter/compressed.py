@@ -41,6 +41,8 @@ from saccade.types import FloatArray, IntArray
 
 SPARE = 8
 """Landmarks, at least, that can be added to a neighborhood before its arrays grow."""
+ROUNDING = 1e-15
+"""Fraction of a variance below which another one is zero."""
 NEGLIGIBLE = 1e-9
 """Fraction of the smallest variance of the landmarks outside of a neighborhood: directions in
 which it reduces their variance by less than this are left as they were."""
@@ -139,22 +141,25 @@ class CompressedSlam(EkfSlam):
         rest = np.flatnonzero(local_number < 0)
         rows, rest_rows = state_rows(inside, r), _rows(rest, r)
         L = len(rows)
-        basis = np.empty((len(rest_rows), L + 1))
-        read_block(f.P, rest_rows, rows, basis[:, :L])
-        basis[:, L] = _quarter_turn(-f.heading_lever[rest_rows])  # d = -J a
+        block, between = np.empty((L, L)), np.empty((len(rest_rows), L))
+        read_block(f.P, rows, rows, block)
+        read_block(f.P, rest_rows, rows, between)
+        root, inverse = _root(block)  # (L, q)
+        q = root.shape[1]
+        basis = np.empty((len(rest_rows), q + 1))
+        np.matmul(between, inverse, out=basis[:, :q])
+        basis[:, q] = _quarter_turn(-f.heading_lever[rest_rows])  # d = -J a
 
         room = k + max(k // 4, SPARE)
-        local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, L + 1)
+        local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, q + 1)
         local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
-        block = np.empty((L, L))
-        read_block(f.P, rows, rows, block)
         local.P[:L, :L] = np.triu(block)
         local.P[:r, :r] = f.P[:r, :r]
         local.blocks[:k] = f.blocks[inside]
         first = auxiliary_rows(local).start
-        local.P[np.arange(L), first + 2 * np.arange(L)] = 1.0
-        local.state[first + 2 * L] = 1.0
-        local.heading_lever[first + 2 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
+        local.P[:L, first : first + 2 * q : 2] = root
+        local.state[first + 2 * q] = 1.0
+        local.heading_lever[first + 2 * q + 1] = 0.0 if f.error_state == STANDARD else 1.0
         local.counts[LANDMARKS] = k
         self.neighborhood = Neighborhood(
             inside, rest, local_number, basis, local, new_scratch(local)
@@ -201,6 +206,16 @@ def _apply_deferred(f: FilterState, place: Neighborhood, rows: IntArray) -> None
         Y = np.zeros((int((sizes > least).sum()), state_size(f)))
         Y[:, rest] = (half @ directions[:, sizes > least]).T
         add_rows(f, sign, Y)
+
+
+def _root(C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Root T (L, q) of a covariance C = T T^T, and M (L, q), M^T T = 1, without null directions."""
+    deviation = np.sqrt(C.diagonal())
+    scale = np.where(deviation > 0, deviation, 1.0)
+    values, vectors = np.linalg.eigh(C / scale[:, None] / scale)
+    kept = values > ROUNDING
+    root = np.sqrt(values[kept])
+    return scale[:, None] * vectors[:, kept] * root, vectors[:, kept] / root / scale[:, None]
 
 
 def _combined(basis: FloatArray, weights: FloatArray) -> FloatArray:
