@@ -287,10 +287,12 @@ class Slam:
         counts = self.culling.counts
         if place is not None:
             scans[:] = place.from_map(scans)
+            place.mark(scans)
             if self.culling.rule.enabled:
                 counts = read_counts(counts, place, mapped)
         take_steps(f, w, s, end, self._rules, candidates, counts, out)
         if place is not None:
+            place.mark(scans)
             scans[:] = place.to_map(scans)
             if self.culling.rule.enabled:
                 write_counts(self.culling.counts, counts, place, len(ekf))

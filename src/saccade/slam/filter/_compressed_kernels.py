@@ -15,13 +15,18 @@ def read_block(P: FloatArray, rows: IntArray, columns: IntArray, block: FloatArr
 
 
 @kernel()
-def write_block(P: FloatArray, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
-    """Set the elements at these rows and columns of the upper triangle of P to block (m, k)."""
+def write_block(
+    P: FloatArray, rows: IntArray, columns: IntArray, block: FloatArray, keep: float
+) -> None:
+    """Set the elements at these rows and columns of the upper triangle to keep P + block (m, k).
+
+    With rows among the columns, the block is symmetric and `keep` zero.
+    """
     for i in range(len(rows)):
         row = rows[i]
         for j in range(len(columns)):
             column = columns[j]
             if row <= column:
-                P[row, column] = block[i, j]
+                P[row, column] = keep * P[row, column] + block[i, j]
             else:
-                P[column, row] = block[i, j]
+                P[column, row] = keep * P[column, row] + block[i, j]

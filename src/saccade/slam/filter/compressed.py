@@ -2,14 +2,15 @@
 
 After Guivant & Nebot (2001): while the robot stays among some landmarks A, the changes of the
 others B are linear in their covariance with A at its arrival. With J a quarter turn,
-E = [C_BA, J C_BA, d, J d] of that time, d the differences of the points of B from their first
-estimates, at any later time
+E = [K, J K, d, J d] of that time, C_BA = K T^T with C_AA = T T^T, d the differences of the
+points of B from their first estimates, at any later time
 
     C_BA = E Phi,    C_BB <- C_BB + E Psi E^T,    d = E delta.
 
 Phi, Psi and delta change as the covariances with A, the covariance and the state of points that
-are never observed. Thus the filter of `ekf` on A and on as many of these auxiliary points as A
-has coordinates is equivalent to the full filter, and the update of B is deferred.
+are never observed; Phi is T at first. Thus the filter of `ekf` on A and on as many of these
+auxiliary points as A has coordinates is equivalent to the full filter, and the update of B is
+deferred. T keeps the numbers small: by C_BA itself, five digits would be lost.
 """
 
 from dataclasses import dataclass
@@ -18,15 +19,17 @@ import numpy as np
 
 from saccade.slam.filter._compressed_kernels import read_block, write_block
 from saccade.slam.filter._state_kernels import (
+    DOWNDATES,
     LANDMARKS,
     STANDARD,
+    UPDATES,
     FilterState,
     Scratch,
+    invalidate_cache,
     is_full,
 )
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import (
-    RANK,
     add_rows,
     auxiliary_rows,
     flush,
@@ -37,7 +40,7 @@ from saccade.slam.filter.state import (
     state_size,
     symmetric,
 )
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 SPARE = 8
 """Landmarks, at least, that can be added to a neighborhood before its arrays grow."""
@@ -56,10 +59,12 @@ class Neighborhood:
     """(k,) their numbers in the map when it was entered, ascending."""
     rest: IntArray
     """(m,) those of all others."""
-    local: IntArray
+    number: IntArray
     """(k + m,) number in the neighborhood of each landmark of that map, -1 for the others."""
-    basis: FloatArray
-    """(2 m, q) C_BA and d; the other half of E is a quarter turn of it."""
+    root: FloatArray
+    """(L, q) T of C_AA = T T^T at its entry, of the robot and the landmarks inside."""
+    observed: BoolArray
+    """(k,) whether a landmark was observed since, see `mark`."""
     filter_state: FilterState
     """Of the robot, the neighborhood and q auxiliary points, and landmarks that were added."""
     scratch: Scratch
@@ -69,7 +74,7 @@ class Neighborhood:
 
     def numbers(self, count: int) -> IntArray:
         """(count,) number in the map of its first landmarks, with those added or to be added."""
-        added = len(self.local) + np.arange(count - len(self.inside))
+        added = len(self.number) + np.arange(count - len(self.inside))
         return np.concatenate([self.inside, added])
 
     def from_map(self, landmark: IntArray) -> IntArray:
@@ -77,19 +82,23 @@ class Neighborhood:
 
         Negative numbers stay, and so do the places of those that are yet to be added.
         """
-        k, N = len(self.inside), len(self.local)
+        k, N = len(self.inside), len(self.number)
         known = (landmark >= 0) & (landmark < N)
         local = np.where(landmark < N, landmark, landmark - N + k)
-        local[known] = self.local[landmark[known]]
+        local[known] = self.number[landmark[known]]
         return local
 
     def to_map(self, local: IntArray) -> IntArray:
         """Numbers in the map of landmarks of the neighborhood; negative ones stay."""
-        k, N = len(self.inside), len(self.local)
+        k, N = len(self.inside), len(self.number)
         known = (local >= 0) & (local < k)
         landmark = np.where(local < k, local, local - k + N)
         landmark[known] = self.inside[local[known]]
         return landmark
+
+    def mark(self, local: IntArray) -> None:
+        """Note that these of its landmarks were observed, or may be; negative ones are none."""
+        self.observed[local[(local >= 0) & (local < len(self.observed))]] = True
 
     def reserve(self, landmarks: int) -> None:
         """Make room for another step and so many more landmarks."""
@@ -133,37 +142,26 @@ class CompressedSlam(EkfSlam):
 
     def enter(self, inside: IntArray) -> Neighborhood:
         """Work among these landmarks (k,), ascending, until `leave`."""
-        f, r = self.filter_state, self.robot_filter.robot_size
-        flush(f)
-        N, k = len(self), len(inside)
-        local_number = np.full(N, -1)
-        local_number[inside] = np.arange(k)
-        rest = np.flatnonzero(local_number < 0)
-        rows, rest_rows = state_rows(inside, r), _rows(rest, r)
-        L = len(rows)
-        block, between = np.empty((L, L)), np.empty((len(rest_rows), L))
-        read_block(f.P, rows, rows, block)
-        read_block(f.P, rest_rows, rows, between)
-        root, inverse = _root(block)  # (L, q)
-        q = root.shape[1]
-        basis = np.empty((len(rest_rows), q + 1))
-        np.matmul(between, inverse, out=basis[:, :q])
-        basis[:, q] = _quarter_turn(-f.heading_lever[rest_rows])  # d = -J a
-
-        room = k + max(k // 4, SPARE)
+        f, r, N, k = self.filter_state, self.robot_filter.robot_size, len(self), len(inside)
+        number = np.full(N, -1)
+        number[inside] = np.arange(k)
+        rows = state_rows(inside, r)
+        C, L = _block(f, rows, rows), len(rows)
+        root = _root(C)
+        q, room = root.shape[1], k + max(k // 4, SPARE)
         local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, q + 1)
         local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
-        local.P[:L, :L] = np.triu(block)
+        local.P[:L, :L] = np.triu(C)
         local.P[:r, :r] = f.P[:r, :r]
         local.blocks[:k] = f.blocks[inside]
         first = auxiliary_rows(local).start
-        local.P[:L, first : first + 2 * q : 2] = root
-        local.state[first + 2 * q] = 1.0
-        local.heading_lever[first + 2 * q + 1] = 0.0 if f.error_state == STANDARD else 1.0
+        local.P[:L, first:-2:2] = root
+        local.state[-2] = 1.0
+        local.heading_lever[-1] = 0.0 if f.error_state == STANDARD else 1.0
         local.counts[LANDMARKS] = k
-        self.neighborhood = Neighborhood(
-            inside, rest, local_number, basis, local, new_scratch(local)
-        )
+        rest, observed = np.flatnonzero(number < 0), np.zeros(k, np.bool_)
+        scratch = new_scratch(local)
+        self.neighborhood = Neighborhood(inside, rest, number, root, observed, local, scratch)
         return self.neighborhood
 
     def leave(self) -> None:
@@ -171,51 +169,105 @@ class CompressedSlam(EkfSlam):
         place, self.neighborhood = self.neighborhood, None
         if place is None:
             return
-        local, r, numbers = place.filter_state, place.filter_state.robot_size, place.numbers(len(place))
+        local, r, numbers = place.filter_state, place.filter_state.robot_size, place.numbers(
+            len(place)
+        )
         flush(local)
         self.reserve(len(numbers) - len(place.inside))
         f, n = self._whole, state_size(local)
-        f.counts[LANDMARKS] = len(place.local) + len(numbers) - len(place.inside)
+        f.downdates[:, state_size(f) :] = f.updates[:, state_size(f) :] = 0.0
+        f.counts[LANDMARKS] = len(place.number) + len(numbers) - len(place.inside)
         rows = state_rows(numbers, r)
-        f.state[rows], f.heading_lever[rows] = local.state[:n], local.heading_lever[:n]
-        f.blocks[numbers] = local.blocks[: len(numbers)]
-        write_block(f.P, rows, rows, symmetric(local.P[:n, :n]))
         if len(place.rest) > 0:
             _apply_deferred(f, place, rows)
+        f.state[rows], f.heading_lever[rows] = local.state[:n], local.heading_lever[:n]
+        f.blocks[numbers] = local.blocks[: len(numbers)]
+        write_block(f.P, rows, rows, symmetric(local.P[:n, :n]) - _pending(f, rows, rows), 0.0)
         f.P[:r, :r] = local.P[:r, :r]
+        invalidate_cache(f)
 
 
 def _apply_deferred(f: FilterState, place: Neighborhood, rows: IntArray) -> None:
-    """Apply the deferred updates to the landmarks outside the neighborhood."""
-    local, E, rest = place.filter_state, place.basis, _rows(place.rest, f.robot_size)
+    """Apply the deferred updates to the landmarks outside the neighborhood.
+
+    All of them are in the space of the rows of C_AA that were observed, and of d.
+    """
+    local, r, root = place.filter_state, f.robot_size, place.root
+    old, rest = len(root), state_rows(place.rest, r)[r:]
+    observed = state_rows(np.flatnonzero(place.observed), r)
+    space, factor = _row_space(root[observed])  # (q, p), (o, p)
+    E = np.empty((len(rest), space.shape[1] + 1))
+    E[:, :-1] = _block(f, rest, state_rows(place.inside, r)[observed]) @ factor
+    E[:, -1] = _quarter_turn(-f.heading_lever[rest])  # d = -J a
+
     points = auxiliary_rows(local)
-    Phi, delta = local.P[: len(rows), points], local.state[points].copy()
-    write_block(f.P, rest, rows, _combined(E, Phi))  # C_BA
-    f.heading_lever[rest] = (
-        _quarter_turn(_combined(E, delta[None])[:, 0]) if f.error_state != STANDARD else 0.0
-    )
-    delta[-2] -= 1.0
-    f.state[rest] += _combined(E, delta[None])[:, 0]
-    values, vectors = np.linalg.eigh(local.P[points, points], UPLO="U")  # Psi
+    both = _point_space(space)
+    Phi = local.P[: len(rows), points] @ both
+    Phi[r:old, :-2:2] -= root[r:old] @ space  # what has changed
+    changed, new = rows[r:old], np.concatenate([rows[:r], rows[old:]])
+    write_block(f.P, rest, changed, _combined(E, Phi[r:old]), 1.0)  # C_BA
+    write_block(f.P, rest, new, _combined(E, np.concatenate([Phi[:r], Phi[old:]])), 0.0)
+
+    delta = local.state[points][None] @ both
+    if f.error_state != STANDARD:
+        f.heading_lever[rest] = _quarter_turn(_combined(E, delta)[:, 0])
+    delta[0, -2] -= 1.0
+    f.state[rest] += _combined(E, delta)[:, 0]
+
+    Psi = both.T @ symmetric(local.P[points, points]) @ both
+    values, vectors = np.linalg.eigh(Psi)
     least = NEGLIGIBLE * f.blocks[place.rest][:, ::2].min()
     for sign in (-1.0, 1.0):
-        kept = sign * values > 0
-        roots = np.sqrt(np.abs(values[kept]))
-        half = _combined(E, (vectors[:, kept] * roots).T)  # (2 m, p)
+        kept = sign * values > ROUNDING
+        half = _combined(E, (vectors[:, kept] * np.sqrt(np.abs(values[kept]))).T)
         sizes, directions = np.linalg.eigh(half.T @ half)
         Y = np.zeros((int((sizes > least).sum()), state_size(f)))
         Y[:, rest] = (half @ directions[:, sizes > least]).T
         add_rows(f, sign, Y)
 
 
-def _root(C: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Root T (L, q) of a covariance C = T T^T, and M (L, q), M^T T = 1, without null directions."""
+def _block(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
+    """The covariance of eta at these rows and columns."""
+    block = np.empty((len(rows), len(columns)))
+    read_block(f.P, rows, columns, block)
+    return block + _pending(f, rows, columns)
+
+
+def _pending(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
+    """What is still to be added to P at these rows and columns."""
+    total = np.zeros((len(rows), len(columns)))
+    for sign, pending, which in ((-1.0, f.downdates, DOWNDATES), (1.0, f.updates, UPDATES)):
+        left, right = (pending[: f.counts[which], each] for each in (rows, columns))
+        left[:, rows < f.robot_size] = right[:, columns < f.robot_size] = 0.0
+        total += sign * left.T @ right
+    return total
+
+
+def _row_space(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal columns (q, p) that span the rows T (o, q), and F (o, p) that makes T^T F them."""
+    size = np.linalg.norm(rows, axis=1)
+    scale = np.where(size > 0, size, 1.0)
+    left, values, right = np.linalg.svd(rows / scale[:, None], full_matrices=False)
+    kept = values > np.sqrt(ROUNDING)
+    return right[kept].T, left[:, kept] / values[kept] / scale[:, None]
+
+
+def _point_space(space: FloatArray) -> FloatArray:
+    """(2 q + 2, 2 p + 2): the space (q, p) for both coordinates of the points, and d as it is."""
+    q, p = space.shape
+    both = np.zeros((2 * q + 2, 2 * p + 2))
+    both[:-2:2, :-2:2] = both[1:-2:2, 1:-2:2] = space
+    both[-2, -2] = both[-1, -1] = 1.0
+    return both
+
+
+def _root(C: FloatArray) -> FloatArray:
+    """Root T (L, q) of a covariance C = T T^T, without its null directions."""
     deviation = np.sqrt(C.diagonal())
     scale = np.where(deviation > 0, deviation, 1.0)
     values, vectors = np.linalg.eigh(C / scale[:, None] / scale)
     kept = values > ROUNDING
-    root = np.sqrt(values[kept])
-    return scale[:, None] * vectors[:, kept] * root, vectors[:, kept] / root / scale[:, None]
+    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
 
 
 def _combined(basis: FloatArray, weights: FloatArray) -> FloatArray:

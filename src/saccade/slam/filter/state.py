@@ -173,16 +173,17 @@ def flush(f: FilterState) -> None:
 def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
     """Add sign Y^T Y, Y (k, n) zero for the robot, to the covariance."""
     r, n = f.robot_size, state_size(f)
-    for start in range(0, len(Y), RANK):
-        rows = Y[start : start + RANK]
-        which, pending = (UPDATES, f.updates) if sign > 0 else (DOWNDATES, f.downdates)
-        pending[: len(rows), :n] = rows
-        f.counts[which] = len(rows)
-        flush(f)
+    which, pending = (UPDATES, f.updates) if sign > 0 else (DOWNDATES, f.downdates)
+    for row in Y:
+        if f.counts[which] == len(pending):
+            flush(f)
+        pending[f.counts[which], :n] = row
+        f.counts[which] += 1
     x, y = Y[:, r::2], Y[:, r + 1 :: 2]
     N = f.counts[LANDMARKS]
     for i, product in enumerate((x * x, x * y, y * y)):
         f.blocks[:N, i] += sign * product.sum(0)
+    f.mergeable_variance[0] = 0.0
 
 
 def marginal(f: FilterState, landmarks: IntArray) -> FloatArray:
