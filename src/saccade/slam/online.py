@@ -291,6 +291,10 @@ class Slam:
             if self.culling.rule.enabled:
                 counts = read_counts(counts, place, mapped)
         take_steps(f, w, s, end, self._rules, candidates, counts, out)
+        while place is not None and s.position[0] < end and not counts.culled.any():
+            if not place.flush_if_full():
+                break
+            take_steps(f, w, s, end, self._rules, candidates, counts, out)
         if place is not None:
             place.mark(scans)
             scans[:] = place.to_map(scans)

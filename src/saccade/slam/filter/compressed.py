@@ -105,8 +105,15 @@ class Neighborhood:
         while len(self) + landmarks > len(self.filter_state.blocks):
             self.filter_state = grown(self.filter_state)
             self.scratch = new_scratch(self.filter_state)
-        if is_full(self.filter_state):
-            flush(self.filter_state)
+        self.flush_if_full()
+
+    def flush_if_full(self) -> bool:
+        """Make room for another step if landmarks are not what there is no room for."""
+        f = self.filter_state
+        if len(self) == len(f.blocks) or not is_full(f):
+            return False
+        flush(f)
+        return True
 
 
 class CompressedSlam(EkfSlam):
