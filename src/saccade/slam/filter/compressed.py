@@ -46,7 +46,7 @@ SPARE = 8
 """Landmarks, at least, that can be added to a neighborhood before its arrays grow."""
 ROUNDING = 1e-15
 """Fraction of a variance below which another one is zero."""
-NEGLIGIBLE = 1e-9
+NEGLIGIBLE = 1e-7
 """Fraction of the smallest variance of the landmarks outside of a neighborhood: directions in
 which it reduces their variance by less than this are left as they were."""
 
