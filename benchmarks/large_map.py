@@ -34,14 +34,14 @@ def sweep(steps: int, side: float) -> np.ndarray:
     straight = int((side - LANE) / STEP)
     across = int(LANE / STEP) - 26  # the two corners are some 13 m to the side
     turns: list[float] = []
-    left = 1.0
     while len(turns) < steps:
+        left = 1.0
         for _ in range(int(side / LANE) - 1):
             turns += [0.0] * straight + [left * each for each in corner]
             turns += [0.0] * across + [left * each for each in corner]
             left = -left
         turns += [0.0] * straight
-        turns += [left * each for each in corner]  # the next sweep is across this one
+        turns += corner  # the next sweep is across this one
     return np.column_stack([np.full(steps, STEP), turns[:steps]])
 
 
@@ -64,7 +64,9 @@ def world(steps: int, trees: int, seed: int) -> LandmarkLog:
     which, poses, seen = [], [], []
     for i, at in enumerate(path):
         cx, cy = np.floor((at[:2] - low) / REACH).astype(int)
-        near = [t for dx in (-1, 0, 1) for dy in (-1, 0, 1) for t in by_cell.get((cx + dx, cy + dy), ())]
+        near = [
+            t for dx in (-1, 0, 1) for dy in (-1, 0, 1) for t in by_cell.get((cx + dx, cy + dy), ())
+        ]
         if not near:
             continue
         z = slam.observe(at, xy[near])[0]
@@ -89,3 +91,142 @@ def world(steps: int, trees: int, seed: int) -> LandmarkLog:
         truth=Trajectory(time_, path),
         landmark_truth=LandmarkMap(np.arange(trees), xy),
     )
+
+
+class Clock:
+    """CPU seconds since it was made, at every call of `progress`."""
+
+    def __init__(self) -> None:
+        self._start = time.process_time()
+        self.steps: list[int] = []
+        self.seconds: list[float] = []
+
+    def __call__(self, done: int, _: int) -> None:
+        """Note the time after so many steps."""
+        self.steps.append(done)
+        self.seconds.append(time.process_time() - self._start)
+
+
+def isam2(log: LandmarkLog, interval: int, limit: float) -> tuple[Clock, np.ndarray] | None:
+    """Time and last estimate (n, 2) of the positions by GTSAM's iSAM2, updated every `interval`.
+
+    It stops after `limit` CPU seconds. None where GTSAM is not installed.
+    """
+    try:
+        import gtsam
+    except ImportError:
+        return None
+    parameters = gtsam.ISAM2Params()
+    solver = gtsam.ISAM2(parameters)
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    exact = gtsam.noiseModel.Diagonal.Sigmas(np.full(3, 1e-6))
+    sigmas = np.sqrt(log.control_covariance[0].diagonal())
+    # turn then translation: the lateral error is that of the turn
+    motion = gtsam.noiseModel.Diagonal.Sigmas(
+        np.array([sigmas[0], STEP * sigmas[1] + 1e-4, sigmas[1]])
+    )
+    noise = gtsam.noiseModel.Diagonal.Sigmas(
+        np.sqrt(log.observation_covariance[0].diagonal())[::-1]
+    )
+    pose, known, clock = gtsam.Pose2(*log.start), set(), Clock()
+    graph.add(gtsam.PriorFactorPose2(0, pose, exact))
+    values.insert(0, pose)
+    edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
+    first = 10**7
+    for i in range(len(log.time)):
+        if i > 0:
+            d, turn = log.control[i - 1]
+            step = gtsam.Pose2(d * np.cos(turn), d * np.sin(turn), turn)
+            pose = pose.compose(step)
+            graph.add(gtsam.BetweenFactorPose2(i - 1, i, step, motion))
+            values.insert(i, pose)
+        for k in range(edge[i], edge[i + 1]):
+            name, (distance, bearing) = int(log.landmark[k]), log.observation[k]
+            graph.add(
+                gtsam.BearingRangeFactor2D(i, first + name, gtsam.Rot2(bearing), distance, noise)
+            )
+            if name not in known:
+                known.add(name)
+                at = np.array([distance * np.cos(bearing), distance * np.sin(bearing)])
+                values.insert(first + name, pose.transformFrom(at))
+        if (i + 1) % interval == 0 or i == len(log.time) - 1:
+            solver.update(graph, values)
+            graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+            pose = solver.calculateEstimatePose2(i)
+            clock(i + 1, 0)
+            if clock.seconds[-1] > limit:
+                break
+    for _ in range(5):
+        solver.update()
+    clock(clock.steps[-1], 0)
+    estimate = solver.calculateEstimate()
+    done = clock.steps[-1]
+    return clock, np.array([[(p := estimate.atPose2(i)).x(), p.y()] for i in range(done)])
+
+
+def rmse(log: LandmarkLog, xy: np.ndarray) -> float:
+    """Of the first positions (n, 2), in metres; not aligned, since the start is known."""
+    assert log.truth is not None
+    return float(np.sqrt(np.square(xy - log.truth.pose[: len(xy), :2]).sum(1).mean()))
+
+
+def draw(path: Path, curves: dict[str, Clock]) -> None:
+    """CPU seconds over the number of steps."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots()
+    for name, clock in curves.items():
+        axes.plot(clock.steps, clock.seconds, label=name)
+    axes.set(xlabel="steps", ylabel="CPU seconds", yscale="log")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=50_000)
+    parser.add_argument("--trees", type=int, default=5000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--interval", type=int, default=10, help="steps per update of iSAM2")
+    parser.add_argument("--limit", type=float, default=600, help="CPU seconds for iSAM2")
+    parser.add_argument("--whole", action="store_true", help="the filter on the whole map, too")
+    parser.add_argument("--unknown", action="store_true", help="without identities, too")
+    parser.add_argument("--plot", type=Path, help="PNG of the CPU time over the steps")
+    options = parser.parse_args()
+    if os.environ.get("OMP_NUM_THREADS") != "1":
+        sys.exit("expected OMP_NUM_THREADS=1 in the environment: one core is measured")
+    log = world(options.steps, options.trees, options.seed)
+    trees = len(np.unique(log.landmark))
+    print(f"{options.steps} steps, {trees} trees seen, {len(log.observation)} observations")
+    config = slam.EkfConfig(association="known")
+    slam.run(world(400, 100, 0), replace(config, submaps="always"))  # compiles
+    curves = {}
+    runs = {"submaps": (log, config)}
+    if options.unknown:
+        unnamed = replace(log, landmark=np.full(len(log.landmark), -1))
+        runs["submaps, unknown association"] = unnamed, slam.EkfConfig(association="mutual")
+    if options.whole:
+        runs["whole map"] = log, replace(config, submaps="never")
+    for name, (each, settings) in runs.items():
+        clock = Clock()
+        result = slam.run(each, settings, clock)
+        curves[name] = clock
+        print(
+            f"{name}: {clock.seconds[-1]:.1f} CPU s, {len(result.map)} landmarks, "
+            f"{rmse(log, result.trajectory.pose[:, :2]):.2f} m",
+            flush=True,
+        )
+    print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")
+    peer = isam2(log, options.interval, options.limit)
+    if peer is not None:
+        clock, xy = peer
+        curves[f"iSAM2, every {options.interval} steps"] = clock
+        print(f"iSAM2: {clock.seconds[-1]:.1f} CPU s for {len(xy)} steps, {rmse(log, xy):.2f} m")
+    if options.plot is not None:
+        draw(options.plot, curves)
+
+
+if __name__ == "__main__":
+    main()

@@ -154,11 +154,10 @@ class Submaps:
 def read_counts(counts: VisibilityCounts, place: Neighborhood, mapped: int) -> VisibilityCounts:
     """The counts of a neighborhood, of those of a map of so many landmarks."""
     numbers = place.numbers(len(place.filter_state.blocks))
-    local = counts._replace(
+    return counts._replace(
         **{name: array[numbers] for name, array in _by_landmark(counts)},
         mapped_before=counts.mapped_before + len(place) - mapped,
     )
-    return local
 
 
 def write_counts(

@@ -176,8 +176,10 @@ class CompressedSlam(EkfSlam):
         place, self.neighborhood = self.neighborhood, None
         if place is None:
             return
-        local, r, numbers = place.filter_state, place.filter_state.robot_size, place.numbers(
-            len(place)
+        local, r, numbers = (
+            place.filter_state,
+            place.filter_state.robot_size,
+            place.numbers(len(place)),
         )
         flush(local)
         self.reserve(len(numbers) - len(place.inside))
@@ -251,7 +253,7 @@ def _pending(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
 
 
 def _row_space(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal columns (q, p) that span the rows T (o, q), and F (o, p) that makes T^T F them."""
+    """Orthonormal columns (q, p) that span the rows T (o, q), and F (o, p): they are T^T F."""
     size = np.linalg.norm(rows, axis=1)
     scale = np.where(size > 0, size, 1.0)
     left, values, right = np.linalg.svd(rows / scale[:, None], full_matrices=False)
