@@ -10,7 +10,6 @@ from saccade.slam import (
     FIRST_ESTIMATES,
     INVARIANT,
     STANDARD,
-    CompressedSlam,
     EkfSlam,
     compose,
     difference,
@@ -18,6 +17,13 @@ from saccade.slam import (
     inverse_observe,
     observe,
 )
+from saccade.slam.filter._compressed_kernels import read_block, write_block
+from saccade.slam.filter._range_bearing_kernels import (
+    augment_range_bearing,
+    predict_by_control,
+    update_range_bearing,
+)
+from saccade.slam.filter.compressed import CompressedSlam
 
 U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])
 every = pytest.mark.parametrize("retraction", [STANDARD, INVARIANT, FIRST_ESTIMATES])
@@ -39,35 +45,80 @@ def _avenue(rng, steps=240):
 
 @every
 def test_compressed_is_the_whole_filter(retraction, rng):
-    control, seen = _avenue(rng)
-    whole = EkfSlam(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction)
-    small = CompressedSlam(copy.deepcopy(whole), radius=5.0)
-    known = {}
-    for step, u in enumerate(control):
-        for ekf in (whole, small):
-            ekf.predict(u, U)
-        for _, z, name in (each for each in seen if each[0] == step):
-            if name not in known:
-                known[name] = len(whole)
-                assert whole.augment(z, NOISE) == small.augment(z, NOISE) == known[name]
-                continue
-            asked = small.innovation(z, NOISE, known[name])
-            one, two = (ekf.update(z, NOISE, known[name]) for ekf in (whole, small))
-            np.testing.assert_allclose(two.value, one.value, atol=1e-6)
-            np.testing.assert_allclose(asked.value, two.value, atol=1e-12)
-            assert two.nis == pytest.approx(one.nis, abs=1e-6)
-        np.testing.assert_allclose(small.pose, whole.pose, atol=1e-6)
-        np.testing.assert_allclose(small.pose_covariance, whole.pose_covariance, atol=1e-6)
-    assert 0 < len(small.neighborhood) < len(small) - 20  # it did leave most of the map waiting
-    near = small.neighborhood[:3]
-    np.testing.assert_allclose(small.marginal(near), whole.marginal(near), atol=1e-6)
-    np.testing.assert_allclose(small.state, whole.state, atol=1e-6)
-    np.testing.assert_allclose(small.covariance, whole.covariance, atol=1e-6)
-    np.testing.assert_allclose(
-        small.predict_observations().z, whole.predict_observations().z, atol=1e-6
+    """Among changing landmarks, at random, of which some are never observed and some are new."""
+    kinds = EkfSlam, CompressedSlam
+    whole, small = (
+        kind(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction) for kind in kinds
     )
+    world, pose, no_bias = rng.uniform([-5, -6], [15, 6], (50, 2)), np.zeros(3), np.zeros((2, 0))
+    for ekf in (whole, small):
+        for z in observe(np.zeros(3), world)[0]:
+            ekf.augment(z, NOISE)
+    for visit in range(4):
+        inside = np.sort(rng.permutation(50)[:12])
+        place = small.enter(inside)
+        for _ in range(25):
+            u = np.array([0.25, 0.05])
+            pose = drive(pose, u)[0]
+            u = u + rng.normal(size=2) * np.sqrt(U.diagonal())
+            whole.predict(u, U)
+            place.reserve(1)
+            predict_by_control(place.filter_state, place.scratch, u, U, no_bias)
+            for local in rng.integers(8, size=2).tolist():
+                z = observe(pose, world[inside[local]])[0] + rng.normal(size=2) * [0.1, 0.02]
+                one, v, S = (
+                    whole.update(z, NOISE, int(inside[local])),
+                    np.empty(2),
+                    np.empty((2, 2)),
+                )
+                place.reserve(1)
+                place.mark(np.array([local]))
+                row = 3 + 2 * local
+                nis = update_range_bearing(place.filter_state, place.scratch, row, z, NOISE, v, S)
+                np.testing.assert_allclose(v, one.value, atol=1e-9)
+                assert nis == pytest.approx(one.nis, abs=1e-6)
+        for bearing in range(6 if visit == 1 else 0):  # more than there was room for
+            z = np.array([4.0, bearing])
+            whole.augment(z, NOISE)
+            place.reserve(1)
+            augment_range_bearing(place.filter_state, place.scratch, z, NOISE)
+        np.testing.assert_allclose(small.pose, whole.pose, atol=1e-9)
+        np.testing.assert_allclose(small.pose_covariance, whole.pose_covariance, atol=1e-9)
+        assert small.neighborhood is place
+        assert len(small) == len(whole)
+        if visit != 2:  # else by way of a read-out
+            small.leave()
+        np.testing.assert_allclose(small.state, whole.state, atol=1e-9)
+        np.testing.assert_allclose(small.covariance, whole.covariance, atol=1e-9)
+        np.testing.assert_allclose(
+            small.landmark_covariances, whole.landmark_covariances, atol=1e-9
+        )
+        assert small.neighborhood is None
     with pytest.raises(LogError, match="from 0 to"):
         small.update(np.ones(2), NOISE, len(small))
+
+
+def test_numbers_of_a_neighborhood():
+    ekf = CompressedSlam(np.zeros(3), np.eye(3))
+    for bearing in range(6):
+        ekf.augment(np.array([3.0, bearing]), NOISE)
+    place = ekf.enter(np.array([1, 4]))
+    assert place.from_map(np.array([4, 0, -2, 1, 6, 7])).tolist() == [1, -1, -2, 0, 2, 3]
+    assert place.to_map(np.array([1, -2, 0, 2, 3])).tolist() == [4, -2, 1, 6, 7]
+    assert place.numbers(4).tolist() == [1, 4, 6, 7]
+
+
+def test_blocks_of_an_upper_triangle(rng):
+    P = np.triu(rng.normal(size=(9, 9)))
+    full = P + np.triu(P, 1).T
+    rows, columns = np.array([1, 4, 5]), np.array([0, 2, 7, 8])
+    block = np.empty((3, 4))
+    read_block(P, rows, columns, block)
+    np.testing.assert_array_equal(block, full[np.ix_(rows, columns)])
+    write_block(P, rows, columns, block, 1.0)
+    full[np.ix_(rows, columns)] *= 2
+    full[np.ix_(columns, rows)] *= 2
+    np.testing.assert_array_equal(P, np.triu(full))
 
 
 def _numbered(seen):

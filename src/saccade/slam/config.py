@@ -66,6 +66,11 @@ class EkfConfig:
     """Whether systematic odometry errors are states of the filter where the log gives their
     standard deviations (`LandmarkLog.odometry_bias`)."""
 
+    submaps: Literal["auto", "always", "never"] = "auto"
+    """Whether steps change the landmarks around the robot only, and the others later: with "auto"
+    in maps of 1000 landmarks and more. The estimate is the same up to rounding. Custom models and
+    association rules always work on the whole map."""
+
     def __post_init__(self) -> None:
         require(self.filter in RETRACTIONS, "filter", f"one of {(*RETRACTIONS,)}", self.filter)
         kinds = ("auto", "known", *ASSOCIATION_RULES)
@@ -81,6 +86,8 @@ class EkfConfig:
         for name in ("motion_noise_scale", "sensor_noise_scale"):
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0 and under 1e6", value)
+        modes = ("auto", "always", "never")
+        require(self.submaps in modes, "submaps", f"one of {modes}", self.submaps)
         require(self.huber > 0, "huber", "over 0, infinite for never", self.huber)
         require(
             len(self.start_sigma) == 3 and all(0 <= s < 1e6 for s in self.start_sigma),

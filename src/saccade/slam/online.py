@@ -13,12 +13,14 @@ from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
+from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam, new_innovations
 from saccade.slam.filter.validation import check_all
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.submaps import Submaps, read_counts, write_counts
 from saccade.types import FloatArray, IntArray
 
 MIN_SIGMA = 1e-4
@@ -106,7 +108,7 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        self.ekf = EkfSlam(
+        self.ekf: EkfSlam = (EkfSlam if config.submaps == "never" else CompressedSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             motion=motion,
@@ -130,6 +132,7 @@ class Slam:
         nearest = self.associate if isinstance(self.associate, NearestNeighbor) else None
         gates = nearest.gates if nearest else Gates(inf, inf, False)
         self._rules = Rules(nearest is not None, gates, self.candidates.policy, self.culling.rule)
+        self._submaps = Submaps(config.submaps == "always", self._rules)
 
     def step(
         self,
@@ -268,15 +271,37 @@ class Slam:
 
     def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
         """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
-        i, new = s.position[0], 0
+        i, new = int(s.position[0]), 0
         if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
             new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
-        self.ekf.reserve(max(new, 1))
         self.candidates.reserve(new)
+        ekf, place = self.ekf, None
+        if isinstance(ekf, CompressedSlam):
+            end, place = self._submaps.plan(ekf, s, end)
+        part = ekf if place is None else place
+        part.reserve(max(new, 1))
+        f, w, candidates = part.filter_state, part.scratch, self.candidates.buffer
+        mapped, scans = len(ekf), s.landmark[s.edge[i] : s.edge[end]]
         if self.culling.rule.enabled:
-            self.culling.reserve(len(self.ekf.filter_state.blocks))
-        f, w, candidates = self.ekf.filter_state, self.ekf.scratch, self.candidates.buffer
-        take_steps(f, w, s, end, self._rules, candidates, self.culling.counts, out)
+            self.culling.reserve(mapped + len(f.blocks) - len(part))
+        counts = self.culling.counts
+        if place is not None:
+            scans[:] = place.from_map(scans)
+            place.mark(scans)
+            if self.culling.rule.enabled:
+                counts = read_counts(counts, place, mapped)
+        take_steps(f, w, s, end, self._rules, candidates, counts, out)
+        while place is not None and s.position[0] < end and not counts.culled.any():
+            if not place.flush_if_full():
+                break
+            take_steps(f, w, s, end, self._rules, candidates, counts, out)
+        if place is not None:
+            place.mark(scans)
+            scans[:] = place.to_map(scans)
+            if self.culling.rule.enabled:
+                write_counts(self.culling.counts, counts, place, len(ekf))
+        if isinstance(ekf, CompressedSlam):
+            self._submaps.count(ekf, s, i)
         return self.culling.remove_culled()
 
     def _take(self, s: Steps, out: StepResults) -> IntArray:

@@ -28,6 +28,7 @@ from saccade.slam.filter._state_kernels import (
     FilterState,
     Scratch,
     invalidate_cache,
+    num_rows,
 )
 from saccade.types import FloatArray
 
@@ -77,7 +78,7 @@ def sandwich(
 def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,) with Jacobian F (r, r) and noise Q (r, r) (C.5-C.6)."""
     r = f.robot_size
-    n = r + 2 * f.counts[LANDMARKS]
+    n = num_rows(f)
     P, old, a = f.P, w.rows, f.heading_lever
     G, Pxx = w.G, w.Pxx
     turn, covariance = w.heading_row, w.heading_covariance
@@ -123,7 +124,7 @@ def _add_heading_noise(f: FilterState, turn: FloatArray, variance: float) -> Non
     It is turn . eta of the robot before the motion, plus noise.
     """
     r = f.robot_size
-    n = r + 2 * f.counts[LANDMARKS]
+    n = num_rows(f)
     a, y, x = (
         f.heading_lever[r:n],
         f.updates[f.counts[UPDATES], r:n],
@@ -159,7 +160,7 @@ def _add_heading_noise(f: FilterState, turn: FloatArray, variance: float) -> Non
 def _add_to_blocks(f: FilterState, y: FloatArray, sign: float) -> None:
     """Add sign y^T y, y (2N,), to the diagonal blocks of the landmarks."""
     blocks, xy = f.blocks, y.reshape((len(y) // 2, 2))
-    for i in range(len(xy)):
+    for i in range(f.counts[LANDMARKS]):
         first, second = xy[i, 0], xy[i, 1]
         blocks[i, 0] += sign * first * first
         blocks[i, 1] += sign * first * second
@@ -183,7 +184,7 @@ def update(
     observation. Only the columns of these two take part in the gain (C.10-C.13).
     """
     r, P = f.robot_size, f.P
-    n = r + 2 * f.counts[LANDMARKS]
+    n = num_rows(f)
     D, A = w.D, w.A
     prepare_update(f, w, m, H, noise, 1.0, S, D, A)
     first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
@@ -256,7 +257,7 @@ def prepare_update(
 def _observed_rows(f: FilterState, m: int, D: FloatArray, V: FloatArray) -> None:
     """Fill V (2, n) with the product of D (see `prepare_update`) and the covariance of eta."""
     r, P = f.robot_size, f.P
-    n = r + 2 * f.counts[LANDMARKS]
+    n = num_rows(f)
     base = 2 * _cached_rows(f, m)
     for k in range(2):
         v, first, second = V[k, :n], D[k, r], D[k, r + 1]
@@ -280,7 +281,7 @@ def _cached_rows(f: FilterState, m: int) -> int:
     re-observed many times until the next flush.
     """
     r, i = f.robot_size, (m - f.robot_size) // 2
-    n = r + 2 * f.counts[LANDMARKS]
+    n = num_rows(f)
     if f.cached_pair[i] < 0:
         first, second, P = (
             f.cached_rows[2 * f.counts[CACHED]],
@@ -328,7 +329,7 @@ def _retract(f: FilterState, first: float, second: float, V: FloatArray) -> None
     for i in range(2, r):
         s[i] += first * V[0, i] + second * V[1, i]
     s[2] = wrapped(s[2])
-    n, by = r + 2 * f.counts[LANDMARKS], (first, second, p, q, sine, versine)
+    n, by = num_rows(f), (first, second, p, q, sine, versine)
     fixed_lever = f.error_state == STANDARD
     _retract_points(s[:2], a[:2], V[0, :2], V[1, :2], by, fixed_lever)
     _retract_points(s[r:n], a[r:n], V[0, r:n], V[1, r:n], by, fixed_lever)
@@ -372,6 +373,10 @@ def augment(f: FilterState, w: Scratch, xy: FloatArray, Gx: FloatArray, noise: F
             P[j, n + k] = 0.0
             for i in range(r):
                 P[j, n + k] += D[i] * P[i, j]  # C.17, Gx Pxx and Gx Pxm
+        for j in range(len(f.state) - 2 * f.auxiliary, len(f.state)):
+            P[n + k, j] = 0.0
+            for i in range(r):
+                P[n + k, j] += D[i] * P[i, j]
         for m in range(k + 1):
             total = (noise[k, m] + noise[m, k]) / 2
             for i in range(r):

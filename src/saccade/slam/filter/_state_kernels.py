@@ -14,7 +14,8 @@ LANDMARKS, DOWNDATES, UPDATES, CACHED = 0, 1, 2, 3
 class FilterState(NamedTuple):
     """A Gaussian over the robot, r numbers of which three are its pose, and N landmarks.
 
-    Capacity: size = r + 2 N for the N landmarks for which there is room; n = r + 2 N in use.
+    Capacity: size = r + 2 (N + auxiliary) for the N landmarks for which there is room; n in use,
+    see `num_rows`.
     """
 
     robot_size: int
@@ -23,6 +24,9 @@ class FilterState(NamedTuple):
     """Error parametrization: `STANDARD`, `INVARIANT` or `FIRST_ESTIMATES`."""
     huber: float
     """Root of the normalized innovation squared beyond which an observation has less weight."""
+    auxiliary: int
+    """Points behind the landmarks that are corrected with them and never observed, see
+    `compressed`; without diagonal blocks."""
     state: FloatArray
     """(size,) x, y, theta, other states of the robot, m1x, m1y, ... (C.3)."""
     heading_lever: FloatArray
@@ -89,6 +93,12 @@ class Scratch(NamedTuple):
     """(2, 2) inverse root of the innovation covariance."""
     S: FloatArray
     """(2, 2) innovation covariance with Huber's larger noise."""
+
+
+@kernel()
+def num_rows(f: FilterState) -> int:
+    """n: rows of the state in use; with auxiliary points, all of them."""
+    return len(f.state) if f.auxiliary > 0 else int(f.robot_size + 2 * f.counts[LANDMARKS])
 
 
 @kernel()

@@ -2,213 +2,289 @@
 
 After Guivant & Nebot (2001): while the robot stays among some landmarks A, the changes of the
 others B are linear in their covariance with A at its arrival. With J a quarter turn,
-E = [C_BA, J C_BA, d, J d] of that time, d the differences of the points of B from their first
-estimates, at any later time
+E = [K, J K, d, J d] of that time, C_BA = K T^T with C_AA = T T^T, d the differences of the
+points of B from their first estimates, at any later time
 
     C_BA = E Phi,    C_BB <- C_BB + E Psi E^T,    d = E delta.
 
-Phi, Psi and delta change as the covariances with A, the covariance and the state of landmarks
-that are never observed. Thus the filter of `ekf` on A and on as many of these auxiliary landmarks
-as A has coordinates is equivalent to the full filter, and the update of B is deferred.
+Phi, Psi and delta change as the covariances with A, the covariance and the state of points that
+are never observed; Phi is T at first. Thus the filter of `ekf` on A and on as many of these
+auxiliary points as A has coordinates is equivalent to the full filter, and the update of B is
+deferred. T keeps the numbers small: by C_BA itself, five digits would be lost.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from saccade.slam.filter._state_kernels import LANDMARKS, STANDARD, FilterState
+from saccade.slam.filter._compressed_kernels import read_block, write_block
+from saccade.slam.filter._state_kernels import (
+    DOWNDATES,
+    LANDMARKS,
+    STANDARD,
+    UPDATES,
+    FilterState,
+    Scratch,
+    invalidate_cache,
+    is_full,
+)
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import (
     add_rows,
+    auxiliary_rows,
     flush,
+    grown,
+    new_scratch,
     new_state,
     state_rows,
     state_size,
     symmetric,
 )
-from saccade.slam.filter.validation import check_landmark
-from saccade.slam.results import Innovation, PredictedObservations
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
-SPARE = 16
-"""Landmarks that can be added to a neighborhood before another one is entered; or as many as it
-began with, if that is more."""
-NEGLIGIBLE = 1e-15
-"""Fraction of the largest eigenvalue of Psi below which others are rounding."""
+SPARE = 8
+"""Landmarks, at least, that can be added to a neighborhood before its arrays grow."""
+ROUNDING = 1e-15
+"""Fraction of a variance below which another one is zero."""
+NEGLIGIBLE = 1e-7
+"""Fraction of the smallest variance of the landmarks outside of a neighborhood: directions in
+which it reduces their variance by less than this are left as they were."""
 
 
-class CompressedSlam:
-    """`EkfSlam` that updates the neighborhood of the robot, and the other landmarks later.
+@dataclass
+class Neighborhood:
+    """Some landmarks, and what is deferred for the others."""
 
-    Methods and properties are those of `EkfSlam`, with equal results up to rounding. Those of
-    the whole map bring all of it up to date.
-
-    Args:
-        ekf: the filter to begin with; it is owned by this one from then on.
-        radius: metres around the robot within which landmarks belong to its neighborhood.
-            An observation of another one moves the neighborhood to where the robot is.
-    """
-
-    def __init__(self, ekf: EkfSlam, radius: float) -> None:
-        self._whole = ekf
-        self._radius = radius
-        self._enter(np.empty(0, np.int64))
-
-    def predict(self, u: FloatArray, U: FloatArray) -> None:
-        """See `EkfSlam.predict`."""
-        self._local.predict(u, U)
-
-    def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """See `EkfSlam.update`."""
-        number = self._local_number(landmark)
-        return self._local.update(z, R, number)
-
-    def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
-        """See `EkfSlam.innovation`."""
-        number = self._local_number(landmark)
-        return self._local.innovation(z, R, number)
-
-    def augment(self, z: FloatArray, R: FloatArray) -> int:
-        """See `EkfSlam.augment`; the landmark belongs to the neighborhood."""
-        if len(self._number) >= self._capacity:
-            self._leave()
-            self._enter(np.empty(0, np.int64))
-        new = len(self)
-        self._number[new] = self._local.augment(z, R)
-        return new
-
-    def predict_observations(self) -> PredictedObservations:
-        """See `EkfSlam.predict_observations`."""
-        return self.whole.predict_observations()
-
-    def marginal(self, landmarks: IntArray) -> FloatArray:
-        """The joint covariance of the robot and of some landmarks (3 + 2k, 3 + 2k)."""
-        if all(int(each) in self._number for each in landmarks):
-            return self._local.marginal(np.array([self._number[int(each)] for each in landmarks]))
-        return self.whole.marginal(landmarks)
-
-    @property
-    def whole(self) -> EkfSlam:
-        """The filter over the whole map, up to date until the next step."""
-        self._leave()
-        self._enter(np.array(list(self._number), np.int64))
-        return self._whole
-
-    @property
-    def neighborhood(self) -> IntArray:
-        """Numbers of the landmarks in it."""
-        return np.array(sorted(self._number), np.int64)
-
-    @property
-    def pose(self) -> FloatArray:
-        """(3,) x, y in metres, heading in radians."""
-        return self._local.pose
-
-    @property
-    def pose_covariance(self) -> FloatArray:
-        """(3, 3)."""
-        return self._local.pose_covariance
-
-    @property
-    def landmarks(self) -> FloatArray:
-        """(N, 2) metres, in the order in which they were augmented."""
-        return self.whole.landmarks
-
-    @property
-    def landmark_covariances(self) -> FloatArray:
-        """(N, 2, 2) square metres."""
-        return self.whole.landmark_covariances
-
-    @property
-    def state(self) -> FloatArray:
-        """(3 + 2N,) the pose, then the landmarks (C.3)."""
-        return self.whole.state
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(3 + 2N, 3 + 2N) of the whole state (C.4)."""
-        return self.whole.covariance
+    inside: IntArray
+    """(k,) their numbers in the map when it was entered, ascending."""
+    rest: IntArray
+    """(m,) those of all others."""
+    number: IntArray
+    """(k + m,) number in the neighborhood of each landmark of that map, -1 for the others."""
+    root: FloatArray
+    """(L, q) T of C_AA = T T^T at its entry, of the robot and the landmarks inside."""
+    observed: BoolArray
+    """(k,) whether a landmark was observed since, see `mark`."""
+    filter_state: FilterState
+    """Of the robot, the neighborhood and q auxiliary points, and landmarks that were added."""
+    scratch: Scratch
 
     def __len__(self) -> int:
-        return len(self._number) + len(self._rest)
+        return int(self.filter_state.counts[LANDMARKS])
 
-    def __repr__(self) -> str:
-        return f"CompressedSlam({len(self._number)} of {len(self)} landmarks, {self._local!r})"
+    def numbers(self, count: int) -> IntArray:
+        """(count,) number in the map of its first landmarks, with those added or to be added."""
+        added = len(self.number) + np.arange(count - len(self.inside))
+        return np.concatenate([self.inside, added])
 
-    def _local_number(self, landmark: int) -> int:
-        """The number of a landmark in the neighborhood, after a move if it was outside."""
-        check_landmark(landmark, len(self))
-        if landmark not in self._number:
-            self._leave()
-            self._enter(np.array([landmark]))
-        return self._number[landmark]
+    def from_map(self, landmark: IntArray) -> IntArray:
+        """Numbers in the neighborhood of landmarks of the map, -1 for those outside.
 
-    def _enter(self, required: IntArray) -> None:
-        """Make a neighborhood of the landmarks around the robot and of the required ones."""
-        f, r = self._whole.filter_state, self._whole.filter_state.robot_size
+        Negative numbers stay, and so do the places of those that are yet to be added.
+        """
+        k, N = len(self.inside), len(self.number)
+        known = (landmark >= 0) & (landmark < N)
+        local = np.where(landmark < N, landmark, landmark - N + k)
+        local[known] = self.number[landmark[known]]
+        return local
+
+    def to_map(self, local: IntArray) -> IntArray:
+        """Numbers in the map of landmarks of the neighborhood; negative ones stay."""
+        k, N = len(self.inside), len(self.number)
+        known = (local >= 0) & (local < k)
+        landmark = np.where(local < k, local, local - k + N)
+        landmark[known] = self.inside[local[known]]
+        return landmark
+
+    def mark(self, local: IntArray) -> None:
+        """Note that these of its landmarks were observed, or may be; negative ones are none."""
+        self.observed[local[(local >= 0) & (local < len(self.observed))]] = True
+
+    def reserve(self, landmarks: int) -> None:
+        """Make room for another step and so many more landmarks."""
+        while len(self) + landmarks > len(self.filter_state.blocks):
+            self.filter_state = grown(self.filter_state)
+            self.scratch = new_scratch(self.filter_state)
+        self.flush_if_full()
+
+    def flush_if_full(self) -> bool:
+        """Make room for another step if landmarks are not what there is no room for."""
+        f = self.filter_state
+        if len(self) == len(f.blocks) or not is_full(f):
+            return False
         flush(f)
-        offset = self._whole.landmarks - f.state[:2]
-        near = np.hypot(offset[:, 0], offset[:, 1]) <= self._radius
-        near[required] = True
-        inside, self._rest = np.flatnonzero(near), np.flatnonzero(~near)
-        rows, rest = state_rows(inside, r), state_rows(self._rest, r)[r:]
-        L, k = len(rows), len(inside)
-        self._number = {number: i for i, number in enumerate(inside.tolist())}
-        self._capacity = k + max(k, SPARE)
-        self._auxiliary = np.arange(k, k + L + 1)
+        return True
 
-        self._E = np.empty((len(rest), L + 1, 2))
-        self._E[:, :L, 0] = _block(f, rest, rows)
-        self._E[:, L, 0] = _quarter_turn(-f.heading_lever[rest])  # d = -J a
-        self._E[:, :L, 1] = _quarter_turn(self._E[:, :L, 0])
-        self._E[:, L, 1] = f.heading_lever[rest]
 
-        capacity = self._capacity + L + 1
-        local = new_state(f.state[:r], f.P[:r, :r], capacity, f.error_state, f.huber)
+class CompressedSlam(EkfSlam):
+    """`EkfSlam` that can defer what steps among some landmarks change about the others.
+
+    `filter_state`, and with it every method that needs the landmarks, brings all of the map up to
+    date, and ends the stay in the neighborhood; the pose and its covariance do not need it.
+    """
+
+    neighborhood: Neighborhood | None = None
+    """Where the filter works at present."""
+
+    @property
+    def filter_state(self) -> FilterState:  # type: ignore[override]
+        """The arrays of the filter of the whole map, up to date."""
+        self.leave()
+        return self._whole
+
+    @filter_state.setter
+    def filter_state(self, filter_state: FilterState) -> None:
+        self._whole = filter_state
+        self.neighborhood = None
+
+    @property
+    def robot_filter(self) -> FilterState:
+        """See `EkfSlam.robot_filter`."""
+        return self._whole if self.neighborhood is None else self.neighborhood.filter_state
+
+    def __len__(self) -> int:
+        if self.neighborhood is None:
+            return int(self._whole.counts[LANDMARKS])
+        return len(self.neighborhood) + len(self.neighborhood.rest)
+
+    def enter(self, inside: IntArray) -> Neighborhood:
+        """Work among these landmarks (k,), ascending, until `leave`."""
+        f, r, N, k = self.filter_state, self.robot_filter.robot_size, len(self), len(inside)
+        number = np.full(N, -1)
+        number[inside] = np.arange(k)
+        rows = state_rows(inside, r)
+        C, L = _block(f, rows, rows), len(rows)
+        root = _root(C)
+        q, room = root.shape[1], k + max(k // 4, SPARE)
+        local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, q + 1)
         local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
-        local.P[:L, :L] = _block(f, rows, rows)
+        local.P[:L, :L] = np.triu(C)
+        local.P[:r, :r] = f.P[:r, :r]
         local.blocks[:k] = f.blocks[inside]
-        local.blocks[self._auxiliary] = np.inf  # of no variance that an update could exhaust
-        local.P[np.arange(L), L + 2 * np.arange(L)] = 1.0
-        local.state[3 * L] = 1.0
-        local.heading_lever[3 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
-        local.counts[LANDMARKS] = k + L + 1
-        self._local = self._whole.with_filter_state(local)
+        first = auxiliary_rows(local).start
+        local.P[:L, first:-2:2] = root
+        local.state[-2] = 1.0
+        local.heading_lever[-1] = 0.0 if f.error_state == STANDARD else 1.0
+        local.counts[LANDMARKS] = k
+        rest, observed = np.flatnonzero(number < 0), np.zeros(k, np.bool_)
+        scratch = new_scratch(local)
+        self.neighborhood = Neighborhood(inside, rest, number, root, observed, local, scratch)
+        return self.neighborhood
 
-    def _leave(self) -> None:
-        """Bring the whole filter up to date."""
-        local, r = self._local.filter_state, self._local.filter_state.robot_size
+    def leave(self) -> None:
+        """Bring the filter of the whole map up to date."""
+        place, self.neighborhood = self.neighborhood, None
+        if place is None:
+            return
+        local, r, numbers = (
+            place.filter_state,
+            place.filter_state.robot_size,
+            place.numbers(len(place)),
+        )
         flush(local)
-        C = symmetric(local.P[: state_size(local), : state_size(local)])
-        self._whole.reserve(len(self) - len(self._whole))
-        f = self._whole.filter_state
-        f.counts[LANDMARKS] = len(self)
-        inside = np.array(list(self._number), np.int64)
-        numbers = np.array(list(self._number.values()), np.int64)
-        rows, local_rows = state_rows(inside, r), state_rows(numbers, r)
-        f.state[rows] = local.state[local_rows]
-        f.heading_lever[rows] = local.heading_lever[local_rows]
-        f.blocks[inside] = local.blocks[numbers]
-        _set_block(f, rows, rows, C[np.ix_(local_rows, local_rows)])
-        if len(self._rest) > 0:
-            self._apply_deferred(f, C, rows, local_rows)
+        self.reserve(len(numbers) - len(place.inside))
+        f, n = self._whole, state_size(local)
+        f.downdates[:, state_size(f) :] = f.updates[:, state_size(f) :] = 0.0
+        f.counts[LANDMARKS] = len(place.number) + len(numbers) - len(place.inside)
+        rows = state_rows(numbers, r)
+        if len(place.rest) > 0:
+            _apply_deferred(f, place, rows)
+        f.state[rows], f.heading_lever[rows] = local.state[:n], local.heading_lever[:n]
+        f.blocks[numbers] = local.blocks[: len(numbers)]
+        write_block(f.P, rows, rows, symmetric(local.P[:n, :n]) - _pending(f, rows, rows), 0.0)
+        f.P[:r, :r] = local.P[:r, :r]
+        invalidate_cache(f)
 
-    def _apply_deferred(
-        self, f: FilterState, C: FloatArray, rows: IntArray, local_rows: IntArray
-    ) -> None:
-        """Apply the deferred updates to the landmarks outside the neighborhood."""
-        r = f.robot_size
-        rest, auxiliary = state_rows(self._rest, r)[r:], state_rows(self._auxiliary, r)[r:]
-        E = self._E.reshape(len(rest), -1)
-        _set_block(f, rest, rows, E @ C[np.ix_(auxiliary, local_rows)])  # C_BA
-        delta = self._local.filter_state.state[auxiliary]
-        f.heading_lever[rest] = _quarter_turn(E @ delta) if f.error_state != STANDARD else 0.0
-        delta[-2] -= 1.0
-        f.state[rest] += E @ delta
-        values, vectors = np.linalg.eigh(C[np.ix_(auxiliary, auxiliary)])  # Psi
-        kept = np.abs(values) > NEGLIGIBLE * np.abs(values).max()
-        Y = np.zeros((kept.sum(), state_size(f)))
-        Y[:, rest] = (E @ (vectors[:, kept] * np.sqrt(np.abs(values[kept])))).T
-        add_rows(f, -1.0, Y[values[kept] < 0])
-        add_rows(f, 1.0, Y[values[kept] > 0])
+
+def _apply_deferred(f: FilterState, place: Neighborhood, rows: IntArray) -> None:
+    """Apply the deferred updates to the landmarks outside the neighborhood.
+
+    All of them are in the space of the rows of C_AA that were observed, and of d.
+    """
+    local, r, root = place.filter_state, f.robot_size, place.root
+    old, rest = len(root), state_rows(place.rest, r)[r:]
+    observed = state_rows(np.flatnonzero(place.observed), r)
+    space, factor = _row_space(root[observed])  # (q, p), (o, p)
+    E = np.empty((len(rest), space.shape[1] + 1))
+    E[:, :-1] = _block(f, rest, state_rows(place.inside, r)[observed]) @ factor
+    E[:, -1] = _quarter_turn(-f.heading_lever[rest])  # d = -J a
+
+    points = auxiliary_rows(local)
+    both = _point_space(space)
+    Phi = local.P[: len(rows), points] @ both
+    Phi[r:old, :-2:2] -= root[r:old] @ space  # what has changed
+    changed, new = rows[r:old], np.concatenate([rows[:r], rows[old:]])
+    write_block(f.P, rest, changed, _combined(E, Phi[r:old]), 1.0)  # C_BA
+    write_block(f.P, rest, new, _combined(E, np.concatenate([Phi[:r], Phi[old:]])), 0.0)
+
+    delta = local.state[points][None] @ both
+    if f.error_state != STANDARD:
+        f.heading_lever[rest] = _quarter_turn(_combined(E, delta)[:, 0])
+    delta[0, -2] -= 1.0
+    f.state[rest] += _combined(E, delta)[:, 0]
+
+    Psi = both.T @ symmetric(local.P[points, points]) @ both
+    values, vectors = np.linalg.eigh(Psi)
+    least = NEGLIGIBLE * f.blocks[place.rest][:, ::2].min()
+    for sign in (-1.0, 1.0):
+        kept = sign * values > ROUNDING
+        half = _combined(E, (vectors[:, kept] * np.sqrt(np.abs(values[kept]))).T)
+        sizes, directions = np.linalg.eigh(half.T @ half)
+        Y = np.zeros((int((sizes > least).sum()), state_size(f)))
+        Y[:, rest] = (half @ directions[:, sizes > least]).T
+        add_rows(f, sign, Y)
+
+
+def _block(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
+    """The covariance of eta at these rows and columns."""
+    block = np.empty((len(rows), len(columns)))
+    read_block(f.P, rows, columns, block)
+    return block + _pending(f, rows, columns)
+
+
+def _pending(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
+    """What is still to be added to P at these rows and columns."""
+    total = np.zeros((len(rows), len(columns)))
+    for sign, pending, which in ((-1.0, f.downdates, DOWNDATES), (1.0, f.updates, UPDATES)):
+        left, right = (pending[: f.counts[which], each] for each in (rows, columns))
+        left[:, rows < f.robot_size] = right[:, columns < f.robot_size] = 0.0
+        total += sign * left.T @ right
+    return total
+
+
+def _row_space(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal columns (q, p) that span the rows T (o, q), and F (o, p): they are T^T F."""
+    size = np.linalg.norm(rows, axis=1)
+    scale = np.where(size > 0, size, 1.0)
+    left, values, right = np.linalg.svd(rows / scale[:, None], full_matrices=False)
+    kept = values > np.sqrt(ROUNDING)
+    return right[kept].T, left[:, kept] / values[kept] / scale[:, None]
+
+
+def _point_space(space: FloatArray) -> FloatArray:
+    """(2 q + 2, 2 p + 2): the space (q, p) for both coordinates of the points, and d as it is."""
+    q, p = space.shape
+    both = np.zeros((2 * q + 2, 2 * p + 2))
+    both[:-2:2, :-2:2] = both[1:-2:2, 1:-2:2] = space
+    both[-2, -2] = both[-1, -1] = 1.0
+    return both
+
+
+def _root(C: FloatArray) -> FloatArray:
+    """Root T (L, q) of a covariance C = T T^T, without its null directions."""
+    deviation = np.sqrt(C.diagonal())
+    scale = np.where(deviation > 0, deviation, 1.0)
+    values, vectors = np.linalg.eigh(C / scale[:, None] / scale)
+    kept = values > ROUNDING
+    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _combined(basis: FloatArray, weights: FloatArray) -> FloatArray:
+    """E w (2 m, p) of weights (p, 2 q): of each column of the basis, and of its quarter turn."""
+    product = basis @ weights[:, ::2].T
+    if weights[:, 1::2].any():
+        product += _quarter_turn(basis @ weights[:, 1::2].T)
+    return np.asarray(product)
 
 
 def _quarter_turn(points: FloatArray) -> FloatArray:
@@ -218,13 +294,6 @@ def _quarter_turn(points: FloatArray) -> FloatArray:
     return turned
 
 
-def _block(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
-    i, j = rows[:, None], columns
-    return f.P[np.minimum(i, j), np.maximum(i, j)]
-
-
-def _set_block(f: FilterState, rows: IntArray, columns: IntArray, block: FloatArray) -> None:
-    i, j = rows[:, None], columns
-    f.P[np.minimum(i, j), np.maximum(i, j)] = block
-    r = f.robot_size
-    f.P[:r, :r] = symmetric(f.P[:r, :r])
+def _rows(landmarks: IntArray, r: int) -> IntArray:
+    """(2 k,) rows of landmarks."""
+    return state_rows(landmarks, r)[r:]

@@ -264,7 +264,7 @@ class EkfSlam:
 
     def bias_jacobian(self, control: FloatArray) -> FloatArray:
         """(t, c, r - 3) Jacobian of controls (t, c) by the robot's states beyond the pose."""
-        return bias_jacobian(control)[:, :, : self.filter_state.robot_size - 3]
+        return bias_jacobian(control)[:, :, : self.robot_filter.robot_size - 3]
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a filter with the same models."""
@@ -280,26 +280,31 @@ class EkfSlam:
         self._ids, self._removed = arrays["ids"], int(arrays["removed"])
 
     @property
+    def robot_filter(self) -> FilterState:
+        """Arrays of which those of the robot are up to date."""
+        return self.filter_state
+
+    @property
     def pose(self) -> FloatArray:
         """(3,) x, y in metres, heading in radians."""
-        return self.filter_state.state[:3].copy()
+        return self.robot_filter.state[:3].copy()
 
     @property
     def robot_state(self) -> FloatArray:
         """(r,) the pose and the further states of the robot."""
-        return self.filter_state.state[: self.filter_state.robot_size].copy()
+        return self.robot_filter.state[: self.robot_filter.robot_size].copy()
 
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
         covariance = np.empty((3, 3))
-        _range_bearing_kernels.write_pose(self.filter_state, self.scratch, np.empty(3), covariance)
+        _range_bearing_kernels.write_pose(self.robot_filter, self.scratch, np.empty(3), covariance)
         return covariance
 
     @property
     def odometry_bias(self) -> FloatArray | None:
         """(3,) see `odometry_bias.BIASES`; None where they are no part of the state."""
-        estimated = self.is_compiled and self.filter_state.robot_size > 3
+        estimated = self.is_compiled and self.robot_filter.robot_size > 3
         return self.robot_state[3:] if estimated else None
 
     @property

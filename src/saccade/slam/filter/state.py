@@ -21,6 +21,7 @@ from saccade.slam.filter._state_kernels import (
     FilterState,
     Scratch,
     gather,
+    num_rows,
 )
 from saccade.types import FloatArray, IntArray
 
@@ -37,15 +38,21 @@ _dsyrk = blas(
 
 
 def new_state(
-    robot: FloatArray, covariance: FloatArray, capacity: int, error_state: int, huber: float
+    robot: FloatArray,
+    covariance: FloatArray,
+    capacity: int,
+    error_state: int,
+    huber: float,
+    auxiliary: int = 0,
 ) -> FilterState:
     """The state of a robot (r,) with its covariance (r, r), and room for `capacity` landmarks."""
     r = len(robot)
-    size = r + 2 * capacity
+    size = r + 2 * (capacity + auxiliary)
     f = FilterState(
         robot_size=r,
         error_state=error_state,
         huber=float(huber),
+        auxiliary=auxiliary,
         state=np.zeros(size),
         heading_lever=np.zeros(size),
         P=np.zeros((size, size)),
@@ -113,11 +120,19 @@ def grown(f: FilterState) -> FilterState:
     """The same state with twice the capacity."""
     flush(f)
     r, n, N = f.robot_size, state_size(f), len(f.blocks)
-    new = new_state(f.state[:r], f.P[:r, :r], 2 * N, f.error_state, f.huber)
-    new.state[:n], new.heading_lever[:n] = f.state[:n], f.heading_lever[:n]
-    new.P[:n, :n], new.blocks[:N] = f.P[:n, :n], f.blocks
+    new = new_state(f.state[:r], f.P[:r, :r], 2 * N, f.error_state, f.huber, f.auxiliary)
+    for rows, old in ((slice(n), slice(n)), (auxiliary_rows(new), auxiliary_rows(f))):
+        new.state[rows], new.heading_lever[rows] = f.state[old], f.heading_lever[old]
+        new.P[:n, rows] = f.P[:n, old]
+    new.P[auxiliary_rows(new), auxiliary_rows(new)] = f.P[auxiliary_rows(f), auxiliary_rows(f)]
+    new.blocks[:N] = f.blocks
     new.counts[LANDMARKS] = f.counts[LANDMARKS]
     return new
+
+
+def auxiliary_rows(f: FilterState) -> slice:
+    """Rows of the auxiliary points."""
+    return slice(len(f.state) - 2 * f.auxiliary, len(f.state))
 
 
 def remove_landmarks(f: FilterState, landmarks: IntArray) -> None:
@@ -133,7 +148,7 @@ def remove_landmarks(f: FilterState, landmarks: IntArray) -> None:
 
 def flush(f: FilterState) -> None:
     """Add `updates` to P and subtract `downdates`."""
-    r, n = f.robot_size, state_size(f)
+    r, n = f.robot_size, num_rows(f)
     for sign, rows, which in ((-1.0, f.downdates, DOWNDATES), (1.0, f.updates, UPDATES)):
         if f.counts[which] > 0:
             size = byref(c_int(len(f.state)))
@@ -158,16 +173,17 @@ def flush(f: FilterState) -> None:
 def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
     """Add sign Y^T Y, Y (k, n) zero for the robot, to the covariance."""
     r, n = f.robot_size, state_size(f)
-    for start in range(0, len(Y), RANK):
-        rows = Y[start : start + RANK]
-        which, pending = (UPDATES, f.updates) if sign > 0 else (DOWNDATES, f.downdates)
-        pending[: len(rows), :n] = rows
-        f.counts[which] = len(rows)
-        flush(f)
+    which, pending = (UPDATES, f.updates) if sign > 0 else (DOWNDATES, f.downdates)
+    for row in Y:
+        if f.counts[which] == len(pending):
+            flush(f)
+        pending[f.counts[which], :n] = row
+        f.counts[which] += 1
     x, y = Y[:, r::2], Y[:, r + 1 :: 2]
     N = f.counts[LANDMARKS]
     for i, product in enumerate((x * x, x * y, y * y)):
         f.blocks[:N, i] += sign * product.sum(0)
+    f.mergeable_variance[0] = 0.0
 
 
 def marginal(f: FilterState, landmarks: IntArray) -> FloatArray:

@@ -1,0 +1,174 @@
+"""When the compressed filter is used, and among which landmarks.
+
+A neighborhood is entered with every landmark that an observation can be of until the robot has
+gone some way: those within a radius of its position, or outside of it by less than twice their
+gate. Each step needs the range up to which its scan may be of a landmark, and the way since then
+with the gate of its odometry; the neighborhood is left where this exceeds the radius, or where a
+landmark outside is observed by its identity.
+"""
+
+from dataclasses import dataclass
+from math import isfinite, sqrt
+
+import numpy as np
+
+from saccade.slam._step_kernels import Rules, Steps
+from saccade.slam.filter.compressed import CompressedSlam, Neighborhood
+from saccade.slam.map_management._kernels import VisibilityCounts
+from saccade.types import BoolArray, FloatArray, IntArray
+
+LARGE = 1000
+"""Landmarks in a map from which "auto" uses neighborhoods."""
+MAX_FRACTION = 0.25
+"""Of the map; with "auto", a larger neighborhood is not entered."""
+MARGIN = 1.0
+"""Distance that a robot goes in a neighborhood, as a fraction of the range that its scans need."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """Each (t,) of steps, from the entry to the neighborhood on."""
+
+    length: FloatArray
+    """Metres."""
+    position: FloatArray
+    """Variance of the positions that the controls add, in square metres."""
+    heading: FloatArray
+    """Variance of the headings, in square radians."""
+    position_bias: FloatArray
+    """Standard deviation that the odometry biases add to the position, in metres."""
+    heading_bias: FloatArray
+    """The same of the heading, in radians."""
+
+    @property
+    def sigma(self) -> FloatArray:
+        """(t,) bound of the standard deviation of the position by odometry, in metres."""
+        heading = np.sqrt(self.heading) + self.heading_bias
+        return np.asarray(np.sqrt(self.position) + self.position_bias + self.length * heading)
+
+
+class Submaps:
+    """Decides in which neighborhood of a large map the next steps are taken.
+
+    Args:
+        always: whether neighborhoods are used in every map, or only in large ones.
+        rules: of the steps.
+    """
+
+    def __init__(self, always: bool, rules: Rules) -> None:
+        self._always = always
+        self._view = rules.culling.field_of_view.max_range if rules.culling.enabled else 0.0
+        gate = rules.gates.new_gate
+        self._gate = sqrt(gate) if isfinite(gate) else 0.0
+        self._radius = -1.0
+        self._in_whole = False
+        self._way = np.zeros(5)
+        self._needed = 0.0
+
+    def plan(self, ekf: CompressedSlam, s: Steps, end: int) -> tuple[int, Neighborhood | None]:
+        """The neighborhood for the next steps, None for the whole map, and their end."""
+        i = int(s.position[0])
+        begun = s.position[1] >= 0
+        if not begun and not self._always and len(ekf) < LARGE:
+            self._radius = -1.0
+            room = np.searchsorted(s.edge, s.edge[i] + LARGE - len(ekf), "right") - 1
+            return int(np.clip(room, i + 1, end)), None
+        if begun and ekf.neighborhood is None and self._radius < 0:
+            return i + 1, None
+        if not begun and (self._radius < 0 or (ekf.neighborhood is None and not self._in_whole)):
+            self._enter(ekf, s)
+        covered = self._covered(ekf, s, end)
+        if not covered[0] and not begun:
+            self._enter(ekf, s)
+            covered = self._covered(ekf, s, end)
+        covered[0] = True
+        stop = end if covered.all() else i + int(covered.argmin())
+        return stop, ekf.neighborhood
+
+    def count(self, ekf: CompressedSlam, s: Steps, first: int) -> None:
+        """Count the way of the steps that were taken since `first`."""
+        last = int(s.position[0])
+        if last > first and self._radius >= 0:
+            way = self._way_of(ekf, s, first, last)
+            self._way = np.array([each[-1] for each in vars(way).values()])
+            self._needed = max(self._needed, float(self._range_of(s, first, last).max()))
+
+    def _enter(self, ekf: CompressedSlam, s: Steps) -> None:
+        """Enter the neighborhood of the robot for the next step and some that may follow."""
+        i = int(s.position[0])
+        self._way = np.zeros(5)
+        way, needed = self._way_of(ekf, s, i, i + 1), float(self._range_of(s, i, i + 1)[0])
+        reach = max(needed, self._needed)
+        self._radius = reach * (1 + MARGIN) + float(way.length[0] + self._gate * way.sigma[0])
+        self._needed = 0.0
+        predicted, S = ekf.predict_observations()
+        q = predicted[:, 0]
+        sigma = np.sqrt(np.abs(S[:, 0, 0]) + q * q * np.abs(S[:, 1, 1]))
+        near = q - 2 * self._gate * sigma <= self._radius
+        named = s.landmark[s.edge[i] : s.edge[i + 1]]
+        near[named[(named >= 0) & (named < len(near))]] = True
+        self._in_whole = not self._always and near.mean() > MAX_FRACTION
+        if not self._in_whole:
+            ekf.enter(np.flatnonzero(near))
+
+    def _covered(self, ekf: CompressedSlam, s: Steps, end: int) -> BoolArray:
+        """Whether each step from the next one on can be taken in the neighborhood."""
+        i = int(s.position[0])
+        way = self._way_of(ekf, s, i, end)
+        needed = way.length + self._gate * way.sigma + self._range_of(s, i, end)
+        covered = np.asarray(needed <= self._radius)
+        if ekf.neighborhood is not None:
+            first, named = s.edge[i], s.landmark[s.edge[i] : s.edge[end]]
+            outside = first + np.flatnonzero((named >= 0) & (ekf.neighborhood.from_map(named) < 0))
+            covered[np.searchsorted(s.edge, outside, "right") - 1 - i] = False
+        return covered
+
+    def _way_of(self, ekf: CompressedSlam, s: Steps, start: int, end: int) -> Way:
+        """The way to each step from `start` to `end`."""
+        f, r = ekf.robot_filter, ekf.robot_filter.robot_size
+        u, U, D = s.control[start:end], s.U[start:end], s.bias_jacobian[start:end]
+        c = u.shape[1] - 1  # the heading's
+        u = u + D @ f.state[3:r]
+        bias = np.abs(D) @ np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))
+        length = np.hypot(u[:, 0], u[:, 1]) if c == 2 else np.abs(u[:, 0])
+        heading = U[:, c, c]
+        parts = (
+            length,
+            U[:, :c, :c].trace(axis1=1, axis2=2) + length**2 * heading,
+            heading,
+            np.hypot.reduce(bias[:, :c], axis=1),
+            bias[:, c],
+        )
+        return Way(*(np.cumsum([w, *p])[1:] for w, p in zip(self._way, parts, strict=True)))
+
+    def _range_of(self, s: Steps, start: int, end: int) -> FloatArray:
+        """(t,) range that the scan of each step needs, in metres."""
+        needed = np.full(end - start, self._view)
+        first, last = s.edge[start], s.edge[end]
+        reach = s.z[first:last, 0] + self._gate * np.sqrt(s.R[first:last, 0, 0])
+        step = np.searchsorted(s.edge, np.arange(first, last), "right") - 1 - start
+        np.maximum.at(needed, step, reach)
+        return needed
+
+
+def read_counts(counts: VisibilityCounts, place: Neighborhood, mapped: int) -> VisibilityCounts:
+    """The counts of a neighborhood, of those of a map of so many landmarks."""
+    numbers = place.numbers(len(place.filter_state.blocks))
+    return counts._replace(
+        **{name: array[numbers] for name, array in _by_landmark(counts)},
+        mapped_before=counts.mapped_before + len(place) - mapped,
+    )
+
+
+def write_counts(
+    counts: VisibilityCounts, local: VisibilityCounts, place: Neighborhood, mapped: int
+) -> None:
+    """Write what `read_counts` gave back."""
+    numbers = place.numbers(len(place.filter_state.blocks))
+    for name, array in _by_landmark(counts):
+        array[numbers] = getattr(local, name)
+    counts.mapped_before[:] = local.mapped_before + mapped - len(place)
+
+
+def _by_landmark(counts: VisibilityCounts) -> list[tuple[str, IntArray]]:
+    return [(name, array) for name, array in counts._asdict().items() if name != "mapped_before"]

@@ -1,0 +1,149 @@
+"""Runs by the compressed filter against runs on the whole map."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saccade import slam
+from saccade.errors import ConfigError
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam import Checkpoint, EkfConfig, Recorder, submaps
+from saccade.slam.filter.compressed import CompressedSlam
+from saccade.slam.run import slam_for
+from support.interrupted_run import interrupt_at
+
+WORLD = WorldConfig(
+    course_length=70.0,
+    steps=300,
+    landmarks=70,
+    landmark_spread=6.0,
+    range_percent=1.0,
+    bearing_sigma=1.0,
+)
+"""More than one lap, so that a loop is closed."""
+
+
+def _close(one, two, tolerance=1e-6):
+    np.testing.assert_array_equal(one.association, two.association)
+    assert one.removed == two.removed
+    for a, b in (
+        (one.trajectory.pose, two.trajectory.pose),
+        (one.trajectory.covariance, two.trajectory.covariance),
+        (one.map.xy, two.map.xy),
+        (one.map.covariance, two.map.covariance),
+        (one.innovation, two.innovation),
+        (one.innovation_covariance, two.innovation_covariance),
+        (one.consistency.nis, two.consistency.nis),
+    ):
+        np.testing.assert_allclose(a, b, atol=tolerance, rtol=1e-6)
+
+
+@pytest.fixture
+def entries(monkeypatch):
+    """The sizes of the neighborhoods that were entered, and of their maps."""
+    sizes, enter = [], CompressedSlam.enter
+
+    def counted(ekf, inside):
+        sizes.append((len(inside), len(ekf)))
+        return enter(ekf, inside)
+
+    monkeypatch.setattr(CompressedSlam, "enter", counted)
+    return sizes
+
+
+@settings(max_examples=4, deadline=None)
+@given(
+    st.sampled_from(["invariant", "standard", "first-estimates"]),
+    st.sampled_from(["known", "mutual", "nearest"]),
+    st.sampled_from([(0.0, 0.0, 0.0), (0.05, 0.02, 0.02)]),
+    st.sampled_from([180.0, 360.0]),
+    st.integers(0, 1000),
+)
+def test_estimates_are_those_of_the_whole_map(kind, association, bias, view, seed):
+    world = dataclasses.replace(WORLD, field_of_view=view)
+    log = dataclasses.replace(simulate_world(world, seed), odometry_bias=bias)
+    config = EkfConfig(filter=kind, association=association, confirm_after=2, submaps="never")
+    whole = slam.run(log, config)
+    _close(slam.run(log, dataclasses.replace(config, submaps="always")), whole)
+    assert len(whole.map) > 20
+
+
+def test_landmarks_are_culled_alike(entries):
+    log = simulate_world(dataclasses.replace(WORLD, steps=350, step_length=0.1), 2)
+    names, first = np.unique(log.landmark, return_index=True)
+    since = log.observation_pose - log.observation_pose[first][np.searchsorted(names, log.landmark)]
+    gone = (log.landmark % 3 == 0) & (since > 3)  # they went away
+    log = dataclasses.replace(
+        log,
+        observation_pose=log.observation_pose[~gone],
+        observation=log.observation[~gone],
+        observation_covariance=log.observation_covariance[~gone],
+        landmark=log.landmark[~gone],
+    )
+    config = EkfConfig(
+        association="mutual",
+        confirm_after=1,
+        culling_ratio=0.9,
+        min_observations=1,
+        submaps="never",
+    )
+    whole = slam.run(log, config)
+    _close(slam.run(log, dataclasses.replace(config, submaps="always")), whole)
+    assert whole.removed > 2
+    assert any(inside < mapped / 2 for inside, mapped in entries)
+
+
+def test_a_large_map_chooses_by_itself(monkeypatch, entries):
+    log = simulate_world(WORLD, 1)
+    whole = slam.run(log, EkfConfig(submaps="never"))
+    assert not entries
+    monkeypatch.setattr(submaps, "LARGE", 30)
+    monkeypatch.setattr(submaps, "MAX_FRACTION", 0.5)
+    _close(slam.run(log, EkfConfig()), whole)
+    assert min(mapped for _, mapped in entries) >= 30
+    assert all(inside <= mapped / 2 for inside, mapped in entries)
+
+
+@pytest.mark.parametrize(("association", "mode"), [("known", "always"), ("mutual", "auto")])
+def test_steps_have_the_bits_of_the_run(monkeypatch, association, mode):
+    monkeypatch.setattr(submaps, "LARGE", 20)
+    log = simulate_world(dataclasses.replace(WORLD, steps=200), 3)
+    config = EkfConfig(association=association, confirm_after=2, min_observations=1, submaps=mode)
+    whole, live = slam.run(log, config), slam_for(log, config)
+    for i, pose in enumerate(whole.trajectory.pose):
+        k = log.observation_pose == i
+        moved = (log.control[i - 1], log.control_covariance[i - 1]) if i > 0 else (None, None)
+        scan = log.observation[k], log.observation_covariance[k], log.landmark[k]
+        assert live.step(log.time[i], *moved, *scan).pose.tobytes() == pose.tobytes()
+    assert live.ekf.landmarks.tobytes() == whole.map.xy.tobytes()
+
+
+def test_a_filter_may_be_read_between_steps():
+    log = simulate_world(dataclasses.replace(WORLD, steps=120), 4)
+    config = EkfConfig(submaps="never")
+    films = [Recorder(frames=10), Recorder(frames=10)]
+    whole = slam.run(log, config, recorder=films[0])
+    _close(slam.run(log, dataclasses.replace(config, submaps="always"), recorder=films[1]), whole)
+    for one, two in zip(*(film.snapshots for film in films), strict=True):
+        for field in dataclasses.fields(one):
+            a, b = getattr(one, field.name), getattr(two, field.name)
+            np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+def test_a_run_is_resumed(tmp_path):
+    log = simulate_world(WORLD, 5)
+    config = EkfConfig(association="mutual", confirm_after=2, submaps="always")
+    with pytest.raises(KeyboardInterrupt):
+        slam.run(log, config, interrupt_at(150), checkpoint=Checkpoint(tmp_path / "c.npz", None))
+    again = Checkpoint(tmp_path / "c.npz", None)
+    resumed = slam.run(log, config, checkpoint=again)
+    assert again.resumed > 0
+    _close(resumed, slam.run(log, dataclasses.replace(config, submaps="never")))
+
+
+def test_settings_are_checked():
+    with pytest.raises(ConfigError, match="submaps: expected one of"):
+        EkfConfig(submaps="sometimes")
