@@ -34,11 +34,9 @@ ESTABLISHED = 3
 """Accepted observations after which a landmark's name is trusted as much as the filter, and
 refused ones, one after the other at one position, after which the name moves there."""
 JOINT = 3
-"""Different names, refused by the filter, that agree with one another against it."""
+"""Names or observations, refused by the filter, that are believed if they agree against it."""
 WINDOW = 10
 """Named observations for which a refused one is remembered."""
-MAX_STREAK = 6
-"""Named observations refused in a row, none contradicting another, that are believed."""
 LOOSE = 4.0
 """Ratio of predicted variance to noise from which names in a scan are checked in pairs."""
 PAIR_GATE = 10.83
@@ -171,26 +169,29 @@ def judge_names(
         if name[i] >= 0 and table.landmark[name[i]] >= 0:
             refused[i] = not seen.nis[i] <= gate
     _refuse_inconsistent(f, table, seen, name, refused)
-    num_accepted = 0
-    for i in range(m):
-        if name[i] >= 0 and table.landmark[name[i]] >= 0:
-            table.counts[CLOCK] += 1
-            if refused[i]:
-                table.counts[STREAK] += 1
-                _remember(table, seen, i, name[i])
-            else:
-                num_accepted += 1
-                table.counts[STREAK] = 0
-    for i in range(m):
-        if refused[i] and _is_believed(f, table, name[i], num_accepted):
-            table.counts[BELIEVED] = table.counts[CLOCK] + WINDOW
+    num_accepted, start = 0, table.counts[CLOCK]
     for i in range(m):
         k = name[i]
         if k < 0 or table.landmark[k] < 0:
             continue
-        if refused[i] and table.counts[CLOCK] <= table.counts[BELIEVED]:
-            refused[i] = table.accepted[k] < ESTABLISHED
-        if not refused[i]:
+        table.counts[CLOCK] += 1
+        if refused[i]:
+            table.counts[STREAK] += table.accepted[k] >= ESTABLISHED
+            _remember(table, seen, i, k)
+        else:
+            num_accepted += 1
+            table.counts[STREAK] = 0
+    believed = np.zeros(m, np.bool_)
+    for i in range(m):
+        believed[i] = refused[i] and _is_believed(f, table, name[i], num_accepted, start)
+    if believed.any():
+        table.counts[BELIEVED] = table.counts[CLOCK] + WINDOW
+    elif num_accepted > 0:
+        table.counts[BELIEVED] = -1
+    for i in range(m):
+        k = name[i]
+        refused[i] = refused[i] and not believed[i]
+        if k >= 0 and table.landmark[k] >= 0 and not refused[i]:
             association[i] = table.landmark[k]
             table.accepted[k] += 1
             table.accepted_at[k] = table.counts[CLOCK]
@@ -212,14 +213,23 @@ def _remember(table: NameTable, seen: Sightings, i: int, k: int) -> None:
 
 
 @kernel()
-def _is_believed(f: FilterState, table: NameTable, k: int, num_accepted: int) -> bool:
-    """Whether enough other refused names agree with name k against the filter."""
-    agreeing, contradicting = 1, 0
-    clock = table.counts[CLOCK]
+def _is_believed(
+    f: FilterState, table: NameTable, k: int, num_accepted: int, scan_start: int
+) -> bool:
+    """Whether the refused name k and others that agree with it are believed, not the filter.
+
+    Either there are more of them than of names that were accepted or that contradict k, or none
+    was accepted since, and none contradicts k. Once names are believed, one is enough until one is
+    accepted: the filter is corrected step by step.
+    """
     if table.accepted[k] < ESTABLISHED:
         return False
+    clock = table.counts[CLOCK]
+    recovering = clock <= table.counts[BELIEVED]
+    first = scan_start if recovering else clock - WINDOW
+    agreeing, contradicting, votes = 1, 0, table.votes[k]
     for j in range(len(table.landmark)):
-        recent = table.votes[j] > 0 and clock - table.refused_at[j] < WINDOW
+        recent = table.votes[j] > 0 and table.refused_at[j] > first
         if j == k or not recent or table.accepted[j] < ESTABLISHED:
             continue
         if distances_agree(
@@ -232,11 +242,15 @@ def _is_believed(f: FilterState, table: NameTable, k: int, num_accepted: int) ->
             table.covariance[j],
         ):
             agreeing += 1
+            votes += table.votes[j]
         else:
             contradicting += 1
-    if agreeing >= JOINT and agreeing > max(num_accepted, contradicting):
-        return True
-    return bool(table.counts[STREAK] >= MAX_STREAK and contradicting == 0)
+    if recovering or agreeing >= JOINT:
+        if agreeing > max(num_accepted, contradicting):
+            return True
+    elsewhere = agreeing > 1 or table.target[k] in (NEW, UNDECIDED)
+    enough = table.counts[STREAK] >= JOINT and votes >= JOINT
+    return bool(enough and elsewhere and contradicting == 0)
 
 
 @kernel()
@@ -373,16 +387,19 @@ def settle_names(
                 table.accepted_at[k] = table.counts[CLOCK]
                 association[i] = j
         else:
-            if j == DROPPED or table.target[k] not in (UNDECIDED, j):
-                table.votes[k], table.since[k] = 0 if j == DROPPED else 1, table.counts[CLOCK]
+            established = table.accepted[k] >= ESTABLISHED
+            if not established and (j == DROPPED or (j >= 0 and _is_named(table, j))):
+                j = NEW  # the only landmark that the observation may not be near is its own
+            if j != DROPPED and table.target[k] not in (UNDECIDED, DROPPED, j):
+                table.votes[k], table.since[k] = 1, table.counts[CLOCK]
             table.target[k] = j
-            if _moves(table, k, j):
+            if j != DROPPED and _moves(table, k, j):
                 if j < 0:
                     j = free
                     free += 1
                 _move(table, k, j)
                 association[i] = j
-            elif j >= 0 and accepted > doubted:
+            elif established and j >= 0 and accepted > doubted:
                 association[i] = j
 
 
@@ -390,7 +407,7 @@ def settle_names(
 def _moves(table: NameTable, k: int, j: int) -> bool:
     """Whether name k moves to landmark j, or to a new one for `NEW`."""
     counted = table.counts[CLOCK] - table.since[k]
-    if table.votes[k] < min(table.accepted[k] + 1, ESTABLISHED) or j == DROPPED:
+    if table.votes[k] < min(table.accepted[k] + 1, ESTABLISHED):
         return False
     if table.accepted[k] >= ESTABLISHED and table.counts[STREAK] > counted:
         return False  # no name was accepted since: it may be the filter that is wrong
