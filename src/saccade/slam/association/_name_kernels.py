@@ -227,7 +227,7 @@ def _is_believed(
     clock = table.counts[CLOCK]
     recovering = clock <= table.counts[BELIEVED]
     first = scan_start if recovering else clock - WINDOW
-    agreeing, contradicting, votes = 1, 0, table.votes[k]
+    agreeing, contradicting = 1, 0
     for j in range(len(table.landmark)):
         recent = table.votes[j] > 0 and table.refused_at[j] > first
         if j == k or not recent or table.accepted[j] < ESTABLISHED:
@@ -242,15 +242,13 @@ def _is_believed(
             table.covariance[j],
         ):
             agreeing += 1
-            votes += table.votes[j]
         else:
             contradicting += 1
     if recovering or agreeing >= JOINT:
         if agreeing > max(num_accepted, contradicting):
             return True
-    elsewhere = agreeing > 1 or table.target[k] in (NEW, UNDECIDED)
-    enough = table.counts[STREAK] >= JOINT and votes >= JOINT
-    return bool(enough and elsewhere and contradicting == 0)
+    swapped = agreeing == 1 and table.votes[k] > 1 and table.target[k] >= 0
+    return bool(table.counts[STREAK] >= JOINT and contradicting == 0 and not swapped)
 
 
 @kernel()
