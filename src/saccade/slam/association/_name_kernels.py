@@ -31,13 +31,15 @@ CLOCK, STREAK, BELIEVED, STALE, UNNAMED = 0, 1, 2, 3, 4
 UNDECIDED = -3
 """Association of an observation for which geometry is still to be asked."""
 ESTABLISHED = 3
-"""Accepted observations after which a landmark's name is trusted as much as the filter, and
-refused ones, one after the other at one position, after which the name moves there."""
+"""Accepted observations after which a name may speak against the filter, along with others."""
+TRUSTED = 10
+"""Accepted observations after which a name alone is believed against the filter, and refused ones
+at one position after which the name moves there, whatever was accepted."""
 JOINT = 3
 """Names or observations, refused by the filter, that are believed if they agree against it."""
 WINDOW = 10
 """Named observations for which a refused one is remembered."""
-LOOSE = 4.0
+LOOSE = 25.0
 """Ratio of predicted variance to noise from which names in a scan are checked in pairs."""
 PAIR_GATE = 10.83
 """Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
@@ -175,8 +177,12 @@ def judge_names(
         if k < 0 or table.landmark[k] < 0:
             continue
         table.counts[CLOCK] += 1
+        few = table.accepted[k] < ESTABLISHED
         if refused[i]:
-            table.counts[STREAK] += table.accepted[k] >= ESTABLISHED
+            table.counts[STREAK] += not few
+            _remember(table, seen, i, k)
+        elif few and seen.is_loose[i] and table.votes[k] < ESTABLISHED:
+            association[i] = DROPPED  # a loop is not closed by the one that may have a wrong name
             _remember(table, seen, i, k)
         else:
             num_accepted += 1
@@ -191,7 +197,8 @@ def judge_names(
     for i in range(m):
         k = name[i]
         refused[i] = refused[i] and not believed[i]
-        if k >= 0 and table.landmark[k] >= 0 and not refused[i]:
+        known = k >= 0 and table.landmark[k] >= 0
+        if known and not refused[i] and association[i] != DROPPED:
             association[i] = table.landmark[k]
             table.accepted[k] += 1
             table.accepted_at[k] = table.counts[CLOCK]
@@ -247,8 +254,11 @@ def _is_believed(
     if recovering or agreeing >= JOINT:
         if agreeing > max(num_accepted, contradicting):
             return True
-    swapped = agreeing == 1 and table.votes[k] > 1 and table.target[k] >= 0
-    return bool(table.counts[STREAK] >= JOINT and contradicting == 0 and not swapped)
+    if agreeing == 1:
+        swapped = table.votes[k] > 1 and table.target[k] >= 0
+        if swapped or table.accepted[k] < TRUSTED:
+            return False
+    return bool(table.counts[STREAK] >= JOINT and contradicting == 0)
 
 
 @kernel()
@@ -404,11 +414,8 @@ def settle_names(
 @kernel()
 def _moves(table: NameTable, k: int, j: int) -> bool:
     """Whether name k moves to landmark j, or to a new one for `NEW`."""
-    counted = table.counts[CLOCK] - table.since[k]
-    if table.votes[k] < min(table.accepted[k] + 1, ESTABLISHED):
+    if table.votes[k] < min(table.accepted[k] + 1, TRUSTED):
         return False
-    if table.accepted[k] >= ESTABLISHED and table.counts[STREAK] > counted:
-        return False  # no name was accepted since: it may be the filter that is wrong
     for n in range(len(table.landmark) if j >= 0 else 0):
         if table.landmark[n] == j and table.accepted_at[n] >= table.since[k]:
             table.votes[k] = 0
