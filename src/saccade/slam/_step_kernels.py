@@ -6,6 +6,14 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.slam.association._kernels import NEW, Gates, associate_nearest
+from saccade.slam.association._name_kernels import (
+    STALE,
+    NameGates,
+    NameTable,
+    associate_named,
+    keep_named,
+    may_cull,
+)
 from saccade.slam.filter._range_bearing_kernels import (
     Innovations,
     augment_range_bearing,
@@ -24,7 +32,7 @@ from saccade.slam.map_management._kernels import (
     confirm,
     predict_visible,
 )
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 
 class Steps(NamedTuple):
@@ -55,6 +63,10 @@ class Steps(NamedTuple):
     """(k,) of the landmarks, -1 where it is unknown."""
     landmark: IntArray
     """(k,) the association: given for known identities, else filled step by step."""
+    name: IntArray
+    """(k,) rows of the `NameTable`, -1 where the identity is unknown."""
+    refused: BoolArray
+    """(k,) whether the name of each was refused; filled step by step."""
     position: IntArray
     """(2,) the step that comes next, and its observation that comes next; -1 before the motion."""
 
@@ -76,6 +88,7 @@ class Rules(NamedTuple):
     nearest: bool
     """Whether observations are associated with the nearest landmark; else `Steps.landmark` is."""
     gates: Gates
+    names: NameGates
     policy: ConfirmationPolicy
     culling: CullingRule
 
@@ -87,13 +100,14 @@ def take_steps(
     s: Steps,
     end: int,
     rules: Rules,
+    names: NameTable,
     candidates: CandidateBuffer,
     visibility: VisibilityCounts,
     out: StepResults,
 ) -> None:
     """Take the steps before `end`, up to one that lacks room or that culls a landmark."""
     while s.position[0] < end:
-        if not take_step(f, w, s, rules, candidates, visibility, out):
+        if not take_step(f, w, s, rules, names, candidates, visibility, out):
             return
 
 
@@ -103,6 +117,7 @@ def take_step(
     w: Scratch,
     s: Steps,
     rules: Rules,
+    names: NameTable,
     candidates: CandidateBuffer,
     visibility: VisibilityCounts,
     out: StepResults,
@@ -114,15 +129,19 @@ def take_step(
     i = s.position[0]
     start, end = s.edge[i], s.edge[i + 1]
     association = s.landmark[start:end]
-    check = rules.culling.enabled and end > start and (s.first + i) % rules.culling.interval == 0
+    due = rules.culling.enabled and end > start and (s.first + i) % rules.culling.interval == 0
     if is_full(f):
         return False
     if s.position[1] < 0:
         if i >= s.still:
             predict_by_control(f, w, s.control[i], s.U[i], s.bias_jacobian[i])  # C.5-C.9
-        if rules.nearest and end > start:
-            associate_nearest(f, s.z[start:end], s.R[start:end], rules.gates, association)
-        if check:
+        z, R = s.z[start:end], s.R[start:end]
+        if rules.names.enabled and end > start:
+            name, refused = s.name[start:end], s.refused[start:end]
+            associate_named(f, w, names, rules.names, rules.gates, z, R, name, association, refused)
+        elif rules.nearest and end > start:
+            associate_nearest(f, z, R, rules.gates, association[:0], association)
+        if due and may_cull(names):
             predict_visible(f, visibility)
         s.position[1] = start
     k = update_scan(f, w, s.z, s.R, s.landmark, s.position[1], end, out.innovations)  # C.10-C.14
@@ -138,7 +157,10 @@ def take_step(
         augment_confirmed(f, w, s, new, s.time[i], rules.policy, candidates)  # C.15-C.18
     for k in range(end - start):
         association[k] = max(association[k], -1)
-    culls = check and check_visibility(visibility, rules.culling, f.counts[LANDMARKS], association)
+    culls = names.counts[STALE] > 0
+    if due and may_cull(names):
+        check_visibility(visibility, rules.culling, f.counts[LANDMARKS], association)
+        culls = keep_named(names, visibility.culled) or culls
     write_pose(f, w, out.pose[i], out.covariance[i])
     s.position[0], s.position[1] = i + 1, -1
     return not culls

@@ -34,9 +34,10 @@ class EkfConfig:
     filter: Literal["invariant", "standard", "first-estimates"] = "invariant"
     """Error parametrization: right-invariant, which stays consistent, or the source's."""
     association: Literal["auto", "known", "nearest", "mutual", "joint"] = "auto"
-    """Data association: by the log's landmark identities, to the nearest landmark, to the mutually
-    nearest one, or of the largest jointly compatible set of pairs. "auto" is "known" for a log that
-    identifies every landmark, else "mutual"; a `Slam` without a log takes "mutual"."""
+    """Data association. "auto": by identity where an observation has one that agrees with the map
+    (`name_gate`), else "mutual". "known": by identity, which is never doubted. By geometry alone,
+    to the nearest landmark, to the mutually nearest one, or of the largest jointly compatible set
+    of pairs."""
     gate: float = 0.99
     """Unknown association: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999
@@ -52,6 +53,9 @@ class EkfConfig:
     culling_ratio: float | None = 0.4
     """Unknown association: a landmark that is observed in less than this fraction of the checks in
     which it is in view is removed; None keeps all."""
+    name_gate: float = 0.9999
+    """"auto": probability with which an observation of the landmark that its identity says is
+    inside its gate; outside, the identity is refused."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
@@ -77,6 +81,7 @@ class EkfConfig:
         require(self.association in kinds, "association", f"one of {kinds}", self.association)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
+        require(0 < self.name_gate < 1, "name_gate", "a probability under 1", self.name_gate)
         require(self.confirm_after >= 1, "confirm_after", "at least 1", self.confirm_after)
         require(self.candidate_timeout > 0, "candidate_timeout", "over 0", self.candidate_timeout)
         require(self.min_observations >= 1, "min_observations", "at least 1", self.min_observations)

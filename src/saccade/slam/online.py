@@ -8,6 +8,8 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
 from saccade.slam.association._kernels import NEW, Gates
+from saccade.slam.association._name_kernels import NameGates, NameTable, keep_named, may_cull
+from saccade.slam.association.doubted import DoubtedIdentity
 from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
@@ -20,12 +22,13 @@ from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
-from saccade.slam.submaps import Submaps, read_counts, write_counts
+from saccade.slam.submaps import Submaps, read_counts, read_names, write_counts, write_names
 from saccade.types import FloatArray, IntArray
 
 MIN_SIGMA = 1e-4
 """Metres and radians: standard deviation added to observations with a singular covariance. Exact
 ones would make a filter diverge by its own linearization errors."""
+NO_NAMES = DoubtedIdentity().table
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
 
@@ -125,13 +128,20 @@ class Slam:
         self.num_steps = 0
         """Steps that were taken."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
-        built_in_rule = type(self.associate) in (KnownIdentity, NearestNeighbor)
+        built_in_rule = type(self.associate) in (KnownIdentity, NearestNeighbor, DoubtedIdentity)
         self.is_compiled = self.ekf.is_compiled and built_in_rule
         """Whether many steps are taken at once in compiled code: the models and the association
         are those of this package."""
-        nearest = self.associate if isinstance(self.associate, NearestNeighbor) else None
-        gates = nearest.gates if nearest else Gates(inf, inf, False)
-        self._rules = Rules(nearest is not None, gates, self.candidates.policy, self.culling.rule)
+        self._named = self.associate if isinstance(self.associate, DoubtedIdentity) else None
+        nearest = self._named.geometry if self._named else self.associate
+        is_nearest = isinstance(nearest, NearestNeighbor)
+        self._rules = Rules(
+            nearest=is_nearest,
+            gates=nearest.gates if is_nearest else Gates(inf, inf, False),
+            names=self._named.name_gates if self._named else NameGates(False, inf),
+            policy=self.candidates.policy,
+            culling=self.culling.rule,
+        )
         self._submaps = Submaps(config.submaps == "always", self._rules)
 
     def step(
@@ -216,10 +226,12 @@ class Slam:
         check_all("control", control, U)
         check_all("observation", z, R)
         control = np.concatenate([np.zeros((still, *control.shape[1:])), control])
-        landmark = np.full(len(z), NEW)
+        landmark, name = np.full(len(z), NEW), np.full(len(z), -1)
         if self.is_compiled and isinstance(self.associate, KnownIdentity):
             scan = np.repeat(np.arange(len(time)), np.diff(edge))
             landmark = self.associate.number_ahead(identity, scan, len(self.ekf))
+        elif self._named is not None:
+            name = self._named.number(identity)
         return Steps(
             first=self.num_steps,
             still=still,
@@ -232,6 +244,8 @@ class Slam:
             R=np.array(R, order="C"),
             identity=identity,
             landmark=landmark,
+            name=name,
+            refused=np.zeros(len(z), np.bool_),
             position=np.array([0, -1]),
         )
 
@@ -268,6 +282,8 @@ class Slam:
         used = association >= 0
         association[used] = number[association[used]]
         self.ekf.remove(landmarks)
+        if self._named is not None:
+            self._named.removed(number)
 
     def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
         """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
@@ -277,32 +293,35 @@ class Slam:
         self.candidates.reserve(new)
         ekf, place = self.ekf, None
         if isinstance(ekf, CompressedSlam):
-            end, place = self._submaps.plan(ekf, s, end)
+            end, place = self._submaps.plan(ekf, s, end, self._names)
         part = ekf if place is None else place
         part.reserve(max(new, 1))
         f, w, candidates = part.filter_state, part.scratch, self.candidates.buffer
         mapped, scans = len(ekf), s.landmark[s.edge[i] : s.edge[end]]
         if self.culling.rule.enabled:
             self.culling.reserve(mapped + len(f.blocks) - len(part))
-        counts = self.culling.counts
+        counts, names = self.culling.counts, self._names
         if place is not None:
             scans[:] = place.from_map(scans)
             place.mark(scans)
+            names = read_names(self._names, place)
             if self.culling.rule.enabled:
                 counts = read_counts(counts, place, mapped)
-        take_steps(f, w, s, end, self._rules, candidates, counts, out)
+        take_steps(f, w, s, end, self._rules, names, candidates, counts, out)
         while place is not None and s.position[0] < end and not counts.culled.any():
             if not place.flush_if_full():
                 break
-            take_steps(f, w, s, end, self._rules, candidates, counts, out)
+            take_steps(f, w, s, end, self._rules, names, candidates, counts, out)
         if place is not None:
             place.mark(scans)
             scans[:] = place.to_map(scans)
+            write_names(self._names, names, place)
             if self.culling.rule.enabled:
                 write_counts(self.culling.counts, counts, place, len(ekf))
         if isinstance(ekf, CompressedSlam):
             self._submaps.count(ekf, s, i)
-        return self.culling.remove_culled()
+        done = s.position[1] < 0  # else the step is interrupted, and its numbers are still in use
+        return self.culling.remove_culled(self._stale() if done else np.empty(0, np.int64))
 
     def _take(self, s: Steps, out: StepResults) -> IntArray:
         """Take one step with custom models or a custom association; see `take_step`."""
@@ -312,9 +331,12 @@ class Slam:
         if i >= s.still:
             ekf.predict(s.control[i], s.U[i])  # C.5-C.9
         if len(z) > 0:
-            check = self.culling.is_due(s.first + i)
-            expected = ekf.predict_observations().z if check else None
             found[:] = self.associate(ekf, z, R, identity)
+            check = self.culling.is_due(s.first + i)
+            if self._named is not None:
+                s.refused[scan] = self._named.refused
+                check = check and may_cull(self._named.table)
+            expected = ekf.predict_observations().z if check else None
             innovations = ekf.update_scan(z, R, found)  # C.10-C.14
             for array, values in zip(out.innovations, innovations, strict=True):
                 array[scan] = values
@@ -324,10 +346,27 @@ class Slam:
                 self.associate.added(int(found[k]), int(identity[k]))
             found[:] = np.maximum(found, -1)
             if expected is not None:
-                culled = self.culling.update(ekf, expected, found)
+                self.culling.update(ekf, expected, found)
+                if self._named is not None:
+                    keep_named(self._named.table, self.culling.counts.culled)
+            culled = self.culling.remove_culled(self._stale())
         out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
         s.position[0] = i + 1
         return culled
+
+    @property
+    def _names(self) -> NameTable:
+        return self._named.table if self._named else NO_NAMES
+
+    def _stale(self) -> IntArray:
+        return self._named.stale if self._named else np.empty(0, np.int64)
+
+    @property
+    def identities(self) -> IntArray:
+        """(N,) identity of each landmark of the map, -1 for those without."""
+        if isinstance(self.associate, (KnownIdentity, DoubtedIdentity)):
+            return self.associate.identities(len(self.ekf))
+        return np.full(len(self.ekf), -1)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.
@@ -363,8 +402,10 @@ def new_results(t: int, k: int) -> StepResults:
 def _association(config: EkfConfig) -> Association:
     if config.association == "known":
         return KnownIdentity()
-    rule = ASSOCIATION_RULES["mutual" if config.association == "auto" else config.association]
-    return rule(config.gate, config.new_gate)
+    if config.association == "auto":
+        geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
+        return DoubtedIdentity(config.name_gate, geometry)
+    return ASSOCIATION_RULES[config.association](config.gate, config.new_gate)
 
 
 def _array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:

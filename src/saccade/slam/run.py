@@ -8,7 +8,7 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.slam._step_kernels import Steps
 from saccade.slam.association.rule import Association
-from saccade.slam.checkpoint import Checkpoint, Stateful, StoredArrays
+from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.filter.ekf import EkfSlam
@@ -89,7 +89,12 @@ def run(
     slam, poses = slam_for(log, config, motion, sensor, associate), len(log.time)
     steps, out = _steps(slam, log), new_results(poses, len(log.observation))
     innovations = {f"innovation_{name}": array for name, array in out.innovations._asdict().items()}
-    arrays = {"pose": out.pose, "covariance": out.covariance, "association": steps.landmark}
+    arrays: Arrays = {
+        "pose": out.pose,
+        "covariance": out.covariance,
+        "association": steps.landmark,
+        "refused": steps.refused,
+    }
     parts: dict[str, Stateful | None] = {
         "slam": slam,
         "results": StoredArrays({**arrays, **innovations}),
@@ -115,12 +120,12 @@ def run(
     association, removed = np.maximum(steps.landmark, -1), slam.culling.removed
     if slam.culling.rule.enabled:
         count = np.bincount(association[association >= 0], minlength=len(slam.ekf))
-        rare = np.flatnonzero(count < config.min_observations)
+        rare = np.flatnonzero((count < config.min_observations) & (slam.identities < 0))
         slam.remove(rare, association)
         removed += len(rare)
     return SlamResult(
         trajectory=Trajectory(log.time, out.pose, out.covariance),
-        map=_landmark_map(slam.ekf, log, association),
+        map=_landmark_map(slam, log, association),
         consistency=summarize(out.innovations.nis),
         association=association,
         innovation=out.innovations.value,
@@ -149,8 +154,6 @@ def slam_for(
             "association: expected nearest, found known, but the log does not name "
             "the landmarks it sees"
         )
-    if config.association == "auto" and named.all():
-        config = replace(config, association="known")
     return Slam(
         config,
         start=log.start,
@@ -199,13 +202,14 @@ def motion_of(log: LandmarkLog, custom: Motion | None) -> Motion:
     return MOTIONS[log.motion]
 
 
-def _landmark_map(ekf: EkfSlam, log: LandmarkLog, association: IntArray) -> LandmarkMap:
-    used = association >= 0
-    first = np.unique(association[used], return_index=True)[1]  # (N,)
-    identity = log.landmark[used][first]
+def _landmark_map(slam: Slam, log: LandmarkLog, association: IntArray) -> LandmarkMap:
+    identity, used = slam.identities, association >= 0
+    if (identity < 0).all():  # a rule that does not use them
+        identity = log.landmark[used][np.unique(association[used], return_index=True)[1]]
+    unnamed = identity < 0  # numbered in order, after the names
     return LandmarkMap(
-        id=identity if (identity >= 0).all() else np.arange(len(ekf)),
-        xy=ekf.landmarks,
-        covariance=ekf.landmark_covariances,
-        observations=np.bincount(association[used], minlength=len(ekf)),
+        id=np.where(unnamed, identity.max(initial=-1) + np.cumsum(unnamed), identity),
+        xy=slam.ekf.landmarks,
+        covariance=slam.ekf.landmark_covariances,
+        observations=np.bincount(association[used], minlength=len(identity)),
     )

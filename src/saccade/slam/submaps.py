@@ -13,6 +13,7 @@ from math import isfinite, sqrt
 import numpy as np
 
 from saccade.slam._step_kernels import Rules, Steps
+from saccade.slam.association._name_kernels import UNDECIDED, NameTable
 from saccade.slam.filter.compressed import CompressedSlam, Neighborhood
 from saccade.slam.map_management._kernels import VisibilityCounts
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -65,7 +66,9 @@ class Submaps:
         self._way = np.zeros(5)
         self._needed = 0.0
 
-    def plan(self, ekf: CompressedSlam, s: Steps, end: int) -> tuple[int, Neighborhood | None]:
+    def plan(
+        self, ekf: CompressedSlam, s: Steps, end: int, names: NameTable
+    ) -> tuple[int, Neighborhood | None]:
         """The neighborhood for the next steps, None for the whole map, and their end."""
         i = int(s.position[0])
         begun = s.position[1] >= 0
@@ -76,11 +79,11 @@ class Submaps:
         if begun and ekf.neighborhood is None and self._radius < 0:
             return i + 1, None
         if not begun and (self._radius < 0 or (ekf.neighborhood is None and not self._in_whole)):
-            self._enter(ekf, s)
-        covered = self._covered(ekf, s, end)
+            self._enter(ekf, s, names)
+        covered = self._covered(ekf, s, end, names)
         if not covered[0] and not begun:
-            self._enter(ekf, s)
-            covered = self._covered(ekf, s, end)
+            self._enter(ekf, s, names)
+            covered = self._covered(ekf, s, end, names)
         covered[0] = True
         stop = end if covered.all() else i + int(covered.argmin())
         return stop, ekf.neighborhood
@@ -93,7 +96,7 @@ class Submaps:
             self._way = np.array([each[-1] for each in vars(way).values()])
             self._needed = max(self._needed, float(self._range_of(s, first, last).max()))
 
-    def _enter(self, ekf: CompressedSlam, s: Steps) -> None:
+    def _enter(self, ekf: CompressedSlam, s: Steps, names: NameTable) -> None:
         """Enter the neighborhood of the robot for the next step and some that may follow."""
         i = int(s.position[0])
         self._way = np.zeros(5)
@@ -105,22 +108,24 @@ class Submaps:
         q = predicted[:, 0]
         sigma = np.sqrt(np.abs(S[:, 0, 0]) + q * q * np.abs(S[:, 1, 1]))
         near = q - 2 * self._gate * sigma <= self._radius
-        named = s.landmark[s.edge[i] : s.edge[i + 1]]
-        near[named[(named >= 0) & (named < len(near))]] = True
+        pending = names.landmark[names.votes > 0], names.target[names.votes > 0]
+        for named in (*_named(s, names, i, i + 1), *pending):
+            near[named[(named >= 0) & (named < len(near))]] = True
         self._in_whole = not self._always and near.mean() > MAX_FRACTION
         if not self._in_whole:
             ekf.enter(np.flatnonzero(near))
 
-    def _covered(self, ekf: CompressedSlam, s: Steps, end: int) -> BoolArray:
+    def _covered(self, ekf: CompressedSlam, s: Steps, end: int, names: NameTable) -> BoolArray:
         """Whether each step from the next one on can be taken in the neighborhood."""
         i = int(s.position[0])
         way = self._way_of(ekf, s, i, end)
         needed = way.length + self._gate * way.sigma + self._range_of(s, i, end)
         covered = np.asarray(needed <= self._radius)
         if ekf.neighborhood is not None:
-            first, named = s.edge[i], s.landmark[s.edge[i] : s.edge[end]]
-            outside = first + np.flatnonzero((named >= 0) & (ekf.neighborhood.from_map(named) < 0))
-            covered[np.searchsorted(s.edge, outside, "right") - 1 - i] = False
+            for named in _named(s, names, i, end):
+                is_outside = (named >= 0) & (ekf.neighborhood.from_map(named) < 0)
+                outside = s.edge[i] + np.flatnonzero(is_outside)
+                covered[np.searchsorted(s.edge, outside, "right") - 1 - i] = False
         return covered
 
     def _way_of(self, ekf: CompressedSlam, s: Steps, start: int, end: int) -> Way:
@@ -149,6 +154,34 @@ class Submaps:
         step = np.searchsorted(s.edge, np.arange(first, last), "right") - 1 - start
         np.maximum.at(needed, step, reach)
         return needed
+
+
+def _named(s: Steps, names: NameTable, start: int, end: int) -> tuple[IntArray, ...]:
+    """Landmarks (k,) that the observations of some steps may be of, whatever their position.
+
+    Those that are known, those that their names say, and those to which these names may move.
+    """
+    scans = slice(s.edge[start], s.edge[end])
+    known, name = s.landmark[scans], s.name[scans]
+    if len(names.landmark) == 0:
+        return (known,)
+    return known, *(np.where(name >= 0, each[name], -1) for each in (names.landmark, names.target))
+
+
+def read_names(names: NameTable, place: Neighborhood) -> NameTable:
+    """The names with the landmarks' numbers in a neighborhood."""
+    target = place.from_map(names.target)
+    target[(names.target >= 0) & (target < 0)] = UNDECIDED
+    landmark, stale = place.from_map(names.landmark), place.from_map(names.stale)
+    return names._replace(landmark=landmark, target=target, stale=stale)
+
+
+def write_names(names: NameTable, local: NameTable, place: Neighborhood) -> None:
+    """Write what `read_names` gave back, where it has changed."""
+    before = read_names(names, place)
+    for name in ("landmark", "target", "stale"):
+        new, old = getattr(local, name), getattr(before, name)
+        getattr(names, name)[new != old] = place.to_map(new)[new != old]
 
 
 def read_counts(counts: VisibilityCounts, place: Neighborhood, mapped: int) -> VisibilityCounts:

@@ -152,30 +152,50 @@ def associate_nearest(
     z: FloatArray,
     R: FloatArray,
     gates: Gates,
+    taken: IntArray,
     association: IntArray,
 ) -> None:
-    """Nearest-neighbor association: fill the landmark of each observation, `NEW` or `DROPPED`."""
+    """Nearest-neighbor association: fill the landmark of each observation, `NEW` or `DROPPED`.
+
+    Other observations of the scan are of the landmarks `taken` (n,), see `select_pairs`.
+    """
     landmark = np.empty(f.counts[LANDMARKS], np.int64)
     landmark = landmark[: prefilter_landmarks(f, z, R, gates.new_gate, landmark)]
     expected, S = np.empty((len(landmark), 2)), np.empty((len(landmark), 2, 2))
     predict_observations(f, landmark, expected, S)
     distance = np.empty((len(z), len(landmark)))
     mahalanobis_distances(expected, S, z, R, gates.new_gate, distance)
-    select_pairs(distance, gates, association)
+    columns, count = np.empty(len(taken), np.int64), 0
+    for i in range(len(taken)):
+        for j in range(len(landmark)):
+            if landmark[j] == taken[i]:
+                columns[count] = j
+                count += 1
+    select_pairs(distance, gates, columns[:count], association)
     for i in range(len(z)):
         if association[i] >= 0:
             association[i] = landmark[association[i]]
 
 
 @kernel()
-def select_pairs(distance: FloatArray, gates: Gates, paired: IntArray) -> None:
-    """Fill the column of each row (m,) of distances (m, c), `NEW` or `DROPPED`."""
+def select_pairs(distance: FloatArray, gates: Gates, taken: IntArray, paired: IntArray) -> None:
+    """Fill the column of each row (m,) of distances (m, c), `NEW` or `DROPPED`.
+
+    What is near a column that is `taken` (n,) is not new, but is not paired with it either.
+    """
+    for j in taken:
+        for i in range(len(distance)):
+            if distance[i, j] <= gates.new_gate:
+                distance[i, j] = gates.new_gate
     if gates.mutual:
         pair_mutual(distance, gates.gate, paired)
     else:
         pair_nearest_first(distance, gates.gate, paired)
     drop_ambiguous(distance, paired)
     for i in range(len(distance)):
+        for j in taken:
+            if paired[i] == j:
+                paired[i] = DROPPED
         new = True
         for j in range(distance.shape[1]):
             new = new and distance[i, j] > gates.new_gate

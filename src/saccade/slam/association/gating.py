@@ -29,7 +29,13 @@ def mahalanobis_squared(
         mahalanobis_distances(*predicted, z, R, gate, distance)
         return distance
     v = ekf.sensor.difference(z[:, None], predicted.z)  # (m, N, 2)
-    S = predicted.covariance + R[:, None]
+    distance = squared_distances(v, predicted.covariance + R[:, None])
+    return np.where(distance <= gate, distance, np.inf)
+
+
+def squared_distances(v: FloatArray, S: FloatArray) -> FloatArray:
+    """Squared Mahalanobis distances (...,) of v (..., 2) by S (..., 2, 2); infinite if singular."""
+    distance = np.full(v.shape[:-1], np.inf)
     regular = np.linalg.det(S) > 0
     distance[regular] = normalized_squared(v[regular], S[regular])
-    return np.where(distance <= gate, distance, np.inf)
+    return distance

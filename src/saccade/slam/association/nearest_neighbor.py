@@ -31,9 +31,13 @@ class NearestNeighbor(Association):
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Associate by distance alone; see `Association`."""
+        return self.associate(ekf, z, R, identity[:0])
+
+    def associate(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, taken: IntArray) -> IntArray:
+        """Associate a scan of which other observations are of the landmarks `taken` (n,)."""
         distance = mahalanobis_squared(ekf, z, R, self.gates.new_gate)  # (m, N)
         paired = np.empty(len(z), np.int64)
-        select_pairs(distance, self.gates, paired)
+        select_pairs(distance, self.gates, taken, paired)
         return paired
 
     @property

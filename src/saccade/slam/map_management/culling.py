@@ -49,22 +49,18 @@ class Culling:
         """Whether the map is checked at this pose."""
         return self.rule.enabled and step % self.rule.interval == 0
 
-    def update(self, ekf: EkfSlam, expected: FloatArray, association: IntArray) -> IntArray:
-        """Count the observed and the missed landmarks of a scan.
+    def update(self, ekf: EkfSlam, expected: FloatArray, association: IntArray) -> None:
+        """Count the observed and the missed landmarks of a scan; marks those that are culled.
 
         Args:
             ekf: the filter, after the scan.
             expected: (n, 2) range and bearing, predicted before it, of the landmarks in the map.
             association: (m,) landmark of each observation, negative for none.
-
-        Returns:
-            (k,) landmarks to be removed from the map; their counts are removed already.
         """
         self.reserve(len(ekf))
         self.counts.expected[: len(expected)] = expected
         self.counts.mapped_before[0] = len(expected)
         check_visibility(self.counts, self.rule, len(ekf), association)
-        return self.remove_culled()
 
     def reserve(self, landmarks: int) -> None:
         """Make room for a map of so many landmarks."""
@@ -73,11 +69,19 @@ class Culling:
             for source, target in zip(old, self.counts, strict=True):
                 target[: len(source)] = source
 
-    def remove_culled(self) -> IntArray:
-        """Remove the counts of the landmarks (k,) that are to be culled; returns these."""
-        culled = np.flatnonzero(self.counts.culled)
+    def remove_culled(self, others: IntArray) -> IntArray:
+        """Remove the counts of the landmarks that are to be culled, and of others.
+
+        Args:
+            others: (n,) landmarks that are removed for other reasons.
+
+        Returns:
+            (k,) all of them.
+        """
+        culled = np.union1d(np.flatnonzero(self.counts.culled), others)
         if len(culled) > 0:
-            kept = ~self.counts.culled
+            kept = np.ones(len(self.counts.culled), np.bool_)
+            kept[culled[culled < len(kept)]] = False
             old, self.counts = self.counts, _new_counts(int(kept.sum()))
             self.counts.observed[:], self.counts.missed[:] = old.observed[kept], old.missed[kept]
             self.removed += len(culled)

@@ -1,0 +1,458 @@
+"""Association by landmark names that may be wrong."""
+
+from math import hypot, inf
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.slam.association._kernels import (
+    DROPPED,
+    NEW,
+    Gates,
+    associate_nearest,
+    predict_observations,
+    squared_distance,
+)
+from saccade.slam.filter._kernels import wrapped
+from saccade.slam.filter._range_bearing_kernels import inverse_observe
+from saccade.slam.filter._state_kernels import (
+    DOWNDATES,
+    INVARIANT,
+    LANDMARKS,
+    UPDATES,
+    FilterState,
+    Scratch,
+)
+from saccade.types import BoolArray, FloatArray, IntArray
+
+CLOCK, STREAK, BELIEVED, STALE, UNNAMED = 0, 1, 2, 3, 4
+"""Indices into `NameTable.counts`."""
+UNDECIDED = -3
+"""Association of an observation for which geometry is still to be asked."""
+ESTABLISHED = 3
+"""Accepted observations after which a name may speak against the filter, along with others."""
+TRUSTED = 10
+"""Accepted observations after which a name alone is believed against the filter, and refused ones
+at one position after which the name moves there, whatever was accepted."""
+JOINT = 3
+"""Names or observations, refused by the filter, that are believed if they agree against it."""
+WINDOW = 10
+"""Named observations for which a refused one is remembered."""
+LOOSE = 25.0
+"""Ratio of predicted variance to noise from which names in a scan are checked in pairs."""
+PAIR_GATE = 10.83
+"""Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
+
+
+class NameTable(NamedTuple):
+    """What is known of n names, by their number in the order of first mention."""
+
+    landmark: IntArray
+    """(n,) number of the landmark in the map, -1 for none."""
+    accepted: IntArray
+    """(n,) observations of this name that were accepted for that landmark."""
+    accepted_at: IntArray
+    """(n,) of the last of them: the count of named observations before it."""
+    xy: FloatArray
+    """(n, 2) position in the map of the last refused observation."""
+    covariance: FloatArray
+    """(n, 2, 2) of its noise."""
+    refused_at: IntArray
+    """(n,) of that observation: the count of named observations before it."""
+    votes: IntArray
+    """(n,) refused observations, one after the other, at that position."""
+    since: IntArray
+    """(n,) of the first of them: the count of named observations before it."""
+    target: IntArray
+    """(n,) landmark to which they are near, `NEW` or `UNDECIDED`."""
+    stale: IntArray
+    """(n,) landmark to be removed, which has lost this name; -1 for none."""
+    counts: IntArray
+    """(5,) named observations, refused ones since the last accepted one, the count up to which all
+    are believed; landmarks to be removed, and observations or landmarks without a name so far."""
+
+
+class NameGates(NamedTuple):
+    """Parameters of association by name."""
+
+    enabled: bool
+    """Whether names are used at all."""
+    gate: float
+    """Squared Mahalanobis distance up to which an observation is of the landmark of its name."""
+
+
+class Sightings(NamedTuple):
+    """The m observations of a scan, compared with the landmarks that their names say."""
+
+    nis: FloatArray
+    """(m,) normalized innovation squared; infinite without a landmark."""
+    is_loose: BoolArray
+    """(m,) whether the prediction is much less certain than the observation."""
+    xy: FloatArray
+    """(m, 2) position in the map."""
+    covariance: FloatArray
+    """(m, 2, 2) of its noise."""
+
+
+@kernel()
+def associate_named(
+    f: FilterState,
+    w: Scratch,
+    table: NameTable,
+    name_gates: NameGates,
+    gates: Gates,
+    z: FloatArray,
+    R: FloatArray,
+    name: IntArray,
+    association: IntArray,
+    refused: BoolArray,
+) -> None:
+    """Associate a scan (m,) by names (m,), -1 where unknown, and else by geometry.
+
+    Fills the landmark of each observation, or `NEW` or `DROPPED`, and whether its name was refused.
+    """
+    table.counts[UNNAMED] += (name < 0).sum()
+    if (name < 0).all():
+        associate_nearest(f, z, R, gates, association[:0], association)
+        return
+    seen = sightings(f, w, table, z, R, name)
+    judge_names(f, table, name_gates.gate, seen, name, association, refused)
+    rest = np.flatnonzero(association == UNDECIDED)
+    if len(rest) > 0:
+        near = np.empty(len(rest), np.int64)
+        associate_nearest(f, z[rest], R[rest], gates, association[association >= 0], near)
+        settle_names(f, table, rest, near, name, association, refused)
+
+
+@kernel()
+def sightings(
+    f: FilterState, w: Scratch, table: NameTable, z: FloatArray, R: FloatArray, name: IntArray
+) -> Sightings:
+    """Compare a scan of ranges and bearings with the landmarks that its names say."""
+    m = len(z)
+    seen = Sightings(np.full(m, inf), np.zeros(m, np.bool_), np.empty((m, 2)), np.empty((m, 2, 2)))
+    landmark = np.zeros(1, np.int64)
+    expected, S = np.empty((1, 2)), np.empty((1, 2, 2))
+    for i in range(m):
+        inverse_observe(f, w, z[i], R[i], seen.xy[i], seen.covariance[i])
+        if name[i] >= 0 and table.landmark[name[i]] >= 0:
+            landmark[0] = table.landmark[name[i]]
+            predict_observations(f, landmark, expected, S)
+            v, u = z[i, 0] - expected[0, 0], wrapped(z[i, 1] - expected[0, 1])
+            H, N = S[0], R[i]
+            a, c, d = H[0, 0] + N[0, 0], H[0, 1] + N[0, 1], H[1, 1] + N[1, 1]
+            seen.nis[i] = squared_distance(v, u, a, c, d)
+            seen.is_loose[i] = H[0, 0] > LOOSE * N[0, 0] or H[1, 1] > LOOSE * N[1, 1]
+    return seen
+
+
+@kernel()
+def judge_names(
+    f: FilterState,
+    table: NameTable,
+    gate: float,
+    seen: Sightings,
+    name: IntArray,
+    association: IntArray,
+    refused: BoolArray,
+) -> None:
+    """Accept the observations that agree with the landmarks that their names say.
+
+    Fills the association of these, and `UNDECIDED` for all others, and which names are refused.
+    Where several names contradict the filter and agree with one another, it is the filter that is
+    wrong: they are accepted.
+    """
+    m = len(name)
+    for i in range(m):
+        association[i], refused[i] = UNDECIDED, False
+        if name[i] >= 0 and table.landmark[name[i]] >= 0:
+            refused[i] = not seen.nis[i] <= gate
+    _refuse_inconsistent(f, table, seen, name, refused)
+    num_accepted, start = 0, table.counts[CLOCK]
+    for i in range(m):
+        k = name[i]
+        if k < 0 or table.landmark[k] < 0:
+            continue
+        table.counts[CLOCK] += 1
+        few = table.accepted[k] < ESTABLISHED
+        if refused[i]:
+            table.counts[STREAK] += not few
+            _remember(table, seen, i, k)
+        elif few and seen.is_loose[i] and table.votes[k] < ESTABLISHED:
+            association[i] = DROPPED  # a loop is not closed by the one that may have a wrong name
+            _remember(table, seen, i, k)
+        else:
+            num_accepted += 1
+            table.counts[STREAK] = 0
+    believed = np.zeros(m, np.bool_)
+    for i in range(m):
+        believed[i] = refused[i] and _is_believed(f, table, name[i], num_accepted, start)
+    if believed.any():
+        table.counts[BELIEVED] = table.counts[CLOCK] + WINDOW
+    elif num_accepted > 0:
+        table.counts[BELIEVED] = -1
+    for i in range(m):
+        k = name[i]
+        refused[i] = refused[i] and not believed[i]
+        known = k >= 0 and table.landmark[k] >= 0
+        if known and not refused[i] and association[i] != DROPPED:
+            association[i] = table.landmark[k]
+            table.accepted[k] += 1
+            table.accepted_at[k] = table.counts[CLOCK]
+            table.votes[k] = 0
+
+
+@kernel()
+def _remember(table: NameTable, seen: Sightings, i: int, k: int) -> None:
+    """Note the refused observation i of name k."""
+    v, w = seen.xy[i, 0] - table.xy[k, 0], seen.xy[i, 1] - table.xy[k, 1]
+    C, D = seen.covariance[i], table.covariance[k]
+    a, c, d = C[0, 0] + D[0, 0], C[0, 1] + D[0, 1], C[1, 1] + D[1, 1]
+    if table.votes[k] > 0 and squared_distance(v, w, a, c, d) <= PAIR_GATE:
+        table.votes[k] += 1
+    else:
+        table.votes[k], table.since[k], table.target[k] = 1, table.counts[CLOCK], UNDECIDED
+    table.xy[k], table.covariance[k] = seen.xy[i], seen.covariance[i]
+    table.refused_at[k] = table.counts[CLOCK]
+
+
+@kernel()
+def _is_believed(
+    f: FilterState, table: NameTable, k: int, num_accepted: int, scan_start: int
+) -> bool:
+    """Whether the refused name k and others that agree with it are believed, not the filter.
+
+    Either there are more of them than of names that were accepted or that contradict k, or none
+    was accepted since, and none contradicts k. Once names are believed, one is enough until one is
+    accepted: the filter is corrected step by step.
+    """
+    if table.accepted[k] < ESTABLISHED:
+        return False
+    clock = table.counts[CLOCK]
+    recovering = clock <= table.counts[BELIEVED]
+    first = scan_start if recovering else clock - WINDOW
+    agreeing, contradicting = 1, 0
+    for j in range(len(table.landmark)):
+        recent = table.votes[j] > 0 and table.refused_at[j] > first
+        if j == k or not recent or table.accepted[j] < ESTABLISHED:
+            continue
+        if distances_agree(
+            f,
+            table.landmark[k],
+            table.landmark[j],
+            table.xy[k],
+            table.covariance[k],
+            table.xy[j],
+            table.covariance[j],
+        ):
+            agreeing += 1
+        else:
+            contradicting += 1
+    if recovering or agreeing >= JOINT:
+        if agreeing > max(num_accepted, contradicting):
+            return True
+    if agreeing == 1:
+        swapped = table.votes[k] > 1 and table.target[k] >= 0
+        if swapped or table.accepted[k] < TRUSTED:
+            return False
+    return bool(table.counts[STREAK] >= JOINT and contradicting == 0)
+
+
+@kernel()
+def _refuse_inconsistent(
+    f: FilterState, table: NameTable, seen: Sightings, name: IntArray, refused: BoolArray
+) -> None:
+    """Refuse names of a scan whose landmarks are not as far from one another as the observations.
+
+    An uncertain prediction, as before a loop is closed, accepts many landmarks; the distances
+    between landmarks are certain all the same.
+    """
+    m = len(name)
+    loose = False
+    for i in range(m):
+        loose = loose or (seen.is_loose[i] and not refused[i])
+    if not loose:
+        return
+    conflicts = np.zeros((m, m), np.bool_)
+    for i in range(m):
+        for j in range(i):
+            a, b = name[i], name[j]
+            if a < 0 or b < 0 or a == b or refused[i] or refused[j]:
+                continue
+            a, b = table.landmark[a], table.landmark[b]
+            if a >= 0 and b >= 0 and a != b:
+                conflicts[i, j] = conflicts[j, i] = not distances_agree(
+                    f,
+                    a,
+                    b,
+                    seen.xy[i],
+                    seen.covariance[i],
+                    seen.xy[j],
+                    seen.covariance[j],
+                )
+    while True:
+        count = conflicts.sum(1)
+        most = count.max()
+        if most == 0:
+            return
+        for i in range(m):
+            if count[i] == most:
+                refused[i] = True
+                conflicts[i, :] = False
+                conflicts[:, i] = False
+
+
+@kernel()
+def distances_agree(
+    f: FilterState,
+    a: int,
+    b: int,
+    xy: FloatArray,
+    C: FloatArray,
+    other_xy: FloatArray,
+    other_C: FloatArray,
+) -> bool:
+    """Whether two observed points are as far from each other as landmarks a and b of the map."""
+    r, s = f.robot_size, f.state
+    p, q = r + 2 * a, r + 2 * b
+    dx, dy = s[p] - s[q], s[p + 1] - s[q + 1]
+    vx, vy = xy[0] - other_xy[0], xy[1] - other_xy[1]
+    mapped, observed = hypot(dx, dy), hypot(vx, vy)
+    variance = 0.0
+    if observed > 0:
+        vx, vy = vx / observed, vy / observed
+        variance += vx * vx * (C[0, 0] + other_C[0, 0]) + vy * vy * (C[1, 1] + other_C[1, 1])
+        variance += 2 * vx * vy * (C[0, 1] + other_C[0, 1])
+    if mapped > 0:
+        variance += _relative_variance(f, a, b, dx / mapped, dy / mapped)
+    return bool((observed - mapped) ** 2 <= PAIR_GATE * variance)
+
+
+@kernel()
+def _relative_variance(f: FilterState, a: int, b: int, ux: float, uy: float) -> float:
+    """Variance of the difference of two landmarks of the map along a direction."""
+    r, P = f.robot_size, f.P
+    p, q = r + 2 * a, r + 2 * b
+    i, j = min(p, q), max(p, q)
+    U, V = f.blocks[a], f.blocks[b]
+    xx, xy = U[0] + V[0] - 2 * P[i, j], U[1] + V[1] - P[i, j + 1] - P[i + 1, j]
+    yy = U[2] + V[2] - 2 * P[i + 1, j + 1]
+    for rows, count, sign in (
+        (f.downdates, f.counts[DOWNDATES], -1.0),
+        (f.updates, f.counts[UPDATES], 1.0),
+    ):
+        for k in range(count):
+            x, y = rows[k, i], rows[k, i + 1]
+            v, w = rows[k, j], rows[k, j + 1]
+            xx -= 2 * sign * x * v
+            xy -= sign * (x * w + y * v)
+            yy -= 2 * sign * y * w
+    variance = ux * ux * xx + 2 * ux * uy * xy + uy * uy * yy
+    if f.error_state == INVARIANT:  # of e = eta + a e_theta
+        h = f.heading_lever
+        lever = ux * (h[p] - h[q]) + uy * (h[p + 1] - h[q + 1])
+        with_heading = ux * (P[2, p] - P[2, q]) + uy * (P[2, p + 1] - P[2, q + 1])
+        variance += lever * (2 * with_heading + lever * P[2, 2])
+    return max(float(variance), 0.0)
+
+
+@kernel()
+def settle_names(
+    f: FilterState,
+    table: NameTable,
+    rest: IntArray,
+    near: IntArray,
+    name: IntArray,
+    association: IntArray,
+    refused: BoolArray,
+) -> None:
+    """Associate the `UNDECIDED` observations `rest`, given the landmark that each is near to.
+
+    A first observation of a name is of a new landmark, or of one without a name. A refused one is
+    of the landmark that it is near to, where most of the scan is accepted. After several refused
+    ones at one position the name moves there.
+    """
+    free = f.counts[LANDMARKS]
+    accepted, doubted = 0, 0
+    for i in range(len(name)):
+        accepted += name[i] >= 0 and association[i] >= 0
+        doubted += refused[i]
+    for n in range(len(rest)):
+        i, j = rest[n], near[n]
+        k = name[i]
+        association[i] = DROPPED
+        if k < 0:
+            association[i] = j
+        elif not refused[i]:
+            if table.landmark[k] < 0:
+                if j < 0 or _is_named(table, j):
+                    j = free
+                    free += 1
+                table.landmark[k], table.accepted[k], table.votes[k] = j, 1, 0
+                table.accepted_at[k] = table.counts[CLOCK]
+                association[i] = j
+        else:
+            established = table.accepted[k] >= ESTABLISHED
+            if not established and (j == DROPPED or (j >= 0 and _is_named(table, j))):
+                j = NEW  # the only landmark that the observation may not be near is its own
+            if j != DROPPED and table.target[k] not in (UNDECIDED, DROPPED, j):
+                table.votes[k], table.since[k] = 1, table.counts[CLOCK]
+            table.target[k] = j
+            if j != DROPPED and _moves(table, k, j):
+                if j < 0:
+                    j = free
+                    free += 1
+                _move(table, k, j)
+                association[i] = j
+            elif established and j >= 0 and accepted > doubted:
+                association[i] = j
+
+
+@kernel()
+def _moves(table: NameTable, k: int, j: int) -> bool:
+    """Whether name k moves to landmark j, or to a new one for `NEW`."""
+    if table.votes[k] < min(table.accepted[k] + 1, TRUSTED):
+        return False
+    for n in range(len(table.landmark) if j >= 0 else 0):
+        if table.landmark[n] == j and table.accepted_at[n] >= table.since[k]:
+            table.votes[k] = 0
+            return False  # the landmark has a name that is accepted
+    return True
+
+
+@kernel()
+def _move(table: NameTable, k: int, j: int) -> None:
+    """Give name k to landmark j; the one that it had is to be removed if few sightings made it."""
+    old = table.landmark[k]
+    table.landmark[k] = j
+    table.counts[UNNAMED] += 1
+    if old >= 0 and table.accepted[k] < ESTABLISHED and not _is_named(table, old):
+        table.stale[k] = old
+        table.counts[STALE] += 1
+    table.accepted[k], table.votes[k] = table.votes[k], 0
+    table.accepted_at[k] = table.counts[CLOCK]
+
+
+@kernel()
+def _is_named(table: NameTable, j: int) -> bool:
+    """Whether landmark j has a name."""
+    return bool((table.landmark == j).any())
+
+
+@kernel()
+def may_cull(table: NameTable) -> bool:
+    """Whether there may be a landmark without a name; the others are not culled.
+
+    It is a name that tells a landmark that is gone from one that is not detected.
+    """
+    return bool(table.counts[UNNAMED] > 0)
+
+
+@kernel()
+def keep_named(table: NameTable, culled: BoolArray) -> bool:
+    """Take landmarks with a name out of those that are to be culled; returns whether any is left."""
+    for j in table.landmark:
+        if 0 <= j < len(culled):
+            culled[j] = False
+    return bool(culled.any())
