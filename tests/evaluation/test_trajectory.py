@@ -39,6 +39,16 @@ def test_distance_after_alignment_is_that_of_evo(drive, rng):
     assert position_rmse(found, drive) == pytest.approx(expected, rel=1e-9)
 
 
+def test_unaligned_errors_are_those_of_the_frame(drive):
+    found = Trajectory(drive.time, np.c_[_moved(drive.pose[:, :2]), np.zeros(200)])
+    error = found.pose[:, :2] - drive.pose[:, :2]
+    expected = np.sqrt(np.square(error).sum(1).mean())
+    assert position_rmse(found, drive, aligned=False) == pytest.approx(expected)
+    landmarks, truth = (LandmarkMap(np.arange(200), each.pose[:, :2]) for each in (found, drive))
+    assert landmark_rmse(landmarks, truth, aligned=False) == pytest.approx(expected)
+    assert landmark_rmse(landmarks, truth) == pytest.approx(0, abs=1e-9)
+
+
 def test_times_need_not_be_the_same(drive):
     fine = np.linspace(-5, 150, 1551)
     there = [np.interp(fine, drive.time, drive.pose[:, i]) for i in (0, 1)]

@@ -265,7 +265,7 @@ def rotation_angle(rotation: FloatArray) -> FloatArray:
     """Angles (n,) of rotations (n, 3, 3), in radians from 0 to pi; accurate for small ones."""
     skew = rotation - rotation.transpose(0, 2, 1)
     sine = np.linalg.norm(skew[:, [2, 0, 1], [1, 2, 0]], axis=1) / 2
-    return np.arctan2(sine, (np.trace(rotation, axis1=1, axis2=2) - 1) / 2)
+    return np.asarray(np.arctan2(sine, (np.trace(rotation, axis1=1, axis2=2) - 1) / 2))
 
 
 def _select(poses: Poses, rows: FloatArray | IntArray) -> Poses:
