@@ -9,13 +9,14 @@ landmark outside is observed by its identity.
 
 from dataclasses import dataclass
 from math import isfinite, sqrt
+from typing import Any
 
 import numpy as np
 
 from saccade.slam._step_kernels import Rules, Steps
 from saccade.slam.filter.compressed import CompressedSlam, Neighborhood
 from saccade.slam.map_management._kernels import VisibilityCounts
-from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray
 
 LARGE = 1000
 """Landmarks in a map from which "auto" uses neighborhoods."""
@@ -69,10 +70,12 @@ class Submaps:
         """The neighborhood for the next steps, None for the whole map, and their end."""
         i = int(s.position[0])
         begun = s.position[1] >= 0
-        if not begun and not self._always and len(ekf) < LARGE:
+        room = LARGE - len(ekf)
+        if not begun and not self._always and room > 0:
             self._radius = -1.0
-            room = np.searchsorted(s.edge, s.edge[i] + LARGE - len(ekf), "right") - 1
-            return int(np.clip(room, i + 1, end)), None
+            if s.edge[end] - s.edge[i] > room:  # it may become large before the end
+                end = max(i + 1, int(np.searchsorted(s.edge, s.edge[i] + room, "right")) - 1)
+            return end, None
         if begun and ekf.neighborhood is None and self._radius < 0:
             return i + 1, None
         if not begun and (self._radius < 0 or (ekf.neighborhood is None and not self._in_whole)):
@@ -170,5 +173,5 @@ def write_counts(
     counts.mapped_before[:] = local.mapped_before + mapped - len(place)
 
 
-def _by_landmark(counts: VisibilityCounts) -> list[tuple[str, IntArray]]:
+def _by_landmark(counts: VisibilityCounts) -> list[tuple[str, Any]]:
     return [(name, array) for name, array in counts._asdict().items() if name != "mapped_before"]
