@@ -300,8 +300,7 @@ class Slam:
             scans[:] = place.to_map(scans)
             if self.culling.rule.enabled:
                 write_counts(self.culling.counts, counts, place, len(ekf))
-        if isinstance(ekf, CompressedSlam):
-            self._submaps.count(ekf, s, i)
+        self._submaps.count(s, i)
         return self.culling.remove_culled()
 
     def _take(self, s: Steps, out: StepResults) -> IntArray:

@@ -64,6 +64,7 @@ class Submaps:
         self._radius = -1.0
         self._in_whole = False
         self._way = np.zeros(5)
+        self._bias = self._bias_sigma = np.zeros(0)
         self._needed = 0.0
 
     def plan(self, ekf: CompressedSlam, s: Steps, end: int) -> tuple[int, Neighborhood | None]:
@@ -88,19 +89,22 @@ class Submaps:
         stop = end if covered.all() else i + int(covered.argmin())
         return stop, ekf.neighborhood
 
-    def count(self, ekf: CompressedSlam, s: Steps, first: int) -> None:
+    def count(self, s: Steps, first: int) -> None:
         """Count the way of the steps that were taken since `first`."""
         last = int(s.position[0])
         if last > first and self._radius >= 0:
-            way = self._way_of(ekf, s, first, last)
+            way = self._way_of(s, first, last)
             self._way = np.array([each[-1] for each in vars(way).values()])
             self._needed = max(self._needed, float(self._range_of(s, first, last).max()))
 
     def _enter(self, ekf: CompressedSlam, s: Steps) -> None:
         """Enter the neighborhood of the robot for the next step and some that may follow."""
         i = int(s.position[0])
+        f, r = ekf.robot_filter, ekf.robot_filter.robot_size
+        self._bias = f.state[3:r].copy()
+        self._bias_sigma = np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))
         self._way = np.zeros(5)
-        way, needed = self._way_of(ekf, s, i, i + 1), float(self._range_of(s, i, i + 1)[0])
+        way, needed = self._way_of(s, i, i + 1), float(self._range_of(s, i, i + 1)[0])
         reach = max(needed, self._needed)
         self._radius = reach * (1 + MARGIN) + float(way.length[0] + self._gate * way.sigma[0])
         self._needed = 0.0
@@ -117,7 +121,7 @@ class Submaps:
     def _covered(self, ekf: CompressedSlam, s: Steps, end: int) -> BoolArray:
         """Whether each step from the next one on can be taken in the neighborhood."""
         i = int(s.position[0])
-        way = self._way_of(ekf, s, i, end)
+        way = self._way_of(s, i, end)
         needed = way.length + self._gate * way.sigma + self._range_of(s, i, end)
         covered = np.asarray(needed <= self._radius)
         if ekf.neighborhood is not None:
@@ -126,13 +130,12 @@ class Submaps:
             covered[np.searchsorted(s.edge, outside, "right") - 1 - i] = False
         return covered
 
-    def _way_of(self, ekf: CompressedSlam, s: Steps, start: int, end: int) -> Way:
+    def _way_of(self, s: Steps, start: int, end: int) -> Way:
         """The way to each step from `start` to `end`."""
-        f, r = ekf.robot_filter, ekf.robot_filter.robot_size
         u, U, D = s.control[start:end], s.U[start:end], s.bias_jacobian[start:end]
         c = u.shape[1] - 1  # the heading's
-        u = u + D @ f.state[3:r]
-        bias = np.abs(D) @ np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))
+        u = u + D @ self._bias
+        bias = np.abs(D) @ self._bias_sigma
         length = np.hypot(u[:, 0], u[:, 1]) if c == 2 else np.abs(u[:, 0])
         heading = U[:, c, c]
         parts = (
