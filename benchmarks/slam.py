@@ -3,9 +3,9 @@
 For each size a steady state is timed, one prediction and one landmark's update after the
 other, given to `Slam` at once and called for one by one, against the update of the textbook on
 whole matrices in NumPy, and against one pass over the covariance: reading and writing its
-upper triangle at the bandwidth that is measured in the same run. Then the compressed filter
-inside one neighborhood, and whole logs if they are given. Everything runs in turns with its
-peer; what is printed are medians.
+upper triangle at the bandwidth that is measured in the same run; then whole logs if they are
+given. Everything runs in turns with its peer; what is printed are medians. `large_map.py` times
+the compressed filter.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import numpy as np
 
 from saccade import datasets, slam
 from saccade.errors import ConfigError
-from saccade.slam import INVARIANT, STANDARD, CompressedSlam, EkfSlam, observe
+from saccade.slam import INVARIANT, STANDARD, EkfSlam, observe
 from saccade.slam.association.gating import mahalanobis_squared
 from saccade.slam.online import new_results
 from saccade.types import LandmarkLog
@@ -30,8 +30,6 @@ from saccade.types import LandmarkLog
 SIZES = (100, 500, 1000, 2000, 5000)
 STEPS = 96
 """A multiple of the steps from one addition of the delayed rows to the next."""
-NEIGHBORHOOD = 40
-"""Landmarks within the radius of the compressed filter, whatever the map."""
 DENSITY = 0.02
 """Landmarks to the square metre."""
 CONTROL, U = np.array([0.05, 0.01]), np.diag([1e-4, 1e-5])
@@ -109,7 +107,7 @@ def strides(ekf: EkfSlam, seen: np.ndarray) -> float:
     return (time.perf_counter() - start) / STEPS
 
 
-def called(ekf: EkfSlam | CompressedSlam | Textbook, seen: np.ndarray) -> float:
+def called(ekf: EkfSlam | Textbook, seen: np.ndarray) -> float:
     """Seconds that a step takes if each is called for by itself."""
     steps = list(zip(*stretch(ekf.pose, seen), strict=True))
     start = time.perf_counter()
@@ -164,23 +162,18 @@ def contest(landmarks: int, rounds: int, dense: bool) -> None:
 
 
 def agreement(landmarks: int) -> None:
-    """Delayed against added up at every step, and compressed against whole."""
+    """Delayed against added up at every step."""
     for name, kind in (("standard", STANDARD), ("invariant", INVARIANT)):
         one = filled(landmarks, kind)
-        two, three = copy.deepcopy(one), CompressedSlam(copy.deepcopy(one), 15.0)
-        seen = nearest(one, NEIGHBORHOOD)
+        two, seen = copy.deepcopy(one), nearest(one, 40)
         for control, z, landmark in zip(*stretch(one.pose, seen), strict=True):
-            for each in (one, two, three):
+            for each in (one, two):
                 each.predict(control, U)
                 each.update(z, NOISE, int(landmark))
             two.covariance  # noqa: B018  adds up what is delayed
-        apart = [
-            max(
-                np.abs(one.state - each.state).max(), np.abs(one.covariance - each.covariance).max()
-            )
-            for each in (two, three)
-        ]
-        print(f"{name}: delayed {apart[0]:.0e}, compressed {apart[1]:.0e} from the plain filter")
+        state, covariance = one.state - two.state, one.covariance - two.covariance
+        apart = max(np.abs(state).max(), np.abs(covariance).max())
+        print(f"{name}: delayed {apart:.0e} from the plain filter")
 
 
 def gating(landmarks: int, observations: int, rounds: int) -> None:
@@ -206,22 +199,6 @@ def gating(landmarks: int, observations: int, rounds: int) -> None:
     print(
         f"gating {landmarks} landmarks x {observations} observations: {ours:.2f} ms, "
         f"NumPy on whole arrays {theirs:.2f} ms, {theirs / ours:.0f}x"
-    )
-
-
-def compressed(sizes: tuple[int, int], rounds: int) -> None:
-    radius = (NEIGHBORHOOD / DENSITY / np.pi) ** 0.5
-    filters = []
-    for landmarks in sizes:
-        ekf = filled(landmarks)
-        filters.append((CompressedSlam(ekf, radius), nearest(ekf, NEIGHBORHOOD // 2)))
-        called(*filters[-1])
-    times = np.array([[called(*each) for each in filters] for _ in range(rounds)])
-    small, large = np.median(times, 0) * 1e6
-    ratio = np.median(times[:, 1] / times[:, 0])
-    print(
-        f"a step among {len(filters[0][0].neighborhood)} and {len(filters[1][0].neighborhood)} "
-        f"of {sizes[0]} and {sizes[1]} landmarks: {small:.0f} and {large:.0f} us, {ratio:.2f}x"
     )
 
 
@@ -268,7 +245,6 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--dense-up-to", type=int, default=2000, help="landmarks")
-    parser.add_argument("--compressed", type=int, nargs=2, default=(1000, 10000))
     parser.add_argument("--logs", type=Path, help="folder with mrclam, citytrees and victoria_park")
     options = parser.parse_args()
     if os.environ.get("OMP_NUM_THREADS") != "1":
@@ -278,7 +254,6 @@ def main() -> None:
         contest(landmarks, options.rounds, landmarks <= options.dense_up_to)
     agreement(200)
     gating(1000, 20, options.rounds)
-    compressed(options.compressed, options.rounds)
     if options.logs is not None:
         logs(options.logs, options.rounds)
     print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GB")

@@ -111,6 +111,7 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
 def test_steps_have_the_bits_of_the_run(monkeypatch, association, mode):
     monkeypatch.setattr(submaps, "LARGE", 20)
     log = simulate_world(dataclasses.replace(WORLD, steps=200), 3)
+    log = dataclasses.replace(log, odometry_bias=(0.05, 0.02, 0.02))
     config = EkfConfig(association=association, confirm_after=2, min_observations=1, submaps=mode)
     whole, live = slam.run(log, config), slam_for(log, config)
     for i, pose in enumerate(whole.trajectory.pose):

@@ -8,7 +8,6 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
-from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.map_management.candidates import Candidates
@@ -41,7 +40,6 @@ __all__ = [
     "Association",
     "Candidates",
     "Checkpoint",
-    "CompressedSlam",
     "Consistency",
     "EkfConfig",
     "EkfSlam",

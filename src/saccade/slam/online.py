@@ -318,8 +318,7 @@ class Slam:
             write_names(self._names, names, place)
             if self.culling.rule.enabled:
                 write_counts(self.culling.counts, counts, place, len(ekf))
-        if isinstance(ekf, CompressedSlam):
-            self._submaps.count(ekf, s, i)
+        self._submaps.count(s, i)
         done = s.position[1] < 0  # else the step is interrupted, and its numbers are still in use
         return self.culling.remove_culled(self._stale() if done else np.empty(0, np.int64))
 

@@ -9,6 +9,7 @@ landmark outside is observed by its identity.
 
 from dataclasses import dataclass
 from math import isfinite, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from saccade.slam._step_kernels import Rules, Steps
 from saccade.slam.association._name_kernels import UNDECIDED, NameTable
 from saccade.slam.filter.compressed import CompressedSlam, Neighborhood
 from saccade.slam.map_management._kernels import VisibilityCounts
-from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray
 
 LARGE = 1000
 """Landmarks in a map from which "auto" uses neighborhoods."""
@@ -64,6 +65,7 @@ class Submaps:
         self._radius = -1.0
         self._in_whole = False
         self._way = np.zeros(5)
+        self._bias = self._bias_sigma = np.zeros(0)
         self._needed = 0.0
 
     def plan(
@@ -72,10 +74,12 @@ class Submaps:
         """The neighborhood for the next steps, None for the whole map, and their end."""
         i = int(s.position[0])
         begun = s.position[1] >= 0
-        if not begun and not self._always and len(ekf) < LARGE:
+        room = LARGE - len(ekf)
+        if not begun and not self._always and room > 0:
             self._radius = -1.0
-            room = np.searchsorted(s.edge, s.edge[i] + LARGE - len(ekf), "right") - 1
-            return int(np.clip(room, i + 1, end)), None
+            if s.edge[end] - s.edge[i] > room:  # it may become large before the end
+                end = max(i + 1, int(np.searchsorted(s.edge, s.edge[i] + room, "right")) - 1)
+            return end, None
         if begun and ekf.neighborhood is None and self._radius < 0:
             return i + 1, None
         if not begun and (self._radius < 0 or (ekf.neighborhood is None and not self._in_whole)):
@@ -88,19 +92,22 @@ class Submaps:
         stop = end if covered.all() else i + int(covered.argmin())
         return stop, ekf.neighborhood
 
-    def count(self, ekf: CompressedSlam, s: Steps, first: int) -> None:
+    def count(self, s: Steps, first: int) -> None:
         """Count the way of the steps that were taken since `first`."""
         last = int(s.position[0])
         if last > first and self._radius >= 0:
-            way = self._way_of(ekf, s, first, last)
+            way = self._way_of(s, first, last)
             self._way = np.array([each[-1] for each in vars(way).values()])
             self._needed = max(self._needed, float(self._range_of(s, first, last).max()))
 
     def _enter(self, ekf: CompressedSlam, s: Steps, names: NameTable) -> None:
         """Enter the neighborhood of the robot for the next step and some that may follow."""
         i = int(s.position[0])
+        f, r = ekf.robot_filter, ekf.robot_filter.robot_size
+        self._bias = f.state[3:r].copy()
+        self._bias_sigma = np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))
         self._way = np.zeros(5)
-        way, needed = self._way_of(ekf, s, i, i + 1), float(self._range_of(s, i, i + 1)[0])
+        way, needed = self._way_of(s, i, i + 1), float(self._range_of(s, i, i + 1)[0])
         reach = max(needed, self._needed)
         self._radius = reach * (1 + MARGIN) + float(way.length[0] + self._gate * way.sigma[0])
         self._needed = 0.0
@@ -118,7 +125,7 @@ class Submaps:
     def _covered(self, ekf: CompressedSlam, s: Steps, end: int, names: NameTable) -> BoolArray:
         """Whether each step from the next one on can be taken in the neighborhood."""
         i = int(s.position[0])
-        way = self._way_of(ekf, s, i, end)
+        way = self._way_of(s, i, end)
         needed = way.length + self._gate * way.sigma + self._range_of(s, i, end)
         covered = np.asarray(needed <= self._radius)
         if ekf.neighborhood is not None:
@@ -128,13 +135,12 @@ class Submaps:
                 covered[np.searchsorted(s.edge, outside, "right") - 1 - i] = False
         return covered
 
-    def _way_of(self, ekf: CompressedSlam, s: Steps, start: int, end: int) -> Way:
+    def _way_of(self, s: Steps, start: int, end: int) -> Way:
         """The way to each step from `start` to `end`."""
-        f, r = ekf.robot_filter, ekf.robot_filter.robot_size
         u, U, D = s.control[start:end], s.U[start:end], s.bias_jacobian[start:end]
         c = u.shape[1] - 1  # the heading's
-        u = u + D @ f.state[3:r]
-        bias = np.abs(D) @ np.sqrt(np.abs(f.P[range(3, r), range(3, r)]))
+        u = u + D @ self._bias
+        bias = np.abs(D) @ self._bias_sigma
         length = np.hypot(u[:, 0], u[:, 1]) if c == 2 else np.abs(u[:, 0])
         heading = U[:, c, c]
         parts = (
@@ -203,5 +209,5 @@ def write_counts(
     counts.mapped_before[:] = local.mapped_before + mapped - len(place)
 
 
-def _by_landmark(counts: VisibilityCounts) -> list[tuple[str, IntArray]]:
+def _by_landmark(counts: VisibilityCounts) -> list[tuple[str, Any]]:
     return [(name, array) for name, array in counts._asdict().items() if name != "mapped_before"]

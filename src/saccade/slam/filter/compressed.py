@@ -127,7 +127,7 @@ class CompressedSlam(EkfSlam):
     """Where the filter works at present."""
 
     @property
-    def filter_state(self) -> FilterState:  # type: ignore[override]
+    def filter_state(self) -> FilterState:
         """The arrays of the filter of the whole map, up to date."""
         self.leave()
         return self._whole
