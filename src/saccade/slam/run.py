@@ -117,7 +117,7 @@ def run(
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
-    refused = int(steps.refused.sum()) / max(len(steps.refused), 1)
+    int(steps.refused.sum()) / max(len(steps.refused), 1)
     association, removed = np.maximum(steps.landmark, -1), slam.culling.removed
     if slam.culling.rule.enabled:
         count = np.bincount(association[association >= 0], minlength=len(slam.ekf))

@@ -34,7 +34,7 @@ class DoubtedIdentity(Association):
     the landmark has moved, or its first observation had the wrong name.
     """
 
-    gate: float = 0.9999
+    gate: float = 0.99999
     """Probability with which an observation of the landmark that it names is accepted."""
     geometry: NearestNeighbor = field(default_factory=lambda: NearestNeighbor(mutual=True))
     """The rule of observations without a name, and of those whose name is refused."""
