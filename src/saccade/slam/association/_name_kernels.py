@@ -239,7 +239,7 @@ def _is_believed(
     first = scan_start if recovering else clock - WINDOW
     agreeing, contradicting = 1, 0
     for j in range(len(table.landmark)):
-        recent = table.votes[j] > 0 and table.refused_at[j] > first
+        recent = table.votes[j] > 0 and table.refused_at[j] > first and table.landmark[j] >= 0
         if j == k or not recent or table.accepted[j] < ESTABLISHED:
             continue
         if distances_agree(
