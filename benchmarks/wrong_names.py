@@ -113,6 +113,7 @@ class PlainGate(slam.KnownIdentity):
     def __call__(
         self, ekf: slam.EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray
     ) -> IntArray:
+        """Look up, then gate."""
         association = super().__call__(ekf, z, R, identity)
         for i in np.flatnonzero((association >= 0) & (association < len(ekf))):
             if ekf.innovation(z[i], R[i], int(association[i])).nis > chi_square_gate(2, 0.99):

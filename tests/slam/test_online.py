@@ -14,7 +14,7 @@ from saccade import slam
 from saccade.datasets import load
 from saccade.errors import LogError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig, NearestNeighbor, drive, observe, online
+from saccade.slam import DoubtedIdentity, EkfConfig, NearestNeighbor, drive, observe, online
 from saccade.slam.map_management._kernels import ConfirmationPolicy, confirm
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.run import slam_for
@@ -23,6 +23,10 @@ from support.oracles_slam import ListedCandidates
 
 
 class OneByOne(NearestNeighbor):
+    """The same rule, but not the one of which there is a kernel."""
+
+
+class NamesOneByOne(DoubtedIdentity):
     """The same rule, but not the one of which there is a kernel."""
 
 
@@ -119,7 +123,7 @@ def test_steps_of_victoria_park_have_the_bits_of_its_run():
 
 
 @pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
-@pytest.mark.parametrize("association", ["known", "mutual", "joint"])
+@pytest.mark.parametrize("association", ["auto", "known", "mutual", "joint"])
 def test_steps_of_a_simulated_world_have_the_bits_of_its_run(kind, association):
     log = simulate_world(WorldConfig(steps=200), seed=3)
     config = dataclasses.replace(CULLING, filter=kind, association=association)
@@ -156,7 +160,7 @@ def test_steps_of_known_identities_at_uneven_times_have_the_bits_of_their_run(rn
 
 @given(
     st.integers(0, 10**6),
-    st.sampled_from(["known", "nearest", "mutual"]),
+    st.sampled_from(["auto", "known", "nearest", "mutual"]),
     st.sampled_from(["invariant", "standard", "first-estimates"]),
     st.sampled_from(["drive", "compose"]),
 )
@@ -269,3 +273,45 @@ def test_candidates_are_those_of_a_list(seed):
     np.testing.assert_array_equal(
         kept.xy[: kept.length[0]], np.reshape([c[0] for c in listed.waiting], (-1, 2))
     )
+
+
+def _misnamed(seed, hidden=0.3, steps=250):
+    """A log of which some names are wrong, and others missing."""
+    log, rng = (
+        simulate_world(WorldConfig(steps=steps, landmarks=30), seed),
+        np.random.default_rng(seed),
+    )
+    landmark = log.landmark.copy()
+    wrong = rng.random(len(landmark)) < 0.08
+    landmark[wrong] = rng.choice(np.unique(landmark), wrong.sum())
+    landmark[rng.random(len(landmark)) < hidden] = -1
+    return dataclasses.replace(log, landmark=landmark)
+
+
+@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+def test_steps_with_wrong_and_missing_names_have_the_bits_of_their_run(kind):
+    whole, _ = _check_steps(_misnamed(5), EkfConfig(filter=kind, candidate_timeout=10.0))
+    assert whole.refused.any()
+
+
+def test_many_steps_with_wrong_names_are_the_same_as_one_by_one():
+    for log in (_misnamed(6), _misnamed(7, hidden=0.0)):
+        many, one = slam.run(log), slam.run(log, associate=NamesOneByOne())
+        np.testing.assert_array_equal(many.association, one.association)
+        np.testing.assert_array_equal(many.refused, one.refused)
+        np.testing.assert_allclose(many.trajectory.pose, one.trajectory.pose, atol=1e-9)
+        np.testing.assert_allclose(many.map.xy, one.map.xy, atol=1e-9)
+        assert many.removed == one.removed
+
+
+def test_names_that_are_saved_go_on_to_the_same_bits():
+    log = _misnamed(8, steps=120)
+    one, two = slam_for(log), slam_for(log)
+    for i in range(60):
+        one.step(*_scan_of(log, i))
+    two.from_arrays(copy.deepcopy(one.to_arrays()))
+    for i in range(60, 121):
+        steps = [each.step(*_scan_of(log, i)) for each in (one, two)]
+        assert steps[0].pose.tobytes() == steps[1].pose.tobytes()
+        np.testing.assert_array_equal(steps[0].refused, steps[1].refused)
+    np.testing.assert_array_equal(one.identities, two.identities)

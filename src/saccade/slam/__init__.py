@@ -1,6 +1,7 @@
 """Range-bearing landmark SLAM; independent of images."""
 
 from saccade.slam.association._kernels import DROPPED, NEW
+from saccade.slam.association.doubted import DoubtedIdentity
 from saccade.slam.association.jcbb import JointCompatibility
 from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
@@ -41,6 +42,7 @@ __all__ = [
     "Candidates",
     "Checkpoint",
     "Consistency",
+    "DoubtedIdentity",
     "EkfConfig",
     "EkfSlam",
     "Innovation",

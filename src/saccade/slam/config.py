@@ -53,7 +53,7 @@ class EkfConfig:
     culling_ratio: float | None = 0.4
     """Unknown association: a landmark that is observed in less than this fraction of the checks in
     which it is in view is removed; None keeps all."""
-    name_gate: float = 0.9999
+    name_gate: float = 0.99999
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
     motion_noise_scale: float = 1.0

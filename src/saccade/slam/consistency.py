@@ -41,28 +41,44 @@ class Consistency:
     """95 % band of the mean of a consistent filter."""
     inside: float
     """Fraction of the innovations within the 95 % band of a single one; NaN without any."""
+    refused: float = 0.0
+    """Fraction of the observations whose landmark name contradicted the map and was refused."""
 
     @property
     def warning(self) -> str:
-        """Signs of an overconfident filter, in a sentence; empty if there are none.
+        """What is wrong with the log or its noise and what to do, in sentences; empty if nothing.
 
         The median is a robust measure of the noise; the fraction far outside is one of outliers.
         """
-        if self._count < MIN_OBSERVATIONS:
-            return ""
         found = []
+        if self.refused > WRONG_FRACTION:
+            found.append(
+                f"{self.refused:.1%} of the landmark names contradict the map and were not used: "
+                "check the identities (data association) of the log"
+            )
+        if self._count < MIN_OBSERVATIONS:
+            return "; ".join(found)
         if self._factor > TOLERATED_FRACTION:
-            found.append(f"the innovations are {self._factor:.1f} times as large as it lets expect")
-        if self._impossible.mean() > WRONG_FRACTION:
-            found.append(f"{self._impossible.mean():.1%} of the observations are impossible")
-        return f"the model is wrong: {', '.join(found)}; see --tune" if found else ""
+            found.append(
+                f"the noise of the log is too small: the innovations are {self._factor:.1f} times "
+                "as large as it lets expect; --tune finds one that fits"
+            )
+        elif self._impossible.mean() > WRONG_FRACTION:
+            found.append(
+                f"{self._impossible.mean():.1%} of the observations are impossible while the "
+                "others fit their noise: outliers of the sensor or wrong associations, check "
+                "the identities of the landmarks"
+            )
+        return "; ".join(found)
 
     @property
     def remark(self) -> str:
         """Signs of a conservative filter and of few outliers; empty if there are none."""
-        if self._count < MIN_OBSERVATIONS:
-            return ""
         found = []
+        if 0 < self.refused <= WRONG_FRACTION:
+            found.append(f"{self.refused:.2%} of the landmark names contradict the map: not used")
+        if self._count < MIN_OBSERVATIONS:
+            return "; ".join(found)
         if self._factor < 1 / TOLERATED_FRACTION:
             found.append(
                 f"the noise of the log is cautious, the innovations are {self._factor:.2f} of what "
@@ -175,8 +191,14 @@ def chi_square_band(dof: int, count: int = 1, confidence: float = 0.95) -> tuple
     return low / count, high / count
 
 
-def summarize(nis: FloatArray, dof: int = 2) -> Consistency:
-    """Consistency of a run by its NIS, NaN where an observation updated nothing."""
+def summarize(nis: FloatArray, dof: int = 2, refused: float = 0.0) -> Consistency:
+    """Consistency of a run by its NIS, NaN where an observation updated nothing.
+
+    Args:
+        nis: (k,) of each observation.
+        dof: degrees of freedom of one innovation.
+        refused: fraction of the observations whose landmark name was refused.
+    """
     used = nis[np.isfinite(nis)]
     low, high = chi_square_band(dof)
     inside = (used >= low) & (used <= high)
@@ -186,4 +208,5 @@ def summarize(nis: FloatArray, dof: int = 2) -> Consistency:
         mean=float(used.mean()) if len(used) else float("nan"),
         band=chi_square_band(dof, max(len(used), 1)),
         inside=float(inside.mean()) if len(used) else float("nan"),
+        refused=refused,
     )

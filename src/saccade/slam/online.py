@@ -23,14 +23,15 @@ from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.submaps import Submaps, read_counts, read_names, write_counts, write_names
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 MIN_SIGMA = 1e-4
 """Metres and radians: standard deviation added to observations with a singular covariance. Exact
 ones would make a filter diverge by its own linearization errors."""
-NO_NAMES = DoubtedIdentity().table
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
+NO_NAMES = DoubtedIdentity().table
+"""For rules that do not doubt names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,6 +50,8 @@ class StepResult:
     """(k, 2, 2) before the update."""
     nis: FloatArray
     """(k,) normalized innovations squared."""
+    refused: BoolArray
+    """(k,) whether the landmark name of each observation contradicted the map and was refused."""
     culled: IntArray
     """(g,) landmarks that were removed from the map, by their numbers before this; those behind
     them have moved up, also in `association`."""
@@ -68,8 +71,8 @@ class Slam:
     `run` takes a log through the same steps, with the same results to the last bit.
 
     Args:
-        config: filter, association and noise. The association "auto" is "mutual", and
-            `min_observations`, which counts to the end of a log, has no effect.
+        config: filter, association and noise; `min_observations`, which counts to the end of a
+            log, has no effect.
         start: (3,) first pose.
         motion: the motion model; by default `drive`, with controls of distance and turn.
         sensor: the sensor model; by default range and bearing.
@@ -84,8 +87,8 @@ class Slam:
 
     Examples:
         >>> import numpy as np
-        >>> from saccade.slam import EkfConfig, Slam
-        >>> slam = Slam(EkfConfig(association="known"))
+        >>> from saccade.slam import Slam
+        >>> slam = Slam()
         >>> U, R = np.diag([0.02, 0.01]) ** 2, np.tile(np.diag([0.1, 0.02]) ** 2, (2, 1, 1))
         >>> names = np.array([7, 9])
         >>> _ = slam.step(0.0, z=np.array([[4.0, 0.3], [6.0, -0.8]]), R=R, names=names)
@@ -162,7 +165,8 @@ class Slam:
             U: (c, c) its covariance.
             z: (k, 2) range in metres, bearing in radians; None without observations.
             R: (k, 2, 2) their covariances.
-            names: (k,) landmark identities for known association, -1 where unknown.
+            names: (k,) landmark identities, -1 where unknown; compared with the map, and not
+                believed if they contradict it, unless `EkfConfig.association` is "known".
 
         Returns:
             Pose, association and innovations.
@@ -194,6 +198,7 @@ class Slam:
             innovations=out.innovations.value,
             innovation_covariances=out.innovations.covariance,
             nis=out.innovations.nis,
+            refused=steps.refused,
             culled=culled[0] if culled else np.empty(0, np.int64),
         )
 

@@ -11,12 +11,11 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.map_management.culling import field_of_view
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.online import Slam, new_results
 from saccade.slam.snapshots import Recorder
-from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control of a log."""
@@ -40,6 +39,8 @@ class SlamResult:
     """(k, 2, 2) before the update."""
     dead_reckoning: Trajectory
     """(t + 1) poses from the controls alone, with covariance."""
+    refused: BoolArray
+    """(k,) whether the landmark name of each observation contradicted the map and was refused."""
     removed: int = 0
     """Landmarks that were removed from the map."""
     odometry_bias: FloatArray | None = None
@@ -62,10 +63,9 @@ def run(
 ) -> SlamResult:
     """Filter a landmark log with EKF-SLAM (C.1-C.18).
 
-    With known association every pose depends on earlier measurements only. With unknown
-    association, statistics of the whole log enter before its end: the field of view that culling
-    checks (see `field_of_view`), and "auto" of `EkfConfig.association`, which looks for an
-    observation without identity. At the end, `EkfConfig.min_observations` removes landmarks and
+    With landmark identities every pose depends on earlier measurements only. Without, statistics
+    of the whole log enter before its end: the field of view that culling checks (see
+    `field_of_view`). At the end, `EkfConfig.min_observations` removes landmarks and
     their associations; poses and innovations stay as they were filtered.
 
     Args:
@@ -117,6 +117,7 @@ def run(
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
+    int(steps.refused.sum()) / max(len(steps.refused), 1)
     association, removed = np.maximum(steps.landmark, -1), slam.culling.removed
     if slam.culling.rule.enabled:
         count = np.bincount(association[association >= 0], minlength=len(slam.ekf))
@@ -126,11 +127,14 @@ def run(
     return SlamResult(
         trajectory=Trajectory(log.time, out.pose, out.covariance),
         map=_landmark_map(slam, log, association),
-        consistency=summarize(out.innovations.nis),
+        consistency=summarize(
+            out.innovations.nis, refused=steps.refused.sum() / max(len(steps.refused), 1)
+        ),
         association=association,
         innovation=out.innovations.value,
         innovation_covariance=out.innovations.covariance,
         dead_reckoning=dead_reckon(log, config, motion),
+        refused=steps.refused,
         removed=removed,
         odometry_bias=slam.ekf.odometry_bias,
     )

@@ -39,8 +39,11 @@ JOINT = 3
 """Names or observations, refused by the filter, that are believed if they agree against it."""
 WINDOW = 10
 """Named observations for which a refused one is remembered."""
-LOOSE = 25.0
-"""Ratio of predicted variance to noise from which names in a scan are checked in pairs."""
+FAR = 100.0
+"""Normalized innovation squared up to which a wrong filter is likelier than swapped names."""
+LOOSE, LOOP = 4.0, 100.0
+"""Ratio of predicted variance to noise from which the names of a scan are checked in pairs, and
+from which a landmark of few observations does not close a loop."""
 PAIR_GATE = 10.83
 """Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
 
@@ -87,8 +90,8 @@ class Sightings(NamedTuple):
 
     nis: FloatArray
     """(m,) normalized innovation squared; infinite without a landmark."""
-    is_loose: BoolArray
-    """(m,) whether the prediction is much less certain than the observation."""
+    looseness: FloatArray
+    """(m,) variance of the prediction over that of the observation, the larger of the two."""
     xy: FloatArray
     """(m, 2) position in the map."""
     covariance: FloatArray
@@ -131,7 +134,7 @@ def sightings(
 ) -> Sightings:
     """Compare a scan of ranges and bearings with the landmarks that its names say."""
     m = len(z)
-    seen = Sightings(np.full(m, inf), np.zeros(m, np.bool_), np.empty((m, 2)), np.empty((m, 2, 2)))
+    seen = Sightings(np.full(m, inf), np.zeros(m), np.empty((m, 2)), np.empty((m, 2, 2)))
     landmark = np.zeros(1, np.int64)
     expected, S = np.empty((1, 2)), np.empty((1, 2, 2))
     for i in range(m):
@@ -143,7 +146,7 @@ def sightings(
             H, N = S[0], R[i]
             a, c, d = H[0, 0] + N[0, 0], H[0, 1] + N[0, 1], H[1, 1] + N[1, 1]
             seen.nis[i] = squared_distance(v, u, a, c, d)
-            seen.is_loose[i] = H[0, 0] > LOOSE * N[0, 0] or H[1, 1] > LOOSE * N[1, 1]
+            seen.looseness[i] = max(H[0, 0] / N[0, 0], H[1, 1] / N[1, 1])
     return seen
 
 
@@ -179,15 +182,17 @@ def judge_names(
         if refused[i]:
             table.counts[STREAK] += not few
             _remember(table, seen, i, k)
-        elif few and seen.is_loose[i] and table.votes[k] < ESTABLISHED:
-            association[i] = DROPPED  # a loop is not closed by the one that may have a wrong name
+        elif few and seen.looseness[i] > LOOP and table.votes[k] < ESTABLISHED:
+            association[i] = DROPPED  # its first observation may have had a wrong name
             _remember(table, seen, i, k)
         else:
             num_accepted += 1
             table.counts[STREAK] = 0
     believed = np.zeros(m, np.bool_)
     for i in range(m):
-        believed[i] = refused[i] and _is_believed(f, table, name[i], num_accepted, start)
+        believed[i] = refused[i] and _is_believed(
+            f, table, name[i], seen.nis[i], num_accepted, start
+        )
     if believed.any():
         table.counts[BELIEVED] = table.counts[CLOCK] + WINDOW
     elif num_accepted > 0:
@@ -219,7 +224,7 @@ def _remember(table: NameTable, seen: Sightings, i: int, k: int) -> None:
 
 @kernel()
 def _is_believed(
-    f: FilterState, table: NameTable, k: int, num_accepted: int, scan_start: int
+    f: FilterState, table: NameTable, k: int, nis: float, num_accepted: int, scan_start: int
 ) -> bool:
     """Whether the refused name k and others that agree with it are believed, not the filter.
 
@@ -234,7 +239,7 @@ def _is_believed(
     first = scan_start if recovering else clock - WINDOW
     agreeing, contradicting = 1, 0
     for j in range(len(table.landmark)):
-        recent = table.votes[j] > 0 and table.refused_at[j] > first
+        recent = table.votes[j] > 0 and table.refused_at[j] > first and table.landmark[j] >= 0
         if j == k or not recent or table.accepted[j] < ESTABLISHED:
             continue
         if distances_agree(
@@ -249,14 +254,14 @@ def _is_believed(
             agreeing += 1
         else:
             contradicting += 1
-    if recovering or agreeing >= JOINT:
-        if agreeing > max(num_accepted, contradicting):
-            return True
+    if (recovering or agreeing >= JOINT) and agreeing > max(num_accepted, contradicting):
+        return True
     if agreeing == 1:
-        swapped = table.votes[k] > 1 and table.target[k] >= 0
+        swapped = table.votes[k] > 1 and table.target[k] >= 0 and nis > FAR
         if swapped or table.accepted[k] < TRUSTED:
             return False
-    return bool(table.counts[STREAK] >= JOINT and contradicting == 0)
+    enough = JOINT if nis > FAR else JOINT - 1
+    return bool(table.counts[STREAK] >= enough and contradicting == 0)
 
 
 @kernel()
@@ -271,7 +276,7 @@ def _refuse_inconsistent(
     m = len(name)
     loose = False
     for i in range(m):
-        loose = loose or (seen.is_loose[i] and not refused[i])
+        loose = loose or (seen.looseness[i] > LOOSE and not refused[i])
     if not loose:
         return
     conflicts = np.zeros((m, m), np.bool_)
@@ -451,7 +456,7 @@ def may_cull(table: NameTable) -> bool:
 
 @kernel()
 def keep_named(table: NameTable, culled: BoolArray) -> bool:
-    """Take landmarks with a name out of those that are to be culled; returns whether any is left."""
+    """Take landmarks with a name out of the `culled` (n,); returns whether any is left."""
     for j in table.landmark:
         if 0 <= j < len(culled):
             culled[j] = False

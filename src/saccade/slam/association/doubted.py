@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from saccade.slam.association._name_kernels import (
-    LOOSE,
     STALE,
     UNDECIDED,
     UNNAMED,
@@ -21,7 +20,7 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.types import BoolArray, FloatArray, IntArray
+from saccade.types import FloatArray, IntArray
 
 
 @dataclass
@@ -35,7 +34,7 @@ class DoubtedIdentity(Association):
     the landmark has moved, or its first observation had the wrong name.
     """
 
-    gate: float = 0.9999
+    gate: float = 0.99999
     """Probability with which an observation of the landmark that it names is accepted."""
     geometry: NearestNeighbor = field(default_factory=lambda: NearestNeighbor(mutual=True))
     """The rule of observations without a name, and of those whose name is refused."""
@@ -124,13 +123,12 @@ def _sightings(
     known = np.flatnonzero(landmark >= 0)
     predicted = ekf.predict_observations()
     expected, S = predicted.z[landmark[known]], predicted.covariance[landmark[known]]
-    nis, is_loose = np.full(len(z), np.inf), np.zeros(len(z), np.bool_)
+    nis, looseness = np.full(len(z), np.inf), np.zeros(len(z))
     v = ekf.sensor.difference(z[known], expected)
     nis[known] = squared_distances(v, S + R[known])
-    ratio = S.diagonal(0, 1, 2) > LOOSE * R[known].diagonal(0, 1, 2)  # (n, 2)
-    is_loose[known] = ratio.any(1)
+    looseness[known] = (S.diagonal(0, 1, 2) / R[known].diagonal(0, 1, 2)).max(1)
     xy, _, Gz = ekf.sensor.inverse_observe(ekf.pose, z)  # (m, 2), (m, 2, 2)
-    return Sightings(nis, is_loose, xy, Gz @ R @ Gz.transpose(0, 2, 1))
+    return Sightings(nis, looseness, xy, Gz @ R @ Gz.transpose(0, 2, 1))
 
 
 def _new_table(names: int) -> NameTable:

@@ -1,0 +1,111 @@
+"""Landmark names that may be wrong, in simulated worlds whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam import EkfConfig
+
+KNOWN = EkfConfig(association="known")
+
+
+def _rmse(log, result):
+    return np.sqrt(np.square((result.trajectory.pose - log.truth.pose)[:, :2]).sum(1).mean())
+
+
+def _wrong(log, fraction, seed=0):
+    """Random other names, and which observations have one."""
+    rng, names = np.random.default_rng(seed), np.unique(log.landmark)
+    wrong = rng.random(len(log.landmark)) < fraction
+    other = (log.landmark[wrong] + rng.integers(1, len(names), wrong.sum())) % len(names)
+    landmark = log.landmark.copy()
+    landmark[wrong] = names[other]
+    return replace(log, landmark=landmark), wrong
+
+
+def test_right_names_are_believed():
+    log = simulate_world(WorldConfig(steps=700), seed=2)
+    doubted, believed = slam.run(log), slam.run(log, KNOWN)
+    assert not doubted.refused.any()
+    np.testing.assert_array_equal(doubted.association, believed.association)
+    np.testing.assert_array_equal(doubted.trajectory.pose, believed.trajectory.pose)
+    np.testing.assert_array_equal(doubted.map.id, believed.map.id)
+
+
+@pytest.mark.parametrize("fraction", [0.01, 0.05])
+def test_wrong_names_are_refused_and_cost_little(fraction):
+    log = simulate_world(WorldConfig(steps=700), seed=1)
+    named, wrong = _wrong(log, fraction)
+    result, right = slam.run(named), slam.run(log)
+    assert _rmse(log, result) < 1.5 * _rmse(log, right)
+    assert result.refused[wrong].mean() > 0.8
+    assert result.refused[~wrong].mean() < 0.01
+    assert "of the landmark names contradict the map" in (
+        result.consistency.warning + result.consistency.remark
+    )
+    number = np.searchsorted(result.map.id, log.landmark_truth.id)
+    apart = result.map.xy[number] - slam.run(log).map.xy[np.argsort(slam.run(log).map.id)]
+    assert np.hypot(*apart.T).max() < 1.0
+    assert _rmse(log, slam.run(named, KNOWN)) > 3 * _rmse(log, right)
+
+
+def test_a_wrong_name_at_the_first_observation_is_put_right():
+    log = simulate_world(WorldConfig(steps=400), seed=1)
+    last = np.flatnonzero(log.landmark == log.landmark[-1])[0]  # of one that is observed late
+    other = np.setdiff1d(log.landmark, log.landmark[:last])
+    assert len(other) > 1
+    landmark = log.landmark.copy()
+    landmark[0] = other[1]
+    result = slam.run(replace(log, landmark=landmark))
+    assert len(result.map) == len(np.unique(log.landmark))
+    assert _rmse(log, result) < 1.5 * _rmse(log, slam.run(log))
+    assert result.association[0] == -1
+
+
+def test_names_that_are_swapped_half_way_move_to_the_other_landmark():
+    log = simulate_world(WorldConfig(), seed=4)
+    a, b = 3, 11
+    late = log.observation_pose > 750
+    landmark = log.landmark.copy()
+    landmark[(log.landmark == a) & late], landmark[(log.landmark == b) & late] = b, a
+    result, right = slam.run(replace(log, landmark=landmark)), slam.run(log)
+    assert _rmse(log, result) < 1.2 * _rmse(log, right)
+    assert len(result.map) == len(right.map)
+    ours, theirs = (dict(zip(r.map.id.tolist(), r.map.xy, strict=True)) for r in (result, right))
+    assert np.hypot(*(ours[a] - theirs[b])) < 0.5
+    assert np.hypot(*(ours[b] - theirs[a])) < 0.5
+
+
+def test_names_that_agree_are_believed_against_the_filter():
+    """The odometry misses a turn by 20 degrees: every name is refused, and all of them agree."""
+    log = simulate_world(WorldConfig(landmarks=40), seed=0)
+    control = log.control.copy()
+    control[400, 2] += np.deg2rad(20)
+    log = replace(log, control=control)
+    doubted, believed = slam.run(log), slam.run(log, KNOWN)
+    late = log.observation_pose > 450
+    assert doubted.refused[late].mean() < 0.02
+    assert _rmse(log, doubted) < 1.5 * _rmse(log, believed)
+
+
+def test_observations_without_a_name_are_associated_by_geometry():
+    log = simulate_world(WorldConfig(), seed=0)
+    hidden = np.random.default_rng(0).random(len(log.landmark)) < 0.5
+    mixed = slam.run(replace(log, landmark=np.where(hidden, -1, log.landmark)))
+    used = hidden & (mixed.association >= 0)
+    assert used.sum() > 0.7 * hidden.sum()
+    assert (mixed.map.id[mixed.association[used]] == log.landmark[used]).mean() > 0.95
+    nameless = replace(log, landmark=np.full_like(log.landmark, -1))
+    by_geometry = slam.run(nameless, EkfConfig(association="mutual"))
+    np.testing.assert_array_equal(slam.run(nameless).trajectory.pose, by_geometry.trajectory.pose)
+    assert _rmse(log, mixed) < _rmse(log, by_geometry)
+
+
+def test_the_filter_of_the_source_believes_every_name():
+    log, _ = _wrong(simulate_world(WorldConfig(steps=100), 0), 0.1)
+    result = slam.run(log, EkfConfig.kootstra2010())
+    assert not result.refused.any()
+    assert (result.association >= 0).sum() >= len(log.landmark) - 1
