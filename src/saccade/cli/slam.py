@@ -27,7 +27,7 @@ def slam(
     association: Annotated[
         str | None,
         Option(
-            help="Data association: known (identities of the log), nearest, mutual, joint (JCBB), "
+            help="Data association: auto, known (identities of the log, believed), nearest, mutual, joint (JCBB), "
             "or auto: known if the log has identities, else mutual."
         ),
     ] = None,
