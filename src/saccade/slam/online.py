@@ -30,8 +30,8 @@ MIN_SIGMA = 1e-4
 ones would make a filter diverge by its own linearization errors."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
-NO_NAMES = DoubtedIdentity().table
-"""For rules that do not doubt names."""
+NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
+"""For rules that do not doubt names; as of a log without any."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
