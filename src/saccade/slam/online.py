@@ -15,11 +15,9 @@ from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam, new_innovations
 from saccade.slam.filter.validation import check_all
-from saccade.slam.map_management._kernels import FieldOfView
-from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 MIN_SIGMA = 1e-4
 """Metres and radians: standard deviation added to observations with a singular covariance. Exact
@@ -37,7 +35,8 @@ class StepResult:
     covariance: FloatArray
     """(3, 3) of the pose."""
     association: IntArray
-    """(k,) number of the landmark in the map for each observation, -1 if it was not used."""
+    """(k,) number of the landmark in the filter for each observation, -1 if it was not used; it
+    may be a candidate (see `Slam.confirmed`)."""
     innovations: FloatArray
     """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
     innovation_covariances: FloatArray
@@ -45,8 +44,8 @@ class StepResult:
     nis: FloatArray
     """(k,) normalized innovations squared."""
     culled: IntArray
-    """(g,) landmarks that were removed from the map, by their numbers before this; those behind
-    them have moved up, also in `association`."""
+    """(g,) landmarks and candidates that were removed from the filter, by their numbers before
+    this; those behind them have moved up, also in `association`."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
@@ -63,15 +62,11 @@ class Slam:
     `run` takes a log through the same steps, with the same results to the last bit.
 
     Args:
-        config: filter, association and noise. The association "auto" is "mutual", and
-            `min_observations`, which counts to the end of a log, has no effect.
+        config: filter, association and noise. The association "auto" is "mutual".
         start: (3,) first pose.
         motion: the motion model; by default `drive`, with controls of distance and turn.
         sensor: the sensor model; by default range and bearing.
         association: a custom association rule instead of the one in `config`.
-        field_of_view: largest range in metres and left and right bearing in radians up to which
-            the sensor reliably detects landmarks. A log gives it by its quantiles (see `run`);
-            without it no landmark is culled.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
 
     Raises:
@@ -99,7 +94,6 @@ class Slam:
         motion: Motion = drive,
         sensor: Sensor = RANGE_BEARING,
         association: Association | None = None,
-        field_of_view: tuple[float, float, float] | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
         built_in = motion in (drive, compose) and sensor is RANGE_BEARING
@@ -116,10 +110,10 @@ class Slam:
         )
         self.associate = association or _association(config)
         """The association rule."""
-        self.candidates = Candidates(config.confirm_after, config.candidate_timeout, config.gate)
-        culls = field_of_view is not None and not isinstance(self.associate, KnownIdentity)
-        ratio = config.culling_ratio if culls else None
-        self.culling = Culling(FieldOfView(*(field_of_view or (0.0, 0.0, 0.0))), ratio)
+        doubted = not isinstance(self.associate, KnownIdentity)
+        self.culling = Culling(
+            doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
+        )
         self.num_steps = 0
         """Steps that were taken."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
@@ -129,7 +123,7 @@ class Slam:
         are those of this package."""
         nearest = self.associate if isinstance(self.associate, NearestNeighbor) else None
         gates = nearest.gates if nearest else Gates(inf, inf, False)
-        self._rules = Rules(nearest is not None, gates, self.candidates.policy, self.culling.rule)
+        self._rules = Rules(nearest is not None, gates, self.culling.rule)
 
     def step(
         self,
@@ -143,7 +137,7 @@ class Slam:
         """Move to the next pose and process the scan that is observed there.
 
         Args:
-            time: of the pose, in the unit of `EkfConfig.candidate_timeout`.
+            time: of the pose, in any unit.
             control: (c,) from the last pose to this one; None where the robot has not moved, as
                 at the first pose.
             U: (c, c) its covariance.
@@ -272,11 +266,10 @@ class Slam:
         if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
             new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
         self.ekf.reserve(max(new, 1))
-        self.candidates.reserve(new)
         if self.culling.rule.enabled:
             self.culling.reserve(len(self.ekf.filter_state.blocks))
-        f, w, candidates = self.ekf.filter_state, self.ekf.scratch, self.candidates.buffer
-        take_steps(f, w, s, end, self._rules, candidates, self.culling.counts, out)
+        f, w = self.ekf.filter_state, self.ekf.scratch
+        take_steps(f, w, s, end, self._rules, self.culling.counts, out)
         return self.culling.remove_culled()
 
     def _take(self, s: Steps, out: StepResults) -> IntArray:
@@ -287,22 +280,27 @@ class Slam:
         if i >= s.still:
             ekf.predict(s.control[i], s.U[i])  # C.5-C.9
         if len(z) > 0:
-            check = self.culling.is_due(s.first + i)
-            expected = ekf.predict_observations().z if check else None
+            check = self.culling.is_due()
+            predicted = ekf.predict_observations().z if check else np.empty((0, 2))
             found[:] = self.associate(ekf, z, R, identity)
             innovations = ekf.update_scan(z, R, found)  # C.10-C.14
             for array, values in zip(out.innovations, innovations, strict=True):
                 array[scan] = values
-            new = np.flatnonzero(found == NEW)
-            for k in new[self.candidates.confirm(ekf, z[new], R[new], float(s.time[i]))]:
+            mapped = len(ekf)
+            for k in np.flatnonzero(found == NEW):
                 found[k] = ekf.augment(z[k], R[k])  # C.15-C.18
                 self.associate.added(int(found[k]), int(identity[k]))
+            if self.culling.rule.enabled:
+                culled = self.culling.update(ekf, predicted, mapped, found)
             found[:] = np.maximum(found, -1)
-            if expected is not None:
-                culled = self.culling.update(ekf, expected, found)
         out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
         s.position[0] = i + 1
         return culled
+
+    @property
+    def confirmed(self) -> BoolArray:
+        """(N,) which landmarks of the filter are in the map; the others are candidates."""
+        return self.culling.confirmed(len(self.ekf))
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.
@@ -322,7 +320,6 @@ class Slam:
         return {
             "ekf": self.ekf,
             "associate": self.associate,
-            "candidates": self.candidates,
             "culling": self.culling,
         }
 

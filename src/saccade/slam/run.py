@@ -12,7 +12,6 @@ from saccade.slam.checkpoint import Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.map_management.culling import field_of_view
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.online import Slam, new_results
 from saccade.slam.snapshots import Recorder
@@ -41,7 +40,7 @@ class SlamResult:
     dead_reckoning: Trajectory
     """(t + 1) poses from the controls alone, with covariance."""
     removed: int = 0
-    """Landmarks that were removed from the map."""
+    """Landmarks that were culled."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
 
@@ -62,11 +61,9 @@ def run(
 ) -> SlamResult:
     """Filter a landmark log with EKF-SLAM (C.1-C.18).
 
-    With known association every pose depends on earlier measurements only. With unknown
-    association, statistics of the whole log enter before its end: the field of view that culling
-    checks (see `field_of_view`), and "auto" of `EkfConfig.association`, which looks for an
-    observation without identity. At the end, `EkfConfig.min_observations` removes landmarks and
-    their associations; poses and innovations stay as they were filtered.
+    Every pose depends on earlier measurements only, except that "auto" of
+    `EkfConfig.association` looks for an observation without identity in the whole log. Candidates
+    that are not confirmed at the end are left out of the map and of the association.
 
     Args:
         log: controls and observations.
@@ -112,12 +109,8 @@ def run(
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
-    association, removed = np.maximum(steps.landmark, -1), slam.culling.removed
-    if slam.culling.rule.enabled:
-        count = np.bincount(association[association >= 0], minlength=len(slam.ekf))
-        rare = np.flatnonzero(count < config.min_observations)
-        slam.remove(rare, association)
-        removed += len(rare)
+    association = np.maximum(steps.landmark, -1)
+    slam.remove(np.flatnonzero(~slam.confirmed), association)
     return SlamResult(
         trajectory=Trajectory(log.time, out.pose, out.covariance),
         map=_landmark_map(slam.ekf, log, association),
@@ -126,7 +119,7 @@ def run(
         innovation=out.innovations.value,
         innovation_covariance=out.innovations.covariance,
         dead_reckoning=dead_reckon(log, config, motion),
-        removed=removed,
+        removed=slam.culling.removed,
         odometry_bias=slam.ekf.odometry_bias,
     )
 
@@ -138,7 +131,7 @@ def slam_for(
     sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
 ) -> Slam:
-    """The `Slam` that `run` takes through a log: with its start, motion model and field of view.
+    """The `Slam` that `run` takes through a log: with its start and motion model.
 
     Raises:
         LogError: as `run`.
@@ -157,7 +150,6 @@ def slam_for(
         motion=motion_of(log, motion),
         sensor=sensor,
         association=associate,
-        field_of_view=field_of_view(log),
         odometry_bias=(0.0, 0.0, 0.0) if motion is not None else log.odometry_bias,
     )
 
