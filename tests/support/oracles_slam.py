@@ -136,6 +136,8 @@ class ListedLandmarks:
             if mark["confirmed"]:
                 place[0] += mark["last"] == self.scan
                 place[1] += 1
+        if self.scan % (4 * self.rule.interval) > 0:
+            return []
         removed = [i for i, mark in enumerate(self.landmarks) if self._is_removed(mark)]
         self.landmarks = [mark for i, mark in enumerate(self.landmarks) if i not in removed]
         return removed

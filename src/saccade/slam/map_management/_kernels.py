@@ -15,6 +15,8 @@ candidates that were dropped, landmarks that were culled."""
 RANGE_BINS, BEARING_BINS = 96, 24
 """Of the detection probability: quarters of an octave of the range from 0.24 mm to 4 km, and
 sectors of the bearing."""
+CHECKS = 4
+"""Checks from one removal of landmarks to the next: a removal costs more than a step."""
 UNKNOWN = 4.0
 """Expectations that are added to those of a bin: of a new bin no detection is expected."""
 
@@ -110,6 +112,8 @@ def check_visibility(
         return False
     for i in range(mapped_before):
         _count_detection(visibility, i)
+    if totals[SCANS] % (CHECKS * rule.interval) > 0:
+        return False
     any_culled = False
     for i in range(landmarks):
         visibility.culled[i] = _is_culled(visibility, rule, i)
