@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from saccade import datasets, slam
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import DROPPED, EkfConfig, EkfSlam, observe
+from saccade.slam.map_management._kernels import CULLED
 from saccade.slam.map_management.culling import Culling
 from support.circular_log import simulate
 from support.oracles_slam import ListedLandmarks
@@ -107,6 +108,47 @@ def test_the_unit_of_the_clock_does_not_matter(rng, unit):
     result, scaled = slam.run(log), slam.run(replace(log, time=log.time * unit))
     assert result.trajectory.pose.tobytes() == scaled.trajectory.pose.tobytes()
     assert len(result.map) == len(scaled.map) >= 15
+
+
+@pytest.mark.parametrize(
+    ("config", "cause"),
+    [
+        (EkfConfig(), ""),
+        (EkfConfig(confirm_after=1000), "no candidate was observed 1000 times with at most 20"),
+        (EkfConfig(sensor_noise_scale=20.0), "each may be of several landmarks"),
+    ],
+)
+def test_nothing_mapped_and_little_used_are_warnings_with_their_cause(rng, config, cause):
+    warning = slam.run(_unnamed(simulate(rng)[0]), config).warning
+    assert cause in warning
+    assert (cause == "") == (warning == "")
+
+
+def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
+    log = simulate(rng)[0]
+    blind = replace(
+        log,
+        observation_pose=log.observation_pose[:0],
+        observation=log.observation[:0],
+        observation_covariance=log.observation_covariance[:0],
+        landmark=log.landmark[:0],
+    )
+    assert "there are no observations" in slam.run(blind).warning
+    culling = Culling(True, 3, 5, 0.4)
+    culling.counts.totals[CULLED] = 7
+    assert "all of 7 landmarks were culled" in culling.warning(np.full(9, -1))
+    assert culling.warning(np.array([-1, 0])) == ""
+
+
+def test_snapshots_show_landmarks_without_candidates(rng):
+    recorder = slam.Recorder(frames=1000)
+    result = slam.run(_unnamed(simulate(rng)[0]), EkfConfig(), recorder=recorder)
+    assert len(recorder.snapshots[0].landmarks) == 0
+    assert len(recorder.snapshots[5].observed) > 0
+    np.testing.assert_array_equal(recorder.snapshots[-1].landmarks, result.map.xy)
+    for snapshot in recorder.snapshots:
+        assert len(snapshot.ids) == len(snapshot.landmarks) == len(snapshot.landmark_covariance)
+        assert (snapshot.observed < len(snapshot.landmarks)).all()
 
 
 def _cut(log, poses):

@@ -64,7 +64,7 @@ def test_many_poses_at_once_are_the_same_as_one_by_one(rng, kind, rule, biased):
     np.testing.assert_allclose(many.map.covariance, one.map.covariance, atol=1e-9)
     np.testing.assert_allclose(many.consistency.nis, one.consistency.nis, rtol=1e-6)
     np.testing.assert_allclose(many.innovation_covariance, one.innovation_covariance, atol=1e-9)
-    assert many.removed == one.removed > 2  # so that all of it has been tried
+    assert many.removed == one.removed > 1  # so that all of it has been tried
     assert len(many.map) >= 15
 
 
@@ -128,9 +128,9 @@ def test_steps_have_the_bits_of_a_run_where_landmarks_are_culled_and_biases_are_
     log = dataclasses.replace(_cluttered(rng), odometry_bias=(0.05, 0.02, 0.02))
     whole, culled = _check_steps(log, CULLING)
     assert whole.odometry_bias is not None
-    assert culled > 2
+    assert culled > 1
     log = dataclasses.replace(log, odometry_bias=(0.0, 0.0, 0.0))
-    assert _check_steps(log, CULLING, lambda: OneByOne(mutual=True))[1] > 2
+    assert _check_steps(log, CULLING, lambda: OneByOne(mutual=True))[1] > 1
 
 
 def test_steps_of_known_identities_at_uneven_times_have_the_bits_of_their_run(rng):

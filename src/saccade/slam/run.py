@@ -41,6 +41,8 @@ class SlamResult:
     """(t + 1) poses from the controls alone, with covariance."""
     removed: int = 0
     """Landmarks that were culled."""
+    warning: str = ""
+    """Why nothing is in the map, or most observations were not used; empty if neither is so."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
 
@@ -103,7 +105,7 @@ def run(
         slam.advance(steps, end, out)
         if recorder is not None:
             scan = slice(steps.edge[start], steps.edge[end])
-            recorder.add(start, poses, slam.ekf, steps.landmark[scan])
+            recorder.add(start, poses, slam.ekf, steps.landmark[scan], slam.confirmed)
         if checkpoint is not None:
             checkpoint.save(end, parts)
         if progress is not None and (start % hundredth == 0 or end == poses):
@@ -120,6 +122,7 @@ def run(
         innovation_covariance=out.innovations.covariance,
         dead_reckoning=dead_reckon(log, config, motion),
         removed=slam.culling.removed,
+        warning=slam.culling.warning(association),
         odometry_bias=slam.ekf.odometry_bias,
     )
 

@@ -17,6 +17,8 @@ from saccade.slam.map_management._kernels import (
 )
 from saccade.types import BoolArray, FloatArray, IntArray
 
+MOST = 0.5
+"""Fraction of the observations that may be ambiguous without a warning."""
 PER_LANDMARK = VisibilityCounts._fields[:7]
 """Fields of `VisibilityCounts` with a row for each landmark."""
 
@@ -66,6 +68,34 @@ class Culling:
     def ambiguous(self) -> int:
         """Observations that were dropped because they may be of several landmarks."""
         return int(self.counts.totals[AMBIGUOUS])
+
+    def warning(self, association: IntArray) -> str:
+        """Why nothing was mapped, or most observations were not used; empty if neither is so.
+
+        Args:
+            association: (k,) landmark of the map for each observation, negative for none.
+        """
+        observations, rule = len(association), self.rule
+        if observations == 0:
+            return "nothing is mapped: there are no observations"
+        if not rule.enabled:
+            return "" if (association >= 0).any() else "no observation names a landmark"
+        if self.ambiguous > MOST * observations:
+            return (
+                f"{self.ambiguous} of {observations} observations are not used: each may be of "
+                "several landmarks, which are too close together for the odometry and its noise"
+            )
+        if (association >= 0).any():
+            return ""
+        if self.removed > 0:
+            return (
+                f"nothing is mapped: all of {self.removed} landmarks were culled, as they were "
+                "often not observed where landmarks usually are; see culling_ratio"
+            )
+        return (
+            f"nothing is mapped: no candidate was observed {rule.confirm_after} times with at "
+            f"most {rule.candidate_scans} scans in between; see confirm_after and candidate_scans"
+        )
 
     def confirmed(self, landmarks: int) -> BoolArray:
         """Which of so many landmarks are confirmed (n,); the others are candidates."""
