@@ -90,6 +90,10 @@ def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too
     z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
     assert rule(_filter(pair), z[:1], noise[:1], UNKNOWN[:1]).tolist() == [DROPPED]
     assert rule(_filter(pair), z, noise, UNKNOWN[:2]).tolist() == [0, 1]
+    for confirmed, expected in (([1, 1], DROPPED), ([1, 0], 0), ([0, 0], DROPPED)):
+        ekf = _filter(pair)
+        ekf.confirmed = np.array(confirmed, bool)
+        assert rule(ekf, z[:1], noise[:1], UNKNOWN[:1]).tolist() == [expected]
     far = pair * [1.0, 9.0]
     z, noise = _scan(far[0])
     assert rule(_filter(far), z, noise, UNKNOWN[:1]).tolist() == [0]

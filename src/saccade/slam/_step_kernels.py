@@ -113,7 +113,8 @@ def take_step(
         if i >= s.still:
             predict_by_control(f, w, s.control[i], s.U[i], s.bias_jacobian[i])  # C.5-C.9
         if rules.nearest and end > start:
-            associate_nearest(f, s.z[start:end], s.R[start:end], rules.gates, association)
+            z, R, confirmed = s.z[start:end], s.R[start:end], visibility.confirmed
+            associate_nearest(f, z, R, rules.gates, confirmed, association)
         if counts and is_check(visibility, rules.culling):
             predict_visible(f, visibility)
         s.position[1] = start

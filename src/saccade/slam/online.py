@@ -282,6 +282,7 @@ class Slam:
         if len(z) > 0:
             check = self.culling.is_due()
             predicted = ekf.predict_observations().z if check else np.empty((0, 2))
+            ekf.confirmed = self.confirmed
             found[:] = self.associate(ekf, z, R, identity)
             innovations = ekf.update_scan(z, R, found)  # C.10-C.14
             for array, values in zip(out.innovations, innovations, strict=True):

@@ -33,7 +33,7 @@ class NearestNeighbor(Association):
         """Associate by distance alone; see `Association`."""
         distance = mahalanobis_squared(ekf, z, R, self.gates.new_gate)  # (m, N)
         paired = np.empty(len(z), np.int64)
-        select_pairs(distance, self.gates, paired)
+        select_pairs(distance, self.gates, ekf.confirmed, paired)
         return paired
 
     @property
