@@ -9,7 +9,7 @@ FORMATS = {
     "run": 1,  # run.json of `saccade slam` and `saccade drive`
     "map": 1,  # map.npz of `saccade drive`
     "look": 1,  # NAME.look.npz of `saccade look`
-    "checkpoint": 5,  # of an interrupted run; other versions are ignored
+    "checkpoint": 6,  # of an interrupted run; other versions are ignored
     "points": 1,  # of an image: .npz; of many: .parquet, .h5
     "extraction": 1,  # the folder of `saccade extract`: in manifest.json, for all files
     "index": 1,  # the index of `saccade index`: in images.json, for all files

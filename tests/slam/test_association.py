@@ -12,7 +12,6 @@ from scipy.linalg import block_diag
 from saccade.errors import LogError
 from saccade.slam import (
     RANGE_BEARING,
-    Candidates,
     EkfSlam,
     JointCompatibility,
     KnownIdentity,
@@ -30,8 +29,6 @@ from saccade.slam.association._kernels import (
     squared_distance,
 )
 from saccade.slam.association.gating import mahalanobis_squared
-from saccade.slam.map_management._kernels import FieldOfView
-from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RangeBearing
 
 R = np.diag([0.01, 1e-4])
@@ -93,6 +90,10 @@ def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too
     z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
     assert rule(_filter(pair), z[:1], noise[:1], UNKNOWN[:1]).tolist() == [DROPPED]
     assert rule(_filter(pair), z, noise, UNKNOWN[:2]).tolist() == [0, 1]
+    for confirmed, expected in (([1, 1], DROPPED), ([1, 0], 0), ([0, 0], DROPPED)):
+        ekf = _filter(pair)
+        ekf.confirmed = np.array(confirmed, bool)
+        assert rule(ekf, z[:1], noise[:1], UNKNOWN[:1]).tolist() == [expected]
     far = pair * [1.0, 9.0]
     z, noise = _scan(far[0])
     assert rule(_filter(far), z, noise, UNKNOWN[:1]).tolist() == [0]
@@ -185,39 +186,6 @@ def test_a_sensor_of_ones_own_finds_the_same_distances(retraction):
     np.testing.assert_array_equal(np.isinf(near), expected > 9)
 
 
-def _confirmed(candidates, place, time):
-    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
-    return candidates.confirm(ekf, *_scan(place), time).tolist()
-
-
-def test_a_place_becomes_a_landmark_when_seen_often_enough():
-    candidates = Candidates(confirm_after=3, timeout=2.0)
-    assert _confirmed(candidates, [4.0, 1.0], 0.0) == []
-    assert _confirmed(candidates, [[9.0, 1.0], [4.01, 1.0]], 1.0) == []
-    assert _confirmed(candidates, [[4.0, 1.01], [-2.0, 3.0]], 2.0) == [0]
-    assert _confirmed(candidates, [4.0, 1.0], 3.0) == []  # it counts from the beginning
-
-
-def test_a_place_that_is_not_seen_again_is_forgotten():
-    candidates = Candidates(confirm_after=2, timeout=2.0)
-    assert _confirmed(candidates, [4.0, 1.0], 0.0) == []
-    assert _confirmed(candidates, [4.0, 1.0], 2.1) == []
-    assert _confirmed(candidates, [4.0, 1.0], 4.0) == [0]
-
-
-def test_one_sighting_can_be_enough():
-    assert _confirmed(Candidates(confirm_after=1, timeout=1.0), WORLD, 0.0) == [0, 1, 2, 3]
-
-
-def test_observations_without_noise_find_no_candidate():
-    candidates = Candidates(confirm_after=2, timeout=2.0)
-    z, _ = _scan(WORLD)
-    exact = np.zeros((4, 2, 2))
-    for time in (0.0, 0.1):
-        ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
-        assert len(candidates.confirm(ekf, z, exact, time)) == 0
-
-
 def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
     z, noise = _scan(WORLD + np.array([0.1, -0.05]))
     noise[:, 0, 1] = noise[:, 1, 0] = 9e-4
@@ -225,13 +193,6 @@ def test_distance_is_the_nis_of_an_update_where_range_and_bearing_correlate():
     for landmark in range(len(WORLD)):
         nis = _filter().update(z[landmark], noise[landmark], landmark).nis
         np.testing.assert_allclose(distance[landmark, landmark], nis, rtol=1e-9)
-
-
-def test_a_candidate_is_as_uncertain_along_the_ray_as_the_range():
-    for shift, confirmed in (([0.0, 0.3], [0]), ([0.3, 0.0], [])):
-        candidates = Candidates(confirm_after=2, timeout=1.0)
-        assert _confirmed(candidates, [[0.0, 5.0]], 0.0) == []
-        assert _confirmed(candidates, np.add([[0.0, 5.0]], shift), 0.1) == confirmed
 
 
 @given(arrays(np.float64, (5, 4), elements=st.floats(0, 10)), st.floats(0, 10))
@@ -354,17 +315,6 @@ def test_removed_landmarks_leave_the_others_as_they_were(rng):
     assert np.linalg.eigvalsh(fresh).min() > -1e-12
     with pytest.raises(LogError, match="landmark"):
         ekf.remove(np.array([7, 9]))
-
-
-def test_what_should_have_been_seen_and_was_not_is_gone():
-    culling = Culling(FieldOfView(max_range=10.0, left=1.0, right=-1.0), min_ratio=0.4)
-    ekf = _filter(WORLD)  # the last of which is behind the robot
-    z, _ = observe(np.zeros(3), WORLD)
-    culled = [culling.update(ekf, z, np.array([0, 2])).tolist() for _ in range(6)]
-    assert culled == [[]] * 5 + [[1]]
-    assert culling.removed == 1
-    assert culling.counts.observed.tolist() == [6, 6, 0]
-    assert culling.counts.missed.tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("retraction", Retraction)

@@ -32,7 +32,7 @@ def _same(one, two):
 @pytest.mark.parametrize("pose", [1, 7, 90])
 def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, pose):
     log, _, _ = simulate(rng, steps=100)
-    config = EkfConfig(filter=kind, association=association, candidate_timeout=10.0)
+    config = EkfConfig(filter=kind, association=association)
     films = [Recorder(frames=20), Recorder(frames=20), Recorder(frames=20)]
     whole = slam.run(log, config, recorder=films[0])
     checkpoint = Checkpoint(tmp_path / "run.npz", every=None)
@@ -50,7 +50,7 @@ def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, 
 
 def test_a_run_that_is_interrupted_many_times_is_still_the_same(rng, tmp_path):
     log, _, _ = simulate(rng, steps=60)
-    config = EkfConfig(association="nearest", candidate_timeout=10.0)
+    config = EkfConfig(association="nearest")
     whole = slam.run(log, config)
     for pose in range(5, 60, 9):
         with pytest.raises(KeyboardInterrupt):

@@ -28,7 +28,7 @@ def test_noisy_log_is_better_than_dead_reckoning_and_as_sure_as_it_should_be(
     rng, motion, association
 ):
     log, truth, world = simulate(rng, motion)
-    result = slam.run(log, EkfConfig(association=association, candidate_timeout=10.0))
+    result = slam.run(log, EkfConfig(association=association))
     error = np.hypot(*(result.trajectory.pose - truth)[:, :2].T)
     drift = np.hypot(*(result.dead_reckoning.pose - truth)[:, :2].T)
     assert error.mean() < 0.5 * drift.mean()
@@ -138,7 +138,7 @@ def test_uncertain_start_is_where_the_covariance_begins(rng):
         {"gate": 1.0},
         {"gate": 0.99, "new_gate": 0.9},
         {"confirm_after": 0},
-        {"candidate_timeout": 0.0},
+        {"candidate_scans": 0},
         {"motion_noise_scale": 0.0},
         {"sensor_noise_scale": float("nan")},
         {"start_sigma": (0.0, -1.0, 0.0)},

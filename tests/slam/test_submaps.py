@@ -87,7 +87,6 @@ def test_landmarks_are_culled_alike(entries):
         association="mutual",
         confirm_after=1,
         culling_ratio=0.9,
-        min_observations=1,
         submaps="never",
     )
     whole = slam.run(log, config)
@@ -112,7 +111,7 @@ def test_steps_have_the_bits_of_the_run(monkeypatch, association, mode):
     monkeypatch.setattr(submaps, "LARGE", 20)
     log = simulate_world(dataclasses.replace(WORLD, steps=200), 3)
     log = dataclasses.replace(log, odometry_bias=(0.05, 0.02, 0.02))
-    config = EkfConfig(association=association, confirm_after=2, min_observations=1, submaps=mode)
+    config = EkfConfig(association=association, confirm_after=2, submaps=mode)
     whole, live = slam.run(log, config), slam_for(log, config)
     for i, pose in enumerate(whole.trajectory.pose):
         k = log.observation_pose == i

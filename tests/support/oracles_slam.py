@@ -106,35 +106,45 @@ class DenseFirstEstimatesEkf(DenseEkf):
         self.P[n:, n:] += Gz @ R @ Gz.T
 
 
-class ListedCandidates:
-    """`Candidates` as a list of places that are looked through one after the other."""
+class ListedLandmarks:
+    """`Culling` as a list of landmarks, and of what was seen in each bin."""
 
-    def __init__(self, sightings, lifetime, limit):
-        self.sightings, self.lifetime, self.limit = sightings, lifetime, limit
-        self.waiting = []  # place, covariance, sightings, time of the last
+    def __init__(self, rule):
+        self.rule, self.scan, self.landmarks = rule, 0, []
+        self.bins = {}  # bin: detections, expectations
 
-    def confirm(self, xy, covariance, time):
-        if self.sightings <= 1:
-            return [True] * len(xy)
-        if len(xy) == 0:
+    def update(self, predicted, candidates, association):
+        """Count a scan; returns the numbers of those that are removed."""
+        self.scan += 1
+        before = len(self.landmarks)
+        for number in range(before, max(association, default=-1) + 1):
+            self.landmarks.append(
+                {"times": 0, "confirmed": number < candidates, "seen": 0, "expected": 0.0}
+            )
+        for number in association:
+            if number >= 0:
+                mark = self.landmarks[number]
+                mark["times"], mark["last"] = mark["times"] + 1, self.scan
+                mark["confirmed"] |= mark["times"] >= self.rule.confirm_after
+        if self.scan % self.rule.interval > 0:
             return []
-        self.waiting = [c for c in self.waiting if time - c[3] <= self.lifetime]
-        pairs = []
-        for i, (p, C) in enumerate(zip(xy, covariance, strict=True)):
-            for j, (q, D, _, _) in enumerate(self.waiting):
-                if np.linalg.det(C + D) > 0:
-                    pairs.append(((p - q) @ np.linalg.solve(C + D, p - q), i, j))
-        partner = {}
-        for distance, i, j in sorted(pairs):
-            if distance <= self.limit and i not in partner and j not in partner.values():
-                partner[i] = j
-        confirmed = []
-        for i, (p, C) in enumerate(zip(xy, covariance, strict=True)):
-            times = self.waiting[partner[i]][2] + 1 if i in partner else 1
-            if i in partner:
-                self.waiting[partner[i]] = (p, C, times, time)
-            else:
-                self.waiting.append((p, C, times, time))
-            confirmed.append(times >= self.sightings)
-        self.waiting = [c for c in self.waiting if c[2] < self.sightings]
-        return confirmed
+        for mark, (distance, bearing) in zip(self.landmarks[:before], predicted, strict=True):
+            sector = int(np.floor((bearing + np.pi) / (2 * np.pi / 24))) % 24
+            place = self.bins.setdefault((int(np.floor(4 * np.log2(distance))), sector), [0, 0])
+            mark["expected"] += place[0] / (place[1] + 4)
+            mark["seen"] += mark["last"] == self.scan
+            if mark["confirmed"]:
+                place[0] += mark["last"] == self.scan
+                place[1] += 1
+        if self.scan % (4 * self.rule.interval) > 0:
+            return []
+        removed = [i for i, mark in enumerate(self.landmarks) if self._is_removed(mark)]
+        self.landmarks = [mark for i, mark in enumerate(self.landmarks) if i not in removed]
+        return removed
+
+    def _is_removed(self, mark):
+        if not mark["confirmed"]:
+            return self.scan - mark["last"] > self.rule.candidate_scans
+        missed = mark["expected"] - mark["seen"]
+        few = mark["seen"] < self.rule.min_ratio * mark["expected"]
+        return missed > self.rule.max_missed and few

@@ -36,7 +36,7 @@ def summarize_run(
         "odometry_bias": bias,
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
-        "warning": result.consistency.warning,
+        "warning": "; ".join(filter(None, (result.warning, result.consistency.warning))),
         "remark": result.consistency.remark,
     }
     trajectories = {"odometry": result.dead_reckoning, "position": result.trajectory}

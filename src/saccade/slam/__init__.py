@@ -11,7 +11,6 @@ from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
-from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.models import (
     RANGE_BEARING,
     Motion,
@@ -39,7 +38,6 @@ __all__ = [
     "RANGE_BEARING",
     "STANDARD",
     "Association",
-    "Candidates",
     "Checkpoint",
     "Consistency",
     "DoubtedIdentity",

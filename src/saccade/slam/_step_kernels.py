@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from saccade._jit import kernel
 from saccade.slam.association._kernels import NEW, Gates, associate_nearest
 from saccade.slam.association._name_kernels import (
@@ -17,19 +15,16 @@ from saccade.slam.association._name_kernels import (
 from saccade.slam.filter._range_bearing_kernels import (
     Innovations,
     augment_range_bearing,
-    inverse_observe,
     predict_by_control,
     update_scan,
     write_pose,
 )
 from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, Scratch, is_full
 from saccade.slam.map_management._kernels import (
-    CandidateBuffer,
-    ConfirmationPolicy,
     CullingRule,
     VisibilityCounts,
     check_visibility,
-    confirm,
+    is_check,
     predict_visible,
 )
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -83,13 +78,12 @@ class StepResults(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Parameters of association, confirmation and culling."""
+    """Parameters of association and of map management."""
 
     nearest: bool
     """Whether observations are associated with the nearest landmark; else `Steps.landmark` is."""
     gates: Gates
     names: NameGates
-    policy: ConfirmationPolicy
     culling: CullingRule
 
 
@@ -101,13 +95,12 @@ def take_steps(
     end: int,
     rules: Rules,
     names: NameTable,
-    candidates: CandidateBuffer,
     visibility: VisibilityCounts,
     out: StepResults,
 ) -> None:
     """Take the steps before `end`, up to one that lacks room or that culls a landmark."""
     while s.position[0] < end:
-        if not take_step(f, w, s, rules, names, candidates, visibility, out):
+        if not take_step(f, w, s, rules, names, visibility, out):
             return
 
 
@@ -118,7 +111,6 @@ def take_step(
     s: Steps,
     rules: Rules,
     names: NameTable,
-    candidates: CandidateBuffer,
     visibility: VisibilityCounts,
     out: StepResults,
 ) -> bool:
@@ -129,60 +121,47 @@ def take_step(
     i = s.position[0]
     start, end = s.edge[i], s.edge[i + 1]
     association = s.landmark[start:end]
-    due = rules.culling.enabled and end > start and (s.first + i) % rules.culling.interval == 0
+    counts = rules.culling.enabled and end > start
     if is_full(f):
         return False
     if s.position[1] < 0:
         if i >= s.still:
             predict_by_control(f, w, s.control[i], s.U[i], s.bias_jacobian[i])  # C.5-C.9
-        z, R = s.z[start:end], s.R[start:end]
+        z, R, confirmed = s.z[start:end], s.R[start:end], visibility.confirmed
         if rules.names.enabled and end > start:
             name, refused = s.name[start:end], s.refused[start:end]
-            associate_named(f, w, names, rules.names, rules.gates, z, R, name, association, refused)
+            associate_named(
+                f, w, names, rules.names, rules.gates, confirmed, z, R, name, association, refused
+            )
         elif rules.nearest and end > start:
-            associate_nearest(f, z, R, rules.gates, association[:0], association)
-        if due and may_cull(names):
+            associate_nearest(f, z, R, rules.gates, association[:0], confirmed, association)
+        for k in range(start, end):
+            visibility.reach[0] = max(visibility.reach[0], s.z[k, 0])
+        if counts and may_cull(names) and is_check(visibility, rules.culling):
             predict_visible(f, visibility)
         s.position[1] = start
     k = update_scan(f, w, s.z, s.R, s.landmark, s.position[1], end, out.innovations)  # C.10-C.14
     s.position[1] = k
     if k < end:
         return False
-    new = start + np.flatnonzero(association == NEW)
-    if len(new) > 0:
-        if len(f.blocks) - f.counts[LANDMARKS] < len(new):
-            return False
-        if len(candidates.kept) - candidates.length[0] < len(new):
-            return False
-        augment_confirmed(f, w, s, new, s.time[i], rules.policy, candidates)  # C.15-C.18
+    mapped, new = f.counts[LANDMARKS], 0
+    for k in range(end - start):
+        new += association[k] == NEW
+    if len(f.blocks) - mapped < new:
+        return False
+    for k in range(end - start):
+        if association[k] == NEW:
+            association[k] = f.counts[LANDMARKS]
+            augment_range_bearing(f, w, s.z[start + k], s.R[start + k])  # C.15-C.18
+    culls = names.counts[STALE] > 0
+    if counts:
+        check = may_cull(names) and is_check(visibility, rules.culling)
+        total = f.counts[LANDMARKS]
+        check_visibility(visibility, rules.culling, check, mapped, total, association)
+        if check:
+            culls = keep_named(names, visibility.culled) or culls
     for k in range(end - start):
         association[k] = max(association[k], -1)
-    culls = names.counts[STALE] > 0
-    if due and may_cull(names):
-        check_visibility(visibility, rules.culling, f.counts[LANDMARKS], association)
-        culls = keep_named(names, visibility.culled) or culls
     write_pose(f, w, out.pose[i], out.covariance[i])
     s.position[0], s.position[1] = i + 1, -1
     return not culls
-
-
-@kernel()
-def augment_confirmed(
-    f: FilterState,
-    w: Scratch,
-    s: Steps,
-    new: IntArray,
-    time: float,
-    policy: ConfirmationPolicy,
-    candidates: CandidateBuffer,
-) -> None:
-    """Associate new observations (m,) with the candidates; add those that confirm one."""
-    xy, C = np.empty((len(new), 2)), np.empty((len(new), 2, 2))
-    confirmed = np.empty(len(new), np.bool_)
-    for i in range(len(new)):
-        inverse_observe(f, w, s.z[new[i]], s.R[new[i]], xy[i], C[i])
-    confirm(candidates, policy, xy, C, time, confirmed)
-    for i in range(len(new)):
-        if confirmed[i]:
-            s.landmark[new[i]] = f.counts[LANDMARKS]
-            augment_range_bearing(f, w, s.z[new[i]], s.R[new[i]])

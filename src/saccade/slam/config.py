@@ -43,16 +43,13 @@ class EkfConfig:
     new_gate: float = 0.9999
     """Unknown association: an observation outside this probability of every landmark is new."""
     confirm_after: int = 5
-    """Unknown association: a landmark enters the map at this observation; 1 for the first."""
-    candidate_timeout: float = 2.0
-    """Unknown association: units of the log's time until a candidate without a re-observation is
-    dropped."""
-    min_observations: int = 10
-    """Unknown association: landmarks with fewer observations in the whole log are removed at its
-    end."""
+    """Unknown association: a candidate becomes a landmark of the map at this observation; 1 for the
+    first. It is in the filter from the first on."""
+    candidate_scans: int = 20
+    """Unknown association: scans without a re-observation after which a candidate is dropped."""
     culling_ratio: float | None = 0.4
-    """Unknown association: a landmark that is observed in less than this fraction of the checks in
-    which it is in view is removed; None keeps all."""
+    """Unknown association: a landmark that is observed less often than this fraction of what is
+    usual at the same ranges and bearings is removed; None keeps all."""
     name_gate: float = 0.99999
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
@@ -83,8 +80,7 @@ class EkfConfig:
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
         require(0 < self.name_gate < 1, "name_gate", "a probability under 1", self.name_gate)
         require(self.confirm_after >= 1, "confirm_after", "at least 1", self.confirm_after)
-        require(self.candidate_timeout > 0, "candidate_timeout", "over 0", self.candidate_timeout)
-        require(self.min_observations >= 1, "min_observations", "at least 1", self.min_observations)
+        require(self.candidate_scans >= 1, "candidate_scans", "at least 1", self.candidate_scans)
         ratio = self.culling_ratio
         in_range = ratio is None or 0 < ratio < 1
         require(in_range, "culling_ratio", "None, or over 0 and under 1", ratio)

@@ -18,8 +18,6 @@ from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam, new_innovations
 from saccade.slam.filter.validation import check_all
-from saccade.slam.map_management._kernels import FieldOfView
-from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.submaps import Submaps, read_counts, read_names, write_counts, write_names
@@ -30,6 +28,7 @@ MIN_SIGMA = 1e-4
 ones would make a filter diverge by its own linearization errors."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
+NO_GATES = Gates(inf, inf, False)
 NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 """For rules that do not doubt names; as of a log without any."""
 
@@ -43,7 +42,8 @@ class StepResult:
     covariance: FloatArray
     """(3, 3) of the pose."""
     association: IntArray
-    """(k,) number of the landmark in the map for each observation, -1 if it was not used."""
+    """(k,) number of the landmark in the filter for each observation, -1 if it was not used; it
+    may be a candidate (see `Slam.confirmed`)."""
     innovations: FloatArray
     """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
     innovation_covariances: FloatArray
@@ -53,8 +53,8 @@ class StepResult:
     refused: BoolArray
     """(k,) whether the landmark name of each observation contradicted the map and was refused."""
     culled: IntArray
-    """(g,) landmarks that were removed from the map, by their numbers before this; those behind
-    them have moved up, also in `association`."""
+    """(g,) landmarks and candidates that were removed from the filter, by their numbers before
+    this; those behind them have moved up, also in `association`."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
@@ -71,15 +71,11 @@ class Slam:
     `run` takes a log through the same steps, with the same results to the last bit.
 
     Args:
-        config: filter, association and noise; `min_observations`, which counts to the end of a
-            log, has no effect.
+        config: filter, association and noise.
         start: (3,) first pose.
         motion: the motion model; by default `drive`, with controls of distance and turn.
         sensor: the sensor model; by default range and bearing.
         association: a custom association rule instead of the one in `config`.
-        field_of_view: largest range in metres and left and right bearing in radians up to which
-            the sensor reliably detects landmarks. A log gives it by its quantiles (see `run`);
-            without it no landmark is culled.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
 
     Raises:
@@ -107,7 +103,6 @@ class Slam:
         motion: Motion = drive,
         sensor: Sensor = RANGE_BEARING,
         association: Association | None = None,
-        field_of_view: tuple[float, float, float] | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
         built_in = motion in (drive, compose) and sensor is RANGE_BEARING
@@ -124,10 +119,10 @@ class Slam:
         )
         self.associate = association or _association(config)
         """The association rule."""
-        self.candidates = Candidates(config.confirm_after, config.candidate_timeout, config.gate)
-        culls = field_of_view is not None and not isinstance(self.associate, KnownIdentity)
-        ratio = config.culling_ratio if culls else None
-        self.culling = Culling(FieldOfView(*(field_of_view or (0.0, 0.0, 0.0))), ratio)
+        doubted = not isinstance(self.associate, KnownIdentity)
+        self.culling = Culling(
+            doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
+        )
         self.num_steps = 0
         """Steps that were taken."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
@@ -137,12 +132,10 @@ class Slam:
         are those of this package."""
         self._named = self.associate if isinstance(self.associate, DoubtedIdentity) else None
         nearest = self._named.geometry if self._named else self.associate
-        is_nearest = isinstance(nearest, NearestNeighbor)
         self._rules = Rules(
-            nearest=is_nearest,
-            gates=nearest.gates if is_nearest else Gates(inf, inf, False),
+            nearest=isinstance(nearest, NearestNeighbor),
+            gates=nearest.gates if isinstance(nearest, NearestNeighbor) else NO_GATES,
             names=self._named.name_gates if self._named else NameGates(False, inf),
-            policy=self.candidates.policy,
             culling=self.culling.rule,
         )
         self._submaps = Submaps(config.submaps == "always", self._rules)
@@ -159,7 +152,7 @@ class Slam:
         """Move to the next pose and process the scan that is observed there.
 
         Args:
-            time: of the pose, in the unit of `EkfConfig.candidate_timeout`.
+            time: of the pose, in any unit.
             control: (c,) from the last pose to this one; None where the robot has not moved, as
                 at the first pose.
             U: (c, c) its covariance.
@@ -295,13 +288,12 @@ class Slam:
         i, new = int(s.position[0]), 0
         if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
             new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
-        self.candidates.reserve(new)
         ekf, place = self.ekf, None
         if isinstance(ekf, CompressedSlam):
-            end, place = self._submaps.plan(ekf, s, end, self._names)
+            end, place = self._submaps.plan(ekf, s, end, self._names, self.culling.reach)
         part = ekf if place is None else place
         part.reserve(max(new, 1))
-        f, w, candidates = part.filter_state, part.scratch, self.candidates.buffer
+        f, w = part.filter_state, part.scratch
         mapped, scans = len(ekf), s.landmark[s.edge[i] : s.edge[end]]
         if self.culling.rule.enabled:
             self.culling.reserve(mapped + len(f.blocks) - len(part))
@@ -311,18 +303,18 @@ class Slam:
             place.mark(scans)
             names = read_names(self._names, place)
             if self.culling.rule.enabled:
-                counts = read_counts(counts, place, mapped)
-        take_steps(f, w, s, end, self._rules, names, candidates, counts, out)
+                counts = read_counts(counts, place)
+        take_steps(f, w, s, end, self._rules, names, counts, out)
         while place is not None and s.position[0] < end and not counts.culled.any():
             if not place.flush_if_full():
                 break
-            take_steps(f, w, s, end, self._rules, names, candidates, counts, out)
+            take_steps(f, w, s, end, self._rules, names, counts, out)
         if place is not None:
             place.mark(scans)
             scans[:] = place.to_map(scans)
             write_names(self._names, names, place)
             if self.culling.rule.enabled:
-                write_counts(self.culling.counts, counts, place, len(ekf))
+                write_counts(self.culling.counts, counts, place)
         self._submaps.count(s, i)
         done = s.position[1] < 0  # else the step is interrupted, and its numbers are still in use
         return self.culling.remove_culled(self._stale() if done else np.empty(0, np.int64))
@@ -335,25 +327,26 @@ class Slam:
         if i >= s.still:
             ekf.predict(s.control[i], s.U[i])  # C.5-C.9
         if len(z) > 0:
+            ekf.confirmed = self.culling.confirmed(len(ekf))
             found[:] = self.associate(ekf, z, R, identity)
-            check = self.culling.is_due(s.first + i)
+            check = self.culling.is_due()
             if self._named is not None:
                 s.refused[scan] = self._named.refused
                 check = check and may_cull(self._named.table)
-            expected = ekf.predict_observations().z if check else None
+            predicted = ekf.predict_observations().z if check else None
             innovations = ekf.update_scan(z, R, found)  # C.10-C.14
             for array, values in zip(out.innovations, innovations, strict=True):
                 array[scan] = values
-            new = np.flatnonzero(found == NEW)
-            for k in new[self.candidates.confirm(ekf, z[new], R[new], float(s.time[i]))]:
+            mapped = len(ekf)
+            for k in np.flatnonzero(found == NEW):
                 found[k] = ekf.augment(z[k], R[k])  # C.15-C.18
                 self.associate.added(int(found[k]), int(identity[k]))
-            found[:] = np.maximum(found, -1)
-            if expected is not None:
-                self.culling.update(ekf, expected, found)
-                if self._named is not None:
-                    keep_named(self._named.table, self.culling.counts.culled)
+            if self.culling.rule.enabled:
+                self.culling.update(ekf, predicted, mapped, float(z[:, 0].max()), found)
+            if self._named is not None:
+                keep_named(self._named.table, self.culling.counts.culled)
             culled = self.culling.remove_culled(self._stale())
+            found[:] = np.maximum(found, -1)
         out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
         s.position[0] = i + 1
         return culled
@@ -371,6 +364,11 @@ class Slam:
         if isinstance(self.associate, (KnownIdentity, DoubtedIdentity)):
             return self.associate.identities(len(self.ekf))
         return np.full(len(self.ekf), -1)
+
+    @property
+    def confirmed(self) -> BoolArray:
+        """(N,) which landmarks of the filter are in the map; the others are candidates."""
+        return self.culling.confirmed(len(self.ekf)) | (self.identities >= 0)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.
@@ -390,7 +388,6 @@ class Slam:
         return {
             "ekf": self.ekf,
             "associate": self.associate,
-            "candidates": self.candidates,
             "culling": self.culling,
         }
 

@@ -11,7 +11,6 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.map_management.culling import field_of_view
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.online import Slam, new_results
 from saccade.slam.snapshots import Recorder
@@ -42,7 +41,9 @@ class SlamResult:
     refused: BoolArray
     """(k,) whether the landmark name of each observation contradicted the map and was refused."""
     removed: int = 0
-    """Landmarks that were removed from the map."""
+    """Landmarks that were culled."""
+    warning: str = ""
+    """Why nothing is in the map, or most observations were not used; empty if neither is so."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
 
@@ -63,10 +64,8 @@ def run(
 ) -> SlamResult:
     """Filter a landmark log with EKF-SLAM (C.1-C.18).
 
-    With landmark identities every pose depends on earlier measurements only. Without, statistics
-    of the whole log enter before its end: the field of view that culling checks (see
-    `field_of_view`). At the end, `EkfConfig.min_observations` removes landmarks and
-    their associations; poses and innovations stay as they were filtered.
+    Every pose depends on earlier measurements only. Candidates that are not confirmed at the end
+    are left out of the map and of the association.
 
     Args:
         log: controls and observations.
@@ -111,19 +110,14 @@ def run(
         slam.advance(steps, end, out)
         if recorder is not None:
             scan = slice(steps.edge[start], steps.edge[end])
-            recorder.add(start, poses, slam.ekf, steps.landmark[scan])
+            recorder.add(start, poses, slam.ekf, steps.landmark[scan], slam.confirmed)
         if checkpoint is not None:
             checkpoint.save(end, parts)
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
-    int(steps.refused.sum()) / max(len(steps.refused), 1)
-    association, removed = np.maximum(steps.landmark, -1), slam.culling.removed
-    if slam.culling.rule.enabled:
-        count = np.bincount(association[association >= 0], minlength=len(slam.ekf))
-        rare = np.flatnonzero((count < config.min_observations) & (slam.identities < 0))
-        slam.remove(rare, association)
-        removed += len(rare)
+    association = np.maximum(steps.landmark, -1)
+    slam.remove(np.flatnonzero(~slam.confirmed), association)
     return SlamResult(
         trajectory=Trajectory(log.time, out.pose, out.covariance),
         map=_landmark_map(slam, log, association),
@@ -135,7 +129,8 @@ def run(
         innovation_covariance=out.innovations.covariance,
         dead_reckoning=dead_reckon(log, config, motion),
         refused=steps.refused,
-        removed=removed,
+        removed=slam.culling.removed,
+        warning=slam.culling.warning(association),
         odometry_bias=slam.ekf.odometry_bias,
     )
 
@@ -147,7 +142,7 @@ def slam_for(
     sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
 ) -> Slam:
-    """The `Slam` that `run` takes through a log: with its start, motion model and field of view.
+    """The `Slam` that `run` takes through a log: with its start and motion model.
 
     Raises:
         LogError: as `run`.
@@ -164,7 +159,6 @@ def slam_for(
         motion=motion_of(log, motion),
         sensor=sensor,
         association=associate,
-        field_of_view=field_of_view(log),
         odometry_bias=(0.0, 0.0, 0.0) if motion is not None else log.odometry_bias,
     )
 

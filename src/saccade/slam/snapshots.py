@@ -9,7 +9,7 @@ import numpy as np
 from saccade.errors import require
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.types import FloatArray, IntArray, MapSnapshot
+from saccade.types import BoolArray, FloatArray, IntArray, MapSnapshot
 
 
 class Recorder:
@@ -30,7 +30,14 @@ class Recorder:
         self._path: list[FloatArray] = []
         self._observed: set[int] = set()
 
-    def add(self, step: int, steps: int, ekf: EkfSlam, observed: IntArray) -> None:
+    def add(
+        self,
+        step: int,
+        steps: int,
+        ekf: EkfSlam,
+        observed: IntArray,
+        confirmed: BoolArray | None = None,
+    ) -> None:
         """Record a pose.
 
         Args:
@@ -39,20 +46,23 @@ class Recorder:
             ekf: the filter, after all observations of this pose.
             observed: numbers of the landmarks that were observed from this pose, negative for
                 unused observations.
+            confirmed: (N,) the landmarks of the filter that are shown; all by default.
         """
         self._path.append(ekf.pose)
         self._observed.update(observed[observed >= 0].tolist())
         if (steps - 1 - step) % -(-steps // self._frames) != 0:  # includes the last pose
             return
+        shown = np.ones(len(ekf), np.bool_) if confirmed is None else confirmed
+        was_observed = np.isin(np.arange(len(ekf)), list(self._observed))
         self.snapshots.append(
             MapSnapshot(
                 step=step,
                 path=np.array(self._path),
                 covariance=ekf.pose_covariance,
-                landmarks=ekf.landmarks,
-                landmark_covariance=ekf.landmark_covariances,
-                ids=ekf.ids,
-                observed=np.array(sorted(n for n in self._observed if n < len(ekf)), np.int64),
+                landmarks=ekf.landmarks[shown],
+                landmark_covariance=ekf.landmark_covariances[shown],
+                ids=ekf.ids[shown],
+                observed=np.flatnonzero(was_observed[shown]),
             )
         )
         self._path, self._observed = [], set()

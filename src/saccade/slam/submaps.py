@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from saccade.slam._step_kernels import Rules, Steps
-from saccade.slam.association._name_kernels import UNDECIDED, NameTable
+from saccade.slam.association._name_kernels import UNDECIDED, NameTable, may_cull
 from saccade.slam.filter.compressed import CompressedSlam, Neighborhood
 from saccade.slam.map_management._kernels import VisibilityCounts
-from saccade.types import BoolArray, FloatArray
+from saccade.slam.map_management.culling import PER_LANDMARK
+from saccade.types import BoolArray, FloatArray, IntArray
 
 LARGE = 1000
 """Landmarks in a map from which "auto" uses neighborhoods."""
@@ -59,7 +60,8 @@ class Submaps:
 
     def __init__(self, always: bool, rules: Rules) -> None:
         self._always = always
-        self._view = rules.culling.field_of_view.max_range if rules.culling.enabled else 0.0
+        self._doubts = rules.culling.enabled
+        self._view = 0.0
         gate = rules.gates.new_gate
         self._gate = sqrt(gate) if isfinite(gate) else 0.0
         self._radius = -1.0
@@ -69,9 +71,13 @@ class Submaps:
         self._needed = 0.0
 
     def plan(
-        self, ekf: CompressedSlam, s: Steps, end: int, names: NameTable
+        self, ekf: CompressedSlam, s: Steps, end: int, names: NameTable, reach: float
     ) -> tuple[int, Neighborhood | None]:
-        """The neighborhood for the next steps, None for the whole map, and their end."""
+        """The neighborhood for the next steps, None for the whole map, and their end.
+
+        The sensor has observed landmarks up to a range of `reach` so far.
+        """
+        self._view = max(reach, 0.0) if self._doubts and may_cull(names) else 0.0
         i = int(s.position[0])
         begun = s.position[1] >= 0
         room = LARGE - len(ekf)
@@ -159,7 +165,7 @@ class Submaps:
         reach = s.z[first:last, 0] + self._gate * np.sqrt(s.R[first:last, 0, 0])
         step = np.searchsorted(s.edge, np.arange(first, last), "right") - 1 - start
         np.maximum.at(needed, step, reach)
-        return needed
+        return np.maximum.accumulate(needed) if self._doubts else needed
 
 
 def _named(s: Steps, names: NameTable, start: int, end: int) -> tuple[IntArray, ...]:
@@ -190,24 +196,20 @@ def write_names(names: NameTable, local: NameTable, place: Neighborhood) -> None
         getattr(names, name)[new != old] = place.to_map(new)[new != old]
 
 
-def read_counts(counts: VisibilityCounts, place: Neighborhood, mapped: int) -> VisibilityCounts:
-    """The counts of a neighborhood, of those of a map of so many landmarks."""
+def read_counts(counts: VisibilityCounts, place: Neighborhood) -> VisibilityCounts:
+    """The counts of a neighborhood, of those of the map."""
     numbers = place.numbers(len(place.filter_state.blocks))
     return counts._replace(
         **{name: array[numbers] for name, array in _by_landmark(counts)},
-        mapped_before=counts.mapped_before + len(place) - mapped,
     )
 
 
-def write_counts(
-    counts: VisibilityCounts, local: VisibilityCounts, place: Neighborhood, mapped: int
-) -> None:
+def write_counts(counts: VisibilityCounts, local: VisibilityCounts, place: Neighborhood) -> None:
     """Write what `read_counts` gave back."""
     numbers = place.numbers(len(place.filter_state.blocks))
     for name, array in _by_landmark(counts):
         array[numbers] = getattr(local, name)
-    counts.mapped_before[:] = local.mapped_before + mapped - len(place)
 
 
 def _by_landmark(counts: VisibilityCounts) -> list[tuple[str, Any]]:
-    return [(name, array) for name, array in counts._asdict().items() if name != "mapped_before"]
+    return [(name, getattr(counts, name)) for name in PER_LANDMARK]

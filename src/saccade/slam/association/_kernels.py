@@ -9,7 +9,7 @@ from saccade._jit import kernel
 from saccade.slam.filter._kernels import wrapped
 from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
 from saccade.slam.filter._state_kernels import INVARIANT, LANDMARKS, FilterState
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 NEW = -1
 """No landmark of the map is near the observation: it may become one."""
@@ -153,11 +153,13 @@ def associate_nearest(
     R: FloatArray,
     gates: Gates,
     taken: IntArray,
+    confirmed: BoolArray,
     association: IntArray,
 ) -> None:
     """Nearest-neighbor association: fill the landmark of each observation, `NEW` or `DROPPED`.
 
-    Other observations of the scan are of the landmarks `taken` (n,), see `select_pairs`.
+    Other observations of the scan are of the landmarks `taken` (n,), see `select_pairs`. For
+    `confirmed`, of all landmarks, see `drop_ambiguous`.
     """
     landmark = np.empty(f.counts[LANDMARKS], np.int64)
     landmark = landmark[: prefilter_landmarks(f, z, R, gates.new_gate, landmark)]
@@ -171,14 +173,16 @@ def associate_nearest(
             if landmark[j] == taken[i]:
                 columns[count] = j
                 count += 1
-    select_pairs(distance, gates, columns[:count], association)
+    select_pairs(distance, gates, columns[:count], confirmed[landmark], association)
     for i in range(len(z)):
         if association[i] >= 0:
             association[i] = landmark[association[i]]
 
 
 @kernel()
-def select_pairs(distance: FloatArray, gates: Gates, taken: IntArray, paired: IntArray) -> None:
+def select_pairs(
+    distance: FloatArray, gates: Gates, taken: IntArray, confirmed: BoolArray, paired: IntArray
+) -> None:
     """Fill the column of each row (m,) of distances (m, c), `NEW` or `DROPPED`.
 
     What is near a column that is `taken` (n,) is not new, but is not paired with it either.
@@ -191,7 +195,7 @@ def select_pairs(distance: FloatArray, gates: Gates, taken: IntArray, paired: In
         pair_mutual(distance, gates.gate, paired)
     else:
         pair_nearest_first(distance, gates.gate, paired)
-    drop_ambiguous(distance, paired)
+    drop_ambiguous(distance, confirmed, paired)
     for i in range(len(distance)):
         for j in taken:
             if paired[i] == j:
@@ -204,16 +208,23 @@ def select_pairs(distance: FloatArray, gates: Gates, taken: IntArray, paired: In
 
 
 @kernel()
-def drop_ambiguous(distance: FloatArray, paired: IntArray) -> None:
-    """Drop pairs of (m, c) for which an unpaired column is almost as near."""
+def drop_ambiguous(distance: FloatArray, confirmed: BoolArray, paired: IntArray) -> None:
+    """Drop pairs of (m, c) for which an unpaired column is almost as near.
+
+    For a pair with a confirmed column (c,), only confirmed ones count: next to a landmark, a
+    candidate is most often one of its own observations that was outside of its gate.
+    """
     used = np.zeros(distance.shape[1], np.bool_)
     for i in range(len(distance)):
         if paired[i] >= 0:
             used[paired[i]] = True
     for i in range(len(distance)):
-        own = distance[i, paired[i]] if paired[i] >= 0 else inf
+        column = paired[i]
+        if column < 0:
+            continue
         for j in range(distance.shape[1]):
-            if not used[j] and distance[i, j] <= own + AMBIGUITY_MARGIN and paired[i] >= 0:
+            rival = not used[j] and (confirmed[j] or not confirmed[column])
+            if rival and distance[i, j] <= distance[i, column] + AMBIGUITY_MARGIN:
                 paired[i] = DROPPED
 
 

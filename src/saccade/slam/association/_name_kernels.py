@@ -105,6 +105,7 @@ def associate_named(
     table: NameTable,
     name_gates: NameGates,
     gates: Gates,
+    confirmed: BoolArray,
     z: FloatArray,
     R: FloatArray,
     name: IntArray,
@@ -117,14 +118,15 @@ def associate_named(
     """
     table.counts[UNNAMED] += (name < 0).sum()
     if (name < 0).all():
-        associate_nearest(f, z, R, gates, association[:0], association)
+        associate_nearest(f, z, R, gates, association[:0], confirmed, association)
         return
     seen = sightings(f, w, table, z, R, name)
     judge_names(f, table, name_gates.gate, seen, name, association, refused)
     rest = np.flatnonzero(association == UNDECIDED)
     if len(rest) > 0:
         near = np.empty(len(rest), np.int64)
-        associate_nearest(f, z[rest], R[rest], gates, association[association >= 0], near)
+        taken = association[association >= 0]
+        associate_nearest(f, z[rest], R[rest], gates, taken, confirmed, near)
         settle_names(f, table, rest, near, name, association, refused)
 
 

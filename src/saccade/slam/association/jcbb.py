@@ -53,7 +53,7 @@ class JointCompatibility(Association):
             gated = distance[np.ix_(rows, columns)]
             branch_and_bound(gated, gate, v, S, R[rows], joint_gates, self.max_nodes, best)
             paired[rows] = np.where(best >= 0, columns[best], DROPPED)
-        drop_ambiguous(distance, paired)
+        drop_ambiguous(distance, ekf.confirmed, paired)
         return np.where(outside, NEW, paired).astype(np.int64)
 
 

@@ -37,7 +37,7 @@ class NearestNeighbor(Association):
         """Associate a scan of which other observations are of the landmarks `taken` (n,)."""
         distance = mahalanobis_squared(ekf, z, R, self.gates.new_gate)  # (m, N)
         paired = np.empty(len(z), np.int64)
-        select_pairs(distance, self.gates, taken, paired)
+        select_pairs(distance, self.gates, taken, ekf.confirmed, paired)
         return paired
 
     @property

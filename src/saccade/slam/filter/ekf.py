@@ -33,7 +33,7 @@ from saccade.slam.filter.state import (
 from saccade.slam.filter.validation import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrap
 from saccade.slam.results import Innovation, PredictedObservations
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 
 class EkfSlam:
@@ -77,6 +77,7 @@ class EkfSlam:
         self._set_state(new_state(robot, P, FIRST_CAPACITY, int(Retraction(retraction)), huber))
         self._ids = np.zeros(0, np.int64)  # of the landmarks at the last removal
         self._removed = 0
+        self._candidates = np.zeros(0, np.bool_)
         self.filter_state.state[2] = wrap(robot[2])
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
@@ -306,6 +307,18 @@ class EkfSlam:
         """(3,) see `odometry_bias.BIASES`; None where they are no part of the state."""
         estimated = self.is_compiled and self.robot_filter.robot_size > 3
         return self.robot_state[3:] if estimated else None
+
+    @property
+    def confirmed(self) -> BoolArray:
+        """(N,) landmarks that are more than candidates, all if it was not set, for association."""
+        confirmed = np.ones(len(self), np.bool_)
+        known = self._candidates[: len(self)]
+        confirmed[: len(known)] = ~known
+        return confirmed
+
+    @confirmed.setter
+    def confirmed(self, confirmed: BoolArray) -> None:
+        self._candidates = ~confirmed
 
     @property
     def ids(self) -> IntArray:

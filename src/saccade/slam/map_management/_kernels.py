@@ -1,178 +1,152 @@
-"""Confirmation of candidate landmarks, and counts for culling."""
+"""Confirmation of candidate landmarks and culling of wrong ones, by counts of detections."""
 
+from math import log2, pi
 from typing import NamedTuple
 
-import numpy as np
-
 from saccade._jit import kernel
-from saccade.slam.association._kernels import pair_nearest_first, squared_distance
+from saccade.slam.association._kernels import DROPPED
 from saccade.slam.filter._range_bearing_kernels import expected_observation
 from saccade.slam.filter._state_kernels import LANDMARKS, FilterState
 from saccade.types import BoolArray, FloatArray, IntArray
 
-
-class CandidateBuffer(NamedTuple):
-    """Candidate landmarks, with room for c of them."""
-
-    xy: FloatArray
-    """(c, 2) metres in the frame of the map."""
-    covariance: FloatArray
-    """(c, 2, 2) square metres, of the sensor's noise alone."""
-    observations: IntArray
-    """(c,) number of observations."""
-    last_observed: FloatArray
-    """(c,) time of the last observation."""
-    kept: BoolArray
-    """(c,) scratch: whether `_compact` keeps it."""
-    length: IntArray
-    """(1,) candidates in use."""
-
-
-class ConfirmationPolicy(NamedTuple):
-    """When a candidate becomes a landmark, and when it is dropped."""
-
-    confirm_after: int
-    """Observations that confirm a candidate."""
-    timeout: float
-    """Time without an observation after which it is dropped."""
-    gate: float
-    """Squared Mahalanobis distance within which an observation is of a candidate."""
-
-
-class FieldOfView(NamedTuple):
-    """The part of a sensor's field of view in which it reliably detects landmarks."""
-
-    max_range: float
-    """Metres."""
-    left: float
-    right: float
-    """Bearings in radians, left > right."""
+SCANS, AMBIGUOUS, FORGOTTEN, CULLED = 0, 1, 2, 3
+"""Indices into `VisibilityCounts.totals`: scans, observations that may be of several landmarks,
+candidates that were dropped, landmarks that were culled."""
+RANGE_BINS, BEARING_BINS = 96, 24
+"""Of the detection probability: quarters of an octave of the range from 0.24 mm to 4 km, and
+sectors of the bearing."""
+CHECKS = 4
+"""Checks from one removal of landmarks to the next: a removal costs more than a step."""
+UNKNOWN = 4.0
+"""Expectations that are added to those of a bin: of a new bin no detection is expected."""
 
 
 class CullingRule(NamedTuple):
-    """When a landmark is removed from the map."""
+    """When a candidate becomes a landmark, and when either is removed from the map."""
 
     enabled: bool
-    """Whether landmarks are culled at all."""
-    field_of_view: FieldOfView
+    """Whether there are candidates at all; else every landmark is one at once, and stays."""
+    confirm_after: int
+    """Observations that confirm a candidate."""
+    candidate_scans: int
+    """Scans without an observation after which a candidate is dropped."""
     min_ratio: float
-    """Fraction of the checks in which a landmark was in view that it must have been observed."""
-    max_missed: int
+    """Detections of a landmark, as a fraction of those expected, under which it is culled."""
+    max_missed: float
     """Misses that are tolerated before that fraction counts."""
     interval: int
-    """Poses from one check of the whole map to the next."""
+    """Scans from one check of the whole map to the next."""
 
 
 class VisibilityCounts(NamedTuple):
-    """How often each landmark was observed and missed, with room for c of them."""
+    """How often each landmark was observed and missed, with room for c of them.
+
+    A detection is expected with the probability with which the confirmed landmarks of the map
+    were detected, so far, at the same range and bearing.
+    """
 
     observed: IntArray
-    """(c,) scans in which it was observed."""
-    missed: IntArray
-    """(c,) checks in which it was in view and not observed."""
+    """(c,) observations; 0 until the scan in which it was added has been counted."""
+    last_observed: IntArray
+    """(c,) number of the scan of the last one."""
+    confirmed: BoolArray
+    """(c,) whether it is a landmark; else a candidate."""
+    detected: FloatArray
+    """(c,) checks in which it was observed, without the scan in which it was added."""
     expected: FloatArray
+    """(c,) detections that were expected in all checks."""
+    predicted: FloatArray
     """(c, 2) predicted range and bearing in the present scan."""
-    mapped_before: IntArray
-    """(1,) landmarks in the map before the present scan."""
     culled: BoolArray
     """(c,) whether it is to be removed."""
+    bin_detected: FloatArray
+    """(`RANGE_BINS`, `BEARING_BINS`) detections of confirmed landmarks."""
+    bin_expected: FloatArray
+    """(`RANGE_BINS`, `BEARING_BINS`) checks of confirmed landmarks."""
+    reach: FloatArray
+    """(1,) largest range that was observed so far."""
+    totals: IntArray
+    """(4,) since the start."""
 
 
 @kernel()
-def confirm(
-    candidates: CandidateBuffer,
-    policy: ConfirmationPolicy,
-    xy: FloatArray,
-    covariance: FloatArray,
-    time: float,
-    confirmed: BoolArray,
-) -> None:
-    """Fill whether observations at xy (m, 2) with covariance (m, 2, 2) confirm a candidate (m,)."""
-    if policy.confirm_after <= 1:
-        for i in range(len(xy)):
-            confirmed[i] = True
-        return
-    if len(xy) == 0:
-        return
-    for j in range(candidates.length[0]):
-        candidates.kept[j] = time - candidates.last_observed[j] <= policy.timeout
-    _compact(candidates)
-    paired = np.empty(len(xy), np.int64)
-    pair_nearest_first(_distances(candidates, xy, covariance), policy.gate, paired)
-    for i in range(len(xy)):
-        j, times = paired[i], 1
-        if j < 0:
-            j = candidates.length[0]
-            candidates.length[0] += 1
-        else:
-            times = candidates.observations[j] + 1
-        candidates.xy[j] = xy[i]
-        candidates.covariance[j] = covariance[i]
-        candidates.observations[j], candidates.last_observed[j] = times, time
-        confirmed[i] = times >= policy.confirm_after
-    for j in range(candidates.length[0]):
-        candidates.kept[j] = candidates.observations[j] < policy.confirm_after
-    _compact(candidates)
-
-
-@kernel()
-def _distances(candidates: CandidateBuffer, xy: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Squared Mahalanobis distances (m, c) of observations from candidates."""
-    distance = np.empty((len(xy), candidates.length[0]))
-    for i in range(len(xy)):
-        for j in range(candidates.length[0]):
-            v, w = xy[i, 0] - candidates.xy[j, 0], xy[i, 1] - candidates.xy[j, 1]
-            C, D = covariance[i], candidates.covariance[j]
-            a, c, d = C[0, 0] + D[0, 0], C[0, 1] + D[0, 1], C[1, 1] + D[1, 1]
-            distance[i, j] = squared_distance(v, w, a, c, d)
-    return distance
-
-
-@kernel()
-def _compact(candidates: CandidateBuffer) -> None:
-    """Drop the candidates that are not `kept`."""
-    j = 0
-    for i in range(candidates.length[0]):
-        if candidates.kept[i]:
-            candidates.xy[j] = candidates.xy[i]
-            candidates.covariance[j] = candidates.covariance[i]
-            candidates.observations[j] = candidates.observations[i]
-            candidates.last_observed[j] = candidates.last_observed[i]
-            j += 1
-    candidates.length[0] = j
+def is_check(visibility: VisibilityCounts, rule: CullingRule) -> bool:
+    """Whether the whole map is checked in the next scan."""
+    return bool((visibility.totals[SCANS] + 1) % rule.interval == 0)
 
 
 @kernel()
 def predict_visible(f: FilterState, visibility: VisibilityCounts) -> None:
     """Fill the predicted observation of every landmark, before a scan is processed."""
     for i in range(f.counts[LANDMARKS]):
-        visibility.expected[i, 0], visibility.expected[i, 1] = expected_observation(f, i)
-    visibility.mapped_before[0] = f.counts[LANDMARKS]
+        visibility.predicted[i, 0], visibility.predicted[i, 1] = expected_observation(f, i)
 
 
 @kernel()
 def check_visibility(
-    visibility: VisibilityCounts, rule: CullingRule, landmarks: int, association: IntArray
-) -> bool:
-    """Count observed and missed landmarks of a scan; returns whether any is to be culled."""
-    observed, missed = visibility.observed, visibility.missed
-    expected, mapped_before = visibility.expected, visibility.mapped_before[0]
-    for i in range(mapped_before):
-        missed[i] += _in_view(rule.field_of_view, expected[i])
+    visibility: VisibilityCounts,
+    rule: CullingRule,
+    check: bool,
+    candidates: int,
+    landmarks: int,
+    association: IntArray,
+) -> None:
+    """Count the observed landmarks of a scan, and in a check those missed; mark what is culled.
+
+    Landmarks from number `candidates` were added as candidates in this scan; others that are new
+    were added by an association rule that does not wait for more observations.
+    """
+    observed, confirmed, totals = visibility.observed, visibility.confirmed, visibility.totals
+    totals[SCANS] += 1
+    mapped_before = landmarks
+    while mapped_before > 0 and observed[mapped_before - 1] == 0:
+        mapped_before -= 1
+    for i in range(mapped_before, candidates):
+        confirmed[i] = True
     for i in association:
         if i >= 0:
             observed[i] += 1
-            if i < mapped_before:
-                missed[i] -= _in_view(rule.field_of_view, expected[i])
-    any_culled = False
+            visibility.last_observed[i] = totals[SCANS]
+            confirmed[i] = confirmed[i] or observed[i] >= rule.confirm_after
+        elif i == DROPPED:
+            totals[AMBIGUOUS] += 1
+    if not check:
+        return
+    for i in range(mapped_before):
+        if visibility.predicted[i, 0] <= visibility.reach[0]:
+            _count_detection(visibility, i)
+    if totals[SCANS] % (CHECKS * rule.interval) > 0:
+        return
     for i in range(landmarks):
-        required = rule.min_ratio * (observed[i] + missed[i])
-        visibility.culled[i] = missed[i] > rule.max_missed and observed[i] < required
-        any_culled = any_culled or visibility.culled[i]
-    return any_culled
+        visibility.culled[i] = _is_culled(visibility, rule, i)
 
 
 @kernel()
-def _in_view(view: FieldOfView, z: FloatArray) -> bool:
-    """Whether range and bearing z (2,) are in the field of view."""
-    return bool(z[0] < view.max_range and view.right < z[1] < view.left)
+def _count_detection(visibility: VisibilityCounts, i: int) -> None:
+    """Count whether a landmark was detected, and whether that was expected."""
+    detected = 1.0 if visibility.last_observed[i] == visibility.totals[SCANS] else 0.0
+    row, column = _bin(visibility.predicted[i, 0], visibility.predicted[i, 1])
+    hits, checks = visibility.bin_detected, visibility.bin_expected
+    visibility.expected[i] += hits[row, column] / (checks[row, column] + UNKNOWN)
+    visibility.detected[i] += detected
+    if visibility.confirmed[i]:
+        hits[row, column] += detected
+        checks[row, column] += 1.0
+
+
+@kernel()
+def _bin(distance: float, bearing: float) -> tuple[int, int]:
+    """Bins of range and bearing; ranges outside are in the first and the last bin."""
+    row = int(4 * log2(max(distance, 1e-6)) + RANGE_BINS / 2)
+    column = int((bearing / (2 * pi) + 0.5) * BEARING_BINS)
+    return min(max(row, 0), RANGE_BINS - 1), column % BEARING_BINS
+
+
+@kernel()
+def _is_culled(visibility: VisibilityCounts, rule: CullingRule, i: int) -> bool:
+    """Whether a landmark is missed too often, or a candidate is not observed again."""
+    if not visibility.confirmed[i]:
+        waited = visibility.totals[SCANS] - visibility.last_observed[i]
+        return bool(waited > rule.candidate_scans)
+    detected, expected = visibility.detected[i], visibility.expected[i]
+    return bool(expected - detected > rule.max_missed and detected < rule.min_ratio * expected)

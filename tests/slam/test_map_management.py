@@ -1,0 +1,218 @@
+"""Candidates become landmarks or are dropped; landmarks that are missed are culled."""
+
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saccade import datasets, slam
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam import DROPPED, EkfConfig, EkfSlam, observe
+from saccade.slam.map_management._kernels import CULLED
+from saccade.slam.map_management.culling import Culling
+from support.circular_log import simulate
+from support.oracles_slam import ListedLandmarks
+from support.paths import SHARED
+
+U, R = np.diag([0.02, 0.01]) ** 2, np.diag([0.1, 0.02]) ** 2
+STILL = np.array([0.0, 0.0])
+
+
+def _unnamed(log):
+    return replace(log, landmark=np.full_like(log.landmark, -1))
+
+
+def _scan(live, xy, time=0.0):
+    """Let a robot at the origin observe points (k, 2) exactly."""
+    z = observe(np.zeros(3), np.asarray(xy, np.float64).reshape(-1, 2))[0]
+    return live.step(time, STILL, U * 1e-6, z, np.tile(R, (len(z), 1, 1)))
+
+
+def test_a_candidate_becomes_a_landmark_at_its_third_observation():
+    live = slam.Slam(EkfConfig(confirm_after=3))
+    for confirmed in ([False], [False, False], [True, False]):
+        xy = [[4.0, 1.0], [-2.0, 3.0]][: len(confirmed)]
+        assert _scan(live, xy).association.tolist() == list(range(len(confirmed)))
+        assert live.confirmed.tolist() == confirmed
+
+
+def test_a_candidate_that_is_not_observed_again_is_dropped():
+    live = slam.Slam(EkfConfig(confirm_after=2, candidate_scans=5, culling_ratio=None))
+    _scan(live, [[4.0, 1.0], [-2.0, 3.0]])
+    removed = [_scan(live, [[4.0, 1.0]]).culled.tolist() for _ in range(31)]
+    assert removed == [[]] * 14 + [[1]] + [[]] * 16  # in the 16th scan, as in every 16th
+    assert live.culling.forgotten == 1
+    assert live.culling.removed == 0
+
+
+def test_a_landmark_that_is_no_longer_there_is_culled_and_one_out_of_view_is_not():
+    """The robot turns: what lies behind it cannot be seen, and the filter learns that."""
+    live, taken = slam.Slam(EkfConfig()), 60
+    angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    world = 5 * np.stack([np.cos(angle), np.sin(angle)], 1)
+    pose = np.zeros(3)
+    for step in range(240):
+        pose[2] = slam.wrap(pose[2] + 0.2)
+        z, _ = observe(pose, world)
+        seen = np.abs(z[:, 1]) < 1.0
+        seen[3] &= step < taken
+        noise = np.tile(R, (seen.sum(), 1, 1))
+        live.step(float(step), np.array([0.0, 0.2]), U * 1e-4, z[seen], noise)
+        if step == taken:
+            assert live.confirmed.sum() == 16
+    assert live.confirmed.sum() == len(live.ekf) == 15
+    np.testing.assert_allclose(
+        np.sort(np.hypot(*(live.ekf.landmarks[:, None] - world).transpose(2, 0, 1)).argmin(1)),
+        np.delete(np.arange(16), 3),
+    )
+
+
+@given(st.integers(0, 10**6))
+def test_counts_are_those_of_a_list(seed):
+    rng = np.random.default_rng(seed)
+    culling = Culling(True, int(rng.integers(1, 4)), 5, 0.6, 0.5, interval=2)
+    listed, ekf = ListedLandmarks(culling.rule), EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    for _ in range(80):
+        mapped = len(ekf)
+        predicted = np.stack([rng.uniform(4, 5, mapped), rng.uniform(-3.1, -2.9, mapped)], 1)
+        found = [i if rng.random() < (0.1, 0.9)[i % 2] else DROPPED for i in range(mapped)]
+        added = int(rng.integers(0, 3)) if mapped < 8 else 0
+        found += range(mapped, mapped + added)
+        for _ in range(added):
+            ekf.augment(np.array([1.0, 0.0]), R)
+        candidates = mapped + int(rng.integers(0, added + 1))
+        removed = culling.update(ekf, predicted, candidates, np.array(found, np.int64))
+        assert removed.tolist() == listed.update(predicted, candidates, found)
+        ekf.remove(removed)
+        assert culling.confirmed(len(ekf)).tolist() == [m["confirmed"] for m in listed.landmarks]
+    assert culling.removed + culling.forgotten > 0
+
+
+def test_early_observations_of_a_candidate_are_not_lost(rng):
+    """When it is confirmed has no influence on the estimate: it is in the filter from the first."""
+    log = _unnamed(simulate(rng)[0])
+    runs = [slam.run(log, EkfConfig(confirm_after=times)) for times in (1, 4)]
+    one, four = (run.trajectory for run in runs)
+    assert one.pose.tobytes() == four.pose.tobytes()
+    assert one.covariance.tobytes() == four.covariance.tobytes()
+    assert len(runs[1].map) >= 15
+    assert (runs[1].association >= 0).mean() > 0.95
+
+
+@pytest.mark.parametrize("unit", [1e-9, 3.0, 1000.0])
+def test_the_unit_of_the_clock_does_not_matter(rng, unit):
+    log = _unnamed(simulate(rng)[0])
+    result, scaled = slam.run(log), slam.run(replace(log, time=log.time * unit))
+    assert result.trajectory.pose.tobytes() == scaled.trajectory.pose.tobytes()
+    assert len(result.map) == len(scaled.map) >= 15
+
+
+@pytest.mark.parametrize(
+    ("config", "cause"),
+    [
+        (EkfConfig(), ""),
+        (EkfConfig(confirm_after=1000), "no candidate was observed 1000 times with at most 20"),
+        (EkfConfig(sensor_noise_scale=20.0), "each may be of several landmarks"),
+    ],
+)
+def test_nothing_mapped_and_little_used_are_warnings_with_their_cause(rng, config, cause):
+    warning = slam.run(_unnamed(simulate(rng)[0]), config).warning
+    assert cause in warning
+    assert (cause == "") == (warning == "")
+
+
+def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
+    log = simulate(rng)[0]
+    blind = replace(
+        log,
+        observation_pose=log.observation_pose[:0],
+        observation=log.observation[:0],
+        observation_covariance=log.observation_covariance[:0],
+        landmark=log.landmark[:0],
+    )
+    assert "there are no observations" in slam.run(blind).warning
+    culling = Culling(True, 3, 5, 0.4)
+    culling.counts.totals[CULLED] = 7
+    assert "all of 7 landmarks were culled" in culling.warning(np.full(9, -1))
+    assert culling.warning(np.array([-1, 0])) == ""
+
+
+def test_snapshots_show_landmarks_without_candidates(rng):
+    recorder = slam.Recorder(frames=1000)
+    result = slam.run(_unnamed(simulate(rng)[0]), EkfConfig(), recorder=recorder)
+    assert len(recorder.snapshots[0].landmarks) == 0
+    assert len(recorder.snapshots[5].observed) > 0
+    np.testing.assert_array_equal(recorder.snapshots[-1].landmarks, result.map.xy)
+    for snapshot in recorder.snapshots:
+        assert len(snapshot.ids) == len(snapshot.landmarks) == len(snapshot.landmark_covariance)
+        assert (snapshot.observed < len(snapshot.landmarks)).all()
+
+
+def _cut(log, poses):
+    """The first poses of a log."""
+    kept = log.observation_pose < poses
+    return replace(
+        log,
+        time=log.time[:poses],
+        control=log.control[: poses - 1],
+        control_covariance=log.control_covariance[: poses - 1],
+        observation_pose=log.observation_pose[kept],
+        observation=log.observation[kept],
+        observation_covariance=log.observation_covariance[kept],
+        landmark=log.landmark[kept],
+    )
+
+
+def _check_cuts(log, config, cuts, rng):
+    """That what is estimated up to a pose has the same bits without the rest of the log."""
+    whole = slam.run(log, config)
+    for poses in rng.integers(2, len(log.time), cuts):
+        cut = _cut(log, int(poses))
+        part, k = slam.run(cut, config), len(cut.observation)
+        for name in ("pose", "covariance"):
+            before = getattr(whole.trajectory, name)[:poses]
+            assert getattr(part.trajectory, name).tobytes() == before.tobytes()
+        for name in ("innovation", "innovation_covariance"):
+            assert getattr(part, name).tobytes() == getattr(whole, name)[:k].tobytes()
+        assert part.consistency.nis.tobytes() == whole.consistency.nis[:k].tobytes()
+        both = (part.association >= 0) & (whole.association[:k] >= 0)  # neither culled nor dropped
+        pairs = np.stack([part.association[both], whole.association[:k][both]], 1)
+        pairs = np.unique(pairs, axis=0)  # each landmark is still the same one
+        assert len(pairs) == len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1]))
+    return whole
+
+
+@pytest.mark.parametrize("named", [True, False])
+@settings(max_examples=15)
+@given(st.integers(0, 10**6))
+def test_the_past_of_a_simulated_world_does_not_depend_on_the_future(named, seed):
+    rng = np.random.default_rng(seed)
+    log = simulate_world(WorldConfig(steps=300), seed=seed % 100)
+    seen = rng.random(len(log.observation)) < 0.8
+    log = replace(
+        log,
+        observation_pose=log.observation_pose[seen],
+        observation=log.observation[seen],
+        observation_covariance=log.observation_covariance[seen],
+        landmark=log.landmark[seen],
+    )
+    _check_cuts(log if named else _unnamed(log), EkfConfig(), 2, rng)
+
+
+def test_the_past_of_gtsams_victoria_park_does_not_depend_on_the_future(rng):
+    log = datasets.load("auto", files("saccade") / "data" / "victoria_park.txt")
+    _check_cuts(_unnamed(log), EkfConfig(), 2, rng)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("path", "cuts"),
+    [("mrclam/mrclam6.npz", 3), ("victoria_park/VictoriaParkSinSincronizar.mat", 2)],
+)
+def test_the_past_of_a_real_log_does_not_depend_on_the_future(rng, path, cuts):
+    log = _cut(_unnamed(datasets.load("auto", SHARED / "data" / "logs" / path)), 15000)
+    whole = _check_cuts(log, EkfConfig(), cuts, rng)
+    assert whole.removed > 0 or "mrclam" in path
