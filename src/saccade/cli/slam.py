@@ -27,8 +27,8 @@ def slam(
     association: Annotated[
         str | None,
         Option(
-            help="Data association: known (identities of the log, believed), nearest, mutual, joint "
-            "(JCBB), or auto: identities that agree with the map, else mutual."
+            help="Data association: known (identities of the log, believed), nearest, mutual, "
+            "joint (JCBB), or auto: identities that agree with the map, else mutual."
         ),
     ] = None,
     tune: Annotated[bool, Option("--tune", help="First fit the noise to the innovations.")] = False,

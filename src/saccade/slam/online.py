@@ -28,6 +28,8 @@ MIN_SIGMA = 1e-4
 ones would make a filter diverge by its own linearization errors."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
+NO_GATES = Gates(inf, inf, False)
+"""For rules that are not nearest-neighbor association."""
 NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 """For rules that do not doubt names; as of a log without any."""
 
@@ -135,10 +137,9 @@ class Slam:
         are those of this package."""
         self._named = self.associate if isinstance(self.associate, DoubtedIdentity) else None
         nearest = self._named.geometry if self._named else self.associate
-        is_nearest = isinstance(nearest, NearestNeighbor)
         self._rules = Rules(
-            nearest=is_nearest,
-            gates=nearest.gates if is_nearest else Gates(inf, inf, False),
+            nearest=isinstance(nearest, NearestNeighbor),
+            gates=nearest.gates if isinstance(nearest, NearestNeighbor) else NO_GATES,
             names=self._named.name_gates if self._named else NameGates(False, inf),
             policy=self.candidates.policy,
             culling=self.culling.rule,
