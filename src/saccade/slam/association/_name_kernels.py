@@ -85,7 +85,7 @@ class NameGates(NamedTuple):
     """Squared Mahalanobis distance up to which an observation is of the landmark of its name."""
 
 
-class Sightings(NamedTuple):
+class NamedScan(NamedTuple):
     """The m observations of a scan, compared with the landmarks that their names say."""
 
     nis: FloatArray
@@ -119,7 +119,7 @@ def associate_named(
     if (name < 0).all():
         associate_nearest(f, z, R, gates, association[:0], association)
         return
-    seen = sightings(f, w, table, z, R, name)
+    seen = compare_scan(f, w, table, z, R, name)
     judge_names(f, table, name_gates.gate, seen, name, association, refused)
     rest = np.flatnonzero(association == UNDECIDED)
     if len(rest) > 0:
@@ -129,12 +129,12 @@ def associate_named(
 
 
 @kernel()
-def sightings(
+def compare_scan(
     f: FilterState, w: Scratch, table: NameTable, z: FloatArray, R: FloatArray, name: IntArray
-) -> Sightings:
+) -> NamedScan:
     """Compare a scan of ranges and bearings with the landmarks that its names say."""
     m = len(z)
-    seen = Sightings(np.full(m, inf), np.zeros(m), np.empty((m, 2)), np.empty((m, 2, 2)))
+    seen = NamedScan(np.full(m, inf), np.zeros(m), np.empty((m, 2)), np.empty((m, 2, 2)))
     landmark = np.zeros(1, np.int64)
     expected, S = np.empty((1, 2)), np.empty((1, 2, 2))
     for i in range(m):
@@ -155,7 +155,7 @@ def judge_names(
     f: FilterState,
     table: NameTable,
     gate: float,
-    seen: Sightings,
+    seen: NamedScan,
     name: IntArray,
     association: IntArray,
     refused: BoolArray,
@@ -209,7 +209,7 @@ def judge_names(
 
 
 @kernel()
-def _remember(table: NameTable, seen: Sightings, i: int, k: int) -> None:
+def _remember(table: NameTable, seen: NamedScan, i: int, k: int) -> None:
     """Note the refused observation i of name k."""
     v, w = seen.xy[i, 0] - table.xy[k, 0], seen.xy[i, 1] - table.xy[k, 1]
     C, D = seen.covariance[i], table.covariance[k]
@@ -266,7 +266,7 @@ def _is_believed(
 
 @kernel()
 def _refuse_inconsistent(
-    f: FilterState, table: NameTable, seen: Sightings, name: IntArray, refused: BoolArray
+    f: FilterState, table: NameTable, seen: NamedScan, name: IntArray, refused: BoolArray
 ) -> None:
     """Refuse names of a scan whose landmarks are not as far from one another as the observations.
 
@@ -428,7 +428,7 @@ def _moves(table: NameTable, k: int, j: int) -> bool:
 
 @kernel()
 def _move(table: NameTable, k: int, j: int) -> None:
-    """Give name k to landmark j; the one that it had is to be removed if few sightings made it."""
+    """Give name k to landmark j; the one that it had is to be removed if few observations made it."""
     old = table.landmark[k]
     table.landmark[k] = j
     table.counts[UNNAMED] += 1
