@@ -237,7 +237,7 @@ def _is_believed(
     clock = table.counts[CLOCK]
     recovering = clock <= table.counts[BELIEVED]
     first = scan_start if recovering else clock - WINDOW
-    agreeing, contradicting = 1, 0
+    supporting, contradicting = 1, 0
     for j in range(len(table.landmark)):
         recent = table.votes[j] > 0 and table.refused_at[j] > first and table.landmark[j] >= 0
         if j == k or not recent or table.accepted[j] < ESTABLISHED:
@@ -251,12 +251,12 @@ def _is_believed(
             table.xy[j],
             table.covariance[j],
         ):
-            agreeing += 1
+            supporting += 1
         else:
             contradicting += 1
-    if (recovering or agreeing >= JOINT) and agreeing > max(num_accepted, contradicting):
+    if (recovering or supporting >= JOINT) and supporting > max(num_accepted, contradicting):
         return True
-    if agreeing == 1:
+    if supporting == 1:
         swapped = table.votes[k] > 1 and table.target[k] >= 0 and nis > FAR
         if swapped or table.accepted[k] < TRUSTED:
             return False
@@ -428,7 +428,7 @@ def _moves(table: NameTable, k: int, j: int) -> bool:
 
 @kernel()
 def _move(table: NameTable, k: int, j: int) -> None:
-    """Give name k to landmark j; the one that it had is to be removed if few observations made it."""
+    """Give name k to landmark j; the one before is removed if few observations made it."""
     old = table.landmark[k]
     table.landmark[k] = j
     table.counts[UNNAMED] += 1
