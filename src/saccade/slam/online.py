@@ -29,6 +29,7 @@ ones would make a filter diverge by its own linearization errors."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
 NO_GATES = Gates(inf, inf, False)
+"""For rules that are not nearest-neighbor association."""
 NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 """For rules that do not doubt names; as of a log without any."""
 

@@ -85,7 +85,7 @@ class NameGates(NamedTuple):
     """Squared Mahalanobis distance up to which an observation is of the landmark of its name."""
 
 
-class Sightings(NamedTuple):
+class NamedScan(NamedTuple):
     """The m observations of a scan, compared with the landmarks that their names say."""
 
     nis: FloatArray
@@ -120,7 +120,7 @@ def associate_named(
     if (name < 0).all():
         associate_nearest(f, z, R, gates, association[:0], confirmed, association)
         return
-    seen = sightings(f, w, table, z, R, name)
+    seen = compare_scan(f, w, table, z, R, name)
     judge_names(f, table, name_gates.gate, seen, name, association, refused)
     rest = np.flatnonzero(association == UNDECIDED)
     if len(rest) > 0:
@@ -131,12 +131,12 @@ def associate_named(
 
 
 @kernel()
-def sightings(
+def compare_scan(
     f: FilterState, w: Scratch, table: NameTable, z: FloatArray, R: FloatArray, name: IntArray
-) -> Sightings:
+) -> NamedScan:
     """Compare a scan of ranges and bearings with the landmarks that its names say."""
     m = len(z)
-    seen = Sightings(np.full(m, inf), np.zeros(m), np.empty((m, 2)), np.empty((m, 2, 2)))
+    seen = NamedScan(np.full(m, inf), np.zeros(m), np.empty((m, 2)), np.empty((m, 2, 2)))
     landmark = np.zeros(1, np.int64)
     expected, S = np.empty((1, 2)), np.empty((1, 2, 2))
     for i in range(m):
@@ -157,7 +157,7 @@ def judge_names(
     f: FilterState,
     table: NameTable,
     gate: float,
-    seen: Sightings,
+    seen: NamedScan,
     name: IntArray,
     association: IntArray,
     refused: BoolArray,
@@ -211,7 +211,7 @@ def judge_names(
 
 
 @kernel()
-def _remember(table: NameTable, seen: Sightings, i: int, k: int) -> None:
+def _remember(table: NameTable, seen: NamedScan, i: int, k: int) -> None:
     """Note the refused observation i of name k."""
     v, w = seen.xy[i, 0] - table.xy[k, 0], seen.xy[i, 1] - table.xy[k, 1]
     C, D = seen.covariance[i], table.covariance[k]
@@ -239,7 +239,7 @@ def _is_believed(
     clock = table.counts[CLOCK]
     recovering = clock <= table.counts[BELIEVED]
     first = scan_start if recovering else clock - WINDOW
-    agreeing, contradicting = 1, 0
+    supporting, contradicting = 1, 0
     for j in range(len(table.landmark)):
         recent = table.votes[j] > 0 and table.refused_at[j] > first and table.landmark[j] >= 0
         if j == k or not recent or table.accepted[j] < ESTABLISHED:
@@ -253,12 +253,12 @@ def _is_believed(
             table.xy[j],
             table.covariance[j],
         ):
-            agreeing += 1
+            supporting += 1
         else:
             contradicting += 1
-    if (recovering or agreeing >= JOINT) and agreeing > max(num_accepted, contradicting):
+    if (recovering or supporting >= JOINT) and supporting > max(num_accepted, contradicting):
         return True
-    if agreeing == 1:
+    if supporting == 1:
         swapped = table.votes[k] > 1 and table.target[k] >= 0 and nis > FAR
         if swapped or table.accepted[k] < TRUSTED:
             return False
@@ -268,7 +268,7 @@ def _is_believed(
 
 @kernel()
 def _refuse_inconsistent(
-    f: FilterState, table: NameTable, seen: Sightings, name: IntArray, refused: BoolArray
+    f: FilterState, table: NameTable, seen: NamedScan, name: IntArray, refused: BoolArray
 ) -> None:
     """Refuse names of a scan whose landmarks are not as far from one another as the observations.
 
@@ -430,7 +430,7 @@ def _moves(table: NameTable, k: int, j: int) -> bool:
 
 @kernel()
 def _move(table: NameTable, k: int, j: int) -> None:
-    """Give name k to landmark j; the one that it had is to be removed if few sightings made it."""
+    """Give name k to landmark j; the one before is removed if few observations made it."""
     old = table.landmark[k]
     table.landmark[k] = j
     table.counts[UNNAMED] += 1

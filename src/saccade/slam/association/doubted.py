@@ -8,9 +8,9 @@ from saccade.slam.association._name_kernels import (
     STALE,
     UNDECIDED,
     UNNAMED,
+    NamedScan,
     NameGates,
     NameTable,
-    Sightings,
     judge_names,
     settle_names,
 )
@@ -54,7 +54,7 @@ class DoubtedIdentity(Association):
         table.counts[UNNAMED] += (name < 0).sum()
         if (name < 0).all():
             return self.geometry(ekf, z, R, identity)
-        seen = _sightings(ekf, table, z, R, name)
+        seen = _compare_scan(ekf, table, z, R, name)
         state = ekf.filter_state
         judge_names(state, table, self.name_gates.gate, seen, name, association, self.refused)
         rest = np.flatnonzero(association == UNDECIDED)
@@ -115,9 +115,9 @@ class DoubtedIdentity(Association):
         return NameGates(True, chi_square_gate(2, self.gate))
 
 
-def _sightings(
+def _compare_scan(
     ekf: EkfSlam, table: NameTable, z: FloatArray, R: FloatArray, name: IntArray
-) -> Sightings:
+) -> NamedScan:
     """Compare a scan with the landmarks that its names say, by any sensor model."""
     landmark = np.where(name >= 0, table.landmark[name], -1)
     known = np.flatnonzero(landmark >= 0)
@@ -128,7 +128,7 @@ def _sightings(
     nis[known] = squared_distances(v, S + R[known])
     looseness[known] = (S.diagonal(0, 1, 2) / R[known].diagonal(0, 1, 2)).max(1)
     xy, _, Gz = ekf.sensor.inverse_observe(ekf.pose, z)  # (m, 2), (m, 2, 2)
-    return Sightings(nis, looseness, xy, Gz @ R @ Gz.transpose(0, 2, 1))
+    return NamedScan(nis, looseness, xy, Gz @ R @ Gz.transpose(0, 2, 1))
 
 
 def _new_table(names: int) -> NameTable:
