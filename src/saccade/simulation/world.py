@@ -53,6 +53,8 @@ class WorldConfig:
     odometry_percent: float = 2.0
     """f of a robot: standard deviations in a step of v metres are f v / sqrt 2 metres ahead and
     2 sqrt 2 f v radians of turn."""
+    turn_sigma: float = 0.0
+    """Standard deviation added to that of a robot's turn in a step, in degrees."""
     speed_sigma: float = 0.3
     """Standard deviation of a car's speed in a step, in metres per second."""
     steering_sigma: float = 3.0
@@ -66,7 +68,7 @@ class WorldConfig:
         lengths = ("course_length", "step_length", "step_time", "wheel_base")
         spreads = (
             *("landmark_spread", "range_percent", "range_sigma", "bearing_sigma"),
-            *("odometry_percent", "speed_sigma", "steering_sigma"),
+            *("odometry_percent", "turn_sigma", "speed_sigma", "steering_sigma"),
         )
         require_ranges(self, **dict.fromkeys(counts, (1, 10**6)))
         require_ranges(self, **dict.fromkeys(lengths, (1e-6, 1e6)))
@@ -185,7 +187,8 @@ def _odometry(
     """Measured increments (t, 3), and their covariance (t, 3, 3)."""
     is_car = config.vehicle == "car"
     fraction = config.odometry_percent / 100 * config.step_length
-    sigma = np.array([fraction / np.sqrt(2), 2 * np.sqrt(2) * fraction])
+    turn_sigma = 2 * np.sqrt(2) * fraction + np.deg2rad(config.turn_sigma)
+    sigma = np.array([fraction / np.sqrt(2), turn_sigma])
     if is_car:
         sigma = np.array([config.speed_sigma, np.deg2rad(config.steering_sigma)])
     measured = commands + sigma * rng.standard_normal(commands.shape)

@@ -222,14 +222,8 @@ def prepare_update(
     A S A^T = 1 on the directions in which S has a variance. One that is much smaller than the
     terms that it is the sum of is rounding.
     """
-    r, P, C = f.robot_size, f.P, w.C
-    q, blocks = r + 2, f.blocks[(m - r) // 2]
-    for i in range(r):
-        for j in range(r):
-            C[i, j] = P[i, j]
-        C[i, r] = C[r, i] = P[i, m]
-        C[i, r + 1] = C[r + 1, i] = P[i, m + 1]
-    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = blocks[0], blocks[1], blocks[1], blocks[2]
+    q, C = f.robot_size + 2, w.C
+    joint_covariance(f, m, C)
     sandwich(H, C, noise, scale, S, (2, q))
     s0, s1 = 0.0, 0.0
     for i in range(q):
@@ -250,6 +244,18 @@ def prepare_update(
     for i in range(q):
         D[0, i] = A[0, 0] * H[0, i] + A[0, 1] * H[1, i]
         D[1, i] = A[1, 0] * H[0, i] + A[1, 1] * H[1, i]
+
+
+@kernel()
+def joint_covariance(f: FilterState, m: int, C: FloatArray) -> None:
+    """Fill the covariance (r + 2, r + 2) of eta of the robot and of the landmark at row m."""
+    r, P, blocks = f.robot_size, f.P, f.blocks[(m - f.robot_size) // 2]
+    for i in range(r):
+        for j in range(r):
+            C[i, j] = P[i, j]
+        C[i, r] = C[r, i] = P[i, m]
+        C[i, r + 1] = C[r + 1, i] = P[i, m + 1]
+    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = blocks[0], blocks[1], blocks[1], blocks[2]
 
 
 @kernel(fastmath=("contract",))

@@ -89,6 +89,8 @@ class Scratch(NamedTuple):
     """(2, 2) inverse root of the innovation covariance."""
     S: FloatArray
     """(2, 2) innovation covariance with Huber's larger noise."""
+    second_order: FloatArray
+    """(3, 3) covariance of the errors of distance, bearing and heading; its lower triangle."""
 
 
 @kernel()

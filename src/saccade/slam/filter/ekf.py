@@ -69,7 +69,8 @@ class EkfSlam:
     ) -> None:
         self._motion = motion
         self._sensor = sensor
-        built_in = motion in (drive, compose) and type(sensor) is RangeBearing
+        self._observes_range_bearing = type(sensor) is RangeBearing
+        built_in = motion in (drive, compose) and self._observes_range_bearing
         self.is_compiled = built_in and np.size(pose) in (3, 3 + BIASES)
         """Whether the models are those of this package, for which there are kernels."""
         robot = check_vector("pose", pose, max(3, np.size(pose)))
@@ -115,12 +116,8 @@ class EkfSlam:
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
         f, w, S = self.filter_state, self.scratch, np.empty((2, 2))
-        if self.is_compiled:
-            m, v = f.robot_size + 2 * landmark, np.empty(2)
-            nis = _range_bearing_kernels.update_range_bearing(f, w, m, z, R, v, S)
-        else:
-            m, v, H, noise = self._linearized(z, R, landmark)  # C.14
-            nis = _kernels.update(f, w, m, v, H, noise, S)  # C.10-C.13
+        m, v, H, noise = self._linearized(z, R, landmark)  # C.14
+        nis = _kernels.update(f, w, m, v, H, noise, S)  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -185,8 +182,12 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
-        xy, Gx, Gz = self._sensor.inverse_observe(self.robot_state, z)  # C.15, C.18
-        _kernels.augment(self.filter_state, self.scratch, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
+        f, w = self.filter_state, self.scratch
+        if self._observes_range_bearing:
+            _range_bearing_kernels.augment_range_bearing(f, w, z, R)
+        else:
+            xy, Gx, Gz = self._sensor.inverse_observe(self.robot_state, z)  # C.15, C.18
+            _kernels.augment(f, w, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
         return len(self) - 1
 
     def remove(self, landmarks: IntArray) -> None:
@@ -343,14 +344,16 @@ class EkfSlam:
     def _linearized(
         self, z: FloatArray, R: FloatArray, landmark: int
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-        """The landmark's row, and the `Linearization` of an observation of it."""
-        f, r = self.filter_state, self.filter_state.robot_size
-        rows = state_rows(np.array([landmark]), r)
-        s, a = f.state[rows], f.heading_lever[rows]
-        first = s.copy()
-        first[[0, r]] -= a[[1, r + 1]]
-        first[[1, r + 1]] += a[[0, r]]
-        return r + 2 * landmark, *linearize(f.error_state, self._sensor, s, first, z, R)
+        """The landmark's row, the innovation, its Jacobian by eta and its noise."""
+        f, w = self.filter_state, self.scratch
+        m = f.robot_size + 2 * landmark
+        if self._observes_range_bearing:
+            v = np.empty(2)
+            _range_bearing_kernels.linearize_range_bearing(f, w, m, z, R, v)
+            return m, v, w.H, w.R
+        rows = state_rows(np.array([landmark]), f.robot_size)
+        lever = np.zeros(len(rows)) if f.error_state == STANDARD else f.heading_lever[rows]
+        return m, *linearize(self._sensor, f.state[rows], lever, z), R
 
 
 def new_innovations(k: int) -> Innovations:

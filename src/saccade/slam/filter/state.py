@@ -85,6 +85,7 @@ def new_scratch(f: FilterState) -> Scratch:
         D=np.zeros((2, r + 2)),
         A=np.zeros((2, 2)),
         S=np.zeros((2, 2)),
+        second_order=np.zeros((3, 3)),
     )
 
 
