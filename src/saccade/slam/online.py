@@ -271,6 +271,8 @@ class Slam:
         i, new = s.position[0], 0
         if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
             new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
+        else:
+            self.ekf.spread()
         self.ekf.reserve(max(new, 1))
         self.candidates.reserve(new)
         if self.culling.rule.enabled:

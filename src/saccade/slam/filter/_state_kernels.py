@@ -9,6 +9,8 @@ STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
 """The error parametrizations, see `error_state.Retraction`."""
 LANDMARKS, DOWNDATES, UPDATES, CACHED = 0, 1, 2, 3
 """Indices into `FilterState.counts`."""
+MAX_HEADING_GROWTH = 4e-4
+"""Square radians of heading variance after whose increase the covariance is spread."""
 
 
 class FilterState(NamedTuple):
@@ -42,6 +44,8 @@ class FilterState(NamedTuple):
     """(rank, size) pairs of full rows of P, of landmarks observed since the last flush."""
     cached_pair: IntArray
     """(N,) index of the pair of each landmark in `cached_rows`, -1 if there is none."""
+    heading_growth: FloatArray
+    """(2,) heading variance before the last motion, and the sum of its increases since `spread`."""
     counts: IntArray
     """(4,) of landmarks, of rows of `downdates` and `updates`, and of cached pairs."""
 
@@ -98,6 +102,12 @@ def is_full(f: FilterState) -> bool:
     """Whether there is no room for another step and another landmark."""
     full = len(f.downdates) - f.counts[DOWNDATES] < 3 or f.counts[UPDATES] == len(f.updates)
     return bool(full or f.counts[LANDMARKS] == len(f.blocks))
+
+
+@kernel()
+def is_spread_due(f: FilterState) -> bool:
+    """Whether the covariance is to be `spread` before the next motion."""
+    return bool(f.error_state == INVARIANT and f.heading_growth[1] > MAX_HEADING_GROWTH)
 
 
 @kernel()

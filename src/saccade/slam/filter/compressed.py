@@ -14,7 +14,7 @@ as A has coordinates is equivalent to the full filter, and the update of B is de
 
 import numpy as np
 
-from saccade.slam.filter._state_kernels import LANDMARKS, STANDARD, FilterState
+from saccade.slam.filter._state_kernels import LANDMARKS, STANDARD, FilterState, is_spread_due
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import (
     add_rows,
@@ -54,6 +54,10 @@ class CompressedSlam:
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
         """See `EkfSlam.predict`."""
+        if is_spread_due(self._local.filter_state):
+            self._leave()
+            self._whole.spread()
+            self._enter(np.array(list(self._number), np.int64))
         self._local.predict(u, U)
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -170,6 +174,7 @@ class CompressedSlam:
         local.P[np.arange(L), L + 2 * np.arange(L)] = 1.0
         local.state[3 * L] = 1.0
         local.heading_lever[3 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
+        local.heading_growth[:] = f.heading_growth
         local.counts[LANDMARKS] = k + L + 1
         self._local = self._whole.with_filter_state(local)
 
@@ -181,6 +186,7 @@ class CompressedSlam:
         self._whole.reserve(len(self) - len(self._whole))
         f = self._whole.filter_state
         f.counts[LANDMARKS] = len(self)
+        f.heading_growth[:] = local.heading_growth
         inside = np.array(list(self._number), np.int64)
         numbers = np.array(list(self._number.values()), np.int64)
         rows, local_rows = state_rows(inside, r), state_rows(numbers, r)

@@ -11,7 +11,7 @@ from saccade.slam.association._kernels import predict_observations
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter import _kernels, _range_bearing_kernels
 from saccade.slam.filter._range_bearing_kernels import Innovations
-from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, is_full
+from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, is_full, is_spread_due
 from saccade.slam.filter.error_state import STANDARD, Retraction, linearize
 from saccade.slam.filter.odometry_bias import BIASES, bias_jacobian
 from saccade.slam.filter.state import (
@@ -27,6 +27,7 @@ from saccade.slam.filter.state import (
     restored,
     robot_rows,
     saved,
+    spread,
     state_rows,
     state_size,
 )
@@ -89,6 +90,7 @@ class EkfSlam:
         """
         u = check_vector("control", u)
         U = check_covariance("covariance of the control", U, len(u))
+        self.spread()
         self.reserve()
         if self.is_compiled:
             D = self.bias_jacobian(u[None])[0]
@@ -250,6 +252,11 @@ class EkfSlam:
                 self._set_state(grown(self.filter_state))
         elif is_full(self.filter_state):
             flush(self.filter_state)
+
+    def spread(self) -> None:
+        """Account for a heading that has become less certain, see `state.spread`, where due."""
+        if is_spread_due(self.filter_state):
+            spread(self.filter_state)
 
     def _set_state(self, filter_state: FilterState) -> None:
         self.filter_state = filter_state

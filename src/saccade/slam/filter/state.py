@@ -54,6 +54,7 @@ def new_state(
         updates=np.zeros((RANK, size)),
         mergeable_variance=np.zeros(1),
         cached_rows=np.zeros((RANK, size)),
+        heading_growth=np.array([covariance[2, 2], 0.0]),
         cached_pair=np.full(capacity, -1),
         counts=np.zeros(4, np.int64),
     )
@@ -117,6 +118,7 @@ def grown(f: FilterState) -> FilterState:
     new = new_state(f.state[:r], f.P[:r, :r], 2 * N, f.error_state, f.huber)
     new.state[:n], new.heading_lever[:n] = f.state[:n], f.heading_lever[:n]
     new.P[:n, :n], new.blocks[:N] = f.P[:n, :n], f.blocks
+    new.heading_growth[:] = f.heading_growth
     new.counts[LANDMARKS] = f.counts[LANDMARKS]
     return new
 
@@ -154,6 +156,28 @@ def flush(f: FilterState) -> None:
     f.cached_pair[:] = -1
     f.counts[CACHED] = 0
     f.mergeable_variance[0] = 0.0
+
+
+def spread(f: FilterState) -> None:
+    """Add to the covariance what a heading that has become less certain does to the errors xi.
+
+    Noise of the heading moves no point. In the exponential coordinates of SE(2), a point's error e
+    along the axes of the map stands for the displacement V(theta) e, V = 1 + J theta / 2 + ..., so
+    that more error of the heading turns e by minus half of it: to second order, a growth g of its
+    variance adds J P J^T g / 4, P the covariance of all e.
+
+    Source: Barfoot & Furgale (2014), equation 55: the fourth-order terms of a compound pose.
+    """
+    n, r = state_size(f), f.robot_size
+    points = np.r_[:2, r:n]
+    rows = points[:, None]
+    x, y = dense(f)[rows, points].reshape(len(points), -1, 2).transpose(2, 0, 1)
+    turned = np.stack([-y, x], 2).reshape(len(points) // 2, 2, -1)
+    turned = np.stack([-turned[:, 1], turned[:, 0]], 1).reshape(rows.size, -1)  # J P J^T
+    f.P[rows, points] += f.heading_growth[1] / 4 * turned
+    i = np.arange(r, n, 2)
+    f.blocks[: len(i)] = np.stack([f.P[i, i], f.P[i, i + 1], f.P[i + 1, i + 1]], 1)
+    f.heading_growth[1] = 0.0
 
 
 def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
