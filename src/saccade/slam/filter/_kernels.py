@@ -81,8 +81,7 @@ def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: Flo
     P, old, a = f.P, w.rows, f.heading_lever
     G, Pxx = w.G, w.Pxx
     turn, covariance = w.heading_row, w.heading_covariance
-    f.heading_growth[1] += max(P[2, 2] - f.heading_growth[0], 0.0)
-    f.heading_growth[0] = P[2, 2]
+    f.lowest_heading_variance[0] = min(f.lowest_heading_variance[0], P[2, 2])
     for i in range(r):
         covariance[i] = 0.0
         for k in range(r):

@@ -83,7 +83,14 @@ def update_range_bearing(
 ) -> float:
     """`update` by range and bearing; fills v (2,) and S."""
     linearize_range_bearing(f, w, m, z, R, v)
-    return update(f, w, m, v, w.H, w.R, S)
+    range_part, bearing_part = w.R[0, 0] - R[0, 0], w.R[1, 1] - R[1, 1]
+    nis = update(f, w, m, v, w.H, w.R, S)
+    if S[0, 0] > 0 and S[1, 1] > 0:
+        part = max(range_part / S[0, 0], bearing_part / S[1, 1])
+        f.nonlinearity[0] = max(f.nonlinearity[0], part)
+        f.nonlinearity[1] += part
+        f.nonlinearity[2] += 1
+    return nis
 
 
 @kernel()

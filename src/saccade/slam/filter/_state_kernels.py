@@ -9,8 +9,8 @@ STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
 """The error parametrizations, see `error_state.Retraction`."""
 LANDMARKS, DOWNDATES, UPDATES, CACHED = 0, 1, 2, 3
 """Indices into `FilterState.counts`."""
-MAX_HEADING_GROWTH = 4e-4
-"""Square radians of heading variance after whose increase the covariance is spread."""
+MAX_HEADING_GROWTH = 0.0025
+"""Square radians by which the heading variance may grow before the covariance is spread."""
 
 
 class FilterState(NamedTuple):
@@ -44,8 +44,11 @@ class FilterState(NamedTuple):
     """(rank, size) pairs of full rows of P, of landmarks observed since the last flush."""
     cached_pair: IntArray
     """(N,) index of the pair of each landmark in `cached_rows`, -1 if there is none."""
-    heading_growth: FloatArray
-    """(2,) heading variance before the last motion, and the sum of its increases since `spread`."""
+    lowest_heading_variance: FloatArray
+    """(1,) before any motion since the covariance was last `spread`."""
+    nonlinearity: FloatArray
+    """(3,) over the updates so far, of the fraction of the innovation's variance that is of second
+    order: the largest, the sum and the number."""
     counts: IntArray
     """(4,) of landmarks, of rows of `downdates` and `updates`, and of cached pairs."""
 
@@ -107,7 +110,9 @@ def is_full(f: FilterState) -> bool:
 @kernel()
 def is_spread_due(f: FilterState) -> bool:
     """Whether the covariance is to be `spread` before the next motion."""
-    return bool(f.error_state == INVARIANT and f.heading_growth[1] > MAX_HEADING_GROWTH)
+    if f.error_state != INVARIANT:
+        return False
+    return bool(f.P[2, 2] - f.lowest_heading_variance[0] > MAX_HEADING_GROWTH)
 
 
 @kernel()

@@ -174,7 +174,8 @@ class CompressedSlam:
         local.P[np.arange(L), L + 2 * np.arange(L)] = 1.0
         local.state[3 * L] = 1.0
         local.heading_lever[3 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
-        local.heading_growth[:] = f.heading_growth
+        local.lowest_heading_variance[:] = f.lowest_heading_variance
+        local.nonlinearity[:] = f.nonlinearity
         local.counts[LANDMARKS] = k + L + 1
         self._local = self._whole.with_filter_state(local)
 
@@ -186,7 +187,8 @@ class CompressedSlam:
         self._whole.reserve(len(self) - len(self._whole))
         f = self._whole.filter_state
         f.counts[LANDMARKS] = len(self)
-        f.heading_growth[:] = local.heading_growth
+        f.lowest_heading_variance[:] = local.lowest_heading_variance
+        f.nonlinearity[:] = local.nonlinearity
         inside = np.array(list(self._number), np.int64)
         numbers = np.array(list(self._number.values()), np.int64)
         rows, local_rows = state_rows(inside, r), state_rows(numbers, r)

@@ -118,8 +118,12 @@ class EkfSlam:
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
         f, w, S = self.filter_state, self.scratch, np.empty((2, 2))
-        m, v, H, noise = self._linearized(z, R, landmark)  # C.14
-        nis = _kernels.update(f, w, m, v, H, noise, S)  # C.10-C.13
+        if self._observes_range_bearing:
+            m, v = f.robot_size + 2 * landmark, np.empty(2)
+            nis = _range_bearing_kernels.update_range_bearing(f, w, m, z, R, v, S)
+        else:
+            m, v, H, noise = self._linearized(z, R, landmark)  # C.14
+            nis = _kernels.update(f, w, m, v, H, noise, S)  # C.10-C.13
         return Innovation(v, S, nis)
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:

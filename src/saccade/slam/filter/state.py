@@ -54,7 +54,8 @@ def new_state(
         updates=np.zeros((RANK, size)),
         mergeable_variance=np.zeros(1),
         cached_rows=np.zeros((RANK, size)),
-        heading_growth=np.array([covariance[2, 2], 0.0]),
+        nonlinearity=np.zeros(3),
+        lowest_heading_variance=covariance[2, 2:3].copy(),
         cached_pair=np.full(capacity, -1),
         counts=np.zeros(4, np.int64),
     )
@@ -118,7 +119,8 @@ def grown(f: FilterState) -> FilterState:
     new = new_state(f.state[:r], f.P[:r, :r], 2 * N, f.error_state, f.huber)
     new.state[:n], new.heading_lever[:n] = f.state[:n], f.heading_lever[:n]
     new.P[:n, :n], new.blocks[:N] = f.P[:n, :n], f.blocks
-    new.heading_growth[:] = f.heading_growth
+    new.lowest_heading_variance[:] = f.lowest_heading_variance
+    new.nonlinearity[:] = f.nonlinearity
     new.counts[LANDMARKS] = f.counts[LANDMARKS]
     return new
 
@@ -174,10 +176,12 @@ def spread(f: FilterState) -> None:
     x, y = dense(f)[rows, points].reshape(len(points), -1, 2).transpose(2, 0, 1)
     turned = np.stack([-y, x], 2).reshape(len(points) // 2, 2, -1)
     turned = np.stack([-turned[:, 1], turned[:, 0]], 1).reshape(rows.size, -1)  # J P J^T
-    f.P[rows, points] += f.heading_growth[1] / 4 * turned
+    growth = f.P[2, 2] - f.lowest_heading_variance[0]
+    f.P[rows, points] += np.triu(growth / 4 * turned)
+    f.P[1, 0] = f.P[0, 1]
     i = np.arange(r, n, 2)
     f.blocks[: len(i)] = np.stack([f.P[i, i], f.P[i, i + 1], f.P[i + 1, i + 1]], 1)
-    f.heading_growth[1] = 0.0
+    f.lowest_heading_variance[0] = f.P[2, 2]
 
 
 def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
