@@ -21,6 +21,9 @@ from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajec
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control of a log."""
 
+MAX_NONLINEARITY = 0.12
+"""Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SlamResult:
@@ -44,6 +47,9 @@ class SlamResult:
     """Landmarks that were removed from the map."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
+    nonlinearity: float = 0.0
+    """Root of the mean share of second-order terms in the variance of the innovations; the
+    covariances are doubtful over `MAX_NONLINEARITY`. Zero for the standard filter."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -128,6 +134,7 @@ def run(
         dead_reckoning=dead_reckon(log, config, motion),
         removed=removed,
         odometry_bias=slam.ekf.odometry_bias,
+        nonlinearity=slam.ekf.nonlinearity,
     )
 
 

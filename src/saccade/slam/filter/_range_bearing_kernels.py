@@ -4,7 +4,14 @@ from math import atan2, cos, hypot, sin
 from typing import NamedTuple
 
 from saccade._jit import kernel
-from saccade.slam.filter._kernels import augment, joint_covariance, predict, sandwich, update, wrapped
+from saccade.slam.filter._kernels import (
+    augment,
+    joint_covariance,
+    predict,
+    sandwich,
+    update,
+    wrapped,
+)
 from saccade.slam.filter._state_kernels import (
     INVARIANT,
     LANDMARKS,
@@ -87,9 +94,8 @@ def update_range_bearing(
     nis = update(f, w, m, v, w.H, w.R, S)
     if S[0, 0] > 0 and S[1, 1] > 0:
         part = max(range_part / S[0, 0], bearing_part / S[1, 1])
-        f.nonlinearity[0] = max(f.nonlinearity[0], part)
-        f.nonlinearity[1] += part
-        f.nonlinearity[2] += 1
+        f.nonlinearity[0] += part
+        f.nonlinearity[1] += 1
     return nis
 
 

@@ -9,7 +9,7 @@ STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
 """The error parametrizations, see `error_state.Retraction`."""
 LANDMARKS, DOWNDATES, UPDATES, CACHED = 0, 1, 2, 3
 """Indices into `FilterState.counts`."""
-MAX_HEADING_GROWTH = 0.0025
+MAX_HEADING_GROWTH = 0.01
 """Square radians by which the heading variance may grow before the covariance is spread."""
 
 
@@ -47,8 +47,8 @@ class FilterState(NamedTuple):
     lowest_heading_variance: FloatArray
     """(1,) before any motion since the covariance was last `spread`."""
     nonlinearity: FloatArray
-    """(3,) over the updates so far, of the fraction of the innovation's variance that is of second
-    order: the largest, the sum and the number."""
+    """(2,) sum over the updates of the fraction of the innovation's variance that is of second
+    order, and their number."""
     counts: IntArray
     """(4,) of landmarks, of rows of `downdates` and `updates`, and of cached pairs."""
 

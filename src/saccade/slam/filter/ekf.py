@@ -315,6 +315,12 @@ class EkfSlam:
         return self.robot_state[3:] if estimated else None
 
     @property
+    def nonlinearity(self) -> float:
+        """Root of the mean share of second-order terms in the variance of the innovations."""
+        total, count = self.filter_state.nonlinearity.tolist()
+        return float(np.sqrt(total / count)) if count > 0 else 0.0
+
+    @property
     def ids(self) -> IntArray:
         """(n,) number of landmarks added before each; it stays the same as others are removed."""
         since = np.arange(len(self._ids) + self._removed, len(self) + self._removed)

@@ -11,8 +11,8 @@ robot and map is linear, a correction moves every point by the exponential of xi
 observation from the robot depends on the difference of two points' xi alone.
 
 First-estimates Jacobians, after Huang, Mourikis & Roumeliotis (2008), keep the errors of the
-source but evaluate the rotation of the map at the first estimate of a landmark, and of the moved pose,
-so that the Jacobians of different times have the same unobservable directions.
+source but evaluate the rotation of the map at the first estimate of a landmark, and of the moved
+pose, so that the Jacobians of different times have the same unobservable directions.
 
 The Jacobians here are those of any sensor model, to first order. Range and bearing are taken to
 second order by these two filters, see `_range_bearing_kernels`.
@@ -57,4 +57,5 @@ def linearize(
     """
     predicted, H = sensor.observe(s[:-2], s[-2:])
     by_heading = H[:, 2] + H @ lever
-    return sensor.difference(z, predicted), np.column_stack([H[:, :2], by_heading, H[:, 3:]])  # C.14
+    H = np.column_stack([H[:, :2], by_heading, H[:, 3:]])
+    return sensor.difference(z, predicted), H  # C.14

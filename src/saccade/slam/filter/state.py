@@ -54,7 +54,7 @@ def new_state(
         updates=np.zeros((RANK, size)),
         mergeable_variance=np.zeros(1),
         cached_rows=np.zeros((RANK, size)),
-        nonlinearity=np.zeros(3),
+        nonlinearity=np.zeros(2),
         lowest_heading_variance=covariance[2, 2:3].copy(),
         cached_pair=np.full(capacity, -1),
         counts=np.zeros(4, np.int64),
