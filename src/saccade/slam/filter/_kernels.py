@@ -81,7 +81,7 @@ def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: Flo
     P, old, a = f.P, w.rows, f.heading_lever
     G, Pxx = w.G, w.Pxx
     turn, covariance = w.heading_row, w.heading_covariance
-    f.lowest_heading_variance[0] = min(f.lowest_heading_variance[0], P[2, 2])
+    f.heading_variance[0] = min(f.heading_variance[0], f.heading_variance[1])
     for i in range(r):
         covariance[i] = 0.0
         for k in range(r):
@@ -203,6 +203,7 @@ def update(
         add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
     f.counts[DOWNDATES] += 2
     _retract(f, first, second, V)
+    f.heading_variance[1] = P[2, 2]
     return float(nis)
 
 
@@ -389,5 +390,6 @@ def augment(f: FilterState, w: Scratch, xy: FloatArray, Gx: FloatArray, noise: F
         for i in range(len(f.downdates)):
             f.downdates[i, n + k] = f.updates[i, n + k] = 0.0
     invalidate_cache(f)
+    f.heading_variance[1] = P[2, 2]
     f.cached_pair[f.counts[LANDMARKS]] = -1
     f.counts[LANDMARKS] += 1

@@ -9,7 +9,7 @@ STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
 """The error parametrizations, see `error_state.Retraction`."""
 LANDMARKS, DOWNDATES, UPDATES, CACHED = 0, 1, 2, 3
 """Indices into `FilterState.counts`."""
-MAX_HEADING_GROWTH = 0.01
+MAX_HEADING_GROWTH = 0.0025
 """Square radians by which the heading variance may grow before the covariance is spread."""
 
 
@@ -44,8 +44,8 @@ class FilterState(NamedTuple):
     """(rank, size) pairs of full rows of P, of landmarks observed since the last flush."""
     cached_pair: IntArray
     """(N,) index of the pair of each landmark in `cached_rows`, -1 if there is none."""
-    lowest_heading_variance: FloatArray
-    """(1,) before any motion since the covariance was last `spread`."""
+    heading_variance: FloatArray
+    """(2,) after observations: the lowest since the covariance was last `spread`, and the last."""
     nonlinearity: FloatArray
     """(2,) sum over the updates of the fraction of the innovation's variance that is of second
     order, and their number."""
@@ -110,9 +110,8 @@ def is_full(f: FilterState) -> bool:
 @kernel()
 def is_spread_due(f: FilterState) -> bool:
     """Whether the covariance is to be `spread` before the next motion."""
-    if f.error_state != INVARIANT:
-        return False
-    return bool(f.P[2, 2] - f.lowest_heading_variance[0] > MAX_HEADING_GROWTH)
+    growth = f.heading_variance[1] - f.heading_variance[0]
+    return bool(f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH)
 
 
 @kernel()

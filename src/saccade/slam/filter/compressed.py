@@ -174,7 +174,7 @@ class CompressedSlam:
         local.P[np.arange(L), L + 2 * np.arange(L)] = 1.0
         local.state[3 * L] = 1.0
         local.heading_lever[3 * L + 1] = 0.0 if f.error_state == STANDARD else 1.0
-        local.lowest_heading_variance[:] = f.lowest_heading_variance
+        local.heading_variance[:] = f.heading_variance
         local.nonlinearity[:] = f.nonlinearity
         local.counts[LANDMARKS] = k + L + 1
         self._local = self._whole.with_filter_state(local)
@@ -187,7 +187,7 @@ class CompressedSlam:
         self._whole.reserve(len(self) - len(self._whole))
         f = self._whole.filter_state
         f.counts[LANDMARKS] = len(self)
-        f.lowest_heading_variance[:] = local.lowest_heading_variance
+        f.heading_variance[:] = local.heading_variance
         f.nonlinearity[:] = local.nonlinearity
         inside = np.array(list(self._number), np.int64)
         numbers = np.array(list(self._number.values()), np.int64)

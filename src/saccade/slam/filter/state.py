@@ -55,7 +55,7 @@ def new_state(
         mergeable_variance=np.zeros(1),
         cached_rows=np.zeros((RANK, size)),
         nonlinearity=np.zeros(2),
-        lowest_heading_variance=covariance[2, 2:3].copy(),
+        heading_variance=np.full(2, covariance[2, 2]),
         cached_pair=np.full(capacity, -1),
         counts=np.zeros(4, np.int64),
     )
@@ -119,7 +119,7 @@ def grown(f: FilterState) -> FilterState:
     new = new_state(f.state[:r], f.P[:r, :r], 2 * N, f.error_state, f.huber)
     new.state[:n], new.heading_lever[:n] = f.state[:n], f.heading_lever[:n]
     new.P[:n, :n], new.blocks[:N] = f.P[:n, :n], f.blocks
-    new.lowest_heading_variance[:] = f.lowest_heading_variance
+    new.heading_variance[:] = f.heading_variance
     new.nonlinearity[:] = f.nonlinearity
     new.counts[LANDMARKS] = f.counts[LANDMARKS]
     return new
@@ -176,12 +176,12 @@ def spread(f: FilterState) -> None:
     x, y = dense(f)[rows, points].reshape(len(points), -1, 2).transpose(2, 0, 1)
     turned = np.stack([-y, x], 2).reshape(len(points) // 2, 2, -1)
     turned = np.stack([-turned[:, 1], turned[:, 0]], 1).reshape(rows.size, -1)  # J P J^T
-    growth = f.P[2, 2] - f.lowest_heading_variance[0]
+    growth = f.heading_variance[1] - f.heading_variance[0]
     f.P[rows, points] += np.triu(growth / 4 * turned)
     f.P[1, 0] = f.P[0, 1]
     i = np.arange(r, n, 2)
     f.blocks[: len(i)] = np.stack([f.P[i, i], f.P[i, i + 1], f.P[i + 1, i + 1]], 1)
-    f.lowest_heading_variance[0] = f.P[2, 2]
+    f.heading_variance[0] = f.heading_variance[1]
 
 
 def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
