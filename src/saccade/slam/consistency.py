@@ -154,6 +154,8 @@ def landmark_nees(
     Raises:
         LogError: a landmark of the map is none of the true ones.
     """
+    if estimate.covariance is None:
+        raise LogError("estimate: expected a map with covariances, found one without")
     missing = np.setdiff1d(estimate.id, truth.id)
     if len(missing) > 0:
         raise LogError(f"truth: expected landmark {missing[0]}, found no true position of it")

@@ -175,9 +175,9 @@ def spread(f: FilterState) -> None:
     rows = points[:, None]
     x, y = dense(f)[rows, points].reshape(len(points), -1, 2).transpose(2, 0, 1)
     turned = np.stack([-y, x], 2).reshape(len(points) // 2, 2, -1)
-    turned = np.stack([-turned[:, 1], turned[:, 0]], 1).reshape(rows.size, -1)  # J P J^T
+    both = np.stack([-turned[:, 1], turned[:, 0]], 1).reshape(rows.size, -1)  # J P J^T
     growth = f.heading_variance[1] - f.heading_variance[0]
-    f.P[rows, points] += np.triu(growth / 4 * turned)
+    f.P[rows, points] += np.triu(growth / 4 * both)
     f.P[1, 0] = f.P[0, 1]
     i = np.arange(r, n, 2)
     f.blocks[: len(i)] = np.stack([f.P[i, i], f.P[i, i + 1], f.P[i + 1, i + 1]], 1)
