@@ -101,13 +101,25 @@ def test_the_default_filter_is_as_wrong_as_it_says():
     assert invariant.in_band > 0.8 > standard.in_band
 
 
+def test_curved_uncertainty_is_not_overconfident():
+    """A range of 5 % and a bearing of 15 degrees at 40 m."""
+    trials = _trials(replace(WorldConfig.sonar(), steps=500), "invariant", 6)
+    assert trials.anees < 6
+    assert trials.landmark_anees < 4
+
+
 def test_the_scores_of_trials_are_what_they_are_called():
     trials = MonteCarloRuns(
-        np.array([[np.nan, 1.0, 5.0], [np.nan, 3.0, 15.0]]), np.full((2, 3), 4.0)
+        np.array([[np.nan, 1.0, 5.0], [np.nan, 3.0, 15.0]]),
+        np.full((2, 3), 4.0),
+        np.array([1.0, 5.0]),
+        np.array([0.0, 0.5]),
     )
     assert trials.anees == 6
     assert trials.median == 6
     assert trials.rmse == 2
+    assert trials.landmark_anees == 3
+    assert trials.mean_nonlinearity == 0.25
     assert trials.band == pytest.approx((0.618, 7.225), abs=1e-3)  # chi-square of six, halved
     assert trials.in_band == 0.5
 

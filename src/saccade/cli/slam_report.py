@@ -32,6 +32,7 @@ LABELS = {
     "odometry_end_error_m": ("error of odometry at the end", METERS),
     "odometry_end_from_estimate_m": ("odometry at the end, from the filter's estimate", METERS),
     "nis_mean": ("mean normalized innovation squared", NUMBER),
+    "nonlinearity": ("share of second-order terms, root mean", NUMBER),
     "smoothing_iterations": ("iterations of the smoother", COUNT),
     "odometry_rmse_m": ("odometry, position RMSE", METERS),
     "odometry_unaligned_rmse_m": ("odometry, unaligned", METERS),

@@ -6,6 +6,7 @@ import numpy as np
 
 from saccade.evaluation.trajectory import landmark_rmse, none_if_nan, position_rmse
 from saccade.slam import SlamResult, SmoothResult
+from saccade.slam.run import MAX_NONLINEARITY
 from saccade.types import LandmarkLog, Trajectory
 
 GPS_INLIERS = 0.9
@@ -36,7 +37,10 @@ def summarize_run(
         "odometry_bias": bias,
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
-        "warning": "; ".join(filter(None, (result.warning, result.consistency.warning))),
+        "nonlinearity": result.nonlinearity,
+        "warning": "; ".join(
+            filter(None, (result.warning, result.consistency.warning, _doubt(result)))
+        ),
         "remark": result.consistency.remark,
     }
     trajectories = {"odometry": result.dead_reckoning, "position": result.trajectory}
@@ -59,6 +63,17 @@ def summarize_run(
                 rmse = landmark_rmse(landmarks, log.landmark_truth, aligned)
                 row[f"{name}_{kind}"] = none_if_nan(rmse)
     return row
+
+
+def _doubt(result: SlamResult) -> str:
+    """That the covariances are doubtful, in words; empty where they are not."""
+    if result.nonlinearity <= MAX_NONLINEARITY:
+        return ""
+    return (
+        f"the covariances are too small: the uncertainty is large against the distances "
+        f"(nonlinearity {result.nonlinearity:.2f}, over {MAX_NONLINEARITY:g}); --smooth linearizes "
+        "all of the log again"
+    )
 
 
 def has_headings(truth: Trajectory) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from saccade.errors import require, require_ranges, require_types
 from saccade.slam import EkfConfig, run
 from saccade.slam.config import RETRACTIONS
-from saccade.slam.consistency import chi_square_band, pose_nees
+from saccade.slam.consistency import chi_square_band, landmark_nees, pose_nees
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -53,6 +53,8 @@ class WorldConfig:
     odometry_percent: float = 2.0
     """f of a robot: standard deviations in a step of v metres are f v / sqrt 2 metres ahead and
     2 sqrt 2 f v radians of turn."""
+    turn_sigma: float = 0.0
+    """Standard deviation added to that of a robot's turn in a step, in degrees."""
     speed_sigma: float = 0.3
     """Standard deviation of a car's speed in a step, in metres per second."""
     steering_sigma: float = 3.0
@@ -66,7 +68,7 @@ class WorldConfig:
         lengths = ("course_length", "step_length", "step_time", "wheel_base")
         spreads = (
             *("landmark_spread", "range_percent", "range_sigma", "bearing_sigma"),
-            *("odometry_percent", "speed_sigma", "steering_sigma"),
+            *("odometry_percent", "turn_sigma", "speed_sigma", "steering_sigma"),
         )
         require_ranges(self, **dict.fromkeys(counts, (1, 10**6)))
         require_ranges(self, **dict.fromkeys(lengths, (1e-6, 1e6)))
@@ -109,6 +111,72 @@ class WorldConfig:
             range_percent=0.0,
             range_sigma=0.1,
             bearing_sigma=1.0,
+        )
+
+    @classmethod
+    def far(cls) -> "WorldConfig":
+        """Coarse range and bearing up to 40 m."""
+        return cls(
+            course_length=200.0,
+            steps=1600,
+            landmarks=30,
+            landmark_spread=30.0,
+            range_limits=(0.5, 40.0),
+            range_percent=30.0,
+            bearing_sigma=10.0,
+        )
+
+    @classmethod
+    def sonar(cls) -> "WorldConfig":
+        """The same reach with better ranges than bearings: curved uncertainty of the landmarks."""
+        return replace(cls.far(), range_percent=5.0, bearing_sigma=15.0)
+
+    @classmethod
+    def precise(cls) -> "WorldConfig":
+        """The circle with precise sensors and poor odometry."""
+        return cls(range_percent=0.2, bearing_sigma=0.1, odometry_percent=5.0)
+
+    @classmethod
+    def turning(cls) -> "WorldConfig":
+        """The circle with noise of the heading alone."""
+        return cls(odometry_percent=0.0, turn_sigma=2.0)
+
+    @classmethod
+    def skidding(cls) -> "WorldConfig":
+        """The circle with 5 times the odometry noise, and sensors of twice the reach."""
+        return cls(odometry_percent=10.0, range_limits=(0.5, 10.0), bearing_sigma=5.0)
+
+    @classmethod
+    def sparse(cls) -> "WorldConfig":
+        """The circle with four landmarks."""
+        return cls(landmarks=4, range_limits=(0.5, 12.0))
+
+    @classmethod
+    def narrow(cls) -> "WorldConfig":
+        """The circle with a field of view of 60 degrees."""
+        return cls(field_of_view=60.0, range_limits=(0.5, 10.0))
+
+    @classmethod
+    def laps(cls) -> "WorldConfig":
+        """Eight laps of the circle."""
+        return cls(steps=2010)
+
+    @classmethod
+    def exploring(cls) -> "WorldConfig":
+        """A curve of 375 m that is never closed."""
+        return cls(course_length=1000.0, landmarks=120)
+
+    @classmethod
+    def radar(cls) -> "WorldConfig":
+        """Up to 20 m, ranges of 1 % and bearings of 10 degrees."""
+        return cls(
+            course_length=200.0,
+            steps=1600,
+            landmarks=30,
+            landmark_spread=15.0,
+            range_limits=(0.5, 20.0),
+            range_percent=1.0,
+            bearing_sigma=10.0,
         )
 
 
@@ -185,7 +253,8 @@ def _odometry(
     """Measured increments (t, 3), and their covariance (t, 3, 3)."""
     is_car = config.vehicle == "car"
     fraction = config.odometry_percent / 100 * config.step_length
-    sigma = np.array([fraction / np.sqrt(2), 2 * np.sqrt(2) * fraction])
+    turn_sigma = 2 * np.sqrt(2) * fraction + np.deg2rad(config.turn_sigma)
+    sigma = np.array([fraction / np.sqrt(2), turn_sigma])
     if is_car:
         sigma = np.array([config.speed_sigma, np.deg2rad(config.steering_sigma)])
     measured = commands + sigma * rng.standard_normal(commands.shape)
@@ -246,6 +315,21 @@ class MonteCarloRuns:
     coordinates; 3 is expected. NaN where the pose is still exact."""
     squared_error: FloatArray
     """(runs, t) of the position, in square metres."""
+    landmark_nees: FloatArray
+    """(runs,) mean NEES of the landmarks at the end, in the same coordinates; 2 is expected."""
+
+    nonlinearity: FloatArray
+    """(runs,) see `SlamResult.nonlinearity`."""
+
+    @property
+    def mean_nonlinearity(self) -> float:
+        """Mean over the runs."""
+        return float(self.nonlinearity.mean())
+
+    @property
+    def landmark_anees(self) -> float:
+        """Average NEES over landmarks and runs."""
+        return float(np.nanmean(self.landmark_nees))
 
     @property
     def anees(self) -> float:
@@ -277,11 +361,20 @@ class MonteCarloRuns:
 
 def run_monte_carlo(
     world: WorldConfig, config: EkfConfig, runs: int, seed: int = 0
-) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """NEES (t,) and squared position error (t,) of each run; the seed of run i is `seed + i`."""
+) -> Iterator[tuple[FloatArray, FloatArray, float, float]]:
+    """NEES (t,), squared position error (t,), mean landmark NEES and nonlinearity of each run.
+
+    The seed of run i is `seed + i`.
+    """
     for number in range(runs):
         log = simulate_world(world, seed + number)
-        estimate = run(log, config).trajectory
+        result = run(log, config)
+        estimate, retraction = result.trajectory, RETRACTIONS[config.filter]
         assert log.truth is not None
+        assert log.landmark_truth is not None
+        turn = log.truth.pose[-1, 2] - estimate.pose[-1, 2]
+        nees = landmark_nees(result.map, log.landmark_truth, float(turn), retraction)
         error = (estimate.pose - log.truth.pose)[:, :2]
-        yield pose_nees(estimate, log.truth, RETRACTIONS[config.filter]), np.square(error).sum(1)
+        squared = np.square(error).sum(1)
+        pose = pose_nees(estimate, log.truth, retraction)
+        yield pose, squared, float(np.nanmean(nees)), result.nonlinearity

@@ -19,7 +19,13 @@ from saccade.slam.filter._range_bearing_kernels import (
     update_scan,
     write_pose,
 )
-from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, Scratch, is_full
+from saccade.slam.filter._state_kernels import (
+    LANDMARKS,
+    FilterState,
+    Scratch,
+    is_full,
+    is_spread_due,
+)
 from saccade.slam.map_management._kernels import (
     CullingRule,
     VisibilityCounts,
@@ -125,6 +131,8 @@ def take_step(
     if is_full(f):
         return False
     if s.position[1] < 0:
+        if is_spread_due(f):
+            return False
         if i >= s.still:
             predict_by_control(f, w, s.control[i], s.U[i], s.bias_jacobian[i])  # C.5-C.9
         z, R, confirmed = s.z[start:end], s.R[start:end], visibility.confirmed

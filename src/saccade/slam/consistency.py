@@ -14,7 +14,7 @@ from saccade.errors import LogError, require
 from saccade.slam.filter._kernels import TINY
 from saccade.slam.filter.error_state import INVARIANT, Retraction
 from saccade.slam.models import wrap
-from saccade.types import FloatArray, Trajectory
+from saccade.types import FloatArray, LandmarkMap, Trajectory
 
 REGULAR = 1e-6
 """Smallest eigenvalue of the correlation matrix of a regular covariance."""
@@ -149,6 +149,44 @@ def pose_nees(estimate: Trajectory, truth: Trajectory, retraction: Retraction) -
         x, y = estimate.pose[:, 0], estimate.pose[:, 1]
         rotation = error[:, 2:] * np.stack([-y, x], 1)
         error[:, :2] = _translation(estimate.pose, truth.pose[:, :2], error[:, 2]) + rotation
+    return _regular_nees(error, C)
+
+
+def landmark_nees(
+    estimate: LandmarkMap, truth: LandmarkMap, turn: float, retraction: Retraction
+) -> FloatArray:
+    """NEES of the landmarks of a map, in the filter's error parametrization.
+
+    Args:
+        estimate: (n) landmarks with covariance.
+        truth: the true landmarks; those of the estimate are found by `id`.
+        turn: the true heading at the end minus the estimated one, in radians.
+        retraction: the filter's error parametrization, as in `pose_nees`.
+
+    Returns:
+        (n,) values, chi-square with two degrees if the filter is consistent; NaN where the
+        covariance is singular.
+
+    Raises:
+        LogError: a landmark of the map is none of the true ones.
+    """
+    if estimate.covariance is None:
+        raise LogError("estimate: expected a map with covariances, found one without")
+    missing = np.setdiff1d(estimate.id, truth.id)
+    if len(missing) > 0:
+        raise LogError(f"truth: expected landmark {missing[0]}, found no true position of it")
+    order = np.argsort(truth.id)
+    xy = truth.xy[order][np.searchsorted(truth.id[order], estimate.id)]
+    error = xy - estimate.xy
+    if retraction == INVARIANT:
+        angle = np.full(len(xy), wrap(turn))
+        x, y = estimate.xy[:, 0], estimate.xy[:, 1]
+        error = _translation(estimate.xy, xy, angle) + angle[:, None] * np.stack([-y, x], 1)
+    return _regular_nees(error, estimate.covariance)
+
+
+def _regular_nees(error: FloatArray, C: FloatArray) -> FloatArray:
+    """(n,) NEES of errors (n, d) with covariances C (n, d, d); NaN where C is singular."""
     scale = np.sqrt(np.maximum(C.diagonal(0, 1, 2), TINY))
     correlation = C / (scale[:, :, None] * scale[:, None, :])
     regular = np.linalg.eigvalsh(correlation)[:, 0] > REGULAR

@@ -289,6 +289,8 @@ class Slam:
         i, new = int(s.position[0]), 0
         if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
             new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
+        else:
+            self.ekf.spread()
         ekf, place = self.ekf, None
         if isinstance(ekf, CompressedSlam):
             end, place = self._submaps.plan(ekf, s, end, self._names, self.culling.reach)

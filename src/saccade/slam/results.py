@@ -9,7 +9,7 @@ class Innovation(NamedTuple):
     """The innovation of one observation."""
 
     value: FloatArray
-    """(2,) observed minus predicted: range and bearing, or map coordinates (see `error_state`)."""
+    """(2,) observed minus predicted range and bearing."""
     covariance: FloatArray
     """(2, 2) S of C.12, before the update."""
     nis: float

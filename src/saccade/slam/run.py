@@ -19,6 +19,9 @@ from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, Landmark
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control of a log."""
 
+MAX_NONLINEARITY = 0.12
+"""Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SlamResult:
@@ -46,6 +49,9 @@ class SlamResult:
     """Why nothing is in the map, or most observations were not used; empty if neither is so."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
+    nonlinearity: float = 0.0
+    """Root of the mean share of second-order terms in the variance of the innovations; the
+    covariances are doubtful over `MAX_NONLINEARITY`. Zero for the standard filter."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -132,6 +138,7 @@ def run(
         removed=slam.culling.removed,
         warning=slam.culling.warning(association),
         odometry_bias=slam.ekf.odometry_bias,
+        nonlinearity=slam.ekf.nonlinearity,
     )
 
 

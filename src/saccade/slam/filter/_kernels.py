@@ -82,6 +82,7 @@ def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: Flo
     P, old, a = f.P, w.rows, f.heading_lever
     G, Pxx = w.G, w.Pxx
     turn, covariance = w.heading_row, w.heading_covariance
+    f.heading_variance[0] = min(f.heading_variance[0], f.heading_variance[1])
     for i in range(r):
         covariance[i] = 0.0
         for k in range(r):
@@ -203,6 +204,7 @@ def update(
         add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
     f.counts[DOWNDATES] += 2
     _retract(f, first, second, V)
+    f.heading_variance[1] = P[2, 2]
     return float(nis)
 
 
@@ -223,14 +225,8 @@ def prepare_update(
     A S A^T = 1 on the directions in which S has a variance. One that is much smaller than the
     terms that it is the sum of is rounding.
     """
-    r, P, C = f.robot_size, f.P, w.C
-    q, blocks = r + 2, f.blocks[(m - r) // 2]
-    for i in range(r):
-        for j in range(r):
-            C[i, j] = P[i, j]
-        C[i, r] = C[r, i] = P[i, m]
-        C[i, r + 1] = C[r + 1, i] = P[i, m + 1]
-    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = blocks[0], blocks[1], blocks[1], blocks[2]
+    q, C = f.robot_size + 2, w.C
+    joint_covariance(f, m, C)
     sandwich(H, C, noise, scale, S, (2, q))
     s0, s1 = 0.0, 0.0
     for i in range(q):
@@ -251,6 +247,18 @@ def prepare_update(
     for i in range(q):
         D[0, i] = A[0, 0] * H[0, i] + A[0, 1] * H[1, i]
         D[1, i] = A[1, 0] * H[0, i] + A[1, 1] * H[1, i]
+
+
+@kernel()
+def joint_covariance(f: FilterState, m: int, C: FloatArray) -> None:
+    """Fill the covariance (r + 2, r + 2) of eta of the robot and of the landmark at row m."""
+    r, P, blocks = f.robot_size, f.P, f.blocks[(m - f.robot_size) // 2]
+    for i in range(r):
+        for j in range(r):
+            C[i, j] = P[i, j]
+        C[i, r] = C[r, i] = P[i, m]
+        C[i, r + 1] = C[r + 1, i] = P[i, m + 1]
+    C[r, r], C[r, r + 1], C[r + 1, r], C[r + 1, r + 1] = blocks[0], blocks[1], blocks[1], blocks[2]
 
 
 @kernel(fastmath=("contract",))
@@ -387,5 +395,6 @@ def augment(f: FilterState, w: Scratch, xy: FloatArray, Gx: FloatArray, noise: F
         for i in range(len(f.downdates)):
             f.downdates[i, n + k] = f.updates[i, n + k] = 0.0
     invalidate_cache(f)
+    f.heading_variance[1] = P[2, 2]
     f.cached_pair[f.counts[LANDMARKS]] = -1
     f.counts[LANDMARKS] += 1

@@ -4,7 +4,14 @@ from math import atan2, cos, hypot, sin
 from typing import NamedTuple
 
 from saccade._jit import kernel
-from saccade.slam.filter._kernels import augment, predict, sandwich, update, wrapped
+from saccade.slam.filter._kernels import (
+    augment,
+    joint_covariance,
+    predict,
+    sandwich,
+    update,
+    wrapped,
+)
 from saccade.slam.filter._state_kernels import (
     INVARIANT,
     LANDMARKS,
@@ -81,19 +88,32 @@ def update_range_bearing(
     v: FloatArray,
     S: FloatArray,
 ) -> float:
-    """`update` by range and bearing, see `error_state.linearize`; fills v (2,) and S."""
+    """`update` by range and bearing; fills v (2,) and S."""
+    linearize_range_bearing(f, w, m, z, R, v)
+    range_part, bearing_part = w.R[0, 0] - R[0, 0], w.R[1, 1] - R[1, 1]
+    nis = update(f, w, m, v, w.H, w.R, S)
+    if S[0, 0] > 0 and S[1, 1] > 0:
+        part = max(range_part / S[0, 0], bearing_part / S[1, 1])
+        f.nonlinearity[0] += part
+        f.nonlinearity[1] += 1
+    return nis
+
+
+@kernel()
+def linearize_range_bearing(
+    f: FilterState, w: Scratch, m: int, z: FloatArray, R: FloatArray, v: FloatArray
+) -> None:
+    """Fill the innovation v (2,), its Jacobian w.H by eta and its noise w.R (C.14).
+
+    The standard filter takes range and bearing to first order, the others to second order.
+    """
     s, a, r, H, noise = f.state, f.heading_lever, f.robot_size, w.H, w.R
     for i in range(r + 2):
         H[0, i] = H[1, i] = 0.0
+    for i in range(2):
+        for j in range(2):
+            noise[i, j] = R[i, j]
     dx, dy = s[m] - s[0], s[m + 1] - s[1]
-    if f.error_state != STANDARD:
-        Gz = w.Gz
-        _inverse_jacobian(s, z, Gz)
-        v[0], v[1] = z[0] * Gz[0, 0] - dx, z[0] * Gz[1, 0] - dy
-        H[0, 0], H[1, 1], H[0, r], H[1, r + 1] = -1.0, -1.0, 1.0, 1.0
-        H[0, 2], H[1, 2] = dy + a[m] - a[0], a[m + 1] - a[1] - dx  # J (f_p - f_m)
-        sandwich(Gz, R, R, 0.0, noise, (2, 2))
-        return update(f, w, m, v, H, noise, S)
     q = hypot(dx, dy)
     if q > MIN_RANGE:
         H[0, r], H[0, r + 1], H[1, r], H[1, r + 1] = dx / q, dy / q, -dy / q**2, dx / q**2
@@ -101,7 +121,48 @@ def update_range_bearing(
             H[k, 0], H[k, 1] = -H[k, r], -H[k, r + 1]
         H[1, 2] = -1.0
     v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > MIN_RANGE else 0.0))
-    return update(f, w, m, v, H, R, S)
+    if f.error_state != STANDARD and q > MIN_RANGE:
+        for k in range(2):
+            H[k, 2] += H[k, r] * (a[m] - a[0]) + H[k, r + 1] * (a[m + 1] - a[1])
+        _add_second_order(f, w, m, q, v)
+
+
+@kernel()
+def _add_second_order(f: FilterState, w: Scratch, m: int, q: float, v: FloatArray) -> None:
+    """Subtract the mean of the second-order terms from v (2,), and add their covariance to w.R.
+
+    With along the error of the landmark's distance q, x that of the bearing and turn that of the
+    heading, y = x + turn is the error of the landmark's direction in the map. In the coordinates
+    xi these terms are q x y / 2 of the range and -along (x + y) / 2q of the bearing; in those along
+    the axes of the map y stands in the place of x (Jazwinski 1970, Gaussian second-order filter).
+    """
+    r, C, H, noise, D = f.robot_size, w.C, w.H, w.R, w.second_order
+    joint_covariance(f, m, C)
+    for i in range(3):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(r + 2):
+                row = C[2, k]
+                if i < 2:
+                    row = 0.0
+                    for o in range(r + 2):
+                        row += H[i, o] * C[o, k]
+                total += row * (H[j, k] if j < 2 else (1.0 if k == 2 else 0.0))
+            D[i, j] = total
+    along, along_x, along_y = D[0, 0], D[1, 0], D[1, 0] + D[2, 0]
+    xx, xy = D[1, 1], D[1, 1] + D[2, 1]
+    yy = xy + D[2, 1] + D[2, 2]
+    if f.error_state != INVARIANT:
+        along_x, xx, xy = along_y, yy, yy
+    along_mean, mean = (along_x + along_y) / 2, (xx + 2 * xy + yy) / 4
+    x_mean, y_mean = (xx + xy) / 2, (xy + yy) / 2
+    v[0] -= q * xy / 2
+    v[1] = wrapped(v[1] + along_mean / q)
+    noise[0, 0] += q * q * (xx * yy + xy * xy) / 4
+    noise[1, 1] += (along * mean + along_mean * along_mean) / (q * q)
+    both = (along_x * y_mean + along_y * x_mean) / 2
+    noise[0, 1] -= both
+    noise[1, 0] -= both
 
 
 @kernel()
@@ -151,9 +212,22 @@ def inverse_observe(
 
 @kernel()
 def augment_range_bearing(f: FilterState, w: Scratch, z: FloatArray, R: FloatArray) -> None:
-    """`augment` by range and bearing (C.15-C.18)."""
-    xy, noise, Gx = w.xy, w.R, w.Gx
+    """`augment` by range and bearing (C.15-C.18).
+
+    The standard filter does so to first order, the others to second order: along the bearing n and
+    across it, the terms are -z0 n^2 / 2 and d n, d the error of the range.
+    """
+    xy, noise, Gx, Gz = w.xy, w.R, w.Gx, w.Gz
     inverse_observe(f, w, z, R, xy, noise)
+    if f.error_state != STANDARD:
+        c, d, q, k = Gz[0, 0], Gz[1, 0], R[1, 1], R[0, 1]
+        along, across = -z[0] * q / 2, k
+        xy[0], xy[1] = xy[0] + c * along - d * across, xy[1] + d * along + c * across
+        aa, ab, bb = z[0] * z[0] * q * q / 2, -z[0] * k * q, R[0, 0] * q + k * k
+        noise[0, 0] += c * c * aa - 2 * c * d * ab + d * d * bb
+        noise[1, 1] += d * d * aa + 2 * c * d * ab + c * c * bb
+        noise[0, 1] += c * d * (aa - bb) + (c * c - d * d) * ab
+        noise[1, 0] = noise[0, 1]
     for i in range(f.robot_size):
         Gx[0, i] = Gx[1, i] = 0.0
     Gx[0, 0] = Gx[1, 1] = 1.0

@@ -9,6 +9,8 @@ STANDARD, INVARIANT, FIRST_ESTIMATES = 0, 1, 2
 """The error parametrizations, see `error_state.Retraction`."""
 LANDMARKS, DOWNDATES, UPDATES, CACHED = 0, 1, 2, 3
 """Indices into `FilterState.counts`."""
+MAX_HEADING_GROWTH = 0.0025
+"""Square radians by which the heading variance may grow before the covariance is spread."""
 
 
 class FilterState(NamedTuple):
@@ -46,6 +48,11 @@ class FilterState(NamedTuple):
     """(rank, size) pairs of full rows of P, of landmarks observed since the last flush."""
     cached_pair: IntArray
     """(N,) index of the pair of each landmark in `cached_rows`, -1 if there is none."""
+    heading_variance: FloatArray
+    """(2,) after observations: the lowest since the covariance was last `spread`, and the last."""
+    nonlinearity: FloatArray
+    """(2,) sum over the updates of the fraction of the innovation's variance that is of second
+    order, and their number."""
     counts: IntArray
     """(4,) of landmarks, of rows of `downdates` and `updates`, and of cached pairs."""
 
@@ -93,6 +100,8 @@ class Scratch(NamedTuple):
     """(2, 2) inverse root of the innovation covariance."""
     S: FloatArray
     """(2, 2) innovation covariance with Huber's larger noise."""
+    second_order: FloatArray
+    """(3, 3) covariance of the errors of distance, bearing and heading; its lower triangle."""
 
 
 @kernel()
@@ -106,6 +115,13 @@ def is_full(f: FilterState) -> bool:
     """Whether there is no room for another step and another landmark."""
     full = len(f.downdates) - f.counts[DOWNDATES] < 3 or f.counts[UPDATES] == len(f.updates)
     return bool(full or f.counts[LANDMARKS] == len(f.blocks))
+
+
+@kernel()
+def is_spread_due(f: FilterState) -> bool:
+    """Whether the covariance is to be `spread` before the next motion."""
+    growth = f.heading_variance[1] - f.heading_variance[0]
+    return bool(f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH)
 
 
 @kernel()

@@ -157,6 +157,7 @@ class CompressedSlam(EkfSlam):
         root = _root(C)
         q, room = root.shape[1], k + max(k // 4, SPARE)
         local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, q + 1)
+        local = local._replace(heading_variance=f.heading_variance, nonlinearity=f.nonlinearity)
         local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
         local.P[:L, :L] = np.triu(C)
         local.P[:r, :r] = f.P[:r, :r]

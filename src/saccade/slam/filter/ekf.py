@@ -11,7 +11,7 @@ from saccade.slam.association._kernels import predict_observations
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter import _kernels, _range_bearing_kernels
 from saccade.slam.filter._range_bearing_kernels import Innovations
-from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, is_full
+from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, is_full, is_spread_due
 from saccade.slam.filter.error_state import STANDARD, Retraction, linearize
 from saccade.slam.filter.odometry_bias import BIASES, bias_jacobian
 from saccade.slam.filter.state import (
@@ -27,6 +27,7 @@ from saccade.slam.filter.state import (
     restored,
     robot_rows,
     saved,
+    spread,
     state_rows,
     state_size,
 )
@@ -69,7 +70,8 @@ class EkfSlam:
     ) -> None:
         self._motion = motion
         self._sensor = sensor
-        built_in = motion in (drive, compose) and type(sensor) is RangeBearing
+        self._observes_range_bearing = type(sensor) is RangeBearing
+        built_in = motion in (drive, compose) and self._observes_range_bearing
         self.is_compiled = built_in and np.size(pose) in (3, 3 + BIASES)
         """Whether the models are those of this package, for which there are kernels."""
         robot = check_vector("pose", pose, max(3, np.size(pose)))
@@ -89,6 +91,7 @@ class EkfSlam:
         """
         u = check_vector("control", u)
         U = check_covariance("covariance of the control", U, len(u))
+        self.spread()
         self.reserve()
         if self.is_compiled:
             D = self.bias_jacobian(u[None])[0]
@@ -116,7 +119,7 @@ class EkfSlam:
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
         f, w, S = self.filter_state, self.scratch, np.empty((2, 2))
-        if self.is_compiled:
+        if self._observes_range_bearing:
             m, v = f.robot_size + 2 * landmark, np.empty(2)
             nis = _range_bearing_kernels.update_range_bearing(f, w, m, z, R, v, S)
         else:
@@ -186,8 +189,12 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
-        xy, Gx, Gz = self._sensor.inverse_observe(self.robot_state, z)  # C.15, C.18
-        _kernels.augment(self.filter_state, self.scratch, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
+        f, w = self.filter_state, self.scratch
+        if self._observes_range_bearing:
+            _range_bearing_kernels.augment_range_bearing(f, w, z, R)
+        else:
+            xy, Gx, Gz = self._sensor.inverse_observe(self.robot_state, z)  # C.15, C.18
+            _kernels.augment(f, w, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
         return len(self) - 1
 
     def remove(self, landmarks: IntArray) -> None:
@@ -250,6 +257,11 @@ class EkfSlam:
                 self._set_state(grown(self.filter_state))
         elif is_full(self.filter_state):
             flush(self.filter_state)
+
+    def spread(self) -> None:
+        """Account for a heading that has become less certain, see `state.spread`, where due."""
+        if is_spread_due(self.robot_filter):
+            spread(self.filter_state)
 
     def _set_state(self, filter_state: FilterState) -> None:
         self.filter_state = filter_state
@@ -321,6 +333,12 @@ class EkfSlam:
         self._candidates = ~confirmed
 
     @property
+    def nonlinearity(self) -> float:
+        """Root of the mean share of second-order terms in the variance of the innovations."""
+        total, count = self.robot_filter.nonlinearity.tolist()
+        return float(np.sqrt(total / count)) if count > 0 else 0.0
+
+    @property
     def ids(self) -> IntArray:
         """(n,) number of landmarks added before each; it stays the same as others are removed."""
         since = np.arange(len(self._ids) + self._removed, len(self) + self._removed)
@@ -361,14 +379,16 @@ class EkfSlam:
     def _linearized(
         self, z: FloatArray, R: FloatArray, landmark: int
     ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-        """The landmark's row, and the `Linearization` of an observation of it."""
-        f, r = self.filter_state, self.filter_state.robot_size
-        rows = state_rows(np.array([landmark]), r)
-        s, a = f.state[rows], f.heading_lever[rows]
-        first = s.copy()
-        first[[0, r]] -= a[[1, r + 1]]
-        first[[1, r + 1]] += a[[0, r]]
-        return r + 2 * landmark, *linearize(f.error_state, self._sensor, s, first, z, R)
+        """The landmark's row, the innovation, its Jacobian by eta and its noise."""
+        f, w = self.filter_state, self.scratch
+        m = f.robot_size + 2 * landmark
+        if self._observes_range_bearing:
+            v = np.empty(2)
+            _range_bearing_kernels.linearize_range_bearing(f, w, m, z, R, v)
+            return m, v, w.H, w.R
+        rows = state_rows(np.array([landmark]), f.robot_size)
+        lever = np.zeros(len(rows)) if f.error_state == STANDARD else f.heading_lever[rows]
+        return m, *linearize(self._sensor, f.state[rows], lever, z), R
 
 
 def new_innovations(k: int) -> Innovations:

@@ -7,17 +7,18 @@ filter overconfident in its heading.
 The right-invariant filter, after Barrau & Bonnabel (2015), "An EKF-SLAM algorithm with
 consistency properties", has right-invariant errors of SE(2): with J a quarter turn,
 xi = (e_p - J p e_theta, e_theta) for the robot and for each landmark. In them a rotation of
-robot and map is linear, a correction moves every point by the exponential of xi, and the
-innovation is taken in the frame of the map, at the position at which the observation puts the
-landmark (C.15).
+robot and map is linear, a correction moves every point by the exponential of xi, and an
+observation from the robot depends on the difference of two points' xi alone.
 
 First-estimates Jacobians, after Huang, Mourikis & Roumeliotis (2008), keep the errors of the
-source but evaluate every Jacobian at the first estimate of a landmark, or of the moved pose, so
-that the Jacobians of different times have the same unobservable directions.
+source but evaluate the rotation of the map at the first estimate of a landmark, and of the moved
+pose, so that the Jacobians of different times have the same unobservable directions.
+
+The Jacobians here are those of any sensor model, to first order. Range and bearing are taken to
+second order by these two filters, see `_range_bearing_kernels`.
 """
 
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 
@@ -40,40 +41,21 @@ class Retraction(IntEnum):
 STANDARD, INVARIANT, FIRST_ESTIMATES = Retraction
 
 
-class Linearization(NamedTuple):
-    """A linearized observation: innovation = H error + noise."""
-
-    innovation: FloatArray
-    """(2,) range and bearing; map coordinates for the invariant filter."""
-    H: FloatArray
-    """(2, r + 2) by the robot and the landmark."""
-    noise: FloatArray
-    """(2, 2) covariance."""
-
-
 def linearize(
-    retraction: int,
-    sensor: Sensor,
-    s: FloatArray,
-    first: FloatArray,
-    z: FloatArray,
-    R: FloatArray,
-) -> Linearization:
-    """Linearize an observation of a landmark.
+    sensor: Sensor, s: FloatArray, lever: FloatArray, z: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Linearize an observation of a landmark: innovation = H eta + noise.
 
     Args:
-        retraction: the error parametrization.
         sensor: the sensor model.
         s: (r + 2,) robot and landmark.
-        first: (r + 2,) their first estimates.
+        lever: (r + 2,) their heading levers, see `_kernels`; zero for the standard filter.
         z: (2,) observation.
-        R: (2, 2) its covariance.
+
+    Returns:
+        The innovation (2,), and H (2, r + 2) by the robot and the landmark.
     """
-    if retraction == STANDARD:
-        predicted, H = sensor.observe(s[:-2], s[-2:])
-        return Linearization(sensor.difference(z, predicted), H, R)  # C.14
-    xy, Gp, Gz = sensor.inverse_observe(s[:-2], z)
-    dx, dy = (first[-2:] - first[:2]).tolist()
-    H = np.concatenate([-Gp, np.eye(2)], 1)
-    H[:, :3] = [[-1.0, 0.0, dy], [0.0, -1.0, -dx]]
-    return Linearization(xy - s[-2:], H, Gz @ R @ Gz.T)
+    predicted, H = sensor.observe(s[:-2], s[-2:])
+    by_heading = H[:, 2] + H @ lever
+    H = np.column_stack([H[:, :2], by_heading, H[:, 3:]])
+    return sensor.difference(z, predicted), H  # C.14

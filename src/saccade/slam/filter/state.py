@@ -27,6 +27,8 @@ from saccade.types import FloatArray, IntArray
 
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
+SPREAD_ROWS = 512
+"""Rows of the covariance that `spread` changes at once; even."""
 RANK = 64
 """Rows of `downdates` and of `updates` that are kept before they are added to P."""
 
@@ -61,6 +63,8 @@ def new_state(
         updates=np.zeros((RANK, size)),
         mergeable_variance=np.zeros(1),
         cached_rows=np.zeros((RANK, size)),
+        nonlinearity=np.zeros(2),
+        heading_variance=np.full(2, covariance[2, 2]),
         cached_pair=np.full(capacity, -1),
         counts=np.zeros(4, np.int64),
     )
@@ -92,6 +96,7 @@ def new_scratch(f: FilterState) -> Scratch:
         D=np.zeros((2, r + 2)),
         A=np.zeros((2, 2)),
         S=np.zeros((2, 2)),
+        second_order=np.zeros((3, 3)),
     )
 
 
@@ -126,6 +131,8 @@ def grown(f: FilterState) -> FilterState:
         new.P[:n, rows] = f.P[:n, old]
     new.P[auxiliary_rows(new), auxiliary_rows(new)] = f.P[auxiliary_rows(f), auxiliary_rows(f)]
     new.blocks[:N] = f.blocks
+    new.heading_variance[:] = f.heading_variance
+    new.nonlinearity[:] = f.nonlinearity
     new.counts[LANDMARKS] = f.counts[LANDMARKS]
     return new
 
@@ -168,6 +175,39 @@ def flush(f: FilterState) -> None:
     f.cached_pair[:] = -1
     f.counts[CACHED] = 0
     f.mergeable_variance[0] = 0.0
+
+
+def spread(f: FilterState) -> None:
+    """Add to the covariance what a heading that has become less certain does to the errors xi.
+
+    Noise of the heading moves no point. In the exponential coordinates of SE(2), a point's error e
+    along the axes of the map stands for the displacement V(theta) e, V = 1 + J theta / 2 + ..., so
+    that more error of the heading turns e by minus half of it: to second order, a growth g of its
+    variance adds J P J^T g / 4, P the covariance of all e.
+
+    Source: Barfoot & Furgale (2014), equation 55: the fourth-order terms of a compound pose.
+    """
+    flush(f)
+    n, r, P = state_size(f), f.robot_size, f.P
+    quarter = (f.heading_variance[1] - f.heading_variance[0]) / 4
+    i = np.arange(r, n, 2)
+    P[i + 1, i] = P[i, i + 1]
+    for start in range(r, n, SPREAD_ROWS):
+        _add_turned(P[start : min(start + SPREAD_ROWS, n), start:n], quarter)
+    for columns in (slice(2), slice(r, n)):
+        _add_turned(P[:2, columns], quarter)
+    f.blocks[: len(i)] = np.stack([P[i, i], P[i, i + 1], P[i + 1, i + 1]], 1)
+    f.heading_variance[0] = f.heading_variance[1]
+
+
+def _add_turned(block: FloatArray, factor: float) -> None:
+    """Add factor J B J^T to the covariances B (2k, 2m) of points, J a quarter turn, in place."""
+    xx, xy = block[::2, ::2].copy(), block[::2, 1::2].copy()
+    yx, yy = block[1::2, ::2].copy(), block[1::2, 1::2].copy()
+    block[::2, ::2] += factor * yy
+    block[::2, 1::2] -= factor * yx
+    block[1::2, ::2] -= factor * xy
+    block[1::2, 1::2] += factor * xx
 
 
 def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
