@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel
+from saccade.slam._recovery_kernels import LostEvidence, LostRule, leaves_out
 from saccade.slam.association._kernels import NEW, Gates, associate_nearest
 from saccade.slam.filter._range_bearing_kernels import (
     Innovations,
@@ -24,7 +25,7 @@ from saccade.slam.map_management._kernels import (
     confirm,
     predict_visible,
 )
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 
 class Steps(NamedTuple):
@@ -68,6 +69,8 @@ class StepResults(NamedTuple):
     """(t, 3, 3) of the pose."""
     innovations: Innovations
     """(k,)."""
+    lost: BoolArray
+    """(t,) whether the robot was lost after each step."""
 
 
 class Rules(NamedTuple):
@@ -78,6 +81,7 @@ class Rules(NamedTuple):
     gates: Gates
     policy: ConfirmationPolicy
     culling: CullingRule
+    lost: LostRule
 
 
 @kernel()
@@ -89,11 +93,12 @@ def take_steps(
     rules: Rules,
     candidates: CandidateBuffer,
     visibility: VisibilityCounts,
+    evidence: LostEvidence,
     out: StepResults,
 ) -> None:
-    """Take the steps before `end`, up to one that lacks room or that culls a landmark."""
+    """Take the steps before `end`, up to one that lacks room, culls, or leaves its scan out."""
     while s.position[0] < end:
-        if not take_step(f, w, s, rules, candidates, visibility, out):
+        if not take_step(f, w, s, rules, candidates, visibility, evidence, out):
             return
 
 
@@ -105,11 +110,13 @@ def take_step(
     rules: Rules,
     candidates: CandidateBuffer,
     visibility: VisibilityCounts,
+    evidence: LostEvidence,
     out: StepResults,
 ) -> bool:
     """Take the next step, in the order of `Slam.step`, or as much of it as there is room for.
 
-    Returns whether another one can follow at once: all of it was done, and nothing is culled.
+    Returns whether another one can follow at once: all of it was done, nothing is culled, and its
+    scan was not left out.
     """
     i = s.position[0]
     start, end = s.edge[i], s.edge[i + 1]
@@ -124,6 +131,14 @@ def take_step(
             associate_nearest(f, s.z[start:end], s.R[start:end], rules.gates, association)
         if check:
             predict_visible(f, visibility)
+        if rules.lost.enabled and end > start:
+            named = np.full(end - start, -1) if rules.nearest else association
+            z, R = s.z[start:end], s.R[start:end]
+            if leaves_out(f, evidence, rules.lost, z, R, named):
+                association[:] = -1
+                write_pose(f, w, out.pose[i], out.covariance[i])
+                s.position[0], s.position[1] = i + 1, -1
+                return False
         s.position[1] = start
     k = update_scan(f, w, s.z, s.R, s.landmark, s.position[1], end, out.innovations)  # C.10-C.14
     s.position[1] = k

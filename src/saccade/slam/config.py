@@ -52,6 +52,9 @@ class EkfConfig:
     culling_ratio: float | None = 0.4
     """Unknown association: a landmark that is observed in less than this fraction of the checks in
     which it is in view is removed; None keeps all."""
+    recover: bool = True
+    """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
+    pose in it."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
@@ -94,13 +97,14 @@ class EkfConfig:
         """Kootstra (2010): the filter of C.1-C.18 with known data association.
 
         Errors along the axes of the map, every observation with its full weight, no odometry
-        bias, no landmark removed. Two things are not specified there: singular covariances R are
-        made regular (`MIN_SIGMA`), and a second observation of a new landmark in the same scan is
-        dropped.
+        bias, no landmark removed, no search for a lost robot. Two things are not specified there:
+        singular covariances R are made regular (`MIN_SIGMA`), and a second observation of a new
+        landmark in the same scan is dropped.
         """
         return cls(
             filter="standard",
             association="known",
+            recover=False,
             huber=np.inf,
             estimate_odometry_bias=False,
         )

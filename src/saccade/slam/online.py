@@ -18,7 +18,9 @@ from saccade.slam.filter.validation import check_all
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
+from saccade.slam.recovery import Recovery
+from saccade.slam.relocalization import PoseHypotheses
 from saccade.types import FloatArray, IntArray
 
 MIN_SIGMA = 1e-4
@@ -47,13 +49,18 @@ class StepResult:
     culled: IntArray
     """(g,) landmarks that were removed from the map, by their numbers before this; those behind
     them have moved up, also in `association`."""
+    lost: bool = False
+    """Whether the robot finds itself lost: the map is kept as it is, and the pose is by odometry
+    until the robot is found in it."""
+    hypotheses: PoseHypotheses | None = None
+    """Of the pose of a lost robot, after its first scan."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
         used = int((self.association >= 0).sum())
         return (
             f"StepResult(pose {x:.2f} {y:.2f} m {theta:.3f} rad, "
-            f"{used} of {len(self.association)} observations used)"
+            f"{used} of {len(self.association)} observations used{', lost' * self.lost})"
         )
 
 
@@ -120,6 +127,8 @@ class Slam:
         culls = field_of_view is not None and not isinstance(self.associate, KnownIdentity)
         ratio = config.culling_ratio if culls else None
         self.culling = Culling(FieldOfView(*(field_of_view or (0.0, 0.0, 0.0))), ratio)
+        ranges = type(sensor) is RangeBearing
+        self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
         self.num_steps = 0
         """Steps that were taken."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
@@ -129,7 +138,8 @@ class Slam:
         are those of this package."""
         nearest = self.associate if isinstance(self.associate, NearestNeighbor) else None
         gates = nearest.gates if nearest else Gates(inf, inf, False)
-        self._rules = Rules(nearest is not None, gates, self.candidates.policy, self.culling.rule)
+        rules = self.candidates.policy, self.culling.rule, self.recovery.rule
+        self._rules = Rules(nearest is not None, gates, *rules)
 
     def step(
         self,
@@ -182,6 +192,8 @@ class Slam:
             innovation_covariances=out.innovations.covariance,
             nis=out.innovations.nis,
             culled=culled[0] if culled else np.empty(0, np.int64),
+            lost=bool(out.lost[0]),
+            hypotheses=self.recovery.hypotheses,
         )
 
     def prepare(
@@ -243,7 +255,12 @@ class Slam:
         """
         start, culled = int(s.position[0]), []
         while s.position[0] < end:
+            if self.recovery.lost:
+                self._take_lost(s, out)
+                continue
             landmarks = self._take_many(s, end, out) if self.is_compiled else self._take(s, out)
+            if self.recovery.left_out:
+                self._leave_out(s, out)
             if len(landmarks) > 0:
                 culled.append(landmarks)
                 self.remove(landmarks, s.landmark)
@@ -276,7 +293,8 @@ class Slam:
         if self.culling.rule.enabled:
             self.culling.reserve(len(self.ekf.filter_state.blocks))
         f, w, candidates = self.ekf.filter_state, self.ekf.scratch, self.candidates.buffer
-        take_steps(f, w, s, end, self._rules, candidates, self.culling.counts, out)
+        evidence = self.recovery.evidence
+        take_steps(f, w, s, end, self._rules, candidates, self.culling.counts, evidence, out)
         return self.culling.remove_culled()
 
     def _take(self, s: Steps, out: StepResults) -> IntArray:
@@ -290,6 +308,9 @@ class Slam:
             check = self.culling.is_due(s.first + i)
             expected = ekf.predict_observations().z if check else None
             found[:] = self.associate(ekf, z, R, identity)
+            named = found if isinstance(self.associate, KnownIdentity) else np.full(len(z), -1)
+            if self.recovery.rule.enabled and self.recovery.leaves_out(ekf, z, R, named):
+                found[:], expected = -1, None
             innovations = ekf.update_scan(z, R, found)  # C.10-C.14
             for array, values in zip(out.innovations, innovations, strict=True):
                 array[scan] = values
@@ -304,18 +325,63 @@ class Slam:
         s.position[0] = i + 1
         return culled
 
+    def _leave_out(self, s: Steps, out: StepResults) -> None:
+        """Process a scan that was left out; the robot may be lost."""
+        self._renumber(s)
+        i = int(s.position[0]) - 1
+        if self.recovery.begin_if_lost(self.ekf):
+            scan = slice(s.edge[i], s.edge[i + 1])
+            self.recovery.search(s.z[scan], s.R[scan], self._named(s.identity[scan]))
+            out.lost[i] = True
+
+    def _take_lost(self, s: Steps, out: StepResults) -> None:
+        """Take one step of a lost robot, which may be found."""
+        ekf, i = self.ekf, int(s.position[0])
+        scan = slice(s.edge[i], s.edge[i + 1])
+        z, R = s.z[scan], s.R[scan]
+        if i >= s.still:
+            ekf.predict(s.control[i], s.U[i])  # C.5-C.9
+            self.recovery.predict(s.control[i], s.U[i])
+        s.landmark[scan] = -1
+        if len(z) > 0:
+            self.recovery.search(z, R, self._named(s.identity[scan]))
+            s.landmark[scan] = self.recovery.resume_if_found(ekf)
+        out.lost[i] = self.recovery.lost
+        out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
+        s.position[0] = i + 1
+        if not self.recovery.lost:
+            self._renumber(s)
+
+    def _named(self, identity: IntArray) -> IntArray:
+        """(k,) landmark of the map that each observation names, -1 for none."""
+        if not isinstance(self.associate, KnownIdentity):
+            return np.full(len(identity), -1)
+        number = [self.associate.number.get(name, -1) for name in identity.tolist()]
+        return np.array([n if n < len(self.ekf) else -1 for n in number], np.int64)
+
+    def _renumber(self, s: Steps) -> None:
+        """Number named landmarks ahead anew, after scans that added none."""
+        if isinstance(self.associate, KnownIdentity) and self.is_compiled:
+            first, mapped = s.edge[s.position[0]], len(self.ekf)
+            known = self.associate.number
+            self.associate.number = {name: n for name, n in known.items() if n < mapped}
+            scan = np.repeat(np.arange(len(s.time)), np.diff(s.edge))[first:]
+            s.landmark[first:] = self.associate.number_ahead(s.identity[first:], scan, mapped)
+
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.
 
         They are the filter's own: save or copy them before the next step.
         """
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
+        parts["recovery"] = self.recovery.to_arrays()
         return {**merge(parts), "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         for name, part in self._parts().items():
             part.from_arrays(select(arrays, name))
+        self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
         self.num_steps = int(arrays["num_steps"])
 
     def _parts(self) -> dict[str, Stateful]:
@@ -332,7 +398,8 @@ class Slam:
 
 def new_results(t: int, k: int) -> StepResults:
     """Room for the results of so many steps and observations."""
-    return StepResults(np.empty((t, 3)), np.empty((t, 3, 3)), new_innovations(k))
+    lost = np.zeros(t, np.bool_)
+    return StepResults(np.empty((t, 3)), np.empty((t, 3, 3)), new_innovations(k), lost)
 
 
 def _association(config: EkfConfig) -> Association:

@@ -16,7 +16,7 @@ from saccade.slam.map_management.culling import field_of_view
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.slam.online import Slam, new_results
 from saccade.slam.snapshots import Recorder
-from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
 """The motion model of each kind of control of a log."""
@@ -44,6 +44,8 @@ class SlamResult:
     """Landmarks that were removed from the map."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
+    lost: BoolArray | None = None
+    """(t + 1,) whether the robot found itself lost at each pose: that is by odometry alone."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -90,9 +92,10 @@ def run(
     steps, out = _steps(slam, log), new_results(poses, len(log.observation))
     innovations = {f"innovation_{name}": array for name, array in out.innovations._asdict().items()}
     arrays = {"pose": out.pose, "covariance": out.covariance, "association": steps.landmark}
+
     parts: dict[str, Stateful | None] = {
         "slam": slam,
-        "results": StoredArrays({**arrays, **innovations}),
+        "results": StoredArrays({**arrays, **innovations, "lost": out.lost}),
         "recorder": recorder,
     }
     identity = (log, config, motion, sensor, associate)
@@ -128,6 +131,7 @@ def run(
         dead_reckoning=dead_reckon(log, config, motion),
         removed=removed,
         odometry_bias=slam.ekf.odometry_bias,
+        lost=out.lost,
     )
 
 
