@@ -14,6 +14,7 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
+
 from relocalization import WORLDS
 from saccade import slam
 from saccade.simulation import WorldConfig, simulate_world
@@ -32,8 +33,7 @@ def kidnapped(
     course = log.truth.pose
     after = course[step + jump + 1 : 2 * step + jump + 1]
     if turned:
-        after = course[step + jump : step + jump - lap : -1]
-        after = after + [0, 0, np.pi]
+        after = course[step + jump : step + jump - lap : -1] + np.array([0, 0, np.pi])
     truth = np.concatenate([course[: step + 1], after])
     truth[:, 2] = slam.wrap(truth[:, 2])
     t = len(truth)
@@ -99,7 +99,9 @@ def main() -> None:
     parser.add_argument("--distances", type=float, nargs="+", default=[0, 5, 15, 50])
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
-    print("world    names     metres  runs  lost  recovered  without   steps  map error, ratio  worst")
+    print(
+        "world    names     metres  runs  lost  recovered  without   steps  map error, ratio  worst"
+    )
     for name in options.worlds:
         for named in (True, False):
             clean: dict[tuple[int, bool], float] = {}

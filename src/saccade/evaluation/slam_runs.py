@@ -28,6 +28,7 @@ def summarize_run(
         "landmarks": len(result.map),
         "landmarks_culled": result.removed,
         **_odometry_end(log, result),
+        "lost": lost_times(result),
         "odometry_bias": bias,
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
@@ -49,6 +50,16 @@ def summarize_run(
         for name, landmarks in maps.items():
             row[f"{name}_rmse_m"] = none_if_nan(landmark_rmse(landmarks, log.landmark_truth))
     return row
+
+
+def lost_times(result: SlamResult) -> list[list[float | None]]:
+    """The times at which the robot was lost and found again; None where it was not."""
+    if result.lost is None:
+        return []
+    change = np.diff(np.concatenate([[False], result.lost, [False]]).astype(np.int64))
+    time = [*result.trajectory.time.tolist(), None]
+    starts, ends = np.flatnonzero(change > 0).tolist(), np.flatnonzero(change < 0).tolist()
+    return [[time[a], time[b]] for a, b in zip(starts, ends, strict=True)]
 
 
 def has_headings(truth: Trajectory) -> bool:

@@ -29,9 +29,10 @@ MAX_EVIDENCE = 3.0
 """Largest evidence of one scan: its misses have common causes."""
 MIN_LANDMARKS = 8
 """Landmarks of a map in which a robot may be lost; in a smaller one it cannot be found again."""
-LEFT_OUT = 1.5
-"""Evidence from which a scan is left out of the filter."""
-TOTAL, LATEST, REACH = 0, 1, 2
+LEFT_OUT, PATIENCE = 1.5, 4.0
+"""Evidence of a scan from which it is left out of the filter, and the cumulative evidence that this
+takes if the scan has no names: gates protect the filter from most of a single wrong scan."""
+TOTAL, LATEST, REACH, SKIPPED = 0, 1, 2, 3
 """Indices into `LostEvidence.values`."""
 
 
@@ -54,8 +55,8 @@ class LostEvidence(NamedTuple):
     observed: FloatArray
     """(RANGES, BEARINGS) of these, how many were observed."""
     values: FloatArray
-    """(3,) cumulative evidence, that of the latest scan, and metres to the most distant landmark
-    observed."""
+    """(4,) cumulative evidence, that of the latest scan, metres to the most distant landmark
+    observed, and 1 if the latest scan was left out."""
 
 
 @kernel()
@@ -73,7 +74,7 @@ def leaves_out(
     The association (k,) has the landmarks of named observations; others are negative.
     """
     N = f.counts[LANDMARKS]
-    evidence.values[LATEST] = 0.0
+    evidence.values[LATEST] = evidence.values[SKIPPED] = 0.0
     if N < MIN_LANDMARKS:
         return False
     landmark, cell = np.empty(N, np.int64), np.empty((N, 2), np.int64)
@@ -83,16 +84,23 @@ def leaves_out(
     predict_observations(f, landmark, expected, S)
     density = np.empty((len(z), count))
     _fill_densities(expected, S, z, R, rule.gate, density)
+    reach, out_of_view = evidence.values[REACH], 0
     for k in range(len(z)):
+        reach = max(reach, z[k, 0])
         if 0 <= association[k] < N:
+            out_of_view += 1
             for j in range(count):
-                if landmark[j] != association[k]:
+                if landmark[j] == association[k]:
+                    out_of_view -= 1
+                else:
                     density[k, j] = 0.0
-    value = _evidence(evidence, cell, density, landmark, association)
+    value = _evidence(evidence, cell, density, landmark, association, 2 * pi * reach)
+    value -= out_of_view * log(WRONG_NAME)
     values = evidence.values
     values[LATEST] = min(max(value, -MAX_EVIDENCE), MAX_EVIDENCE)
     values[TOTAL] = max(values[TOTAL] + values[LATEST], 0.0)
-    if values[LATEST] >= LEFT_OUT:
+    if values[LATEST] >= LEFT_OUT and (association.max() >= 0 or values[TOTAL] >= PATIENCE):
+        values[SKIPPED] = 1.0
         return True
     for j in range(count):
         observed = False
@@ -159,13 +167,15 @@ def _evidence(
     density: FloatArray,
     landmark: IntArray,
     association: IntArray,
+    view: float,
 ) -> float:
     """Log likelihood ratio of a lost robot to one that is not, by densities (k, c).
 
     A robot that is not lost observes a landmark as often as others in its cell, with the density
-    of the filter; a lost one makes the same number of observations anywhere in view.
+    of the filter; a lost one makes the same number of observations anywhere in the view, metres
+    times radians.
     """
-    view, total, unexplained = _view(evidence), 0.0, 0
+    total, unexplained = 0.0, 0
     for k in range(len(density)):
         explained = False
         for j in range(density.shape[1]):
@@ -182,18 +192,6 @@ def _evidence(
         else:
             total -= log(1 - p + p * view / len(density) * sum_density)
     return min(total, MAX_UNEXPLAINED * unexplained)
-
-
-@kernel()
-def _view(evidence: LostEvidence) -> float:
-    """Metres times radians in which landmarks were observed."""
-    sectors = 0
-    for i in range(BEARINGS):
-        used = False
-        for o in range(RANGES):
-            used = used or evidence.observed[o, i] > 0
-        sectors += used
-    return max(evidence.values[REACH], SHORTEST) * 2 * pi * max(sectors, 1) / BEARINGS
 
 
 @kernel()

@@ -10,8 +10,8 @@ import numpy as np
 from saccade.slam._recovery_kernels import (
     BEARINGS,
     LATEST,
-    LEFT_OUT,
     RANGES,
+    SKIPPED,
     TOTAL,
     LostEvidence,
     LostRule,
@@ -26,7 +26,7 @@ from saccade.types import FloatArray, IntArray
 
 LIMIT = 14.0
 """Cumulative log likelihood ratio from which a robot is lost: five scans of the most evidence."""
-FOUND = 0.99
+FOUND = 0.999
 """Probability from which a hypothesis is right."""
 MIN_MATCHED = 3
 """Observed points that must be landmarks of the map for the robot to be found."""
@@ -59,7 +59,7 @@ class Recovery:
     @property
     def left_out(self) -> bool:
         """Whether the last scan was left out."""
-        return bool(self.evidence.values[LATEST] >= LEFT_OUT)
+        return bool(self.evidence.values[SKIPPED])
 
     def leaves_out(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, named: IntArray) -> bool:
         """Test a scan (k, 2) before the update; see the kernel."""
@@ -71,7 +71,7 @@ class Recovery:
             return False
         self._search = _search(ekf, self._motion)
         self._search.propose(ekf.pose)
-        self.evidence.values[[TOTAL, LATEST]] = 0.0
+        self.evidence.values[[TOTAL, LATEST, SKIPPED]] = 0.0
         return True
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
@@ -115,7 +115,7 @@ class Recovery:
             ekf.reset_pose(found.pose[0], _prior(ekf, found.covariance[0], association))
             ekf.update_scan(*self._search.observations, association)  # C.10-C.14
         self._search = self.hypotheses = None
-        return association[latest]
+        return np.asarray(association[latest], np.int64)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
@@ -133,7 +133,7 @@ class Recovery:
 
 def _new_evidence() -> LostEvidence:
     cells = (RANGES, BEARINGS)
-    return LostEvidence(np.zeros(cells), np.zeros(cells), np.zeros(3))
+    return LostEvidence(np.zeros(cells), np.zeros(cells), np.zeros(4))
 
 
 def _search(ekf: EkfSlam, motion: Motion) -> Relocalizer:

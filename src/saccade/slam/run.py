@@ -109,7 +109,8 @@ def run(
         slam.advance(steps, end, out)
         if recorder is not None:
             scan = slice(steps.edge[start], steps.edge[end])
-            recorder.add(start, poses, slam.ekf, steps.landmark[scan])
+            found = steps.landmark[scan]
+            recorder.add(start, poses, slam.ekf, found, slam.recovery.hypotheses)
         if checkpoint is not None:
             checkpoint.save(end, parts)
         if progress is not None and (start % hundredth == 0 or end == poses):

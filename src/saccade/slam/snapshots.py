@@ -9,6 +9,7 @@ import numpy as np
 from saccade.errors import require
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.relocalization import PoseHypotheses
 from saccade.types import FloatArray, IntArray, MapSnapshot
 
 
@@ -30,7 +31,14 @@ class Recorder:
         self._path: list[FloatArray] = []
         self._observed: set[int] = set()
 
-    def add(self, step: int, steps: int, ekf: EkfSlam, observed: IntArray) -> None:
+    def add(
+        self,
+        step: int,
+        steps: int,
+        ekf: EkfSlam,
+        observed: IntArray,
+        hypotheses: PoseHypotheses | None = None,
+    ) -> None:
         """Record a pose.
 
         Args:
@@ -39,11 +47,15 @@ class Recorder:
             ekf: the filter, after all observations of this pose.
             observed: numbers of the landmarks that were observed from this pose, negative for
                 unused observations.
+            hypotheses: of the pose of a lost robot.
         """
         self._path.append(ekf.pose)
         self._observed.update(observed[observed >= 0].tolist())
         if (steps - 1 - step) % -(-steps // self._frames) != 0:  # includes the last pose
             return
+        rows = np.empty((0, 4))
+        if hypotheses is not None:
+            rows = np.column_stack([hypotheses.pose, hypotheses.probability])
         self.snapshots.append(
             MapSnapshot(
                 step=step,
@@ -53,6 +65,7 @@ class Recorder:
                 landmark_covariance=ekf.landmark_covariances,
                 ids=ekf.ids,
                 observed=np.array(sorted(n for n in self._observed if n < len(ekf)), np.int64),
+                hypotheses=rows,
             )
         )
         self._path, self._observed = [], set()
