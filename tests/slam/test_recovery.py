@@ -60,6 +60,8 @@ def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
     assert error[lost[-1] + 1 :].mean() < 0.5
     assert len(result.map) <= len(undisturbed.map) + 2
     assert map_error(result, log).mean() < 1.2 * map_error(undisturbed, clean).mean() + 0.02
+    if named:  # names alone bring the filter back, at the expense of its map
+        return
     without = slam.run(log, slam.EkfConfig(recover=False))
     assert np.linalg.norm((without.trajectory.pose - log.truth.pose)[-1, :2]) > 1.0
 
