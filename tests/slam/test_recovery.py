@@ -12,6 +12,7 @@ from saccade.slam.run import slam_for
 WORLD = WorldConfig(
     course_length=60, landmarks=60, landmark_spread=6, steps=800, range_limits=(0.5, 8.0)
 )
+RECOVER = slam.EkfConfig(recover=True)
 STEP, JUMP = 300, 60  # 15 m on the course
 
 
@@ -51,7 +52,7 @@ def scan_of(log, step):
 @pytest.mark.parametrize("seed", [1, 3])
 def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
     log, clean = kidnapped(seed, named), kidnapped(seed, named, jump=0)
-    result, undisturbed = slam.run(log), slam.run(clean)
+    result, undisturbed = slam.run(log, RECOVER), slam.run(clean, RECOVER)
     assert not undisturbed.lost.any()
     lost = np.flatnonzero(result.lost)
     assert STEP < lost[0] < STEP + 20
@@ -62,14 +63,14 @@ def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
     assert map_error(result, log).mean() < 1.2 * map_error(undisturbed, clean).mean() + 0.02
     if named:  # names alone bring the filter back, at the expense of its map
         return
-    without = slam.run(log, slam.EkfConfig(recover=False))
+    without = slam.run(log, slam.EkfConfig())
     assert np.linalg.norm((without.trajectory.pose - log.truth.pose)[-1, :2]) > 1.0
 
 
 @pytest.mark.parametrize("named", [True, False])
 def test_steps_and_a_resumed_run_have_the_bits_of_a_run(named):
     log = kidnapped(1, named)
-    config = slam.EkfConfig(min_observations=1)
+    config = slam.EkfConfig(recover=True, min_observations=1)
     whole, live = slam.run(log, config), slam_for(log, config)
     first = int(np.flatnonzero(whole.lost)[0])
     for i in range(len(log.time)):
@@ -91,7 +92,7 @@ def test_a_lost_robot_leaves_its_map_alone():
     moved = log.observation_pose > STEP
     rng = np.random.default_rng(0)
     far.observation[moved] = rng.uniform([0.5, -3.0], [8.0, 3.0], (moved.sum(), 2))
-    result = slam.run(far)
+    result = slam.run(far, RECOVER)
     before = slam_for(log)
     for i in range(STEP + 1):
         before.step(*scan_of(log, i))
@@ -123,5 +124,5 @@ def test_a_replaced_pose_leaves_the_landmarks_and_depends_on_none(kind):
 def test_a_small_map_is_never_left():
     log = simulate_world(dataclasses.replace(WORLD, landmarks=7), 1)
     wild = dataclasses.replace(log, observation=log.observation[::-1].copy())
-    config = slam.EkfConfig(association="nearest")
+    config = slam.EkfConfig(recover=True, association="nearest")
     assert not slam.run(wild, config).lost.any()

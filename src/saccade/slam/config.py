@@ -52,9 +52,9 @@ class EkfConfig:
     culling_ratio: float | None = 0.4
     """Unknown association: a landmark that is observed in less than this fraction of the checks in
     which it is in view is removed; None keeps all."""
-    recover: bool = True
+    recover: bool = False
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
-    pose in it."""
+    pose in it. Not by default: there are false alarms where the noise of a log is too small."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
@@ -104,7 +104,6 @@ class EkfConfig:
         return cls(
             filter="standard",
             association="known",
-            recover=False,
             huber=np.inf,
             estimate_odometry_bias=False,
         )
