@@ -11,6 +11,7 @@ from saccade.slam.consistency import Consistency
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
+from saccade.slam.hypotheses import PoseHypotheses, RelocalizationConfig
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.models import (
     RANGE_BEARING,
@@ -24,7 +25,7 @@ from saccade.slam.models import (
     wrap,
 )
 from saccade.slam.online import Slam, StepResult
-from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
+from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation
 from saccade.slam.run import SlamResult, dead_reckon, run
 from saccade.slam.smoothing.batch import smooth

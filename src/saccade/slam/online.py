@@ -15,12 +15,12 @@ from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam, new_innovations
 from saccade.slam.filter.validation import check_all
+from saccade.slam.hypotheses import PoseHypotheses
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
-from saccade.slam.relocalization import PoseHypotheses
 from saccade.types import FloatArray, IntArray
 
 MIN_SIGMA = 1e-4

@@ -20,8 +20,9 @@ from saccade.slam._recovery_kernels import (
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.hypotheses import PoseHypotheses
 from saccade.slam.models import Motion, wrap
-from saccade.slam.relocalization import PoseHypotheses, Relocalizer
+from saccade.slam.relocalization import Relocalizer
 from saccade.types import FloatArray, IntArray
 
 LIMIT = 14.0
