@@ -1,6 +1,5 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
@@ -15,12 +14,12 @@ from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam, new_innovations
 from saccade.slam.filter.validation import check_all
-from saccade.slam.hypotheses import PoseHypotheses
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
+from saccade.slam.results import StepResult
 from saccade.types import FloatArray, IntArray
 
 MIN_SIGMA = 1e-4
@@ -28,40 +27,6 @@ MIN_SIGMA = 1e-4
 ones would make a filter diverge by its own linearization errors."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class StepResult:
-    """Pose, association and innovations of one step; depends on nothing that comes later."""
-
-    pose: FloatArray
-    """(3,) x, y in metres, heading in radians."""
-    covariance: FloatArray
-    """(3, 3) of the pose."""
-    association: IntArray
-    """(k,) number of the landmark in the map for each observation, -1 if it was not used."""
-    innovations: FloatArray
-    """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
-    innovation_covariances: FloatArray
-    """(k, 2, 2) before the update."""
-    nis: FloatArray
-    """(k,) normalized innovations squared."""
-    culled: IntArray
-    """(g,) landmarks that were removed from the map, by their numbers before this; those behind
-    them have moved up, also in `association`."""
-    lost: bool = False
-    """Whether the robot finds itself lost: the map is kept as it is, and the pose is by odometry
-    until the robot is found in it."""
-    hypotheses: PoseHypotheses | None = None
-    """Of the pose of a lost robot, after its first scan."""
-
-    def __repr__(self) -> str:
-        x, y, theta = self.pose
-        used = int((self.association >= 0).sum())
-        return (
-            f"StepResult(pose {x:.2f} {y:.2f} m {theta:.3f} rad, "
-            f"{used} of {len(self.association)} observations used{', lost' * self.lost})"
-        )
 
 
 class Slam:
