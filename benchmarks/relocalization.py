@@ -1,18 +1,21 @@
 """Relocalization: starts anywhere in a map that an earlier run of a simulated world made.
 
-    uv run python benchmarks/relocalization.py [--starts 60]
+    uv run python benchmarks/relocalization.py [--starts 60] [--log LOG ...]
 
 The map is that of a run with known identities; the scans are those of another run, without them. A
 start is correct within three standard deviations or 0.3 m of the true pose, and 0.15 rad. It ends
-after five scans, or when a hypothesis has a probability over .99 ("sure").
+after five scans, or when a hypothesis has a probability over .99 ("sure"). A recorded log is run
+without names; its starts are poses with eight or more observations, and right where the filter was.
 """
 
 import argparse
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from saccade import slam
+from saccade import datasets, slam
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.types import FloatArray, LandmarkLog, LandmarkMap
 
@@ -62,21 +65,69 @@ def localize(
     log: LandmarkLog, first: int, landmarks: LandmarkMap
 ) -> tuple[slam.PoseHypotheses, int, int]:
     """Hypotheses after at most five scans from a pose on, the pose of the last, and the scans."""
-    search = slam.Relocalizer(landmarks.xy, landmarks.covariance)
-    for step in range(first, first + 5):
+    search, used = slam.Relocalizer(landmarks.xy, landmarks.covariance), 0
+    for step in range(first, len(log.time)):
         scan = log.observation_pose == step
-        found = search.add(log.observation[scan], log.observation_covariance[scan])
-        if step == first + 4 or (len(found) and found.probability[0] > SURE):
-            return found, step, step - first + 1
+        if scan.any():
+            used += 1
+            found = search.add(log.observation[scan], log.observation_covariance[scan])
+            if used == 5 or (len(found) and found.probability[0] > SURE):
+                break
         search.predict(log.control[step], log.control_covariance[step])
-    raise AssertionError
+    return found, step, used
+
+
+def run_recorded(path: Path, starts: int) -> None:
+    """Starts in the map of a recorded log."""
+    log = datasets.load("auto", path)
+    log = replace(log, landmark=np.full_like(log.landmark, -1))
+    result = slam.run(log)
+    count = np.bincount(log.observation_pose, minlength=len(log.time))
+    chosen = np.flatnonzero(count[:-50] >= 8)
+    chosen = np.random.default_rng(0).choice(chosen, min(starts, len(chosen)), replace=False)
+    correct = sure = wrong = scans = 0
+    start = time.perf_counter()
+    for first in chosen:
+        found, step, used = localize(log, int(first), result.map)
+        scans += used
+        if len(found) == 0:
+            continue
+        error = found.pose[0] - result.trajectory.pose[step]
+        right = is_right(error, found.covariance[0] + result.trajectory.covariance[step])
+        correct += right
+        sure += found.probability[0] > SURE
+        wrong += not right and found.probability[0] > SURE
+    report(path.name, len(chosen), correct, sure, wrong, scans, time.perf_counter() - start)
+
+
+def is_right(error: FloatArray, covariance: FloatArray) -> bool:
+    """Whether the error of a pose (3,) is within the noise."""
+    sigma = np.sqrt(np.trace(covariance[:2, :2]))
+    return bool(np.hypot(*error[:2]) < max(0.3, 3 * sigma)) and abs(slam.wrap(error[2])) < 0.15
+
+
+def report(
+    name: str, starts: int, correct: int, sure: int, wrong: int, scans: int, seconds: float
+) -> None:
+    """Print a row."""
+    print(
+        f"{name[:20]:20}{starts:6}{correct:9}{sure:6}{wrong:16}{scans / max(starts, 1):7.1f}"
+        f"{seconds / max(scans, 1):14.3f}",
+        flush=True,
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--starts", type=int, default=60)
-    starts = parser.parse_args().starts
-    print("world   starts  correct  sure  sure and wrong  scans")
+    parser.add_argument("--log", type=Path, nargs="+", default=[])
+    options = parser.parse_args()
+    starts = options.starts
+    print("world               starts  correct  sure  sure and wrong  scans  seconds a scan")
+    for path in options.log:
+        run_recorded(path, starts)
+    if options.log:
+        return
     for name, world in WORLDS.items():
         log, other = simulate_world(world, 1), simulate_world(world, 77)
         mapped = slam.run(log, slam.EkfConfig(association="known")).map
@@ -84,19 +135,18 @@ def main() -> None:
         truth = log.landmark_truth.xy[rows]
         correct = sure = wrong = scans = 0
         chosen = np.random.default_rng(0).choice(len(other.time) - 10, starts, replace=False)
+        begin = time.perf_counter()
         for first in chosen:
             found, step, used = localize(other, int(first), mapped)
             scans += used
             if len(found) == 0:
                 continue
             error = found.pose[0] - in_map(other.truth.pose[step], truth, mapped.xy)
-            sigma = np.sqrt(np.trace(found.covariance[0][:2, :2]))
-            right = np.hypot(*error[:2]) < max(0.3, 3 * sigma)
-            right = right and abs(slam.wrap(error[2])) < 0.15
+            right = is_right(error, found.covariance[0])
             correct += right
             sure += found.probability[0] > SURE
             wrong += not right and found.probability[0] > SURE
-        print(f"{name:8}{starts:6}{correct:9}{sure:6}{wrong:16}{scans / starts:7.1f}", flush=True)
+        report(name, starts, correct, sure, wrong, scans, time.perf_counter() - begin)
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ OF_KEYPOINTS = {
 }
 """What holds when the code of a section has run."""
 OF_PAGES = {
+    "lost.md": lambda names: names["result"].lost.any() and names["error"] < 0.5,
     "image.md": lambda names: names["image"].shape == (427, 640, 3),
     "attention.md": lambda names: (
         len(names["path"]) == 10 and names["contrast"].saliency.max() == 1

@@ -6,7 +6,7 @@ from the x axis.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -247,6 +247,8 @@ class MapSnapshot:
     """(s,) rows of `landmarks` observed since the last snapshot."""
     ids: IntArray
     """(n,) number of landmarks initialized before each: the same in every snapshot."""
+    hypotheses: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    """(h, 4) x, y, heading and probability of the hypotheses of a lost robot's pose."""
 
     def __repr__(self) -> str:
         return f"MapSnapshot(pose {self.step}, {len(self.landmarks)} landmarks)"

@@ -34,6 +34,7 @@ def summarize_run(
         "landmarks": len(result.map),
         "landmarks_culled": result.removed,
         **_odometry_end(log, result),
+        "lost": lost_times(result),
         "odometry_bias": bias,
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
@@ -74,6 +75,16 @@ def _doubt(result: SlamResult) -> str:
         f"(nonlinearity {result.nonlinearity:.2f}, over {MAX_NONLINEARITY:g}); --smooth linearizes "
         "all of the log again"
     )
+
+
+def lost_times(result: SlamResult) -> list[list[float | None]]:
+    """The times at which the robot was lost and found again; None where it was not."""
+    if result.lost is None:
+        return []
+    change = np.diff(np.concatenate([[False], result.lost, [False]]).astype(np.int64))
+    time = [*result.trajectory.time.tolist(), None]
+    starts, ends = np.flatnonzero(change > 0).tolist(), np.flatnonzero(change < 0).tolist()
+    return [[time[a], time[b]] for a, b in zip(starts, ends, strict=True)]
 
 
 def has_headings(truth: Trajectory) -> bool:

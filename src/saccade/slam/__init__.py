@@ -11,6 +11,7 @@ from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
+from saccade.slam.hypotheses import PoseHypotheses, RelocalizationConfig
 from saccade.slam.models import (
     RANGE_BEARING,
     Motion,
@@ -22,9 +23,9 @@ from saccade.slam.models import (
     observe,
     wrap,
 )
-from saccade.slam.online import Slam, StepResult
-from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
-from saccade.slam.results import Innovation
+from saccade.slam.online import Slam
+from saccade.slam.relocalization import Relocalizer
+from saccade.slam.results import Innovation, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, run
 from saccade.slam.smoothing.batch import smooth
 from saccade.slam.smoothing.problem import SmoothConfig, SmoothResult

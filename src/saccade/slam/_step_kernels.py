@@ -2,7 +2,10 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from saccade._jit import kernel
+from saccade.slam._recovery_kernels import LostEvidence, LostRule, leaves_out
 from saccade.slam.association._kernels import NEW, Gates, associate_nearest
 from saccade.slam.association._name_kernels import (
     STALE,
@@ -81,6 +84,8 @@ class StepResults(NamedTuple):
     """(t, 3, 3) of the pose."""
     innovations: Innovations
     """(k,)."""
+    lost: BoolArray
+    """(t,) whether the robot was lost after each step."""
 
 
 class Rules(NamedTuple):
@@ -91,6 +96,7 @@ class Rules(NamedTuple):
     gates: Gates
     names: NameGates
     culling: CullingRule
+    lost: LostRule
 
 
 @kernel()
@@ -102,11 +108,12 @@ def take_steps(
     rules: Rules,
     names: NameTable,
     visibility: VisibilityCounts,
+    evidence: LostEvidence,
     out: StepResults,
 ) -> None:
-    """Take the steps before `end`, up to one that lacks room or that culls a landmark."""
+    """Take the steps before `end`, up to one that lacks room, culls, or leaves its scan out."""
     while s.position[0] < end:
-        if not take_step(f, w, s, rules, names, visibility, out):
+        if not take_step(f, w, s, rules, names, visibility, evidence, out):
             return
 
 
@@ -118,11 +125,13 @@ def take_step(
     rules: Rules,
     names: NameTable,
     visibility: VisibilityCounts,
+    evidence: LostEvidence,
     out: StepResults,
 ) -> bool:
     """Take the next step, in the order of `Slam.step`, or as much of it as there is room for.
 
-    Returns whether another one can follow at once: all of it was done, and nothing is culled.
+    Returns whether another one can follow at once: all of it was done, nothing is culled, and its
+    scan was not left out.
     """
     i = s.position[0]
     start, end = s.edge[i], s.edge[i + 1]
@@ -136,6 +145,13 @@ def take_step(
         if i >= s.still:
             predict_by_control(f, w, s.control[i], s.U[i], s.bias_jacobian[i])  # C.5-C.9
         z, R, confirmed = s.z[start:end], s.R[start:end], visibility.confirmed
+        if rules.lost.enabled and end > start:
+            named = known_landmarks(s, rules, names, start, end)
+            if leaves_out(f, evidence, rules.lost, z, R, confirmed, named):
+                association[:] = -1
+                write_pose(f, w, out.pose[i], out.covariance[i])
+                s.position[0], s.position[1] = i + 1, -1
+                return False
         if rules.names.enabled and end > start:
             name, refused = s.name[start:end], s.refused[start:end]
             associate_named(
@@ -173,3 +189,16 @@ def take_step(
     write_pose(f, w, out.pose[i], out.covariance[i])
     s.position[0], s.position[1] = i + 1, -1
     return not culls
+
+
+@kernel()
+def known_landmarks(s: Steps, rules: Rules, names: NameTable, start: int, end: int) -> IntArray:
+    """(k,) landmarks that the names of observations say, -1 for those without."""
+    landmark = np.full(end - start, -1)
+    for k in range(start, end):
+        if rules.names.enabled:
+            if s.name[k] >= 0:
+                landmark[k - start] = names.landmark[s.name[k]]
+        elif not rules.nearest:
+            landmark[k - start] = s.landmark[k]
+    return landmark

@@ -53,6 +53,9 @@ class EkfConfig:
     name_gate: float = 0.99999
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
+    recover: bool = False
+    """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
+    pose in it. Not by default: there are false alarms where the noise of a log is too small."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
@@ -102,9 +105,9 @@ class EkfConfig:
         """Kootstra (2010): the filter of C.1-C.18 with known data association.
 
         Errors along the axes of the map, every observation with its full weight, no odometry
-        bias, no landmark removed. Two things are not specified there: singular covariances R are
-        made regular (`MIN_SIGMA`), and a second observation of a new landmark in the same scan is
-        dropped.
+        bias, no landmark removed, no search for a lost robot. Two things are not specified there:
+        singular covariances R are made regular (`MIN_SIGMA`), and a second observation of a new
+        landmark in the same scan is dropped.
         """
         return cls(
             filter="standard",

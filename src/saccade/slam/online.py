@@ -1,12 +1,11 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
+from saccade.slam._step_kernels import Rules, StepResults, Steps
 from saccade.slam.association._kernels import NEW, Gates
 from saccade.slam.association._name_kernels import NameGates, NameTable, keep_named, may_cull
 from saccade.slam.association.doubted import DoubtedIdentity
@@ -16,54 +15,23 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
 from saccade.slam.filter.compressed import CompressedSlam
-from saccade.slam.filter.ekf import EkfSlam, new_innovations
+from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.validation import check_all
 from saccade.slam.map_management.culling import Culling
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
-from saccade.slam.submaps import Submaps, read_counts, read_names, write_counts, write_names
+from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
+from saccade.slam.recovery import Recovery
+from saccade.slam.results import StepResult
+from saccade.slam.step_arrays import as_array, new_results, regularized
+from saccade.slam.strides import Stride, take_stride
+from saccade.slam.submaps import Submaps
 from saccade.types import BoolArray, FloatArray, IntArray
 
-MIN_SIGMA = 1e-4
-"""Metres and radians: standard deviation added to observations with a singular covariance. Exact
-ones would make a filter diverge by its own linearization errors."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
 NO_GATES = Gates(inf, inf, False)
 """For rules that are not nearest-neighbor association."""
 NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 """For rules that do not doubt names; as of a log without any."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class StepResult:
-    """Pose, association and innovations of one step; depends on nothing that comes later."""
-
-    pose: FloatArray
-    """(3,) x, y in metres, heading in radians."""
-    covariance: FloatArray
-    """(3, 3) of the pose."""
-    association: IntArray
-    """(k,) number of the landmark in the filter for each observation, -1 if it was not used; it
-    may be a candidate (see `Slam.confirmed`)."""
-    innovations: FloatArray
-    """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
-    innovation_covariances: FloatArray
-    """(k, 2, 2) before the update."""
-    nis: FloatArray
-    """(k,) normalized innovations squared."""
-    refused: BoolArray
-    """(k,) whether the landmark name of each observation contradicted the map and was refused."""
-    culled: IntArray
-    """(g,) landmarks and candidates that were removed from the filter, by their numbers before
-    this; those behind them have moved up, also in `association`."""
-
-    def __repr__(self) -> str:
-        x, y, theta = self.pose
-        used = int((self.association >= 0).sum())
-        return (
-            f"StepResult(pose {x:.2f} {y:.2f} m {theta:.3f} rad, "
-            f"{used} of {len(self.association)} observations used)"
-        )
 
 
 class Slam:
@@ -110,7 +78,9 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        self.ekf: EkfSlam = (EkfSlam if config.submaps == "never" else CompressedSlam)(
+        self.ekf: EkfSlam = (
+            EkfSlam if config.submaps == "never" or config.recover else CompressedSlam
+        )(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             motion=motion,
@@ -124,6 +94,8 @@ class Slam:
         self.culling = Culling(
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
+        ranges = type(sensor) is RangeBearing
+        self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
         self.num_steps = 0
         """Steps that were taken."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
@@ -133,13 +105,14 @@ class Slam:
         are those of this package."""
         self._named = self.associate if isinstance(self.associate, DoubtedIdentity) else None
         nearest = self._named.geometry if self._named else self.associate
-        self._rules = Rules(
+        rules = Rules(
             nearest=isinstance(nearest, NearestNeighbor),
             gates=nearest.gates if isinstance(nearest, NearestNeighbor) else NO_GATES,
             names=self._named.name_gates if self._named else NameGates(False, inf),
             culling=self.culling.rule,
+            lost=self.recovery.rule,
         )
-        self._submaps = Submaps(config.submaps == "always", self._rules)
+        self._stride = Stride(rules, Submaps(config.submaps == "always", rules))
 
     def step(
         self,
@@ -171,17 +144,17 @@ class Slam:
         k, c = 0 if z is None else len(z), self._control_size
         c = c or (1 if control is None else np.size(control))
         steps = self.prepare(
-            _array("time", (1,), time),
-            _array("control", (0, c) if control is None else (1, c), control),
-            _array(
+            as_array("time", (1,), time),
+            as_array("control", (0, c) if control is None else (1, c), control),
+            as_array(
                 "covariance of the control",
                 (0 if control is None else 1, c, c),
                 U if control is not None else None,
             ),
             np.array([0, k]),
-            _array("observations", (k, 2), z),
-            _array("covariances of the observations", (k, 2, 2), R),
-            np.full(k, -1) if names is None else _array("names", (k,), names).astype(np.int64),
+            as_array("observations", (k, 2), z),
+            as_array("covariances of the observations", (k, 2, 2), R),
+            np.full(k, -1) if names is None else as_array("names", (k,), names).astype(np.int64),
         )
         out = new_results(1, k)
         culled = self.advance(steps, 1, out)
@@ -194,6 +167,8 @@ class Slam:
             nis=out.innovations.nis,
             refused=steps.refused,
             culled=culled[0] if culled else np.empty(0, np.int64),
+            lost=bool(out.lost[0]),
+            hypotheses=self.recovery.hypotheses,
         )
 
     def prepare(
@@ -221,7 +196,7 @@ class Slam:
         """
         config, still = self.config, len(time) - len(control)
         U = U * config.motion_noise_scale**2
-        R = _regularized(R * config.sensor_noise_scale**2)
+        R = regularized(R * config.sensor_noise_scale**2)
         check_all("control", control, U)
         check_all("observation", z, R)
         control = np.concatenate([np.zeros((still, *control.shape[1:])), control])
@@ -259,7 +234,12 @@ class Slam:
         """
         start, culled = int(s.position[0]), []
         while s.position[0] < end:
+            if self.recovery.lost:
+                self._take_lost(s, out)
+                continue
             landmarks = self._take_many(s, end, out) if self.is_compiled else self._take(s, out)
+            if self.recovery.left_out:
+                self._leave_out(s, out)
             if len(landmarks) > 0:
                 culled.append(landmarks)
                 self.remove(landmarks, s.landmark)
@@ -286,39 +266,9 @@ class Slam:
 
     def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
         """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
-        i, new = int(s.position[0]), 0
-        if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
-            new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
-        else:
-            self.ekf.spread()
-        ekf, place = self.ekf, None
-        if isinstance(ekf, CompressedSlam):
-            end, place = self._submaps.plan(ekf, s, end, self._names, self.culling.reach)
-        part = ekf if place is None else place
-        part.reserve(max(new, 1))
-        f, w = part.filter_state, part.scratch
-        mapped, scans = len(ekf), s.landmark[s.edge[i] : s.edge[end]]
-        if self.culling.rule.enabled:
-            self.culling.reserve(mapped + len(f.blocks) - len(part))
-        counts, names = self.culling.counts, self._names
-        if place is not None:
-            scans[:] = place.from_map(scans)
-            place.mark(scans)
-            names = read_names(self._names, place)
-            if self.culling.rule.enabled:
-                counts = read_counts(counts, place)
-        take_steps(f, w, s, end, self._rules, names, counts, out)
-        while place is not None and s.position[0] < end and not counts.culled.any():
-            if not place.flush_if_full():
-                break
-            take_steps(f, w, s, end, self._rules, names, counts, out)
-        if place is not None:
-            place.mark(scans)
-            scans[:] = place.to_map(scans)
-            write_names(self._names, names, place)
-            if self.culling.rule.enabled:
-                write_counts(self.culling.counts, counts, place)
-        self._submaps.count(s, i)
+        take_stride(
+            self.ekf, s, end, self._stride, self._names, self.culling, self.recovery.evidence, out
+        )
         done = s.position[1] < 0  # else the step is interrupted, and its numbers are still in use
         return self.culling.remove_culled(self._stale() if done else np.empty(0, np.int64))
 
@@ -331,6 +281,14 @@ class Slam:
             ekf.predict(s.control[i], s.U[i])  # C.5-C.9
         if len(z) > 0:
             ekf.confirmed = self.culling.confirmed(len(ekf))
+            left_out = self.recovery.rule.enabled and self.recovery.leaves_out(
+                ekf, z, R, self.culling.counts.confirmed, self._mapped(identity)
+            )
+            if left_out:
+                found[:] = -1
+                out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
+                s.position[0] = i + 1
+                return culled
             found[:] = self.associate(ekf, z, R, identity)
             check = self.culling.is_due()
             if self._named is not None:
@@ -353,6 +311,52 @@ class Slam:
         out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
         s.position[0] = i + 1
         return culled
+
+    def _leave_out(self, s: Steps, out: StepResults) -> None:
+        """Process a scan that was left out; the robot may be lost."""
+        self._renumber(s)
+        i = int(s.position[0]) - 1
+        if self.recovery.begin_if_lost(self.ekf, self.confirmed):
+            scan = slice(s.edge[i], s.edge[i + 1])
+            self.recovery.search(s.z[scan], s.R[scan], self._mapped(s.identity[scan]))
+            out.lost[i] = True
+
+    def _take_lost(self, s: Steps, out: StepResults) -> None:
+        """Take one step of a lost robot, which may be found."""
+        ekf, i = self.ekf, int(s.position[0])
+        scan = slice(s.edge[i], s.edge[i + 1])
+        z, R = s.z[scan], s.R[scan]
+        if i >= s.still:
+            ekf.predict(s.control[i], s.U[i])  # C.5-C.9
+            self.recovery.predict(s.control[i], s.U[i])
+        s.landmark[scan] = -1
+        if len(z) > 0:
+            self.recovery.search(z, R, self._mapped(s.identity[scan]))
+            s.landmark[scan] = self.recovery.resume_if_found(ekf)
+        out.lost[i] = self.recovery.lost
+        out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
+        s.position[0] = i + 1
+        if not self.recovery.lost:
+            self._renumber(s)
+
+    def _mapped(self, identity: IntArray) -> IntArray:
+        """(k,) landmark of the map that each observation names, -1 for none."""
+        if self._named is not None:
+            row = self._named.number(identity)
+            return np.where(row >= 0, self._named.table.landmark[row], -1)
+        if not isinstance(self.associate, KnownIdentity):
+            return np.full(len(identity), -1)
+        number = [self.associate.number.get(name, -1) for name in identity.tolist()]
+        return np.array([n if n < len(self.ekf) else -1 for n in number], np.int64)
+
+    def _renumber(self, s: Steps) -> None:
+        """Number named landmarks ahead anew, after scans that added none."""
+        if isinstance(self.associate, KnownIdentity) and self.is_compiled:
+            first, mapped = s.edge[s.position[0]], len(self.ekf)
+            known = self.associate.number
+            self.associate.number = {name: n for name, n in known.items() if n < mapped}
+            scan = np.repeat(np.arange(len(s.time)), np.diff(s.edge))[first:]
+            s.landmark[first:] = self.associate.number_ahead(s.identity[first:], scan, mapped)
 
     @property
     def _names(self) -> NameTable:
@@ -379,12 +383,14 @@ class Slam:
         They are the filter's own: save or copy them before the next step.
         """
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
+        parts["recovery"] = self.recovery.to_arrays()
         return {**merge(parts), "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         for name, part in self._parts().items():
             part.from_arrays(select(arrays, name))
+        self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
         self.num_steps = int(arrays["num_steps"])
 
     def _parts(self) -> dict[str, Stateful]:
@@ -398,11 +404,6 @@ class Slam:
         return f"Slam({self.num_steps} steps, {self.ekf!r})"
 
 
-def new_results(t: int, k: int) -> StepResults:
-    """Room for the results of so many steps and observations."""
-    return StepResults(np.empty((t, 3)), np.empty((t, 3, 3)), new_innovations(k))
-
-
 def _association(config: EkfConfig) -> Association:
     if config.association == "known":
         return KnownIdentity()
@@ -410,24 +411,3 @@ def _association(config: EkfConfig) -> Association:
         geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
         return DoubtedIdentity(config.name_gate, geometry)
     return ASSOCIATION_RULES[config.association](config.gate, config.new_gate)
-
-
-def _array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
-    """The finite numbers as an array of this shape; None for none."""
-    if value is None and 0 in shape:
-        return np.empty(shape)
-    array = np.asarray(np.nan if value is None else value, np.float64)
-    if array.ndim == len(shape) - 1 and shape[0] == 1:
-        array = array[None]
-    if array.shape != shape:
-        raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
-    if not np.isfinite(array).all():
-        raise LogError(f"{name}: expected finite numbers, found {array.tolist()}")
-    return array
-
-
-def _regularized(R: FloatArray) -> FloatArray:
-    """Covariances (k, 2, 2), singular ones with `MIN_SIGMA` in every direction."""
-    a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
-    smallest = (a + d) / 2 - np.hypot((a - d) / 2, b)  # eigenvalue
-    return R + MIN_SIGMA**2 * (smallest < MIN_SIGMA**2)[:, None, None] * np.eye(2)

@@ -3,10 +3,10 @@
 Pairs of observed points are matched to pairs of landmarks at the same distance, as in the
 constraint search of Neira, Tardos & Castellanos (2003). Every match of two pairs proposes a pose;
 the proposals with the most support are refined, and get probabilities by their evidence, relative
-to each other and to a robot outside of the map.
+to each other and to a robot outside of the map. They move with the controls, and are weighted by
+the scans that follow.
 """
 
-from dataclasses import dataclass
 from math import log, pi
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,10 +14,14 @@ import numpy as np
 from scipy.special import logsumexp
 
 from saccade.errors import require
+from saccade.slam._relocalization_kernels import add_support, select_distinct
+from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
+from saccade.slam.hypotheses import PoseHypotheses, RelocalizationConfig
+from saccade.slam.landmark_grid import build_grid
 from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
-from saccade.types import FloatArray, IntArray
+from saccade.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -26,58 +30,14 @@ NEIGHBORS = 4
 """Number of neighbors relative to which the error of a landmark is taken."""
 GATE = chi_square_gate(2, 0.99)
 """Squared Mahalanobis distance within which a point is associated with its nearest landmark."""
+MIN_PAIRS = 4
+"""Pairs of observed points that propose poses however many these are."""
+NEGLIGIBLE = 1e-6
+"""Probability below which a hypothesis is no longer followed."""
 ITERATIONS = 4
 """Gauss-Newton steps of a refinement."""
 SAME_POSITION, SAME_HEADING = 0.5, 0.1
 """Metres and radians within which proposals are the same."""
-
-
-@dataclass(frozen=True)
-class RelocalizationConfig:
-    """Parameters of relocalization."""
-
-    unmapped: float = 0.2
-    """Prior probability that an observed point is no landmark of the map."""
-    elsewhere: float = 0.05
-    """Prior probability that the robot is outside of the map."""
-    max_pairs: int = 12
-    """Pairs of observed points that propose poses, the most distant ones first."""
-    max_proposals: int = 50_000
-    """Proposed poses whose support is computed."""
-    max_hypotheses: int = 50
-    """Proposed poses that are refined, those with the most support."""
-
-    def __post_init__(self) -> None:
-        for name in ("unmapped", "elsewhere"):
-            require(0 < getattr(self, name) < 1, name, "between 0 and 1", getattr(self, name))
-        for name in ("max_pairs", "max_proposals", "max_hypotheses"):
-            require(getattr(self, name) >= 1, name, "at least 1", getattr(self, name))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PoseHypotheses:
-    """Hypotheses of the robot's pose in a map, the most probable first."""
-
-    pose: FloatArray
-    """(h, 3) x, y in metres, heading in radians."""
-    covariance: FloatArray
-    """(h, 3, 3)."""
-    probability: FloatArray
-    """(h,) posterior probabilities; the rest to 1 is that of being outside of the map."""
-    association: IntArray
-    """(h, k) row of the landmark of each of the k observed points, -1 for none."""
-
-    def __len__(self) -> int:
-        return len(self.pose)
-
-    def __repr__(self) -> str:
-        if len(self) == 0:
-            return "PoseHypotheses(none)"
-        x, y, theta = self.pose[0]
-        return (
-            f"PoseHypotheses({len(self)}, first {x:.2f} {y:.2f} m {theta:.3f} rad "
-            f"with {self.probability[0]:.3f})"
-        )
 
 
 class Relocalizer:
@@ -123,6 +83,11 @@ class Relocalizer:
         self._tree = cKDTree(landmarks)
         self._errors = _local_errors(self._tree, landmarks, covariance)
         self._points, self._spread = np.empty((0, 2)), np.empty((0, 2, 2))
+        self._named, self._age = np.empty(0, np.int64), np.empty(0, np.int64)
+        self._tracked, self._total = np.empty((0, 3)), 0.0
+        self._pairs: _LandmarkPairs | None = None
+        self.latest = np.empty(0, np.int64)
+        """(m,) column in `PoseHypotheses.association` of each observation of the last scan."""
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
         """Predict the motion between two scans.
@@ -138,13 +103,20 @@ class Relocalizer:
         J = _pose_jacobians(self._points)
         J[:, :, :2] = rotation
         self._spread = rotation @ self._spread @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
+        poses = [self._motion(pose, u)[0] for pose in self._tracked]
+        self._tracked = np.array(poses).reshape(-1, 3)
 
-    def add(self, z: FloatArray, R: FloatArray) -> PoseHypotheses:
+    def propose(self, pose: FloatArray) -> None:
+        """Consider a pose (3,) beside those that the search proposes."""
+        self._tracked = np.concatenate([self._tracked, pose[None]])
+
+    def add(self, z: FloatArray, R: FloatArray, landmark: IntArray | None = None) -> PoseHypotheses:
         """Add a scan, and search for the pose at which it was made.
 
         Args:
             z: (k, 2) range in metres, bearing in radians.
             R: (k, 2, 2) their covariances.
+            landmark: (k,) row of the landmark that each observation names, -1 for none.
 
         Returns:
             Hypotheses that explain all scans so far.
@@ -153,16 +125,66 @@ class Relocalizer:
             LogError: an observation or covariance is not finite.
         """
         check_all("observation", z, R)
-        xy, _, Gz = RANGE_BEARING.inverse_observe(np.zeros(3), z)
-        self._points, self._spread = _fused(
-            self._points, self._spread, xy, Gz @ R @ Gz.transpose(0, 2, 1)
-        )
+        self._remember(z, R, np.full(len(z), -1) if landmark is None else landmark)
+        proposals = self._tracked
+        if self._total < self._config.settled:
+            proposals = np.concatenate([proposals, self._proposals()])
         modes: list[_Mode] = []
-        for proposed in self._proposals()[: self._config.max_hypotheses]:
-            mode = self._refine(proposed)
-            if mode is not None and not any(_is_same(mode, other) for other in modes):
+        for mode in self._refine(proposals):
+            if not any(_is_same(mode, other) for other in modes):
                 modes.append(mode)
-        return self._posterior(modes)
+        found = self._posterior(modes)
+        likely = found.probability > NEGLIGIBLE
+        self._tracked, self._total = found.pose[likely], float(found.probability.sum())
+        return found
+
+    @property
+    def observations(self) -> tuple[FloatArray, FloatArray]:
+        """The k points observed in the last scans: (k, 2) range, bearing; (k, 2, 2) covariances."""
+        z, H = RANGE_BEARING.observe(np.zeros(3), self._points)
+        J = H[..., 3:]
+        return z, J @ self._spread @ J.swapaxes(-1, -2)
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, for `from_arrays` of a search with the same map."""
+        return {
+            "points": self._points,
+            "spread": self._spread,
+            "named": self._named,
+            "age": self._age,
+            "tracked": self._tracked,
+            "total": np.array(self._total),
+        }
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self._points, self._spread = arrays["points"], arrays["spread"]
+        self._named, self._age = arrays["named"], arrays["age"]
+        self._tracked, self._total = arrays["tracked"], float(arrays["total"])
+
+    def _remember(self, z: FloatArray, R: FloatArray, named: IntArray) -> None:
+        """Merge the points of a scan with those of earlier ones; drop points not seen for long."""
+        kept = self._age < self._config.memory
+        points, spread = self._points[kept], self._spread[kept]
+        old, age = self._named[kept], self._age[kept] + 1
+        xy, _, Gz = RANGE_BEARING.inverse_observe(np.zeros(3), z)
+        C = Gz @ R @ Gz.transpose(0, 2, 1)
+        differ = (named[:, None] != old) & (named[:, None] >= 0) & (old >= 0)
+        same = _same_points(points, spread, xy, C, differ)
+        new = same < 0
+        for m in np.flatnonzero(~new):
+            k = same[m]
+            K = spread[k] @ np.linalg.inv(spread[k] + C[m])
+            points[k] += K @ (xy[m] - points[k])
+            spread[k] -= K @ spread[k]
+            age[k], old[k] = 0, max(named[m], old[k])
+        self.latest = np.where(new, len(points) + np.cumsum(new) - 1, same)
+        self._points, self._spread = (
+            np.concatenate([points, xy[new]]),
+            np.concatenate([spread, C[new]]),
+        )
+        self._named = np.concatenate([old, named[new]])
+        self._age = np.concatenate([age, np.zeros(new.sum(), np.int64)])
 
     def _proposals(self) -> FloatArray:
         """(h, 3) poses that map two observed points to two landmarks, by decreasing support."""
@@ -171,23 +193,33 @@ class Relocalizer:
             return np.empty((0, 3))
         separation = np.linalg.norm(p[pairs[:, 1]] - p[pairs[:, 0]], axis=1)
         variance = np.trace(self._errors, axis1=1, axis2=2).mean()
-        ends, vector, distance = self._landmark_pairs(separation.max() * 1.1 + 3 * variance**0.5)
-        limit = self._config.max_proposals // len(pairs)
-        poses = []
-        for (i, j), d in zip(pairs, separation, strict=True):
-            along = (p[j] - p[i]) / d
-            sigma = np.sqrt(along @ (self._spread[i] + self._spread[j]) @ along + variance)
-            similar = np.arange(*np.searchsorted(distance, [d - 3 * sigma, d + 3 * sigma]))
-            order = np.argsort(np.abs(distance[similar] - d), kind="stable")
-            similar = similar[order[:limit]]
-            heading = np.arctan2(vector[similar, 1], vector[similar, 0])
-            heading = wrap(heading - np.arctan2(along[1], along[0]))
-            center = self._landmarks[ends[similar]].mean(1)
+        known = self._landmark_pairs(float(separation.max()) * 1.1 + 3 * variance**0.5)
+        along = (p[pairs[:, 1]] - p[pairs[:, 0]]) / separation[:, None]
+        spread = self._spread[pairs].sum(1)
+        sigma = np.sqrt(np.einsum("mi,mij,mj->m", along, spread, along) + variance)
+        first = np.searchsorted(known.distance, separation - 3 * sigma)
+        last = np.searchsorted(known.distance, separation + 3 * sigma)
+        poses, total = [], 0
+        for number, m in enumerate(np.argsort(last - first, kind="stable")):
+            i, j = pairs[m]
+            ends = known.ends[first[m] : last[m]]
+            if self._named[i] >= 0 and self._named[j] >= 0:
+                ends = np.array([[self._named[i], self._named[j]]])
+            total += len(ends)
+            if number >= MIN_PAIRS and total > self._config.max_proposals:
+                break
+            vector = self._landmarks[ends[:, 1]] - self._landmarks[ends[:, 0]]
+            heading = np.arctan2(vector[:, 1], vector[:, 0])
+            heading = wrap(heading - np.arctan2(along[m, 1], along[m, 0]))
+            center = self._landmarks[ends].mean(1)
             xy = center - _rotations(heading) @ ((p[i] + p[j]) / 2)
             poses.append(np.column_stack([xy, heading]))
         proposals = np.concatenate(poses)
-        ranking = np.argsort(-self._support(proposals), kind="stable")
-        return _distinct(proposals[ranking], 20 * self._config.max_hypotheses)
+        support = self._support(proposals)
+        best = np.argsort(-support, kind="stable")[: 20 * self._config.max_hypotheses]
+        selected = np.empty(self._config.max_hypotheses, np.int64)
+        count = select_distinct(proposals[best], SAME_POSITION, SAME_HEADING, selected)
+        return np.asarray(proposals[best[selected[:count]]])
 
     def _point_pairs(self) -> IntArray:
         """(m, 2) observed points, the most distant pairs first, no point in many of them."""
@@ -205,58 +237,68 @@ class Relocalizer:
                     chosen[pair] = None
         return np.column_stack([first, second])[list(chosen)]
 
-    def _landmark_pairs(self, reach: float) -> tuple[IntArray, FloatArray, FloatArray]:
-        """(m, 2) ordered pairs up to a distance, their difference (m, 2), distance (m,) sorted."""
-        pairs = self._tree.query_pairs(reach, output_type="ndarray")
-        pairs = np.concatenate([pairs, pairs[:, ::-1]])
-        vector = self._landmarks[pairs[:, 1]] - self._landmarks[pairs[:, 0]]
-        distance = np.linalg.norm(vector, axis=1)
-        order = np.argsort(distance, kind="stable")
-        return pairs[order], vector[order], distance[order]
+    def _landmark_pairs(self, reach: float) -> "_LandmarkPairs":
+        """The ordered pairs of landmarks up to a distance, or a larger one."""
+        if self._pairs is None or self._pairs.reach < reach:
+            reach *= 1.2  # so that scans that reach little farther find them ready
+            ends = self._tree.query_pairs(reach, output_type="ndarray")
+            ends = np.concatenate([ends, ends[:, ::-1]])
+            vector = self._landmarks[ends[:, 1]] - self._landmarks[ends[:, 0]]
+            distance = np.hypot(*vector.T)
+            order = np.argsort(distance, kind="stable")
+            self._pairs = _LandmarkPairs(reach, ends[order], distance[order])
+        return self._pairs
 
     def _support(self, poses: FloatArray) -> FloatArray:
         """(h,) sum over the points of a truncated quadratic of the distance to a landmark."""
         variance = np.trace(self._spread, axis1=1, axis2=2) / 2  # (k,)
         variance = variance + np.trace(self._errors, axis1=1, axis2=2).mean() / 2
-        rotations, support = _rotations(poses[:, 2]), np.zeros(len(poses))
-        for point, v in zip(self._points, variance, strict=True):
-            distance, _ = self._tree.query(poses[:, :2] + rotations @ point)
-            # Twice the variance: the proposed pose has errors of the same size.
-            support += np.maximum(0.0, 1 - distance**2 / (2 * v * GATE))
+        # Twice the variance: the proposed pose has errors of the same size.
+        scale, support = 2 * variance * GATE, np.empty(len(poses))
+        grid = build_grid(self._landmarks, float(scale.max()) ** 0.5)
+        add_support(grid, poses, self._points, scale, support)
         return support
 
-    def _refine(self, pose: FloatArray) -> "_Mode | None":
-        """Refine a pose by Gauss-Newton; None with fewer than two associated points."""
+    def _refine(self, poses: FloatArray) -> "list[_Mode]":
+        """Refine poses (h, 3) by Gauss-Newton; drops those with fewer than two matched points."""
+        if len(poses) == 0 or len(self._landmarks) == 0:
+            return []
+        poses = poses.copy()
         for _ in range(ITERATIONS):
-            v, S, J, nearest = self._residuals(pose)
+            v, S, J, nearest = self._residuals(poses)
             inverse = np.linalg.inv(S)
-            inside = normalized_squared(v, S) < GATE
-            if inside.sum() < 2:
-                return None
-            weighted = J[inside].transpose(0, 2, 1) @ inverse[inside]  # (m, 3, 2)
-            information = (weighted @ J[inside]).sum(0)
-            pose = pose + np.linalg.solve(information, (weighted @ v[inside, :, None]).sum(0)[:, 0])
-        pose[2] = float(wrap(pose[2]))
-        return _Mode(pose, np.linalg.inv(information), np.where(inside, nearest, -1))
+            inside = np.einsum("hki,hkij,hkj->hk", v, inverse, v) < GATE
+            matched = inside.sum(1) >= 2
+            poses, v, inverse, J = poses[matched], v[matched], inverse[matched], J[matched]
+            inside, nearest = inside[matched], nearest[matched]
+            weighted = inside[..., None, None] * (J.swapaxes(-1, -2) @ inverse)  # (h, k, 3, 2)
+            information = (weighted @ J).sum(1)
+            gradient = (weighted @ v[..., None]).sum(1)
+            poses += np.linalg.solve(information, gradient)[..., 0]
+        poses[:, 2] = wrap(poses[:, 2])
+        covariance, association = np.linalg.inv(information), np.where(inside, nearest, -1)
+        return [_Mode(*each) for each in zip(poses, covariance, association, strict=True)]
 
-    def _residuals(self, pose: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    def _residuals(self, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
         """Residuals of points and nearest landmarks, covariances, Jacobians, rows of landmarks."""
-        rotation = _rotations(pose[2:])[0]
-        at = self._points @ rotation.T
-        near = self._nearest(pose[:2] + at)
-        v = self._landmarks[near] - pose[:2] - at
-        S = rotation @ self._spread @ rotation.T + self._errors[near]
+        rotation = _rotations(poses[:, 2])[:, None]  # (h, 1, 2, 2)
+        at = (rotation @ self._points[..., None])[..., 0]  # (h, k, 2)
+        near = self._nearest(poses[:, None, :2] + at)
+        v = self._landmarks[near] - poses[:, None, :2] - at
+        S = rotation @ self._spread @ rotation.swapaxes(-1, -2) + self._errors[near]
         return v, S, _pose_jacobians(at), near
 
     def _nearest(self, xy: FloatArray) -> IntArray:
-        """(k,) landmarks nearest to positions (k, 2)."""
-        return np.asarray(self._tree.query(xy)[1], np.int64)
+        """(h, k) landmarks that points at (h, k, 2) name, or that are nearest."""
+        nearest = np.asarray(self._tree.query(xy)[1], np.int64)
+        return np.where(self._named >= 0, self._named, nearest)
 
     def _log_evidence(self, mode: "_Mode") -> float:
         """Log of the density of the points for a robot near a pose (Laplace's approximation)."""
-        v, S, _, _ = self._residuals(mode.pose)
+        v, S, _, _ = (each[0] for each in self._residuals(mode.pose[None]))
         reach = self._reach
-        visible = max(1, len(self._tree.query_ball_point(mode.pose[:2], reach)))
+        around = max(1, len(self._tree.query_ball_point(mode.pose[:2], reach)))
+        visible = np.where(self._named >= 0, 1, around)
         density = np.exp(-normalized_squared(v, S) / 2) / (2 * pi * np.sqrt(np.linalg.det(S)))
         unmapped = self._config.unmapped
         mixture = unmapped / (pi * reach**2) + (1 - unmapped) / visible * density
@@ -286,6 +328,14 @@ class Relocalizer:
         return float(np.linalg.norm(self._points, axis=1).max(initial=1e-6))
 
 
+class _LandmarkPairs(NamedTuple):
+    """Ordered pairs of landmarks (m, 2) up to a reach in metres, by their distance (m,)."""
+
+    reach: float
+    ends: IntArray
+    distance: FloatArray
+
+
 class _Mode(NamedTuple):
     pose: FloatArray
     covariance: FloatArray
@@ -299,9 +349,9 @@ def _rotations(angle: FloatArray) -> FloatArray:
 
 
 def _pose_jacobians(points: FloatArray) -> FloatArray:
-    """(k, 2, 3) of points (k, 2) by the translation and the turn that move them."""
-    J = np.tile(np.eye(2, 3), (len(points), 1, 1))
-    J[:, 0, 2], J[:, 1, 2] = -points[:, 1], points[:, 0]
+    """(..., 2, 3) of points (..., 2) by the translation and the turn that move them."""
+    J = np.tile(np.eye(2, 3), (*points.shape[:-1], 1, 1))
+    J[..., 0, 2], J[..., 1, 2] = -points[..., 1], points[..., 0]
     return J
 
 
@@ -319,40 +369,21 @@ def _local_errors(tree: "cKDTree", xy: FloatArray, covariance: FloatArray) -> Fl
     return np.asarray(difference.mean(1) / 2)
 
 
-def _fused(
-    xy: FloatArray, C: FloatArray, new: FloatArray, D: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Points with those of a new scan, of the same landmark where they are mutual neighbors."""
+def _same_points(
+    xy: FloatArray, C: FloatArray, new: FloatArray, D: FloatArray, differ: BoolArray
+) -> IntArray:
+    """(m,) point of (k, 2) that each of a new scan (m, 2) is, mutual neighbors; -1 for none.
+
+    Points with different names differ (m, k).
+    """
     if len(xy) == 0 or len(new) == 0:
-        return np.concatenate([xy, new]), np.concatenate([C, D])
+        return np.full(len(new), -1)
     v = new[:, None] - xy
-    S = C + D[:, None]
-    square = np.einsum("mki,mkij,mkj->mk", v, np.linalg.inv(S), v)
+    square = np.einsum("mki,mkij,mkj->mk", v, np.linalg.inv(C + D[:, None]), v)
+    square[differ] = np.inf
     near = square.argmin(1)
-    mutual = square[:, near].argmin(0) == np.arange(len(new))
-    mutual &= square.argmin(0)[near] == np.arange(len(new))
-    mutual &= square[np.arange(len(new)), near] < GATE
-    xy, C = xy.copy(), C.copy()
-    for m in np.flatnonzero(mutual):
-        k = near[m]
-        K = C[k] @ np.linalg.inv(S[m, k])
-        xy[k] += K @ v[m, k]
-        C[k] -= K @ C[k]
-    return np.concatenate([xy, new[~mutual]]), np.concatenate([C, D[~mutual]])
-
-
-def _distinct(poses: FloatArray, limit: int) -> FloatArray:
-    """The poses among the first `limit` that are not near a better one."""
-    kept: list[FloatArray] = []
-    for pose in poses[:limit]:
-        near = [
-            np.hypot(*(pose[:2] - other[:2])) < SAME_POSITION
-            and abs(float(wrap(pose[2] - other[2]))) < SAME_HEADING
-            for other in kept
-        ]
-        if not any(near):
-            kept.append(pose)
-    return np.array(kept).reshape(-1, 3)
+    mutual = square.argmin(0)[near] == np.arange(len(new))
+    return np.where(mutual & (square[np.arange(len(new)), near] < GATE), near, -1)
 
 
 def _is_same(mode: _Mode, other: _Mode) -> bool:

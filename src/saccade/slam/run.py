@@ -12,8 +12,9 @@ from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
-from saccade.slam.online import Slam, new_results
+from saccade.slam.online import Slam
 from saccade.slam.snapshots import Recorder
+from saccade.slam.step_arrays import new_results
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
@@ -52,6 +53,8 @@ class SlamResult:
     nonlinearity: float = 0.0
     """Root of the mean share of second-order terms in the variance of the innovations; the
     covariances are doubtful over `MAX_NONLINEARITY`. Zero for the standard filter."""
+    lost: BoolArray | None = None
+    """(t + 1,) whether the robot found itself lost at each pose: that is by odometry alone."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -102,7 +105,7 @@ def run(
     }
     parts: dict[str, Stateful | None] = {
         "slam": slam,
-        "results": StoredArrays({**arrays, **innovations}),
+        "results": StoredArrays({**arrays, **innovations, "lost": out.lost}),
         "recorder": recorder,
     }
     identity = (log, config, motion, sensor, associate)
@@ -116,7 +119,8 @@ def run(
         slam.advance(steps, end, out)
         if recorder is not None:
             scan = slice(steps.edge[start], steps.edge[end])
-            recorder.add(start, poses, slam.ekf, steps.landmark[scan], slam.confirmed)
+            found, hypotheses = steps.landmark[scan], slam.recovery.hypotheses
+            recorder.add(start, poses, slam.ekf, found, slam.confirmed, hypotheses)
         if checkpoint is not None:
             checkpoint.save(end, parts)
         if progress is not None and (start % hundredth == 0 or end == poses):
@@ -139,6 +143,7 @@ def run(
         warning=slam.culling.warning(association),
         odometry_bias=slam.ekf.odometry_bias,
         nonlinearity=slam.ekf.nonlinearity,
+        lost=out.lost,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from saccade.errors import require
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.hypotheses import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray, MapSnapshot
 
 
@@ -37,6 +38,7 @@ class Recorder:
         ekf: EkfSlam,
         observed: IntArray,
         confirmed: BoolArray | None = None,
+        hypotheses: PoseHypotheses | None = None,
     ) -> None:
         """Record a pose.
 
@@ -47,6 +49,7 @@ class Recorder:
             observed: numbers of the landmarks that were observed from this pose, negative for
                 unused observations.
             confirmed: (N,) the landmarks of the filter that are shown; all by default.
+            hypotheses: of the pose of a lost robot.
         """
         self._path.append(ekf.pose)
         self._observed.update(observed[observed >= 0].tolist())
@@ -54,6 +57,9 @@ class Recorder:
             return
         shown = np.ones(len(ekf), np.bool_) if confirmed is None else confirmed
         was_observed = np.isin(np.arange(len(ekf)), list(self._observed))
+        rows = np.empty((0, 4))
+        if hypotheses is not None:
+            rows = np.column_stack([hypotheses.pose, hypotheses.probability])
         self.snapshots.append(
             MapSnapshot(
                 step=step,
@@ -63,6 +69,7 @@ class Recorder:
                 landmark_covariance=ekf.landmark_covariances[shown],
                 ids=ekf.ids[shown],
                 observed=np.flatnonzero(was_observed[shown]),
+                hypotheses=rows,
             )
         )
         self._path, self._observed = [], set()

@@ -150,9 +150,24 @@ class _MapRecording:
         origin, red = _on_ground(pose[None, :2]), rgb_levels(RED)
         arrows = self.rerun.Arrows3D(origins=origin, vectors=arrow, colors=red)
         self.stream.log("map/robot", arrows)
+        self._log_hypotheses(snapshot.hypotheses)
         largest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
         self.stream.log("plots/sigma", self.rerun.Scalars(largest))
         self.stream.log("plots/landmarks", self.rerun.Scalars(len(landmarks)))
+
+    def _log_hypotheses(self, hypotheses: FloatArray) -> None:
+        """Arrows at the poses that a lost robot may have, as opaque as they are probable."""
+        heading, probability = hypotheses[:, 2], hypotheses[:, 3]
+        vectors = ARROW_FRACTION * self.size * np.stack([np.cos(heading), np.sin(heading)], 1)
+        opacity = (55 + 200 * np.clip(probability, 0, 1)).astype(np.int64)
+        colors = [[*rgb_levels(GREEN), each] for each in opacity.tolist()]
+        arrows = self.rerun.Arrows3D(
+            origins=_on_ground(hypotheses[:, :2]),
+            vectors=_on_ground(vectors),
+            colors=colors,
+            labels=[f"{each:.2f}" for each in probability.tolist()],
+        )
+        self.stream.log("map/hypotheses", arrows)
 
     def _log_lines(self, entity: str, lines: Iterable[FloatArray], color: str) -> None:
         strips = [_on_ground(each) for each in lines]

@@ -24,6 +24,7 @@ from saccade.slam.filter.state import (
     new_scratch,
     new_state,
     remove_landmarks,
+    replace_pose,
     restored,
     robot_rows,
     saved,
@@ -209,6 +210,17 @@ class EkfSlam:
         self._ids = np.delete(self.ids, removed)
         self._removed += len(removed)
         remove_landmarks(self.filter_state, removed)
+
+    def reset_pose(self, pose: FloatArray, covariance: FloatArray) -> None:
+        """Replace the pose by one that does not depend on the map; the landmarks stay as they are.
+
+        Args:
+            pose: (3,) x, y in metres, heading in radians.
+            covariance: (3, 3).
+        """
+        pose = check_vector("pose", pose, 3)
+        C = check_covariance("covariance of the pose", covariance, 3)
+        replace_pose(self.filter_state, pose, C)
 
     def rescale(self, factor: float, about: FloatArray) -> None:
         """Scale the map about a point (2,), as when the scale of its metre was wrong."""

@@ -153,6 +153,23 @@ def remove_landmarks(f: FilterState, landmarks: IntArray) -> None:
     f.counts[LANDMARKS] = len(kept)
 
 
+def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> None:
+    """Replace the pose by another one, independent of all else.
+
+    The invariant error of a landmark depends on that of the heading: of the new one not, if the
+    landmarks' present estimates are their first.
+    """
+    n, N = state_size(f), int(f.counts[LANDMARKS])
+    P = dense(f)
+    P[:3], P[:, :3] = 0.0, 0.0
+    P[:3, :3] = covariance
+    f.state[:3], f.P[:n, :n] = pose, P
+    f.heading_lever[: n if f.error_state == INVARIANT else 3] = 0.0
+    diagonal = P[f.robot_size :, f.robot_size :].reshape(N, 2, N, 2)
+    blocks = diagonal[np.arange(N), :, np.arange(N)]  # (N, 2, 2)
+    f.blocks[:N] = blocks.reshape(N, 4)[:, [0, 1, 3]]
+
+
 def flush(f: FilterState) -> None:
     """Add `updates` to P and subtract `downdates`."""
     r, n = f.robot_size, num_rows(f)

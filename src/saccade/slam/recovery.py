@@ -1,0 +1,166 @@
+"""Notices that the robot is lost, and finds it again in its map.
+
+A scan is compared with the landmarks that are expected in view: how often each is observed there
+was counted before. Once the scans of a few steps fit a robot anywhere better than one where the
+filter believes it, the filter stops, and hypotheses of the pose are followed until one is left.
+"""
+
+import numpy as np
+
+from saccade.slam._recovery_kernels import (
+    BEARINGS,
+    LATEST,
+    RANGES,
+    SKIPPED,
+    TOTAL,
+    LostEvidence,
+    LostRule,
+    leaves_out,
+)
+from saccade.slam.checkpoint import Arrays, merge, select
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.hypotheses import PoseHypotheses
+from saccade.slam.models import Motion, wrap
+from saccade.slam.relocalization import Relocalizer
+from saccade.types import BoolArray, FloatArray, IntArray
+
+LIMIT = 14.0
+"""Cumulative log likelihood ratio from which a robot is lost: five scans of the most evidence."""
+FOUND = 0.999
+"""Probability from which a hypothesis is right."""
+MIN_MATCHED = 3
+"""Observed points that must be landmarks of the map for the robot to be found."""
+SAME_POSE = chi_square_gate(3, 0.999)
+"""Squared Mahalanobis distance within which the robot is found where it was believed to be."""
+
+
+class Recovery:
+    """Whether the robot is lost, and the search for it.
+
+    Args:
+        enabled: whether this is tested at all.
+        gate: probability with which an observation of a landmark is inside its gate.
+        motion: the motion model.
+    """
+
+    def __init__(self, enabled: bool, gate: float, motion: Motion) -> None:
+        self.rule = LostRule(enabled, LIMIT, chi_square_gate(2, gate))
+        self.evidence = _new_evidence()
+        self._motion = motion
+        self._search: Relocalizer | None = None
+        self._landmarks = np.empty(0, np.int64)
+        self.hypotheses: PoseHypotheses | None = None
+        """Of the pose at the last scan; None for a robot that is not lost."""
+
+    @property
+    def lost(self) -> bool:
+        """Whether the robot is lost."""
+        return self._search is not None
+
+    @property
+    def left_out(self) -> bool:
+        """Whether the last scan was left out."""
+        return bool(self.evidence.values[SKIPPED])
+
+    def leaves_out(
+        self, ekf: EkfSlam, z: FloatArray, R: FloatArray, confirmed: BoolArray, named: IntArray
+    ) -> bool:
+        """Test a scan (k, 2) before the update; see the kernel."""
+        return leaves_out(ekf.filter_state, self.evidence, self.rule, z, R, confirmed, named)
+
+    def begin_if_lost(self, ekf: EkfSlam, confirmed: BoolArray) -> bool:
+        """Begin to search among `confirmed` landmarks if the evidence is enough; whether it is."""
+        if not self.rule.enabled or self.evidence.values[TOTAL] < self.rule.limit:
+            return False
+        self._landmarks = np.flatnonzero(confirmed)
+        self._search = _search(ekf, self._motion, self._landmarks)
+        self._search.propose(ekf.pose)
+        self.evidence.values[[TOTAL, LATEST, SKIPPED]] = 0.0
+        return True
+
+    def predict(self, u: FloatArray, U: FloatArray) -> None:
+        """Move the hypotheses of a lost robot."""
+        if self._search is not None:
+            self._search.predict(u, U)
+
+    def search(self, z: FloatArray, R: FloatArray, named: IntArray) -> None:
+        """Weight the hypotheses of a lost robot by a scan, and look for others.
+
+        Args:
+            z: (k, 2).
+            R: (k, 2, 2).
+            named: (k,) landmark that each observation names, -1 for none.
+        """
+        if self._search is not None:
+            self.hypotheses = self._search.add(z, R, self._searched(named))
+
+    def resume_if_found(self, ekf: EkfSlam) -> IntArray:
+        """Reset the pose of the filter and end the search if one hypothesis is left.
+
+        The points of the last scans update the new pose, so that it has its covariance with the
+        landmarks.
+
+        Returns:
+            (k,) landmark of each observation of the last scan, -1 for none.
+        """
+        assert self._search is not None
+        assert self.hypotheses is not None
+        found, latest = self.hypotheses, self._search.latest
+        none = np.full(len(latest), -1)
+        if len(found) == 0 or found.probability[0] < FOUND:
+            return none
+        association = found.association[0]
+        association = np.where(association >= 0, self._landmarks[association], -1)
+        if np.count_nonzero(association >= 0) < MIN_MATCHED:
+            return none
+        error = found.pose[0] - ekf.pose
+        error[2] = float(wrap(error[2]))
+        S = ekf.pose_covariance + found.covariance[0]
+        if error @ np.linalg.solve(S, error) > SAME_POSE:
+            ekf.reset_pose(found.pose[0], _prior(ekf, found.covariance[0], association))
+            ekf.update_scan(*self._search.observations, association)  # C.10-C.14
+        self._search = self.hypotheses = None
+        return np.asarray(association[latest], np.int64)
+
+    def _searched(self, named: IntArray) -> IntArray:
+        """Numbers of landmarks (k,) among those that are searched, -1 for others."""
+        place = np.searchsorted(self._landmarks, named).clip(0, len(self._landmarks) - 1)
+        return np.where(self._landmarks[place] == named, place, -1)
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays."""
+        search = {} if self._search is None else merge({"search": self._search.to_arrays()})
+        own = {"lost": np.array(self.lost), "landmarks": self._landmarks}
+        return {**self.evidence._asdict(), **own, **search}
+
+    def from_arrays(self, arrays: Arrays, ekf: EkfSlam) -> None:
+        """Restore what `to_arrays` gave, with the filter of the same step."""
+        self.evidence = LostEvidence(*(arrays[name] for name in LostEvidence._fields))
+        self._landmarks = arrays["landmarks"]
+        self._search, self.hypotheses = None, None
+        if arrays["lost"]:
+            self._search = _search(ekf, self._motion, self._landmarks)
+            self._search.from_arrays(select(arrays, "search"))
+
+
+def _new_evidence() -> LostEvidence:
+    cells = (RANGES, BEARINGS)
+    return LostEvidence(np.zeros(cells), np.zeros(cells), np.zeros(4))
+
+
+def _search(ekf: EkfSlam, motion: Motion, landmarks: IntArray) -> Relocalizer:
+    r = len(ekf.robot_state)
+    rows = r + np.stack([2 * landmarks, 2 * landmarks + 1], 1).ravel()
+    covariance = ekf.covariance[np.ix_(rows, rows)]
+    return Relocalizer(ekf.landmarks[landmarks], covariance, motion=motion)
+
+
+def _prior(ekf: EkfSlam, covariance: FloatArray, association: IntArray) -> FloatArray:
+    """(3, 3) covariance that is wide beside the hypothesis and the landmarks it is based on.
+
+    The updates that follow give the pose its covariance with the map.
+    """
+    used = association[association >= 0]
+    position = ekf.landmark_covariances[used].trace(axis1=1, axis2=2).max()
+    return 100 * (covariance + np.diag([position, position, 0.0])) + np.diag([0.0, 0.0, 0.1])

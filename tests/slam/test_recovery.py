@@ -1,0 +1,128 @@
+"""A robot that is moved without its knowledge, against simulated truth."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.run import slam_for
+
+WORLD = WorldConfig(
+    course_length=60, landmarks=60, landmark_spread=6, steps=800, range_limits=(0.5, 8.0)
+)
+RECOVER = slam.EkfConfig(recover=True)
+STEP, JUMP = 300, 60  # 15 m on the course
+
+
+def kidnapped(seed, named, jump=JUMP):
+    """A log without the poses between two: its odometry does not tell of the way between them."""
+    log = simulate_world(WORLD, seed)
+    kept = np.delete(np.arange(len(log.time)), np.arange(STEP + 1, STEP + 1 + jump))
+    rows = np.isin(log.observation_pose, kept)
+    pose = np.searchsorted(kept, log.observation_pose[rows])
+    truth = dataclasses.replace(log.truth, time=log.time[: len(kept)], pose=log.truth.pose[kept])
+    return dataclasses.replace(
+        log,
+        time=log.time[: len(kept)],
+        control=log.control[kept[:-1]],
+        control_covariance=log.control_covariance[kept[:-1]],
+        observation_pose=pose,
+        observation=log.observation[rows],
+        observation_covariance=log.observation_covariance[rows],
+        landmark=log.landmark[rows] if named else np.full(rows.sum(), -1),
+        truth=truth,
+    )
+
+
+def map_error(result, log):
+    """(N,) metres from the nearest true landmark."""
+    return np.linalg.norm(result.map.xy[:, None] - log.landmark_truth.xy, axis=2).min(1)
+
+
+def scan_of(log, step):
+    k = log.observation_pose == step
+    moved = [log.control[step - 1], log.control_covariance[step - 1]] if step else [None, None]
+    arrays = log.observation, log.observation_covariance, log.landmark
+    return (log.time[step], *moved, *(each[k] for each in arrays))
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_kidnapped_robot_is_found_and_its_map_is_kept(named, seed):
+    log, clean = kidnapped(seed, named), kidnapped(seed, named, jump=0)
+    result, undisturbed = slam.run(log, RECOVER), slam.run(clean, RECOVER)
+    assert not undisturbed.lost.any()
+    lost = np.flatnonzero(result.lost)
+    assert STEP < lost[0] < STEP + 20
+    assert len(lost) < 10
+    error = np.linalg.norm((result.trajectory.pose - log.truth.pose)[:, :2], axis=1)
+    assert error[lost[-1] + 1 :].mean() < 0.5
+    assert len(result.map) <= len(undisturbed.map) + 2
+    assert map_error(result, log).mean() < 1.2 * map_error(undisturbed, clean).mean() + 0.02
+    if named:  # names alone bring the filter back, at the expense of its map
+        return
+    without = slam.run(log, slam.EkfConfig())
+    assert np.linalg.norm((without.trajectory.pose - log.truth.pose)[-1, :2]) > 1.0
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_steps_and_a_resumed_run_have_the_bits_of_a_run(named):
+    log = kidnapped(1, named)
+    config = slam.EkfConfig(recover=True, min_observations=1)
+    whole, live = slam.run(log, config), slam_for(log, config)
+    first = int(np.flatnonzero(whole.lost)[0])
+    for i in range(len(log.time)):
+        step = live.step(*scan_of(log, i))
+        assert step.pose.tobytes() == whole.trajectory.pose[i].tobytes()
+        assert step.covariance.tobytes() == whole.trajectory.covariance[i].tobytes()
+        assert step.lost == whole.lost[i]
+        assert (step.hypotheses is not None) == step.lost
+        if i == first:
+            arrays = {name: array.copy() for name, array in live.to_arrays().items()}
+            live = slam_for(log, config)
+            live.from_arrays(arrays)
+    assert live.ekf.landmarks.tobytes() == whole.map.xy.tobytes()
+
+
+def test_a_lost_robot_leaves_its_map_alone():
+    log = kidnapped(1, named=True)
+    far = dataclasses.replace(log, observation=log.observation.copy())
+    moved = log.observation_pose > STEP
+    rng = np.random.default_rng(0)
+    far.observation[moved] = rng.uniform([0.5, -3.0], [8.0, 3.0], (moved.sum(), 2))
+    result = slam.run(far, RECOVER)
+    before = slam_for(log)
+    for i in range(STEP + 1):
+        before.step(*scan_of(log, i))
+    assert result.lost[-1]
+    assert result.map.xy == pytest.approx(before.ekf.landmarks, abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+def test_a_replaced_pose_leaves_the_landmarks_and_depends_on_none(kind):
+    log = kidnapped(2, named=True)
+    live = slam_for(log, slam.EkfConfig(filter=kind))
+    for i in range(100):
+        live.step(*scan_of(log, i))
+    ekf = live.ekf
+    landmarks, covariance = ekf.landmarks, ekf.covariance
+    pose, C = np.array([1.0, 2.0, 0.5]), np.diag([0.4, 0.3, 0.1])
+    ekf.reset_pose(pose, C)
+    after = ekf.covariance
+    np.testing.assert_array_equal(ekf.landmarks, landmarks)
+    np.testing.assert_allclose(after[3:, 3:], covariance[3:, 3:], atol=1e-12)
+    np.testing.assert_allclose(ekf.landmark_covariances, [
+        covariance[3 + 2 * i : 5 + 2 * i, 3 + 2 * i : 5 + 2 * i] for i in range(len(ekf))
+    ], atol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(after[:3, :3], C)
+    assert not after[:3, 3:].any()
+    assert ekf.pose == pytest.approx(pose)
+
+
+def test_a_small_map_is_never_left():
+    log = simulate_world(dataclasses.replace(WORLD, landmarks=7), 1)
+    wild = dataclasses.replace(log, observation=log.observation[::-1].copy())
+    config = slam.EkfConfig(recover=True, association="nearest")
+    assert not slam.run(wild, config).lost.any()
