@@ -136,7 +136,7 @@ def test_wrong_observations_count_less(rng, config):
     bad = dataclasses.replace(
         log, observation=log.observation + wrong[:, None] * rng.choice([-1, 1], (len(wrong), 2))
     )
-    filtered = slam.run(bad)
+    filtered = slam.run(bad, slam.EkfConfig(association="known"))
     plain, robust = (
         smooth(bad, filtered, dataclasses.replace(config, huber=k)) for k in (1e6, 1.345)
     )
@@ -218,16 +218,16 @@ def _open_world(huge):
 
 
 def test_what_is_not_determined_is_named():
-    log = _open_world(1e17)
+    log, known = _open_world(1e17), slam.EkfConfig(association="known")
     with pytest.raises(LogError, match="smoothing: expected measurements") as caught:
-        smooth(log, slam.run(log))
+        smooth(log, slam.run(log, known))
     message = str(caught.value)
     assert "landmark 17 (seen 1 time)" in message
     assert "landmark 23 (seen 1 time)" in message
     assert "landmark 4" not in message
     assert "\n" not in message
     with pytest.raises(LogError) as caught:
-        smooth(log, slam.run(log), LAGGED)
+        smooth(log, slam.run(log, known), LAGGED)
     assert str(caught.value) == message
     determined = _open_world(0.01)
     for config in (SmoothConfig(), LAGGED):

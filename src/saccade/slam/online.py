@@ -343,7 +343,7 @@ class Slam:
         """(k,) landmark of the map that each observation names, -1 for none."""
         if self._named is not None:
             row = self._named.number(identity)
-            return np.where(row >= 0, self._named.table.landmark[row], -1)
+            return np.append(self._named.table.landmark, -1)[row]
         if not isinstance(self.associate, KnownIdentity):
             return np.full(len(identity), -1)
         number = [self.associate.number.get(name, -1) for name in identity.tolist()]

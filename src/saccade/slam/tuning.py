@@ -28,6 +28,8 @@ MIN_INNOVATIONS = 20
 """Innovations that an estimate needs, in either half."""
 START_FACTORS = (1.0, 2.0, 4.0, 8.0)
 """Factors on both initial scales, the first of which that has enough innovations is the start."""
+ENOUGH = 0.9
+"""Innovations that the first of these must have, as a fraction of the most of any."""
 MAX_ROUNDS = 4
 """Of association with the scales of the round before."""
 MAX_CORRELATION = 0.045
@@ -104,21 +106,22 @@ def tune(log: LandmarkLog, config: EkfConfig) -> Tuning:
 def _start(log: LandmarkLog, config: EkfConfig) -> tuple[EkfConfig, LandmarkLog]:
     """Settings that associate enough observations, and the log with their association.
 
-    Gates of a noise that is declared far too small reject nearly all: then it is doubled.
+    Gates of a noise that is declared far too small reject many: then it is doubled.
     """
-    counts = []
+    starts, counts = [], []
     for factor in START_FACTORS:
         scales = factor * config.motion_noise_scale, factor * config.sensor_noise_scale
         start = _scaled(config, scales)
         named = _named(log, start)
         nis = _run_known(named, start).consistency.nis
+        starts.append((start, named))
         counts.append(int(np.isfinite(nis).sum()))
-        if counts[-1] >= MIN_INNOVATIONS:
-            return start, named
-    raise LogError(
-        f"tune: expected at least {MIN_INNOVATIONS} innovations in the first half of the log, "
-        f"found {counts[0]}"
-    )
+    if max(counts) < MIN_INNOVATIONS:
+        raise LogError(
+            f"tune: expected at least {MIN_INNOVATIONS} innovations in the first half of the log, "
+            f"found {max(counts)}"
+        )
+    return starts[int(np.argmax(np.array(counts) >= ENOUGH * max(counts)))]
 
 
 def _named(log: LandmarkLog, config: EkfConfig) -> LandmarkLog:
