@@ -136,7 +136,7 @@ def test_recorded_messages_give_what_run_gives(log, recorded):
 
 def test_landmarks_need_no_names(log, recorded):
     blind = dataclasses.replace(log, landmark=np.full_like(log.landmark, -1))
-    config = slam.EkfConfig(culling_ratio=None)
+    config = slam.EkfConfig(association="mutual")
     _, updates = feed(recorded, config)
     check_against_run(blind, updates, config)
 
