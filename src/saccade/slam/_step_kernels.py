@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.association._kernels import NEW, Gates, associate_nearest
+from saccade.slam.association._kernels import DROPPED, NEW, Gates, associate_nearest
 from saccade.slam.filter._range_bearing_kernels import (
     Innovations,
     augment_range_bearing,
@@ -78,6 +78,8 @@ class Rules(NamedTuple):
     gates: Gates
     policy: ConfirmationPolicy
     culling: CullingRule
+    adds: bool
+    """Whether landmarks are added to the map."""
 
 
 @kernel()
@@ -122,6 +124,8 @@ def take_step(
             predict_by_control(f, w, s.control[i], s.U[i], s.bias_jacobian[i])  # C.5-C.9
         if rules.nearest and end > start:
             associate_nearest(f, s.z[start:end], s.R[start:end], rules.gates, association)
+        if not rules.adds:
+            drop_new(association, f.counts[LANDMARKS])
         if check:
             predict_visible(f, visibility)
         s.position[1] = start
@@ -142,6 +146,14 @@ def take_step(
     write_pose(f, w, out.pose[i], out.covariance[i])
     s.position[0], s.position[1] = i + 1, -1
     return not culls
+
+
+@kernel()
+def drop_new(association: IntArray, landmarks: int) -> None:
+    """Drop observations (m,) of none of so many landmarks."""
+    for k in range(len(association)):
+        if association[k] == NEW or association[k] >= landmarks:
+            association[k] = DROPPED
 
 
 @kernel()

@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass
 from math import inf
+from pathlib import Path
+from typing import Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from saccade.errors import LogError
-from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
+from saccade.errors import ConfigError, LogError, require
+from saccade.slam._step_kernels import Rules, StepResults, Steps, drop_new, take_steps
 from saccade.slam.association._kernels import NEW, Gates
 from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
@@ -14,16 +17,19 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam, new_innovations
-from saccade.slam.filter.validation import check_all
+from saccade.slam.filter.validation import check_all, check_covariance
+from saccade.slam.map_file import SavedMap, read_map, write_map
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor, compose, drive
 from saccade.types import FloatArray, IntArray
 
 MIN_SIGMA = 1e-4
 """Metres and radians: standard deviation added to observations with a singular covariance. Exact
 ones would make a filter diverge by its own linearization errors."""
+MODES = ("continue", "localize")
+"""What a robot does with a map that was saved."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
 
@@ -73,6 +79,8 @@ class Slam:
             the sensor reliably detects landmarks. A log gives it by its quantiles (see `run`);
             without it no landmark is culled.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
+        mode: "localize" adds and culls no landmarks; the estimates of those in the map (see `load`)
+            still change, as their covariance lets them.
 
     Raises:
         LogError: here and in `step`, an argument of the wrong shape or that is not finite.
@@ -101,7 +109,9 @@ class Slam:
         association: Association | None = None,
         field_of_view: tuple[float, float, float] | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        mode: Literal["continue", "localize"] = "continue",
     ) -> None:
+        require(mode in MODES, "mode", " or ".join(MODES), mode)
         built_in = motion in (drive, compose) and sensor is RANGE_BEARING
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
@@ -117,11 +127,20 @@ class Slam:
         self.associate = association or _association(config)
         """The association rule."""
         self.candidates = Candidates(config.confirm_after, config.candidate_timeout, config.gate)
-        culls = field_of_view is not None and not isinstance(self.associate, KnownIdentity)
+        adds = mode == "continue"
+        culls = adds and field_of_view and not isinstance(self.associate, KnownIdentity)
         ratio = config.culling_ratio if culls else None
         self.culling = Culling(FieldOfView(*(field_of_view or (0.0, 0.0, 0.0))), ratio)
         self.num_steps = 0
         """Steps that were taken."""
+        self.sessions = [0]
+        """Landmarks that were added to the map before each session, which `load` begins."""
+        self.descriptors: npt.NDArray[Any] | None = None
+        """(m, d) descriptors of the first m landmarks, if their user gives any: they are saved, and
+        removed with the landmarks."""
+        self._arguments = {"field_of_view": field_of_view, "odometry_bias": odometry_bias}
+        self.motion = motion
+        """The motion model."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
         built_in_rule = type(self.associate) in (KnownIdentity, NearestNeighbor)
         self.is_compiled = self.ekf.is_compiled and built_in_rule
@@ -129,7 +148,8 @@ class Slam:
         are those of this package."""
         nearest = self.associate if isinstance(self.associate, NearestNeighbor) else None
         gates = nearest.gates if nearest else Gates(inf, inf, False)
-        self._rules = Rules(nearest is not None, gates, self.candidates.policy, self.culling.rule)
+        policy, culling = self.candidates.policy, self.culling.rule
+        self._rules = Rules(nearest is not None, gates, policy, culling, adds)
 
     def step(
         self,
@@ -265,6 +285,8 @@ class Slam:
         used = association >= 0
         association[used] = number[association[used]]
         self.ekf.remove(landmarks)
+        if self.descriptors is not None:
+            self.descriptors = self.descriptors[kept[: len(self.descriptors)]]
 
     def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
         """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
@@ -290,6 +312,8 @@ class Slam:
             check = self.culling.is_due(s.first + i)
             expected = ekf.predict_observations().z if check else None
             found[:] = self.associate(ekf, z, R, identity)
+            if not self._rules.adds:
+                drop_new(found, len(ekf))
             innovations = ekf.update_scan(z, R, found)  # C.10-C.14
             for array, values in zip(out.innovations, innovations, strict=True):
                 array[scan] = values
@@ -303,6 +327,132 @@ class Slam:
         out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
         s.position[0] = i + 1
         return culled
+
+    def save(self, path: str | Path) -> None:
+        """Save the whole state as a map file, for `load`.
+
+        Custom models and association rules are saved by name only.
+
+        Raises:
+            ConfigError: the mode is "localize", or a custom association rule has a state that is no
+                array of numbers or text.
+            OutputError: the file cannot be written; an old one stays.
+        """
+        if not self._rules.adds:
+            raise ConfigError("mode: expected continue for a map to be saved, found localize")
+        parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
+        arrays = merge({**parts, "ekf": self.ekf.to_compact_arrays()})
+        arrays["robot_size"] = np.array(len(self.ekf.robot_state))
+        arrays["num_steps"], arrays["sessions"] = np.array(self.num_steps), np.array(self.sessions)
+        if self.descriptors is not None:
+            arrays["descriptors"] = self.descriptors
+        write_map(path, SavedMap(self.config, {**self._names(), **self._arguments}, arrays))
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        mode: Literal["continue", "localize"] = "continue",
+        config: EkfConfig | None = None,
+        *,
+        start: FloatArray | tuple[float, float, float] | None = None,
+        covariance: FloatArray | None = None,
+        motion: Motion | None = None,
+        sensor: Sensor = RANGE_BEARING,
+        association: Association | None = None,
+        odometry_bias: tuple[float, float, float] | None = None,
+    ) -> Self:
+        """Load a map that `save` wrote, and begin a session in it.
+
+        Args:
+            path: the map file.
+            mode: "continue" goes on mapping; "localize" adds and culls no landmarks: the map is a
+                prior with its covariance, and cannot be saved again.
+            config: other settings than those saved, with the same `filter`.
+            start: (3,) pose in the frame of the map. By default the robot has not moved since it
+                was saved: steps, candidates and odometry biases go on as if there were no file
+                between. With a start they begin anew: the pose is independent of the map.
+            covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma`.
+            motion: the motion model; by default the saved one if it is of this package.
+            sensor: the sensor model.
+            association: a custom association rule.
+            odometry_bias: with a start, see `Slam`; by default as saved.
+
+        Raises:
+            LogError: the file cannot be read, is damaged, no map, or of a later version.
+            ConfigError: the settings or models do not suit the map.
+        """
+        saved = read_map(path)
+        config, names = config or saved.config, saved.models
+        if motion is None:
+            require(names["motion"] in MOTIONS, "motion", f"the model of {path}", None)
+            motion = MOTIONS[names["motion"]]
+        require(config.filter == saved.config.filter, "filter", saved.config.filter, config.filter)
+        biases = names["odometry_bias"] if start is None or odometry_bias is None else odometry_bias
+        slam = cls(
+            config,
+            start=(0.0, 0.0, 0.0) if start is None else start,
+            motion=motion,
+            sensor=sensor,
+            association=association,
+            field_of_view=names["field_of_view"],
+            odometry_bias=tuple(biases),
+            mode=mode,
+        )
+        for name in ("sensor", "association"):
+            found = slam._names()[name]
+            require(found == names[name], name, f"{names[name]}, as in {path}", found)
+        if start is None:
+            found = len(slam.ekf.robot_state) > 3
+            expected = int(saved.arrays["robot_size"]) > 3
+            require(found == expected, "estimate_odometry_bias", f"{expected}, as in {path}", found)
+            slam.ekf.from_arrays(select(saved.arrays, "ekf"))
+            slam.candidates.from_arrays(select(saved.arrays, "candidates"))
+            slam.num_steps = int(saved.arrays["num_steps"])
+        else:
+            slam._place(saved.arrays, covariance)
+        slam.associate.from_arrays(select(saved.arrays, "associate"))
+        slam.culling.from_arrays(select(saved.arrays, "culling"))
+        slam.sessions = [*saved.arrays["sessions"].tolist(), slam.ekf.num_added]
+        slam.descriptors = saved.arrays.get("descriptors")
+        return slam
+
+    def _place(self, arrays: Arrays, covariance: FloatArray | None) -> None:
+        """Give the filter the landmarks of a saved map, independent of the robot."""
+        robot, P = self.ekf.robot_state, self.ekf.covariance
+        if covariance is not None:
+            P[:3, :3] = check_covariance("covariance of the start", covariance, 3)
+        r = int(arrays["robot_size"])
+        other = EkfSlam(np.zeros(r), np.zeros((r, r)), retraction=RETRACTIONS[self.config.filter])
+        other.from_arrays(select(arrays, "ekf"))
+        mean = np.concatenate([robot, other.state[r:]])
+        joint = np.zeros((len(mean), len(mean)))
+        joint[: len(robot), : len(robot)], joint[len(robot) :, len(robot) :] = (
+            P,
+            other.covariance[r:, r:],
+        )
+        self.ekf.set_gaussian(mean, joint, other.ids)
+
+    def _names(self) -> dict[str, Any]:
+        """Names of the models, for a map file."""
+        motions = [name for name, model in MOTIONS.items() if model is self.motion]
+        return {
+            "motion": motions[0] if motions else "custom",
+            "sensor": type(self.ekf.sensor).__qualname__,
+            "association": type(self.associate).__qualname__,
+        }
+
+    @property
+    def identities(self) -> IntArray:
+        """(N,) identity of each landmark of the map, -1 for those without."""
+        if isinstance(self.associate, KnownIdentity):
+            return self.associate.identities(len(self.ekf))
+        return np.full(len(self.ekf), -1)
+
+    @property
+    def landmark_sessions(self) -> IntArray:
+        """(N,) index of the session in which each landmark was added."""
+        return np.searchsorted(self.sessions, self.ekf.ids, side="right") - 1
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.

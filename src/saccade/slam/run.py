@@ -11,15 +11,11 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.map_management.culling import field_of_view
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam, new_results
 from saccade.slam.snapshots import Recorder
-from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
-
-MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
-"""The motion model of each kind of control of a log."""
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,6 +55,7 @@ def run(
     associate: Association | None = None,
     recorder: Recorder | None = None,
     checkpoint: Checkpoint | None = None,
+    initial: Slam | None = None,
 ) -> SlamResult:
     """Filter a landmark log with EKF-SLAM (C.1-C.18).
 
@@ -78,6 +75,9 @@ def run(
         associate: a custom association rule instead of the one in `config`.
         recorder: records snapshots of the map while it grows.
         checkpoint: where the run saves its state, and from where it resumes.
+        initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it;
+            then `config`, `motion`, `sensor` and `associate` are its own, and the first pose of
+            the log is the one at which it is. Without one, the log begins a map.
 
     Returns:
         Trajectory, map, consistency and association.
@@ -86,7 +86,12 @@ def run(
         LogError: known association of a log that does not identify its landmarks, a custom
             motion model that is missing, or an estimate that diverges; names the pose.
     """
-    slam, poses = slam_for(log, config, motion, sensor, associate), len(log.time)
+    slam = initial or slam_for(log, config, motion, sensor, associate)
+    config, poses = slam.config, len(log.time)
+    known, removed_before = slam.ekf.num_added, slam.culling.removed
+    if motion_of(log, motion or (slam.motion if log.motion == "custom" else None)) != slam.motion:
+        raise LogError(f"motion: expected controls of the model of the map, found {log.motion}")
+    odometry = dead_reckon(replace(log, start=slam.ekf.pose), config, motion)
     steps, out = _steps(slam, log), new_results(poses, len(log.observation))
     innovations = {f"innovation_{name}": array for name, array in out.innovations._asdict().items()}
     arrays = {"pose": out.pose, "covariance": out.covariance, "association": steps.landmark}
@@ -95,7 +100,7 @@ def run(
         "results": StoredArrays({**arrays, **innovations}),
         "recorder": recorder,
     }
-    identity = (log, config, motion, sensor, associate)
+    identity = (log, config, motion, sensor, associate, initial and initial.to_arrays())
     done = 0 if checkpoint is None else checkpoint.resume(identity, parts)
     steps.position[0] = done
     hundredth = poses // 100 + 1
@@ -112,21 +117,22 @@ def run(
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
-    association, removed = np.maximum(steps.landmark, -1), slam.culling.removed
+    association, kept = np.maximum(steps.landmark, -1), np.ones(len(slam.ekf), np.bool_)
     if slam.culling.rule.enabled:
-        count = np.bincount(association[association >= 0], minlength=len(slam.ekf))
-        rare = np.flatnonzero(count < config.min_observations)
-        slam.remove(rare, association)
-        removed += len(rare)
+        count = np.bincount(association[association >= 0], minlength=len(kept))
+        kept = (count >= config.min_observations) | (slam.ekf.ids < known)
+    landmarks = _landmark_map(slam, log, association, kept)
+    number = np.where(kept, np.cumsum(kept) - 1, -1)
+    association = np.append(number, -1)[association]
     return SlamResult(
         trajectory=Trajectory(log.time, out.pose, out.covariance),
-        map=_landmark_map(slam.ekf, log, association),
+        map=landmarks,
         consistency=summarize(out.innovations.nis),
         association=association,
         innovation=out.innovations.value,
         innovation_covariance=out.innovations.covariance,
-        dead_reckoning=dead_reckon(log, config, motion),
-        removed=removed,
+        dead_reckoning=odometry,
+        removed=slam.culling.removed - removed_before + int((~kept).sum()),
         odometry_bias=slam.ekf.odometry_bias,
     )
 
@@ -166,7 +172,8 @@ def _steps(slam: Slam, log: LandmarkLog) -> Steps:
     """A whole log."""
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
     scans = edge, log.observation, log.observation_covariance, log.landmark
-    return slam.prepare(log.time, log.control, log.control_covariance, *scans)
+    steps = slam.prepare(log.time, log.control, log.control_covariance, *scans)
+    return steps._replace(first=max(0, slam.num_steps - 1))  # at the first pose it is already
 
 
 def dead_reckon(
@@ -199,13 +206,16 @@ def motion_of(log: LandmarkLog, custom: Motion | None) -> Motion:
     return MOTIONS[log.motion]
 
 
-def _landmark_map(ekf: EkfSlam, log: LandmarkLog, association: IntArray) -> LandmarkMap:
-    used = association >= 0
-    first = np.unique(association[used], return_index=True)[1]  # (N,)
-    identity = log.landmark[used][first]
+def _landmark_map(
+    slam: Slam, log: LandmarkLog, association: IntArray, kept: BoolArray
+) -> LandmarkMap:
+    identity, used = slam.identities, np.flatnonzero(association >= 0)
+    landmark, first = np.unique(association[used], return_index=True)
+    identity[landmark] = log.landmark[used[first]]
+    identity = identity[kept]
     return LandmarkMap(
-        id=identity if (identity >= 0).all() else np.arange(len(ekf)),
-        xy=ekf.landmarks,
-        covariance=ekf.landmark_covariances,
-        observations=np.bincount(association[used], minlength=len(ekf)),
+        id=identity if (identity >= 0).all() else np.arange(len(identity)),
+        xy=slam.ekf.landmarks[kept],
+        covariance=slam.ekf.landmark_covariances[kept],
+        observations=np.bincount(association[used], minlength=len(kept))[kept],
     )

@@ -48,6 +48,14 @@ class KnownIdentity(Association):
         self.number.update(zip(names[new].tolist(), number[new].tolist(), strict=True))
         return np.where(repeated, DROPPED, number[which])
 
+    def identities(self, landmarks: int) -> IntArray:
+        """(n,) identity of each landmark of a map of n, -1 where it has none."""
+        found = np.full(landmarks, -1)
+        for identity, number in self.number.items():
+            if number < landmarks:
+                found[number] = identity
+        return found
+
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
         return {
