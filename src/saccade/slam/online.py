@@ -387,7 +387,12 @@ class Slam:
         if motion is None:
             require(names["motion"] in MOTIONS, "motion", f"the model of {path}", None)
             motion = MOTIONS[names["motion"]]
-        require(config.filter == saved.config.filter, "filter", saved.config.filter, config.filter)
+        require(
+            config.filter == saved.config.filter,
+            "filter",
+            f"{saved.config.filter!r}, as in {path}",
+            config.filter,
+        )
         biases = names["odometry_bias"] if start is None or odometry_bias is None else odometry_bias
         slam = cls(
             config,
@@ -452,7 +457,7 @@ class Slam:
     @property
     def landmark_sessions(self) -> IntArray:
         """(N,) index of the session in which each landmark was added."""
-        return np.searchsorted(self.sessions, self.ekf.ids, side="right") - 1
+        return np.asarray(np.searchsorted(self.sessions, self.ekf.ids, side="right") - 1)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.

@@ -7,6 +7,7 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.slam._step_kernels import Steps
+from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
@@ -40,6 +41,8 @@ class SlamResult:
     """Landmarks that were removed from the map."""
     odometry_bias: FloatArray | None = None
     """(3,) estimated odometry biases (see `LandmarkLog.odometry_bias`); None if not estimated."""
+    session: IntArray | None = None
+    """(n,) in which session each landmark of the map was added, from 0, see `Slam.load`."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -87,6 +90,11 @@ def run(
             motion model that is missing, or an estimate that diverges; names the pose.
     """
     slam = initial or slam_for(log, config, motion, sensor, associate)
+    if isinstance(slam.associate, KnownIdentity) and (log.landmark < 0).all() and len(log.landmark):
+        raise LogError(
+            "association: expected nearest, found known, but the log does not name "
+            "the landmarks it sees"
+        )
     config, poses = slam.config, len(log.time)
     known, removed_before = slam.ekf.num_added, slam.culling.removed
     if motion_of(log, motion or (slam.motion if log.motion == "custom" else None)) != slam.motion:
@@ -134,6 +142,7 @@ def run(
         dead_reckoning=odometry,
         removed=slam.culling.removed - removed_before + int((~kept).sum()),
         odometry_bias=slam.ekf.odometry_bias,
+        session=slam.landmark_sessions[kept],
     )
 
 
@@ -149,13 +158,7 @@ def slam_for(
     Raises:
         LogError: as `run`.
     """
-    named = log.landmark >= 0
-    if config.association == "known" and associate is None and not named.any() and len(named) > 0:
-        raise LogError(
-            "association: expected nearest, found known, but the log does not name "
-            "the landmarks it sees"
-        )
-    if config.association == "auto" and named.all():
+    if config.association == "auto" and (log.landmark >= 0).all():
         config = replace(config, association="known")
     return Slam(
         config,
