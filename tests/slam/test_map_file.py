@@ -128,7 +128,7 @@ def test_a_robot_is_found_in_the_map(mapped):
 
 
 def test_a_robot_elsewhere_is_not_found(mapped):
-    log = simulate_world(WORLD, 30)
+    log, _ = cut(simulate_world(WORLD, 30), 2)
     strange = np.random.default_rng(0).uniform([1, -3], [8, 3], log.observation.shape)
     robot = slam.Slam.load(mapped, "localize", start=(0.0, 0.0, 0.0))
     with pytest.raises(LogError, match=r"start: expected a pose in the map that is certain"):

@@ -12,6 +12,7 @@ from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.map_management.candidates import Candidates
+from saccade.slam.merging import MergeConfig, MergedMaps, merge_maps
 from saccade.slam.models import (
     RANGE_BEARING,
     Motion,
@@ -26,7 +27,8 @@ from saccade.slam.models import (
 from saccade.slam.online import Slam, StepResult
 from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
 from saccade.slam.results import Innovation
-from saccade.slam.run import SlamResult, dead_reckon, run
+from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
+from saccade.slam.sessions import find_start
 from saccade.slam.smoothing.batch import smooth
 from saccade.slam.smoothing.problem import SmoothConfig, SmoothResult
 from saccade.slam.snapshots import Recorder
@@ -48,6 +50,8 @@ __all__ = [
     "Innovation",
     "JointCompatibility",
     "KnownIdentity",
+    "MergeConfig",
+    "MergedMaps",
     "Motion",
     "NearestNeighbor",
     "PoseHypotheses",
@@ -65,9 +69,12 @@ __all__ = [
     "dead_reckon",
     "difference",
     "drive",
+    "find_start",
     "inverse_observe",
+    "merge_maps",
     "observe",
     "run",
+    "slam_for",
     "smooth",
     "wrap",
 ]
