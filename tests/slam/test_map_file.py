@@ -80,6 +80,14 @@ def test_two_sessions_of_mrclam_equal_one(shared, tmp_path, named):
         assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
 
 
+@pytest.mark.shared
+def test_two_sessions_of_the_park_equal_one(shared, tmp_path):
+    log = load("auto", shared / "data" / "logs" / "victoria_park")
+    log, _ = cut(log, 1600)
+    for pose in (300, 1100):
+        assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
+
+
 WORLD = WorldConfig(
     course_length=60, landmarks=40, landmark_spread=6, steps=600, range_limits=(0.5, 8.0)
 )

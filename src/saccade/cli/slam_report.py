@@ -22,6 +22,7 @@ TEXT = (
     "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
     "landmark to see the poses from which it was observed; click a chart to go to that time."
 )
+LOADED = " Blue landmarks are of the map that was loaded, black ones are new."
 COUNT, NUMBER, METERS = "{:,}", "{:.3f}", "{:.3f} m"
 LABELS = {
     "poses": ("poses", COUNT),
@@ -67,8 +68,9 @@ def slam_part(
     smoothed: SmoothResult | None,
     snapshots: Sequence[MapSnapshot],
     facts: Mapping[str, str],
+    loaded: int = 0,
 ) -> Part:
-    """The map of a log as a part of a report."""
+    """The map of a log as a part of a report; landmarks with an id under `loaded` were loaded."""
     truth = log.truth if log.truth is not None and has_headings(log.truth) else None
     trajectories = {"estimate": result.trajectory, "odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
@@ -84,7 +86,7 @@ def slam_part(
         window,
     )
     return map_part(
-        Section(f"{log.name}: the growing map", TEXT, facts=facts),
+        Section(f"{log.name}: the growing map", TEXT + LOADED * (loaded > 0), facts=facts),
         trajectories,
         snapshots,
         ObservedLandmarks(
@@ -93,6 +95,7 @@ def slam_part(
         ),
         [*charts, *uncertainty_charts(result.trajectory, truth)],
         log.landmark_truth,
+        loaded=loaded,
     )
 
 

@@ -96,7 +96,7 @@ def map_log(
     row = write_run(
         output,
         (f"saccade slam: {log.name}", LEAD),
-        lambda: slam_part(log, result, smoothed, snapshots, facts(summary)),
+        lambda: slam_part(log, result, smoothed, snapshots, facts(summary), slam.sessions[-1]),
         files,
         row,
     )
