@@ -82,7 +82,9 @@ def test_two_sessions_of_mrclam_equal_one(shared, tmp_path, named):
 
 @pytest.mark.shared
 def test_two_sessions_of_the_park_equal_one(shared, tmp_path):
-    log = load("auto", shared / "data" / "logs" / "victoria_park")
+    log = load(
+        "auto", shared / "data" / "logs" / "victoria_park" / "VictoriaParkSinSincronizar.mat"
+    )
     log, _ = cut(log, 1600)
     for pose in (300, 1100):
         assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")

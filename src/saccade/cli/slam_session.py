@@ -32,7 +32,8 @@ class Session:
 
     def figures(self, result: SlamResult) -> dict[str, Any]:
         """Figures of the session for run.json, after the run."""
-        if self.slam is None:
+        observations = result.map.observations
+        if self.slam is None or result.session is None or observations is None:
             return {"map": None}
         session = len(self.slam.sessions) - 1
         loaded = result.session < session
@@ -42,7 +43,7 @@ class Session:
             "map_start": self.start,
             "map_sessions": session,
             "map_landmarks": int(loaded.sum()),
-            "map_landmarks_observed": int((result.map.observations[loaded] > 0).sum()),
+            "map_landmarks_observed": int((observations[loaded] > 0).sum()),
             "map_landmarks_new": int((~loaded).sum()),
         }
 

@@ -136,9 +136,9 @@ class Checkpoint:
             arrays = read_arrays(self.path)
         except (OSError, ValueError) as error:
             raise broken from error
-        checksum = str(arrays.pop("checksum", ""))
+        saved = str(arrays.pop("checksum", ""))
         known = str(arrays.get("format")) == str(FORMAT)
-        if known and checksum != checksum(arrays):  # kernels trust the shapes of arrays
+        if known and saved != checksum(arrays):  # kernels trust the shapes of arrays
             raise broken
         if not known or str(arrays["identity"]) != self._identity:
             raise LogError(f"{self.path}: of another log, other settings or another version")
