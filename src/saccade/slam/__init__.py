@@ -24,9 +24,9 @@ from saccade.slam.models import (
     observe,
     wrap,
 )
-from saccade.slam.online import Slam, StepResult
+from saccade.slam.online import Slam
 from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
-from saccade.slam.results import Innovation
+from saccade.slam.results import Innovation, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
 from saccade.slam.sessions import find_start
 from saccade.slam.smoothing.batch import smooth

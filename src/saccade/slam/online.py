@@ -1,6 +1,5 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -8,7 +7,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import ConfigError, LogError, require
+from saccade.errors import LogError, require
 from saccade.slam._step_kernels import Rules, StepResults, Steps, drop_new, take_steps
 from saccade.slam.association._kernels import NEW, Gates
 from saccade.slam.association.known import KnownIdentity
@@ -17,50 +16,18 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam, new_innovations
-from saccade.slam.filter.validation import check_all, check_covariance
-from saccade.slam.map_file import SavedMap, read_map, write_map
+from saccade.slam.filter.validation import as_array, check_all, regularized
 from saccade.slam.map_management._kernels import FieldOfView
 from saccade.slam.map_management.candidates import Candidates
 from saccade.slam.map_management.culling import Culling
-from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.results import StepResult
 from saccade.types import FloatArray, IntArray
 
-MIN_SIGMA = 1e-4
-"""Metres and radians: standard deviation added to observations with a singular covariance. Exact
-ones would make a filter diverge by its own linearization errors."""
 MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class StepResult:
-    """Pose, association and innovations of one step; depends on nothing that comes later."""
-
-    pose: FloatArray
-    """(3,) x, y in metres, heading in radians."""
-    covariance: FloatArray
-    """(3, 3) of the pose."""
-    association: IntArray
-    """(k,) number of the landmark in the map for each observation, -1 if it was not used."""
-    innovations: FloatArray
-    """(k, 2) see `Innovation`; here and below NaN where an observation updated nothing."""
-    innovation_covariances: FloatArray
-    """(k, 2, 2) before the update."""
-    nis: FloatArray
-    """(k,) normalized innovations squared."""
-    culled: IntArray
-    """(g,) landmarks that were removed from the map, by their numbers before this; those behind
-    them have moved up, also in `association`."""
-
-    def __repr__(self) -> str:
-        x, y, theta = self.pose
-        used = int((self.association >= 0).sum())
-        return (
-            f"StepResult(pose {x:.2f} {y:.2f} m {theta:.3f} rad, "
-            f"{used} of {len(self.association)} observations used)"
-        )
 
 
 class Slam:
@@ -127,6 +94,7 @@ class Slam:
         self.associate = association or _association(config)
         """The association rule."""
         self.candidates = Candidates(config.confirm_after, config.candidate_timeout, config.gate)
+        self.mode = mode
         adds = mode == "continue"
         culls = adds and field_of_view and not isinstance(self.associate, KnownIdentity)
         ratio = config.culling_ratio if culls else None
@@ -136,9 +104,8 @@ class Slam:
         self.sessions = [0]
         """Landmarks that were added to the map before each session, which `load` begins."""
         self.descriptors: npt.NDArray[Any] | None = None
-        """(m, d) descriptors of the first m landmarks, if their user gives any: they are saved, and
-        removed with the landmarks."""
-        self._arguments = {"field_of_view": field_of_view, "odometry_bias": odometry_bias}
+        """(m, d) of the first m landmarks, if their user gives any; removed with the landmarks."""
+        self.arguments = {"field_of_view": field_of_view, "odometry_bias": odometry_bias}
         self.motion = motion
         """The motion model."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
@@ -180,17 +147,17 @@ class Slam:
         k, c = 0 if z is None else len(z), self._control_size
         c = c or (1 if control is None else np.size(control))
         steps = self.prepare(
-            _array("time", (1,), time),
-            _array("control", (0, c) if control is None else (1, c), control),
-            _array(
+            as_array("time", (1,), time),
+            as_array("control", (0, c) if control is None else (1, c), control),
+            as_array(
                 "covariance of the control",
                 (0 if control is None else 1, c, c),
                 U if control is not None else None,
             ),
             np.array([0, k]),
-            _array("observations", (k, 2), z),
-            _array("covariances of the observations", (k, 2, 2), R),
-            np.full(k, -1) if names is None else _array("names", (k,), names).astype(np.int64),
+            as_array("observations", (k, 2), z),
+            as_array("covariances of the observations", (k, 2, 2), R),
+            np.full(k, -1) if names is None else as_array("names", (k,), names).astype(np.int64),
         )
         out = new_results(1, k)
         culled = self.advance(steps, 1, out)
@@ -229,7 +196,7 @@ class Slam:
         """
         config, still = self.config, len(time) - len(control)
         U = U * config.motion_noise_scale**2
-        R = _regularized(R * config.sensor_noise_scale**2)
+        R = regularized(R * config.sensor_noise_scale**2)
         check_all("control", control, U)
         check_all("observation", z, R)
         control = np.concatenate([np.zeros((still, *control.shape[1:])), control])
@@ -329,24 +296,15 @@ class Slam:
         return culled
 
     def save(self, path: str | Path) -> None:
-        """Save the whole state as a map file, for `load`.
-
-        Custom models and association rules are saved by name only.
+        """Save the whole state as a map file, for `load`; custom models by name only.
 
         Raises:
-            ConfigError: the mode is "localize", or a custom association rule has a state that is no
-                array of numbers or text.
+            ConfigError: the mode is "localize", or a part has a state that cannot be saved.
             OutputError: the file cannot be written; an old one stays.
         """
-        if not self._rules.adds:
-            raise ConfigError("mode: expected continue for a map to be saved, found localize")
-        parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
-        arrays = merge({**parts, "ekf": self.ekf.to_compact_arrays()})
-        arrays["robot_size"] = np.array(len(self.ekf.robot_state))
-        arrays["num_steps"], arrays["sessions"] = np.array(self.num_steps), np.array(self.sessions)
-        if self.descriptors is not None:
-            arrays["descriptors"] = self.descriptors
-        write_map(path, SavedMap(self.config, {**self._names(), **self._arguments}, arrays))
+        from saccade.slam.sessions import save
+
+        save(self, path)
 
     @classmethod
     def load(
@@ -366,86 +324,24 @@ class Slam:
 
         Args:
             path: the map file.
-            mode: "continue" goes on mapping; "localize" adds and culls no landmarks: the map is a
-                prior with its covariance, and cannot be saved again.
+            mode: "continue" mapping, or "localize", which adds and culls no landmarks.
             config: other settings than those saved, with the same `filter`.
-            start: (3,) pose in the frame of the map. By default the robot has not moved since it
-                was saved: steps, candidates and odometry biases go on as if there were no file
-                between. With a start they begin anew: the pose is independent of the map.
+            start: (3,) pose in the frame of the map, independent of the map. By default the robot
+                has not moved since: all goes on as if there were no file between.
             covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma`.
-            motion: the motion model; by default the saved one if it is of this package.
+            motion: as for `Slam`, like the other models; by default as saved.
             sensor: the sensor model.
             association: a custom association rule.
-            odometry_bias: with a start, see `Slam`; by default as saved.
+            odometry_bias: with a start, as for `Slam`; by default as saved.
 
         Raises:
             LogError: the file cannot be read, is damaged, no map, or of a later version.
             ConfigError: the settings or models do not suit the map.
         """
-        saved = read_map(path)
-        config, names = config or saved.config, saved.models
-        if motion is None:
-            require(names["motion"] in MOTIONS, "motion", f"the model of {path}", None)
-            motion = MOTIONS[names["motion"]]
-        require(
-            config.filter == saved.config.filter,
-            "filter",
-            f"{saved.config.filter!r}, as in {path}",
-            config.filter,
-        )
-        biases = names["odometry_bias"] if start is None or odometry_bias is None else odometry_bias
-        slam = cls(
-            config,
-            start=(0.0, 0.0, 0.0) if start is None else start,
-            motion=motion,
-            sensor=sensor,
-            association=association,
-            field_of_view=names["field_of_view"],
-            odometry_bias=tuple(biases),
-            mode=mode,
-        )
-        for name in ("sensor", "association"):
-            found = slam._names()[name]
-            require(found == names[name], name, f"{names[name]}, as in {path}", found)
-        if start is None:
-            found = len(slam.ekf.robot_state) > 3
-            expected = int(saved.arrays["robot_size"]) > 3
-            require(found == expected, "estimate_odometry_bias", f"{expected}, as in {path}", found)
-            slam.ekf.from_arrays(select(saved.arrays, "ekf"))
-            slam.candidates.from_arrays(select(saved.arrays, "candidates"))
-            slam.num_steps = int(saved.arrays["num_steps"])
-        else:
-            slam._place(saved.arrays, covariance)
-        slam.associate.from_arrays(select(saved.arrays, "associate"))
-        slam.culling.from_arrays(select(saved.arrays, "culling"))
-        slam.sessions = [*saved.arrays["sessions"].tolist(), slam.ekf.num_added]
-        slam.descriptors = saved.arrays.get("descriptors")
-        return slam
+        from saccade.slam.sessions import load
 
-    def _place(self, arrays: Arrays, covariance: FloatArray | None) -> None:
-        """Give the filter the landmarks of a saved map, independent of the robot."""
-        robot, P = self.ekf.robot_state, self.ekf.covariance
-        if covariance is not None:
-            P[:3, :3] = check_covariance("covariance of the start", covariance, 3)
-        r = int(arrays["robot_size"])
-        other = EkfSlam(np.zeros(r), np.zeros((r, r)), retraction=RETRACTIONS[self.config.filter])
-        other.from_arrays(select(arrays, "ekf"))
-        mean = np.concatenate([robot, other.state[r:]])
-        joint = np.zeros((len(mean), len(mean)))
-        joint[: len(robot), : len(robot)], joint[len(robot) :, len(robot) :] = (
-            P,
-            other.covariance[r:, r:],
-        )
-        self.ekf.set_gaussian(mean, joint, other.ids)
-
-    def _names(self) -> dict[str, Any]:
-        """Names of the models, for a map file."""
-        motions = [name for name, model in MOTIONS.items() if model is self.motion]
-        return {
-            "motion": motions[0] if motions else "custom",
-            "sensor": type(self.ekf.sensor).__qualname__,
-            "association": type(self.associate).__qualname__,
-        }
+        models = (motion, sensor, association, odometry_bias)
+        return load(cls, path, mode, config, start, covariance, *models)
 
     @property
     def identities(self) -> IntArray:
@@ -495,24 +391,3 @@ def _association(config: EkfConfig) -> Association:
         return KnownIdentity()
     rule = ASSOCIATION_RULES["mutual" if config.association == "auto" else config.association]
     return rule(config.gate, config.new_gate)
-
-
-def _array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
-    """The finite numbers as an array of this shape; None for none."""
-    if value is None and 0 in shape:
-        return np.empty(shape)
-    array = np.asarray(np.nan if value is None else value, np.float64)
-    if array.ndim == len(shape) - 1 and shape[0] == 1:
-        array = array[None]
-    if array.shape != shape:
-        raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
-    if not np.isfinite(array).all():
-        raise LogError(f"{name}: expected finite numbers, found {array.tolist()}")
-    return array
-
-
-def _regularized(R: FloatArray) -> FloatArray:
-    """Covariances (k, 2, 2), singular ones with `MIN_SIGMA` in every direction."""
-    a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
-    smallest = (a + d) / 2 - np.hypot((a - d) / 2, b)  # eigenvalue
-    return R + MIN_SIGMA**2 * (smallest < MIN_SIGMA**2)[:, None, None] * np.eye(2)

@@ -1,19 +1,115 @@
-"""Where a robot is at the first pose of a log, in a map that was saved before."""
+"""Sessions: a `Slam` is saved as a map file, and loaded for another log or robot."""
+
+from pathlib import Path
+from typing import Any, Literal, TypeVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from saccade.errors import LogError
-from saccade.slam.models import Motion
+from saccade.errors import ConfigError, LogError, require
+from saccade.slam.association.rule import Association
+from saccade.slam.checkpoint import Arrays, merge, select
+from saccade.slam.config import RETRACTIONS, EkfConfig
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.validation import check_covariance
+from saccade.slam.map_file import SavedMap, read_map, write_map
+from saccade.slam.models import MOTIONS, Motion, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import FloatArray, LandmarkLog
 
+AnySlam = TypeVar("AnySlam", bound=Slam)
 FOUND = 0.99
 """Probability from which a hypothesis of the pose is right."""
 MIN_MATCHED = 3
 """Observed points that must be landmarks of the map for the robot to be found."""
 MAX_SCANS = 50
 """Scans after which a robot that was not found is not in the map."""
+
+
+def save(slam: Slam, path: str | Path) -> None:
+    """See `Slam.save`."""
+    if slam.mode == "localize":
+        raise ConfigError("mode: expected continue for a map to be saved, found localize")
+    arrays = {name: each for name, each in slam.to_arrays().items() if not name.startswith("ekf.")}
+    arrays |= merge({"ekf": slam.ekf.to_compact_arrays()})
+    arrays["robot_size"] = np.array(len(slam.ekf.robot_state))
+    arrays["sessions"] = np.array(slam.sessions)
+    if slam.descriptors is not None:
+        arrays["descriptors"] = slam.descriptors
+    write_map(path, SavedMap(slam.config, {**_names(slam), **slam.arguments}, arrays))
+
+
+def load(
+    cls: type[AnySlam],
+    path: str | Path,
+    mode: Literal["continue", "localize"],
+    config: EkfConfig | None,
+    start: FloatArray | tuple[float, float, float] | None,
+    covariance: FloatArray | None,
+    motion: Motion | None,
+    sensor: Sensor,
+    association: Association | None,
+    odometry_bias: tuple[float, float, float] | None,
+) -> AnySlam:
+    """See `Slam.load`."""
+    saved = read_map(path)
+    config, names, arrays = config or saved.config, saved.models, saved.arrays
+    if motion is None:
+        require(names["motion"] in MOTIONS, "motion", f"the model of {path}", None)
+        motion = MOTIONS[names["motion"]]
+    kind = saved.config.filter
+    require(config.filter == kind, "filter", f"{kind!r}, as in {path}", config.filter)
+    biases = names["odometry_bias"] if start is None or odometry_bias is None else odometry_bias
+    slam = cls(
+        config,
+        start=(0.0, 0.0, 0.0) if start is None else start,
+        motion=motion,
+        sensor=sensor,
+        association=association,
+        field_of_view=names["field_of_view"],
+        odometry_bias=tuple(biases),
+        mode=mode,
+    )
+    for name in ("sensor", "association"):
+        found = _names(slam)[name]
+        require(found == names[name], name, f"{names[name]}, as in {path}", found)
+    if start is None:
+        estimated, expected = (
+            size > 3 for size in (len(slam.ekf.robot_state), int(arrays["robot_size"]))
+        )
+        setting = "estimate_odometry_bias"
+        require(estimated == expected, setting, f"{expected}, as in {path}", estimated)
+        slam.from_arrays(arrays)
+    else:
+        _place(slam, arrays, covariance)
+        slam.associate.from_arrays(select(arrays, "associate"))
+        slam.culling.from_arrays(select(arrays, "culling"))
+    slam.sessions = [*arrays["sessions"].tolist(), slam.ekf.num_added]
+    slam.descriptors = arrays.get("descriptors")
+    return slam
+
+
+def _place(slam: Slam, arrays: Arrays, covariance: FloatArray | None) -> None:
+    """Give a new filter the landmarks of a saved map, independent of its robot."""
+    P = slam.ekf.covariance
+    if covariance is not None:
+        P[:3, :3] = check_covariance("covariance of the start", covariance, 3)
+    r = int(arrays["robot_size"])
+    other = EkfSlam(np.zeros(r), np.zeros((r, r)), retraction=RETRACTIONS[slam.config.filter])
+    other.from_arrays(select(arrays, "ekf"))
+    mean = np.concatenate([slam.ekf.robot_state, other.state[r:]])
+    slam.ekf.set_gaussian(mean, block_diag(P, other.covariance[r:, r:]), other.ids)
+
+
+def _names(slam: Slam) -> dict[str, Any]:
+    """Names of the models, for a map file."""
+    motions = [name for name, model in MOTIONS.items() if model is slam.motion]
+    return {
+        "motion": motions[0] if motions else "custom",
+        "sensor": type(slam.ekf.sensor).__qualname__,
+        "association": type(slam.associate).__qualname__,
+    }
 
 
 def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
