@@ -45,6 +45,12 @@ OF_PAGES = {
         len(names["database"].matches["left.jpg", "right.jpg"]) == len(names["pairs"]) > 50
     ),
     "viewing.md": lambda names: Path("points.png").stat().st_size > 100_000,
+    "map-files.md": lambda names: (
+        len(names["localized"].map) == len(names["result"].map)
+        and (names["localized"].session == 0).all()
+        and len(names["merged"].common) == len(names["robot"].ekf)
+        and abs(names["merged"].transform).max() < 1e-6
+    ),
     "drive-simulation.md": lambda names: (
         names["frame"].image.shape == (240, 320)
         and len(names["log"].truth) == len(names["log"].time)

@@ -27,6 +27,7 @@ from saccade.cli.find import find
 from saccade.cli.index import index
 from saccade.cli.look import look
 from saccade.cli.match import match
+from saccade.cli.merge_maps import merge_maps
 from saccade.cli.serve import serve
 from saccade.cli.simulate import simulate
 from saccade.cli.slam import slam
@@ -59,6 +60,9 @@ app.command(epilog="Example: saccade index features")(index)
 app.command(epilog="Example: saccade find photo.jpg --in features")(find)
 app.command(epilog="Example: saccade match left.jpg right.jpg --geometry homography")(match)
 app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
+app.command(epilog="Example: saccade merge-maps monday.npz tuesday.npz --out office.npz")(
+    merge_maps
+)
 app.command(epilog="Example: saccade check kitti/07")(check)
 app.command(epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
 app.command(epilog="Example: saccade drive KITTI/07 --out mapped")(drive)

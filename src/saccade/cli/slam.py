@@ -39,6 +39,25 @@ def slam(
         float | None,
         Option(metavar="SECONDS", help="Smooth with this fixed lag instead of in one batch."),
     ] = None,
+    map_file: Annotated[
+        Path | None, Option("--map", metavar="FILE", help="Begin with a map of an earlier run.")
+    ] = None,
+    save_map: Annotated[
+        Path | None, Option(metavar="FILE", help="Save map and filter for --map of a later run.")
+    ] = None,
+    mode: Annotated[
+        str,
+        Option(help="With --map: continue mapping, or localize, which adds and culls nothing."),
+    ] = "continue",
+    start: Annotated[
+        str | None,
+        Option(
+            metavar="WHERE",
+            help="With --map: first pose in its frame. last: the robot has not moved since (the "
+            "default of continue); search: by the first scans (the default of localize); log: as "
+            "in the log; or X,Y,HEADING in metres and radians.",
+        ),
+    ] = None,
     film: Film = True,
     live: Annotated[
         bool, Option("--live", help="Show the run in the rerun viewer (needs rerun-sdk).")
@@ -60,13 +79,16 @@ def slam(
     (map.mp4), an interactive report (report.html), and settings and scores
     (run.json).
 
-    An interrupted run resumes from its last checkpoint.
+    An interrupted run resumes from its last checkpoint. With --map, the
+    settings are those of the map unless others are given.
     """
     from saccade import datasets
     from saccade.cli.output import print_message, print_result, progress_bar
     from saccade.cli.run_output import RunOutput
     from saccade.cli.slam_report import facts
     from saccade.cli.slam_run import map_log, smooth_config
+    from saccade.cli.slam_session import Session, open_map
+    from saccade.errors import ConfigError
     from saccade.settings import load_settings
     from saccade.slam.tuning import tune as fit_noise
 
@@ -81,8 +103,14 @@ def slam(
         print_message(tuned.words)
     output = RunOutput(out, film, checkpoint_interval=checkpoint)
     smoothing = smooth_config(settings, smooth, lag)
+    session = Session(save=save_map)
+    if map_file is not None and smoothing is not None:
+        raise ConfigError("--smooth: expected a log that begins its map, found --map")
+    if map_file is not None:
+        changed = tune or any(each is not None for each in (association, preset, config))
+        session = open_map(recorded, map_file, mode, start, settings if changed else None, save_map)
     with progress_bar(recorded.name) as progress:
-        row = map_log(recorded, settings, output, progress, smoothing, live=live, rrd=rrd)
+        row = map_log(recorded, settings, output, progress, smoothing, session, live=live, rrd=rrd)
     if row["warning"]:
         print_message(f"warning: {row['warning']}")
     if row["remark"]:

@@ -22,12 +22,16 @@ TEXT = (
     "The ellipses enclose 3 sigma (99.7 %). Scrub through the drive or play it; click a "
     "landmark to see the poses from which it was observed; click a chart to go to that time."
 )
+LOADED = " Blue landmarks are of the map that was loaded, black ones are new."
 COUNT, NUMBER, METERS = "{:,}", "{:.3f}", "{:.3f} m"
 LABELS = {
     "poses": ("poses", COUNT),
     "observations": ("observations of landmarks", COUNT),
     "observations_used": ("observations used", COUNT),
     "landmarks": ("landmarks in the map", COUNT),
+    "map_landmarks": ("landmarks of the map that was loaded", COUNT),
+    "map_landmarks_observed": ("of them, observed again", COUNT),
+    "map_landmarks_new": ("new landmarks", COUNT),
     "landmarks_culled": ("landmarks culled", COUNT),
     "odometry_end_error_m": ("error of odometry at the end", METERS),
     "odometry_end_from_estimate_m": ("odometry at the end, from the filter's estimate", METERS),
@@ -70,8 +74,9 @@ def slam_part(
     smoothed: SmoothResult | None,
     snapshots: Sequence[MapSnapshot],
     facts: Mapping[str, str],
+    loaded: int = 0,
 ) -> Part:
-    """The map of a log as a part of a report."""
+    """The map of a log as a part of a report; landmarks with an id under `loaded` were loaded."""
     truth = log.truth if log.truth is not None and has_headings(log.truth) else None
     trajectories = {"estimate": result.trajectory, "odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
@@ -87,7 +92,7 @@ def slam_part(
         window,
     )
     return map_part(
-        Section(f"{log.name}: the growing map", TEXT, facts=facts),
+        Section(f"{log.name}: the growing map", TEXT + LOADED * (loaded > 0), facts=facts),
         trajectories,
         snapshots,
         ObservedLandmarks(
@@ -96,6 +101,7 @@ def slam_part(
         ),
         [*charts, *uncertainty_charts(result.trajectory, truth)],
         log.landmark_truth,
+        loaded=loaded,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from saccade.cli.output import Progress, resumable
 from saccade.cli.run_output import RunOutput, write_film, write_run
 from saccade.cli.slam_report import averaging_window, facts, slam_part
+from saccade.cli.slam_session import Session
 from saccade.datasets import symmetric_columns, write_landmarks, write_table, write_tum
 from saccade.errors import LogError
 from saccade.evaluation.slam_runs import has_headings, summarize_run
@@ -26,6 +27,7 @@ from saccade.slam import (
     smooth,
 )
 from saccade.slam.consistency import chi_square_band
+from saccade.slam.run import slam_for
 from saccade.types import LandmarkLog, Trajectory
 from saccade.viewing import innovation_figure, map_figure, map_frames, save_figure
 from saccade.viewing.live import LiveMap, save_rrd
@@ -39,19 +41,23 @@ def map_log(
     output: RunOutput,
     progress: Progress,
     smoothing: SmoothConfig | None = None,
+    session: Session | None = None,
     *,
     live: bool = False,
     rrd: Path | None = None,
 ) -> dict[str, Any]:
     """Run the filter over a log, write the results, and return the content of run.json.
 
+    The log begins a map, or its session goes on with one, whose settings it then has.
     The rerun viewer shows the run if it is `live`, and its recording goes to the file `rrd`.
     """
     if smoothing is not None:
         import_optional("gtsam", "smooth")  # before the work, not after it
     if rrd is not None:
         import_optional("rerun", "live")
-    out = output.folder
+    out, session = output.folder, session or Session()
+    slam = session.slam or slam_for(log, settings)
+    settings = slam.config
     checkpoint = Checkpoint(out / "checkpoint.npz", output.checkpoint_interval)
     smoothed: SmoothResult | None = None
     try:
@@ -63,7 +69,7 @@ def map_log(
 
         with resumable(checkpoint.path):
             result: SlamResult = run(
-                log, settings, report, recorder=recorder, checkpoint=checkpoint
+                log, progress=report, recorder=recorder, checkpoint=checkpoint, initial=slam
             )
         if smoothing is not None:
             progress(0, 1, "smoothing")
@@ -77,7 +83,10 @@ def map_log(
         files |= write_film(out / "map.mp4", frames, len(snapshots), progress)
     if rrd is not None:
         files["rrd"] = save_rrd(rrd, log.name, snapshots, log.time, odometry)
-    summary = summarize_run(log, result, smoothed)
+    if session.save is not None:
+        slam.save(session.save)
+        files["map"] = session.save
+    summary = summarize_run(log, result, smoothed) | session.figures(result)
     row = {
         **summary,
         "seed": None,  # nothing is random
@@ -87,7 +96,7 @@ def map_log(
     row = write_run(
         output,
         (f"saccade slam: {log.name}", LEAD),
-        lambda: slam_part(log, result, smoothed, snapshots, facts(summary)),
+        lambda: slam_part(log, result, smoothed, snapshots, facts(summary), slam.sessions[-1]),
         files,
         row,
     )

@@ -12,6 +12,7 @@ from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
 from saccade.slam.hypotheses import PoseHypotheses, RelocalizationConfig
+from saccade.slam.merging import MergeConfig, MergedMaps, merge_maps
 from saccade.slam.models import (
     RANGE_BEARING,
     Motion,
@@ -26,7 +27,8 @@ from saccade.slam.models import (
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation, StepResult
-from saccade.slam.run import SlamResult, dead_reckon, run
+from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
+from saccade.slam.sessions import find_start
 from saccade.slam.smoothing.batch import smooth
 from saccade.slam.smoothing.problem import SmoothConfig, SmoothResult
 from saccade.slam.snapshots import Recorder
@@ -47,6 +49,8 @@ __all__ = [
     "Innovation",
     "JointCompatibility",
     "KnownIdentity",
+    "MergeConfig",
+    "MergedMaps",
     "Motion",
     "NearestNeighbor",
     "PoseHypotheses",
@@ -64,9 +68,12 @@ __all__ = [
     "dead_reckon",
     "difference",
     "drive",
+    "find_start",
     "inverse_observe",
+    "merge_maps",
     "observe",
     "run",
+    "slam_for",
     "smooth",
     "wrap",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 
 from saccade._jit import kernel
 from saccade.slam._recovery_kernels import LostEvidence, LostRule, leaves_out
-from saccade.slam.association._kernels import NEW, Gates, associate_nearest
+from saccade.slam.association._kernels import DROPPED, NEW, Gates, associate_nearest
 from saccade.slam.association._name_kernels import (
     STALE,
     NameGates,
@@ -97,6 +97,8 @@ class Rules(NamedTuple):
     names: NameGates
     culling: CullingRule
     lost: LostRule
+    adds: bool
+    """Whether landmarks are added to the map."""
 
 
 @kernel()
@@ -159,6 +161,8 @@ def take_step(
             )
         elif rules.nearest and end > start:
             associate_nearest(f, z, R, rules.gates, association[:0], confirmed, association)
+        if not rules.adds:
+            drop_new(names, association, f.counts[LANDMARKS])
         for k in range(start, end):
             visibility.reach[0] = max(visibility.reach[0], s.z[k, 0])
         if counts and may_cull(names) and is_check(visibility, rules.culling):
@@ -202,3 +206,14 @@ def known_landmarks(s: Steps, rules: Rules, names: NameTable, start: int, end: i
         elif not rules.nearest:
             landmark[k - start] = s.landmark[k]
     return landmark
+
+
+@kernel()
+def drop_new(names: NameTable, association: IntArray, landmarks: int) -> None:
+    """Drop observations (m,) of none of so many landmarks, and names of none."""
+    for k in range(len(names.landmark)):
+        if names.landmark[k] >= landmarks:
+            names.landmark[k] = -1
+    for k in range(len(association)):
+        if association[k] == NEW or association[k] >= landmarks:
+            association[k] = DROPPED

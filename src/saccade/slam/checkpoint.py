@@ -120,7 +120,7 @@ class Checkpoint:
         arrays = merge({name: arrays_of(name, part) for name, part in parts.items() if part})
         for name, value in (("format", FORMAT), ("step", step), ("identity", self._identity)):
             arrays[name] = np.array(value)
-        arrays["checksum"] = np.array(_checksum(arrays))
+        arrays["checksum"] = np.array(checksum(arrays))
         with atomic_write(self.path) as temporary:
             np.savez(temporary, allow_pickle=False, **arrays)
         self.step = step
@@ -136,9 +136,9 @@ class Checkpoint:
             arrays = read_arrays(self.path)
         except (OSError, ValueError) as error:
             raise broken from error
-        checksum = str(arrays.pop("checksum", ""))
+        saved = str(arrays.pop("checksum", ""))
         known = str(arrays.get("format")) == str(FORMAT)
-        if known and checksum != _checksum(arrays):  # kernels trust the shapes of arrays
+        if known and saved != checksum(arrays):  # kernels trust the shapes of arrays
             raise broken
         if not known or str(arrays["identity"]) != self._identity:
             raise LogError(f"{self.path}: of another log, other settings or another version")
@@ -210,7 +210,8 @@ def _is_stackable(value: object) -> bool:
     return isinstance(value, list) and len(value) > 0 and isinstance(value[0], SCALARS | np.ndarray)
 
 
-def _checksum(arrays: Arrays) -> str:
+def checksum(arrays: Arrays) -> str:
+    """A hash of names, types, shapes and contents."""
     return _digest(dict(sorted(arrays.items()))).hex()
 
 

@@ -149,6 +149,10 @@ def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
     return innovation
 
 
+MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
+"""The motion model of each kind of control of a log."""
+
+
 class RangeBearing:
     """Range in metres and bearing in radians, from the robot's position and heading."""
 

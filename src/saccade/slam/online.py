@@ -1,35 +1,39 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
-from math import inf
+from pathlib import Path
+from typing import Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from saccade.errors import LogError
-from saccade.slam._step_kernels import Rules, StepResults, Steps
-from saccade.slam.association._kernels import NEW, Gates
-from saccade.slam.association._name_kernels import NameGates, NameTable, keep_named, may_cull
+from saccade.errors import LogError, require
+from saccade.slam._step_kernels import StepResults, Steps
+from saccade.slam.association._kernels import NEW
+from saccade.slam.association._name_kernels import NameTable
+from saccade.slam.association.choice import association_rule
 from saccade.slam.association.doubted import DoubtedIdentity
 from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
-from saccade.slam.config import ASSOCIATION_RULES, RETRACTIONS, EkfConfig
+from saccade.slam.config import RETRACTIONS, EkfConfig
+from saccade.slam.custom_steps import take_custom_step
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.validation import check_all
+from saccade.slam.filter.validation import as_array, check_all, regularized
+from saccade.slam.lost_steps import leave_out, take_lost_step
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult
-from saccade.slam.step_arrays import as_array, new_results, regularized
-from saccade.slam.strides import Stride, take_stride
-from saccade.slam.submaps import Submaps
+from saccade.slam.step_arrays import new_results
+from saccade.slam.strides import new_stride, take_stride
 from saccade.types import BoolArray, FloatArray, IntArray
 
+MODES = ("continue", "localize")
+"""What a robot does with a map that was saved."""
 MAX_COORDINATE = 1e9
 """Metres from the origin at which the estimate has diverged."""
-NO_GATES = Gates(inf, inf, False)
-"""For rules that are not nearest-neighbor association."""
 NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 """For rules that do not doubt names; as of a log without any."""
 
@@ -46,6 +50,8 @@ class Slam:
         sensor: the sensor model; by default range and bearing.
         association: a custom association rule instead of the one in `config`.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
+        mode: "localize" adds and culls no landmarks; the estimates of those in the map (see `load`)
+            still change, as their covariance lets them.
 
     Raises:
         LogError: here and in `step`, an argument of the wrong shape or that is not finite.
@@ -73,7 +79,9 @@ class Slam:
         sensor: Sensor = RANGE_BEARING,
         association: Association | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        mode: Literal["continue", "localize"] = "continue",
     ) -> None:
+        require(mode in MODES, "mode", " or ".join(MODES), mode)
         built_in = motion in (drive, compose) and sensor is RANGE_BEARING
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
@@ -88,9 +96,11 @@ class Slam:
             retraction=RETRACTIONS[config.filter],
             huber=config.huber,
         )
-        self.associate = association or _association(config)
+        self.associate = association or association_rule(config)
         """The association rule."""
-        doubted = not isinstance(self.associate, KnownIdentity)
+        self.mode = mode
+        adds = mode == "continue"
+        doubted = adds and not isinstance(self.associate, KnownIdentity)
         self.culling = Culling(
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
@@ -98,21 +108,21 @@ class Slam:
         self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
         self.num_steps = 0
         """Steps that were taken."""
+        self.sessions = [0]
+        """Landmarks that were added to the map before each session, which `load` begins."""
+        self.descriptors: npt.NDArray[Any] | None = None
+        """(m, d) of the first m landmarks, if their user gives any; removed with the landmarks."""
+        self.arguments = {"odometry_bias": odometry_bias}
+        self.motion = motion
+        """The motion model."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
         built_in_rule = type(self.associate) in (KnownIdentity, NearestNeighbor, DoubtedIdentity)
         self.is_compiled = self.ekf.is_compiled and built_in_rule
         """Whether many steps are taken at once in compiled code: the models and the association
         are those of this package."""
-        self._named = self.associate if isinstance(self.associate, DoubtedIdentity) else None
-        nearest = self._named.geometry if self._named else self.associate
-        rules = Rules(
-            nearest=isinstance(nearest, NearestNeighbor),
-            gates=nearest.gates if isinstance(nearest, NearestNeighbor) else NO_GATES,
-            names=self._named.name_gates if self._named else NameGates(False, inf),
-            culling=self.culling.rule,
-            lost=self.recovery.rule,
-        )
-        self._stride = Stride(rules, Submaps(config.submaps == "always", rules))
+        self.doubted = self.associate if isinstance(self.associate, DoubtedIdentity) else None
+        parts = self.associate, self.culling.rule, self.recovery.rule
+        self._stride = new_stride(*parts, adds=adds, submaps=config.submaps == "always")
 
     def step(
         self,
@@ -204,8 +214,8 @@ class Slam:
         if self.is_compiled and isinstance(self.associate, KnownIdentity):
             scan = np.repeat(np.arange(len(time)), np.diff(edge))
             landmark = self.associate.number_ahead(identity, scan, len(self.ekf))
-        elif self._named is not None:
-            name = self._named.number(identity)
+        elif self.doubted is not None:
+            name = self.doubted.number(identity)
         return Steps(
             first=self.num_steps,
             still=still,
@@ -235,11 +245,13 @@ class Slam:
         start, culled = int(s.position[0]), []
         while s.position[0] < end:
             if self.recovery.lost:
-                self._take_lost(s, out)
+                take_lost_step(self, s, out)
                 continue
-            landmarks = self._take_many(s, end, out) if self.is_compiled else self._take(s, out)
+            landmarks = (
+                self._take_many(s, end, out) if self.is_compiled else take_custom_step(self, s, out)
+            )
             if self.recovery.left_out:
-                self._leave_out(s, out)
+                leave_out(self, s, out)
             if len(landmarks) > 0:
                 culled.append(landmarks)
                 self.remove(landmarks, s.landmark)
@@ -261,109 +273,86 @@ class Slam:
         used = association >= 0
         association[used] = number[association[used]]
         self.ekf.remove(landmarks)
-        if self._named is not None:
-            self._named.removed(number)
+        if self.doubted is not None:
+            self.doubted.removed(number)
+        if self.descriptors is not None:
+            self.descriptors = self.descriptors[kept[: len(self.descriptors)]]
 
     def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
         """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
         take_stride(
-            self.ekf, s, end, self._stride, self._names, self.culling, self.recovery.evidence, out
+            self.ekf, s, end, self._stride, self.names, self.culling, self.recovery.evidence, out
         )
         done = s.position[1] < 0  # else the step is interrupted, and its numbers are still in use
-        return self.culling.remove_culled(self._stale() if done else np.empty(0, np.int64))
+        return self.culling.remove_culled(self.stale if done else np.empty(0, np.int64))
 
-    def _take(self, s: Steps, out: StepResults) -> IntArray:
-        """Take one step with custom models or a custom association; see `take_step`."""
-        ekf, i = self.ekf, int(s.position[0])
-        scan, culled = slice(s.edge[i], s.edge[i + 1]), np.empty(0, np.int64)
-        z, R, identity, found = s.z[scan], s.R[scan], s.identity[scan], s.landmark[scan]
-        if i >= s.still:
-            ekf.predict(s.control[i], s.U[i])  # C.5-C.9
-        if len(z) > 0:
-            ekf.confirmed = self.culling.confirmed(len(ekf))
-            left_out = self.recovery.rule.enabled and self.recovery.leaves_out(
-                ekf, z, R, self.culling.counts.confirmed, self._mapped(identity)
-            )
-            if left_out:
-                found[:] = -1
-                out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
-                s.position[0] = i + 1
-                return culled
-            found[:] = self.associate(ekf, z, R, identity)
-            check = self.culling.is_due()
-            if self._named is not None:
-                s.refused[scan] = self._named.refused
-                check = check and may_cull(self._named.table)
-            predicted = ekf.predict_observations().z if check else None
-            innovations = ekf.update_scan(z, R, found)  # C.10-C.14
-            for array, values in zip(out.innovations, innovations, strict=True):
-                array[scan] = values
-            mapped = len(ekf)
-            for k in np.flatnonzero(found == NEW):
-                found[k] = ekf.augment(z[k], R[k])  # C.15-C.18
-                self.associate.added(int(found[k]), int(identity[k]))
-            if self.culling.rule.enabled:
-                self.culling.update(ekf, predicted, mapped, float(z[:, 0].max()), found)
-            if self._named is not None:
-                keep_named(self._named.table, self.culling.counts.culled)
-            culled = self.culling.remove_culled(self._stale())
-            found[:] = np.maximum(found, -1)
-        out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
-        s.position[0] = i + 1
-        return culled
-
-    def _leave_out(self, s: Steps, out: StepResults) -> None:
-        """Process a scan that was left out; the robot may be lost."""
-        self._renumber(s)
-        i = int(s.position[0]) - 1
-        if self.recovery.begin_if_lost(self.ekf, self.confirmed):
-            scan = slice(s.edge[i], s.edge[i + 1])
-            self.recovery.search(s.z[scan], s.R[scan], self._mapped(s.identity[scan]))
-            out.lost[i] = True
-
-    def _take_lost(self, s: Steps, out: StepResults) -> None:
-        """Take one step of a lost robot, which may be found."""
-        ekf, i = self.ekf, int(s.position[0])
-        scan = slice(s.edge[i], s.edge[i + 1])
-        z, R = s.z[scan], s.R[scan]
-        if i >= s.still:
-            ekf.predict(s.control[i], s.U[i])  # C.5-C.9
-            self.recovery.predict(s.control[i], s.U[i])
-        s.landmark[scan] = -1
-        if len(z) > 0:
-            self.recovery.search(z, R, self._mapped(s.identity[scan]))
-            s.landmark[scan] = self.recovery.resume_if_found(ekf)
-        out.lost[i] = self.recovery.lost
-        out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance
-        s.position[0] = i + 1
-        if not self.recovery.lost:
-            self._renumber(s)
-
-    def _mapped(self, identity: IntArray) -> IntArray:
+    def known_landmarks(self, identity: IntArray) -> IntArray:
         """(k,) landmark of the map that each observation names, -1 for none."""
-        if self._named is not None:
-            row = self._named.number(identity)
-            return np.append(self._named.table.landmark, -1)[row]
+        if self.doubted is not None:
+            row = self.doubted.number(identity)
+            return np.append(self.doubted.table.landmark, -1)[row]
         if not isinstance(self.associate, KnownIdentity):
             return np.full(len(identity), -1)
         number = [self.associate.number.get(name, -1) for name in identity.tolist()]
         return np.array([n if n < len(self.ekf) else -1 for n in number], np.int64)
 
-    def _renumber(self, s: Steps) -> None:
-        """Number named landmarks ahead anew, after scans that added none."""
-        if isinstance(self.associate, KnownIdentity) and self.is_compiled:
-            first, mapped = s.edge[s.position[0]], len(self.ekf)
-            known = self.associate.number
-            self.associate.number = {name: n for name, n in known.items() if n < mapped}
-            scan = np.repeat(np.arange(len(s.time)), np.diff(s.edge))[first:]
-            s.landmark[first:] = self.associate.number_ahead(s.identity[first:], scan, mapped)
+    @property
+    def names(self) -> NameTable:
+        """What is known of landmark names."""
+        return self.doubted.table if self.doubted else NO_NAMES
 
     @property
-    def _names(self) -> NameTable:
-        return self._named.table if self._named else NO_NAMES
+    def stale(self) -> IntArray:
+        """(n,) landmarks whose name moved away, which are to be removed."""
+        return self.doubted.stale if self.doubted else np.empty(0, np.int64)
 
-    def _stale(self) -> IntArray:
-        return self._named.stale if self._named else np.empty(0, np.int64)
+    def save(self, path: str | Path) -> None:
+        """Save the whole state as a map file, for `load`; custom models by name only.
+
+        Raises:
+            ConfigError: the mode is "localize", or a part has a state that cannot be saved.
+            OutputError: the file cannot be written; an old one stays.
+        """
+        from saccade.slam.sessions import save
+
+        save(self, path)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        mode: Literal["continue", "localize"] = "continue",
+        config: EkfConfig | None = None,
+        *,
+        start: FloatArray | tuple[float, float, float] | None = None,
+        covariance: FloatArray | None = None,
+        motion: Motion | None = None,
+        sensor: Sensor = RANGE_BEARING,
+        association: Association | None = None,
+        odometry_bias: tuple[float, float, float] | None = None,
+    ) -> Self:
+        """Load a map that `save` wrote, and begin a session in it.
+
+        Args:
+            path: the map file.
+            mode: "continue" mapping, or "localize", which adds and culls no landmarks.
+            config: other settings than those saved, with the same `filter`.
+            start: (3,) pose in the frame of the map, independent of the map. By default the robot
+                has not moved since: all goes on as if there were no file between.
+            covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma`.
+            motion: as for `Slam`, like the other models; by default as saved.
+            sensor: the sensor model.
+            association: a custom association rule.
+            odometry_bias: with a start, as for `Slam`; by default as saved.
+
+        Raises:
+            LogError: the file cannot be read, is damaged, no map, or of a later version.
+            ConfigError: the settings or models do not suit the map.
+        """
+        from saccade.slam.sessions import load
+
+        models = (motion, sensor, association, odometry_bias)
+        return load(cls, path, mode, config, start, covariance, *models)
 
     @property
     def identities(self) -> IntArray:
@@ -376,6 +365,11 @@ class Slam:
     def confirmed(self) -> BoolArray:
         """(N,) which landmarks of the filter are in the map; the others are candidates."""
         return self.culling.confirmed(len(self.ekf)) | (self.identities >= 0)
+
+    @property
+    def landmark_sessions(self) -> IntArray:
+        """(N,) index of the session in which each landmark was added."""
+        return np.asarray(np.searchsorted(self.sessions, self.ekf.ids, side="right") - 1)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a `Slam` with the same arguments.
@@ -402,12 +396,3 @@ class Slam:
 
     def __repr__(self) -> str:
         return f"Slam({self.num_steps} steps, {self.ekf!r})"
-
-
-def _association(config: EkfConfig) -> Association:
-    if config.association == "known":
-        return KnownIdentity()
-    if config.association == "auto":
-        geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
-        return DoubtedIdentity(config.name_gate, geometry)
-    return ASSOCIATION_RULES[config.association](config.gate, config.new_gate)

@@ -7,18 +7,16 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.slam._step_kernels import Steps
+from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, compose, drive
+from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.snapshots import Recorder
 from saccade.slam.step_arrays import new_results
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
-
-MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
-"""The motion model of each kind of control of a log."""
 
 MAX_NONLINEARITY = 0.12
 """Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
@@ -55,6 +53,8 @@ class SlamResult:
     covariances are doubtful over `MAX_NONLINEARITY`. Zero for the standard filter."""
     lost: BoolArray | None = None
     """(t + 1,) whether the robot found itself lost at each pose: that is by odometry alone."""
+    session: IntArray | None = None
+    """(n,) in which session each landmark of the map was added, from 0, see `Slam.load`."""
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"
@@ -70,6 +70,7 @@ def run(
     associate: Association | None = None,
     recorder: Recorder | None = None,
     checkpoint: Checkpoint | None = None,
+    initial: Slam | None = None,
 ) -> SlamResult:
     """Filter a landmark log with EKF-SLAM (C.1-C.18).
 
@@ -86,6 +87,9 @@ def run(
         associate: a custom association rule instead of the one in `config`.
         recorder: records snapshots of the map while it grows.
         checkpoint: where the run saves its state, and from where it resumes.
+        initial: a `Slam` that takes the steps of the log, as `Slam.load` or `slam_for` gives it;
+            then `config`, `motion`, `sensor` and `associate` are its own, and the first pose of
+            the log is the one at which it is. Without one, the log begins a map.
 
     Returns:
         Trajectory, map, consistency and association.
@@ -94,7 +98,17 @@ def run(
         LogError: known association of a log that does not identify its landmarks, a custom
             motion model that is missing, or an estimate that diverges; names the pose.
     """
-    slam, poses = slam_for(log, config, motion, sensor, associate), len(log.time)
+    slam = initial or slam_for(log, config, motion, sensor, associate)
+    if isinstance(slam.associate, KnownIdentity) and (log.landmark < 0).all() and len(log.landmark):
+        raise LogError(
+            "association: expected nearest, found known, but the log does not name "
+            "the landmarks it sees"
+        )
+    config, poses = slam.config, len(log.time)
+    removed_before = slam.culling.removed
+    if motion_of(log, motion or (slam.motion if log.motion == "custom" else None)) != slam.motion:
+        raise LogError(f"motion: expected controls of the model of the map, found {log.motion}")
+    odometry = dead_reckon(replace(log, start=slam.ekf.pose), config, motion)
     steps, out = _steps(slam, log), new_results(poses, len(log.observation))
     innovations = {f"innovation_{name}": array for name, array in out.innovations._asdict().items()}
     arrays: Arrays = {
@@ -108,7 +122,7 @@ def run(
         "results": StoredArrays({**arrays, **innovations, "lost": out.lost}),
         "recorder": recorder,
     }
-    identity = (log, config, motion, sensor, associate)
+    identity = (log, config, motion, sensor, associate, initial and initial.to_arrays())
     done = 0 if checkpoint is None else checkpoint.resume(identity, parts)
     steps.position[0] = done
     hundredth = poses // 100 + 1
@@ -126,24 +140,26 @@ def run(
         if progress is not None and (start % hundredth == 0 or end == poses):
             progress(end, poses)
 
-    association = np.maximum(steps.landmark, -1)
-    slam.remove(np.flatnonzero(~slam.confirmed), association)
+    association, kept = np.maximum(steps.landmark, -1), slam.confirmed
+    landmarks = _landmark_map(slam, log, association, kept)
+    number = np.where(kept, np.cumsum(kept) - 1, -1)
+    association = np.append(number, -1)[association]
+    refused = float(steps.refused.sum()) / max(len(steps.refused), 1)
     return SlamResult(
         trajectory=Trajectory(log.time, out.pose, out.covariance),
-        map=_landmark_map(slam, log, association),
-        consistency=summarize(
-            out.innovations.nis, refused=steps.refused.sum() / max(len(steps.refused), 1)
-        ),
+        map=landmarks,
+        consistency=summarize(out.innovations.nis, refused=refused),
         association=association,
         innovation=out.innovations.value,
         innovation_covariance=out.innovations.covariance,
-        dead_reckoning=dead_reckon(log, config, motion),
+        dead_reckoning=odometry,
         refused=steps.refused,
-        removed=slam.culling.removed,
+        removed=slam.culling.removed - removed_before,
         warning=slam.culling.warning(association),
         odometry_bias=slam.ekf.odometry_bias,
         nonlinearity=slam.ekf.nonlinearity,
         lost=out.lost,
+        session=slam.landmark_sessions[kept],
     )
 
 
@@ -159,12 +175,6 @@ def slam_for(
     Raises:
         LogError: as `run`.
     """
-    named = log.landmark >= 0
-    if config.association == "known" and associate is None and not named.any() and len(named) > 0:
-        raise LogError(
-            "association: expected nearest, found known, but the log does not name "
-            "the landmarks it sees"
-        )
     return Slam(
         config,
         start=log.start,
@@ -179,7 +189,8 @@ def _steps(slam: Slam, log: LandmarkLog) -> Steps:
     """A whole log."""
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
     scans = edge, log.observation, log.observation_covariance, log.landmark
-    return slam.prepare(log.time, log.control, log.control_covariance, *scans)
+    steps = slam.prepare(log.time, log.control, log.control_covariance, *scans)
+    return steps._replace(first=max(0, slam.num_steps - 1))  # at the first pose it is already
 
 
 def dead_reckon(
@@ -212,14 +223,18 @@ def motion_of(log: LandmarkLog, custom: Motion | None) -> Motion:
     return MOTIONS[log.motion]
 
 
-def _landmark_map(slam: Slam, log: LandmarkLog, association: IntArray) -> LandmarkMap:
-    identity, used = slam.identities, association >= 0
+def _landmark_map(
+    slam: Slam, log: LandmarkLog, association: IntArray, kept: BoolArray
+) -> LandmarkMap:
+    identity, used = slam.identities, np.flatnonzero(association >= 0)
     if (identity < 0).all():  # a rule that does not use them
-        identity = log.landmark[used][np.unique(association[used], return_index=True)[1]]
+        landmark, first = np.unique(association[used], return_index=True)
+        identity[landmark] = log.landmark[used[first]]
+    identity = identity[kept]
     unnamed = identity < 0  # numbered in order, after the names
     return LandmarkMap(
         id=np.where(unnamed, identity.max(initial=-1) + np.cumsum(unnamed), identity),
-        xy=slam.ekf.landmarks,
-        covariance=slam.ekf.landmark_covariances,
-        observations=np.bincount(association[used], minlength=len(identity)),
+        xy=slam.ekf.landmarks[kept],
+        covariance=slam.ekf.landmark_covariances[kept],
+        observations=np.bincount(association[used], minlength=len(kept))[kept],
     )

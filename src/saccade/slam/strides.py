@@ -1,17 +1,25 @@
 """Many steps at once in compiled code, in the whole map or in a neighborhood of the robot."""
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
-from saccade.slam._recovery_kernels import LostEvidence
+from saccade.slam._recovery_kernels import LostEvidence, LostRule
 from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
-from saccade.slam.association._kernels import NEW
-from saccade.slam.association._name_kernels import NameTable
+from saccade.slam.association._kernels import NEW, Gates
+from saccade.slam.association._name_kernels import NameGates, NameTable
+from saccade.slam.association.doubted import DoubtedIdentity
+from saccade.slam.association.nearest_neighbor import NearestNeighbor
+from saccade.slam.association.rule import Association
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.map_management._kernels import CullingRule
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.submaps import Submaps, read_counts, read_names, write_counts, write_names
+
+NO_GATES = Gates(inf, inf, False)
+"""For rules that are not nearest-neighbor association."""
 
 
 class Stride(NamedTuple):
@@ -19,6 +27,23 @@ class Stride(NamedTuple):
 
     rules: Rules
     submaps: Submaps
+
+
+def new_stride(
+    associate: Association, culling: CullingRule, lost: LostRule, *, adds: bool, submaps: bool
+) -> Stride:
+    """How steps are taken with an association rule; `submaps` for neighborhoods in every map."""
+    doubted = associate if isinstance(associate, DoubtedIdentity) else None
+    nearest = doubted.geometry if doubted else associate
+    rules = Rules(
+        nearest=isinstance(nearest, NearestNeighbor),
+        gates=nearest.gates if isinstance(nearest, NearestNeighbor) else NO_GATES,
+        names=doubted.name_gates if doubted else NameGates(False, inf),
+        culling=culling,
+        lost=lost,
+        adds=adds,
+    )
+    return Stride(rules, Submaps(submaps, rules))
 
 
 def take_stride(
@@ -43,15 +68,13 @@ def take_stride(
     part.reserve(max(new, 1))
     f, w = part.filter_state, part.scratch
     mapped, scans = len(ekf), s.landmark[s.edge[i] : s.edge[end]]
-    if culling.rule.enabled:
-        culling.reserve(mapped + len(f.blocks) - len(part))
+    culling.reserve(mapped + len(f.blocks) - len(part))
     counts, local_names = culling.counts, names
     if place is not None:
         scans[:] = place.from_map(scans)
         place.mark(scans)
         local_names = read_names(names, place)
-        if culling.rule.enabled:
-            counts = read_counts(counts, place)
+        counts = read_counts(counts, place)
     take_steps(f, w, s, end, stride.rules, local_names, counts, evidence, out)
     while place is not None and s.position[0] < end and not counts.culled.any():
         if not place.flush_if_full():
@@ -61,6 +84,5 @@ def take_stride(
         place.mark(scans)
         scans[:] = place.to_map(scans)
         write_names(names, local_names, place)
-        if culling.rule.enabled:
-            write_counts(culling.counts, counts, place)
+        write_counts(culling.counts, counts, place)
     stride.submaps.count(s, i)

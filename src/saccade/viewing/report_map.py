@@ -73,6 +73,7 @@ def map_part(
     charts: Sequence[Chart],
     landmark_truth: LandmarkMap | None = None,
     image_at: Callable[[int], Image | None] | None = None,
+    loaded: int = 0,
 ) -> Part:
     """Trajectories and the map over time.
 
@@ -84,6 +85,7 @@ def map_part(
         charts: drawn over time below the map.
         landmark_truth: true positions of the landmarks, in the same frame.
         image_at: gives the camera image at a pose, or None.
+        loaded: landmarks with a smaller id are of a map that was loaded.
     """
     time = trajectories["estimate"].time
     start = float(time[0])
@@ -91,6 +93,7 @@ def map_part(
     data: dict[str, Any] = {
         "ellipse_scale": ELLIPSE_SCALE,
         "ellipse_label": ELLIPSE_LABEL,
+        "loaded": loaded,
         "trajectories": [_trajectory(*each, start) for each in trajectories.items()],
         "charts": [_chart(chart, start) for chart in charts],
     }

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from saccade.slam.association._name_kernels import (
+    ESTABLISHED,
     STALE,
     UNDECIDED,
     UNNAMED,
@@ -73,6 +74,12 @@ class DoubtedIdentity(Association):
         if len(self._number) > len(self.table.landmark):
             self.table = _grown(self.table, len(self._number))
         return np.array([self._number.get(name, -1) for name in names.tolist()], np.int64)[which]
+
+    def bind(self, identity: int, landmark: int) -> None:
+        """Give an identity that has no landmark the one of another map."""
+        row = int(self.number(np.array([identity]))[0])
+        if self.table.landmark[row] < 0:
+            self.table.landmark[row], self.table.accepted[row] = landmark, ESTABLISHED
 
     def removed(self, number: IntArray) -> None:
         """Called when landmarks were removed: `number` (n,) is that of each now, -1 for none."""

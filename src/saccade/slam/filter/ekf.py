@@ -16,8 +16,11 @@ from saccade.slam.filter.error_state import STANDARD, Retraction, linearize
 from saccade.slam.filter.odometry_bias import BIASES, bias_jacobian
 from saccade.slam.filter.state import (
     FIRST_CAPACITY,
+    compact,
     dense,
+    expanded,
     flush,
+    gaussian_state,
     grown,
     landmark_blocks,
     marginal,
@@ -222,6 +225,17 @@ class EkfSlam:
         C = check_covariance("covariance of the pose", covariance, 3)
         replace_pose(self.filter_state, pose, C)
 
+    def set_gaussian(self, mean: FloatArray, covariance: FloatArray, ids: IntArray) -> None:
+        """Replace the whole state.
+
+        Args:
+            mean: (n,) the robot's numbers, then the landmarks (C.3).
+            covariance: (n, n) of it (C.4).
+            ids: (N,) of the landmarks, ascending; those added later have larger ones.
+        """
+        self._set_state(gaussian_state(self.filter_state, mean, covariance))
+        self._ids, self._removed = ids, int(ids.max(initial=-1)) + 1 - len(ids)
+
     def rescale(self, factor: float, about: FloatArray) -> None:
         """Scale the map about a point (2,), as when the scale of its metre was wrong."""
         f, r, n = self.filter_state, self.filter_state.robot_size, state_size(self.filter_state)
@@ -293,15 +307,18 @@ class EkfSlam:
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a filter with the same models."""
-        return {
-            **saved(self.filter_state),
-            "ids": self._ids,
-            "removed": np.array(self._removed),
-        }
+        counts = {"ids": self._ids, "removed": np.array(self._removed)}
+        return {**saved(self.filter_state), **counts}
+
+    def to_compact_arrays(self) -> Arrays:
+        """As `to_arrays`, without room for more landmarks; equal up to rounding."""
+        counts = {"ids": self._ids, "removed": np.array(self._removed)}
+        return {**compact(self.filter_state), **counts}
 
     def from_arrays(self, arrays: Arrays) -> None:
-        """Restore what `to_arrays` gave."""
-        self._set_state(restored(self.filter_state, arrays))
+        """Restore what `to_arrays` or `to_compact_arrays` gave."""
+        restore = restored if "counts" in arrays else expanded
+        self._set_state(restore(self.filter_state, arrays))
         self._ids, self._removed = arrays["ids"], int(arrays["removed"])
 
     @property
@@ -353,8 +370,13 @@ class EkfSlam:
     @property
     def ids(self) -> IntArray:
         """(n,) number of landmarks added before each; it stays the same as others are removed."""
-        since = np.arange(len(self._ids) + self._removed, len(self) + self._removed)
+        since = np.arange(len(self._ids) + self._removed, self.num_added)
         return np.concatenate([self._ids, since])
+
+    @property
+    def num_added(self) -> int:
+        """Landmarks that were ever added."""
+        return len(self) + self._removed
 
     @property
     def landmarks(self) -> FloatArray:

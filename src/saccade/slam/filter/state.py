@@ -105,6 +105,47 @@ def saved(f: FilterState) -> Arrays:
     return {name: array for name, array in f._asdict().items() if isinstance(array, np.ndarray)}
 
 
+def compact(f: FilterState) -> Arrays:
+    """The arrays of a state without room for more, for a file."""
+    flush(f)
+    n = state_size(f)
+    return {
+        "state": f.state[:n],
+        "heading_lever": f.heading_lever[:n],
+        "P": f.P[:n, :n][np.triu_indices(n)],
+        "blocks": f.blocks[: f.counts[LANDMARKS]],
+        "heading_variance": f.heading_variance,
+        "nonlinearity": f.nonlinearity,
+    }
+
+
+def expanded(f: FilterState, arrays: Arrays) -> FilterState:
+    """A state with `compact` arrays, and the parameters of another one."""
+    r, n, N = f.robot_size, len(arrays["state"]), len(arrays["blocks"])
+    capacity = max(N, FIRST_CAPACITY)
+    new = new_state(np.zeros(r), np.zeros((r, r)), capacity, f.error_state, f.huber)
+    new.state[:n], new.heading_lever[:n] = arrays["state"], arrays["heading_lever"]
+    new.P[:n, :n][np.triu_indices(n)] = arrays["P"]
+    new.P[:r, :r] = symmetric(new.P[:r, :r])
+    new.blocks[:N], new.counts[LANDMARKS] = arrays["blocks"], N
+    new.heading_variance[:] = arrays["heading_variance"]
+    new.nonlinearity[:] = arrays["nonlinearity"]
+    return new
+
+
+def gaussian_state(f: FilterState, mean: FloatArray, covariance: FloatArray) -> FilterState:
+    """A state of this mean (n,) and covariance of e (n, n), with the parameters of another one.
+
+    Its estimates are the first ones, so that eta = e.
+    """
+    r, N = f.robot_size, (len(mean) - f.robot_size) // 2
+    new = new_state(mean[:r], covariance[:r, :r], max(N, FIRST_CAPACITY), f.error_state, f.huber)
+    new.state[: len(mean)], new.P[: len(mean), : len(mean)] = mean, covariance
+    diagonal = covariance[r:, r:].reshape(N, 2, N, 2)[np.arange(N), :, np.arange(N)]  # (N, 2, 2)
+    new.blocks[:N], new.counts[LANDMARKS] = diagonal.reshape(N, 4)[:, [0, 1, 3]], N
+    return new
+
+
 def restored(f: FilterState, arrays: Arrays) -> FilterState:
     """A state with `saved` arrays, and the parameters of another one."""
     fields: dict[str, Any] = {name: arrays[name] for name in saved(f)}

@@ -10,6 +10,7 @@ from saccade.slam.map_management._kernels import (
     CULLED,
     FORGOTTEN,
     RANGE_BINS,
+    SCANS,
     CullingRule,
     VisibilityCounts,
     check_visibility,
@@ -152,6 +153,13 @@ class Culling:
                 totals=old.totals,
             )
 
+    def add_confirmed(self, first: int, count: int) -> None:
+        """Count landmarks from number `first` on as confirmed, as those of another map are."""
+        self.reserve(first + count)
+        self.counts.confirmed[first : first + count] = True
+        self.counts.observed[first : first + count] = self.rule.confirm_after
+        self.counts.last_observed[first : first + count] = self.counts.totals[SCANS]
+
     def remove_culled(self, others: IntArray) -> IntArray:
         """Remove the counts of the landmarks that are to be culled, and of others.
 
@@ -163,7 +171,7 @@ class Culling:
         """
         counts = self.counts
         culled = np.union1d(np.flatnonzero(counts.culled), others)
-        if len(culled) > 0 and self.rule.enabled:
+        if len(culled) > 0 and len(counts.culled) > 0:
             confirmed = int(counts.confirmed[culled].sum())
             kept = np.delete(np.arange(len(counts.culled)), culled)
             counts.totals[CULLED] += confirmed

@@ -28,8 +28,9 @@ function firstRows(counts) {
 
 /** Snapshots of the map: the rows of their landmarks in one table. */
 class Snapshots {
-  constructor(data) {
+  constructor(data, loaded) {
     this.data = data;
+    this.loaded = loaded; // landmarks with a smaller id are of a map that was loaded
     this.first = firstRows(data.count);
     this.firstObserved = firstRows(data.observed_count);
     this.length = data.step.length;
@@ -139,14 +140,17 @@ function drawLandmarks(context, view, snapshots, number, shown, chosen, ellipseS
     context.stroke();
   }
   const radius = Math.min(3, Math.max(1.4, 260 / Math.sqrt(1 + 60 * (to - from))));
-  context.fillStyle = colors.ink;
-  context.beginPath();
-  for (let row = from; row < to; row++) {
-    const [x, y] = snapshots.landmark(row);
-    context.moveTo(view.x(x) + radius, view.y(y));
-    context.arc(view.x(x), view.y(y), radius, 0, 2 * Math.PI);
+  for (const loaded of [true, false]) {
+    context.fillStyle = loaded ? colors.blue : colors.ink;
+    context.beginPath();
+    for (let row = from; row < to; row++) {
+      if (snapshots.data.id[row] < snapshots.loaded !== loaded) continue;
+      const [x, y] = snapshots.landmark(row);
+      context.moveTo(view.x(x) + radius, view.y(y));
+      context.arc(view.x(x), view.y(y), radius, 0, 2 * Math.PI);
+    }
+    context.fill();
   }
-  context.fill();
   if (chosen >= 0) {
     const [x, y] = snapshots.landmark(chosen);
     context.strokeStyle = colors.red;
@@ -192,7 +196,7 @@ function loadImages(data, loaded) {
 }
 
 kinds.map = (element, data) => {
-  const snapshots = new Snapshots(data.snapshots);
+  const snapshots = new Snapshots(data.snapshots, data.loaded);
   const shown = { ellipses: true, observed: true, true: true };
   for (const trajectory of data.trajectories) shown[trajectory.name] = true;
   let number = snapshots.length - 1;
@@ -287,7 +291,8 @@ kinds.map = (element, data) => {
     const count = ofLandmark.reduce((sum, each) => sum + each.count, 0);
     const row = snapshots.rowOf(id, number);
     const times = count === 1 ? "once" : `${count} times`;
-    detail.append(make("h3", {}, `Landmark ${id}`));
+    const origin = id < data.loaded ? ", of the map that was loaded" : data.loaded > 0 ? ", new" : "";
+    detail.append(make("h3", {}, `Landmark ${id}${origin}`));
     let text = ofLandmark.length ? `Observed ${times}.` : "Not in the final map: its observations are not kept.";
     if (row >= 0) {
       const [x, y, xx, xy, yy] = snapshots.landmark(row);

@@ -1,0 +1,111 @@
+"""What a saved map is worth to another run: localizing in it, mapping on, and mapping anew.
+
+    uv run python benchmarks/saved_maps.py mrclam6.npz [--seeds 20]
+
+Simulated worlds: the map is that of one run, the robot that of another one; the start is the true
+one in the frame of the map. "exact" takes the landmarks of the map as exact. Of MRCLAM, robots 2 to
+5 drive in the map of robot 1. Position RMSE in metres, and the mean NEES of the pose (3 if it is
+consistent) from the first hundred poses on. Then the five maps of MRCLAM are merged: RMSE of the
+landmarks after alignment.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from saccade import datasets, slam
+from saccade.errors import LogError
+from saccade.evaluation.trajectory import landmark_rmse
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.consistency import pose_nees
+from saccade.types import LandmarkLog, LandmarkMap
+
+WORLDS = {
+    "loop": WorldConfig.loop(),
+    "slippery": WorldConfig.slippery(),
+    "robot": WorldConfig(
+        course_length=60, landmarks=60, landmark_spread=6, steps=600, range_limits=(0.5, 8.0)
+    ),
+}
+
+
+def mapped(log: LandmarkLog) -> slam.Slam:
+    """The `Slam` that has mapped a log."""
+    robot = slam.slam_for(log)
+    slam.run(log, initial=robot)
+    return robot
+
+
+def exact(file: Path, log: LandmarkLog) -> slam.Slam:
+    """The map with landmarks that have no uncertainty."""
+    robot = slam.Slam.load(file, "localize", start=log.start)
+    r = len(robot.ekf.robot_state)
+    P = robot.ekf.covariance
+    P[r:, r:] = 1e-8 * np.eye(len(P) - r)
+    robot.ekf.set_gaussian(robot.ekf.state, P, robot.ekf.ids)
+    return robot
+
+
+def scores(log: LandmarkLog, file: Path) -> Iterator[tuple[str, float, float]]:
+    """RMSE without alignment and NEES of the four ways to drive a log."""
+    ways = {
+        "anew": slam.slam_for(log),
+        "continue": slam.Slam.load(file, start=log.start, odometry_bias=log.odometry_bias),
+        "localize": slam.Slam.load(
+            file, "localize", start=log.start, odometry_bias=log.odometry_bias
+        ),
+        "exact": exact(file, log),
+    }
+    for name, robot in ways.items():
+        estimate = slam.run(log, initial=robot).trajectory
+        truth = estimate.pose if log.truth is None else log.truth.at(log.time)
+        error = np.hypot(*(estimate.pose - truth)[:, :2].T)
+        nees = np.nan
+        if log.truth is not None and len(log.truth) == len(estimate):
+            nees = float(np.nanmean(pose_nees(estimate, log.truth, slam.INVARIANT)[100:]))
+        yield name, float(np.sqrt(np.mean(error**2))), nees
+
+
+def show(title: str, rows: list[list[tuple[str, float, float]]]) -> None:
+    """Print the means over runs."""
+    columns = [
+        f"{row[0][0]} {np.mean([each[1] for each in row]):.3f} m, "
+        f"NEES {np.mean([each[2] for each in row]):.2f}"
+        for row in zip(*rows, strict=True)
+    ]
+    print(f"{title:18}", "; ".join(columns), flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("mrclam", type=Path)
+    parser.add_argument("--seeds", type=int, default=20)
+    arguments = parser.parse_args()
+    file = Path(tempfile.mkdtemp()) / "map.npz"
+    for name, world in WORLDS.items():
+        rows = []
+        for seed in range(arguments.seeds):
+            mapped(simulate_world(world, seed)).save(file)
+            rows.append([*scores(simulate_world(world, seed + 500), file)])
+        show(name, rows)
+    logs = [datasets.load("mrclam", arguments.mrclam, robot=robot) for robot in range(1, 6)]
+    robots = [mapped(log) for log in logs]
+    robots[0].save(file)
+    for number, log in enumerate(logs[1:], 2):
+        show(f"MRCLAM, robot {number}", [[*scores(log, file)]])
+    merged, truth = robots[0], logs[0].landmark_truth
+    for robot in robots[1:]:
+        try:
+            merged = slam.merge_maps(merged, robot).slam
+        except LogError as error:
+            print(error)
+    each = [landmark_rmse(LandmarkMap(r.identities, r.ekf.landmarks), truth) for r in robots]
+    both = landmark_rmse(LandmarkMap(merged.identities, merged.ekf.landmarks), truth)
+    print(f"landmarks: {np.round(each, 3)}, mean {np.mean(each):.3f}; merged {both:.3f} m")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,17 @@
+"""The association rule that settings ask for."""
+
+from saccade.slam.association.doubted import DoubtedIdentity
+from saccade.slam.association.known import KnownIdentity
+from saccade.slam.association.nearest_neighbor import NearestNeighbor
+from saccade.slam.association.rule import Association
+from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
+
+
+def association_rule(config: EkfConfig) -> Association:
+    """The rule of `EkfConfig.association`."""
+    if config.association == "known":
+        return KnownIdentity()
+    if config.association == "auto":
+        geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
+        return DoubtedIdentity(config.name_gate, geometry)
+    return ASSOCIATION_RULES[config.association](config.gate, config.new_gate)

@@ -1,0 +1,81 @@
+"""Map files: the whole state of a `Slam` in one .npz, for another day or another robot.
+
+Plain arrays, named after the part of the `Slam` and the array in it: `ekf.state`,
+`culling.observed`. Nothing in the file is executed when it is read.
+"""
+
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from saccade.errors import LogError
+from saccade.files import atomic_write, one_line
+from saccade.formats import FORMATS, check_format
+from saccade.npz import read_arrays
+from saccade.slam.checkpoint import Arrays, checksum
+from saccade.slam.config import EkfConfig
+
+KIND = "landmark map of saccade slam"
+"""What the file says it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class SavedMap:
+    """The content of a map file."""
+
+    config: EkfConfig
+    """Settings of the filter that made it."""
+    models: dict[str, Any]
+    """Names of the motion model, the sensor model and the association rule, and the further
+    arguments of `Slam`."""
+    arrays: Arrays
+    """State of the parts of the `Slam`, and `sessions` and `descriptors` (see `Slam`)."""
+
+
+def write_map(path: str | Path, saved: SavedMap) -> None:
+    """Write a map file, whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    arrays = {
+        **saved.arrays,
+        "kind": np.array(KIND),
+        "format": np.array(FORMATS["slam_map"]),
+        "config": np.array(json.dumps(asdict(saved.config))),
+        "models": np.array(json.dumps(saved.models)),
+    }
+    arrays["checksum"] = np.array(checksum(arrays))
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+
+
+def read_map(path: str | Path) -> SavedMap:
+    """Read a map file.
+
+    Raises:
+        LogError: it cannot be read, is damaged, no map, or of a later version.
+    """
+    path = Path(path)
+    try:
+        arrays = read_arrays(path)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {one_line(error)}") from error
+    except ValueError as error:
+        raise LogError(f"{path}: expected a {KIND}, found no .npz, or a damaged one") from error
+    if str(arrays.get("kind")) != KIND:
+        raise LogError(f"{path}: expected a {KIND}, found another .npz")
+    check_format("slam_map", int(arrays["format"]), path, LogError)
+    if str(arrays.pop("checksum", "")) != checksum(arrays):  # kernels trust the shapes of arrays
+        raise LogError(f"{path}: expected a {KIND}, found a damaged one")
+    settings = json.loads(str(arrays["config"]))
+    settings["start_sigma"] = tuple(settings["start_sigma"])
+    known = {field.name for field in fields(EkfConfig)}  # those of an older version may be gone
+    return SavedMap(
+        config=EkfConfig(**{name: value for name, value in settings.items() if name in known}),
+        models=json.loads(str(arrays["models"])),
+        arrays=arrays,
+    )

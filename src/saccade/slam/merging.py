@@ -1,0 +1,362 @@
+"""Merging: two maps of the same landmarks, in different frames, as one.
+
+The correspondence is by the names of the landmarks, or it is searched: groups of neighboring
+landmarks of one map are located in the other by their mutual distances (`Relocalizer`), and from
+the transform that a group gives, the correspondence grows by joint compatibility. Both maps and
+the transform then are one Gaussian, under the constraint that common landmarks are equal.
+"""
+
+import copy
+from dataclasses import dataclass
+from math import log, pi
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.special import logsumexp
+
+from saccade.errors import LogError, require
+from saccade.slam.association.known import KnownIdentity
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.hypotheses import RelocalizationConfig
+from saccade.slam.online import Slam
+from saccade.slam.relocalization import Relocalizer
+from saccade.slam.sessions import drop_candidates
+from saccade.types import FloatArray, IntArray
+
+GATE = chi_square_gate(2, 0.99)
+"""Squared Mahalanobis distance within which two landmarks may be the same."""
+SAME = chi_square_gate(3, 0.999)
+"""Squared Mahalanobis distance within which two transforms are the same."""
+AMBIGUOUS = 2 * log(20)
+"""Difference of squared distances up to which the second nearest landmark may be the same, too: it
+is at least a twentieth as likely."""
+GROUP = 8
+"""Neighboring landmarks that are located together."""
+MAX_GROUPS = 12
+"""Groups that are located, spread over the map."""
+SEARCH = RelocalizationConfig(max_proposals=5000, max_hypotheses=10)
+"""Of each group."""
+LIKELY = 0.05
+"""Probability from which a location of a group is tried."""
+CLEAR = 20.0
+"""Log odds of a correspondence from which the groups that it explains are not located."""
+MAX_ITERATIONS = 50
+"""Gauss-Newton steps of the transform, at most."""
+
+
+@dataclass(frozen=True)
+class MergeConfig:
+    """When two maps are merged."""
+
+    min_common: int = 5
+    """Landmarks that must be common to both maps."""
+    min_probability: float = 0.99
+    """Probability that the correspondence must have, against others and against none."""
+    max_contradiction: float = 5.0
+    """Largest NIS per degree of freedom of a correspondence that is not by names."""
+
+    def __post_init__(self) -> None:
+        require(self.min_common >= 2, "min_common", "at least 2", self.min_common)
+        probability = self.min_probability
+        require(0 < probability < 1, "min_probability", "between 0 and 1", probability)
+        limit = self.max_contradiction
+        require(limit >= 1, "max_contradiction", "at least 1", limit)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MergedMaps:
+    """The result of a merging."""
+
+    slam: Slam
+    """The first map's robot and landmarks, then those landmarks of the second that are new."""
+    transform: FloatArray
+    """(3,) x, y in metres, heading in radians: the frame of the second map in the first."""
+    covariance: FloatArray
+    """(3, 3) of the transform."""
+    common: IntArray
+    """(m, 2) numbers of the common landmarks in the first and the second map."""
+    probability: float
+    """Of the correspondence; 1 if it is by names."""
+    nis: float
+    """Squared Mahalanobis distance of the two maps, chi-square with 2 m - 3 degrees of freedom."""
+
+    def __repr__(self) -> str:
+        return (
+            f"MergedMaps({len(self.slam.ekf)} landmarks, {len(self.common)} common, "
+            f"probability {self.probability:.3f})"
+        )
+
+
+def merge_maps(first: Slam, second: Slam, config: MergeConfig = MergeConfig()) -> MergedMaps:
+    """Merge two maps, in the frame of the first.
+
+    Landmarks with the same name are the same, if both maps have `min_common` such names; else the
+    correspondence is searched. The robot of the second map is left out.
+
+    Args:
+        first: with its map, as `Slam.load` gives it.
+        second: another one, in any frame.
+        config: when the correspondence is certain.
+
+    Raises:
+        LogError: it is not.
+    """
+    first, second = copy.deepcopy(first), copy.deepcopy(second)
+    for each in (first, second):
+        drop_candidates(each)
+    maps = _Maps.of(first, second)
+    _, by_name, other = np.intersect1d(*maps.names, return_indices=True)
+    named = maps.names[0][by_name] >= 0
+    pairs = np.column_stack([by_name, other])[named]
+    if len(pairs) >= config.min_common:
+        best, probability = _grown(maps, pairs, _fitted(maps, pairs)), 1.0
+    else:
+        found = _search(maps)
+        if len(found) == 0:
+            raise LogError("merging: expected landmarks that both maps have, found none")
+        evidence = np.array([_log_odds(maps, each) for each in found])
+        posterior = np.exp(evidence - logsumexp(np.append(evidence, 0.0)))
+        best, probability = found[int(posterior.argmax())], float(posterior.max())
+        if best.scale > config.max_contradiction:
+            raise LogError(
+                f"merging: expected maps that agree, found {best.scale:.1f} times the squared "
+                f"distances that their covariances let expect between {len(best.pairs)} landmarks"
+            )
+    if len(best.pairs) < config.min_common or probability < config.min_probability:
+        raise LogError(
+            f"merging: expected {config.min_common} common landmarks with probability "
+            f"{config.min_probability:g}, found {len(best.pairs)} with {probability:.3f}"
+        )
+    return MergedMaps(
+        _as_slam(first, maps, best),
+        best.transform,
+        best.covariance,
+        best.pairs,
+        probability,
+        best.nis,
+    )
+
+
+class _Maps(NamedTuple):
+    """Two maps; the robot of the first, of r numbers, comes before its landmarks."""
+
+    r: int
+    robot: FloatArray
+    xy: tuple[FloatArray, FloatArray]
+    """(N, 2) of each map."""
+    P: tuple[FloatArray, FloatArray]
+    """(r + 2 N, r + 2 N) of the first, (2 N, 2 N) of the second."""
+    names: tuple[IntArray, IntArray]
+
+    @classmethod
+    def of(cls, first: Slam, second: Slam) -> "_Maps":
+        r, q = len(first.ekf.robot_state), len(second.ekf.robot_state)
+        return cls(
+            r=r,
+            robot=first.ekf.robot_state,
+            xy=(first.ekf.landmarks, second.ekf.landmarks),
+            P=(first.ekf.covariance, second.ekf.covariance[q:, q:]),
+            names=(first.identities, second.identities),
+        )
+
+
+class _Fused(NamedTuple):
+    """Both maps under the constraint that the landmarks of some pairs are equal."""
+
+    pairs: IntArray
+    """(m, 2)."""
+    transform: FloatArray
+    covariance: FloatArray
+    nis: float
+    scale: float
+    """Factor on the covariances of both maps with which they agree, at least 1: maps may be
+    overconfident."""
+    log_density: float
+    """Of the differences of the pairs, with a uniform prior of density 1 for the transform."""
+    mean: FloatArray
+    """(n,) the robot, the landmarks of the first map, those of the second in its frame."""
+    P: FloatArray
+    """(n, n)."""
+
+
+def _fuse(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
+    """Condition both maps and the transform (3,), of which a guess is given, on pairs (m, 2)."""
+    r, (a, b), (P, Q) = maps.r, maps.xy, maps.P
+    rows = (r + 2 * pairs[:, :1] + [0, 1]).ravel()
+    columns = (2 * pairs[:, 1:] + [0, 1]).ravel()
+    T, moved = transform.copy(), b
+    for _ in range(MAX_ITERATIONS):
+        R = _rotation(T[2])
+        turn = np.kron(np.eye(len(b)), R)
+        Q_turned = turn @ Q @ turn.T
+        v = (a[pairs[:, 0]] - b[pairs[:, 1]] @ R.T - T[:2]).ravel()  # (2 m,)
+        S = cho_factor(P[np.ix_(rows, rows)] + Q_turned[np.ix_(columns, columns)])
+        J = _transform_jacobian(moved @ R.T)  # (2 N, 3)
+        weighted = cho_solve(S, J[columns])
+        C = np.linalg.inv(J[columns].T @ weighted)
+        step = C @ weighted.T @ v
+        force = cho_solve(S, v - J[columns] @ step)
+        T = T + step
+        moved = b + (Q_turned[:, columns] @ force).reshape(-1, 2) @ R
+        if np.abs(step).max() < 1e-10:
+            break
+    prior = block_diag(P, Q_turned)
+    gain = np.concatenate([prior[:, rows][: len(P)], -prior[len(P) :, len(P) + columns]])  # C G^T
+    mean = np.concatenate([maps.robot, a.ravel(), (b @ R.T + T[:2]).ravel()]) - gain @ force
+    by_transform = gain @ weighted
+    by_transform[len(P) :] += J
+    joint = prior - gain @ cho_solve(S, gain.T) + by_transform @ C @ by_transform.T
+    nis, dof = float(v @ force), 2 * len(pairs) - 3
+    scale = max(1.0, nis / dof)
+    log_det = 2 * np.log(np.diag(S[0])).sum() - np.linalg.slogdet(C)[1]
+    log_density = -(nis / scale + log_det + dof * log(2 * pi * scale)) / 2
+    T[2] = np.arctan2(np.sin(T[2]), np.cos(T[2]))
+    return _Fused(pairs, T, C, nis, scale, float(log_density), mean, joint)
+
+
+def _grown(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
+    """Add pairs of mutually nearest landmarks, those of the least uncertainty first."""
+    r, n = maps.r, len(maps.xy[0])
+    fused = _fuse(maps, pairs, transform)
+    while True:
+        points = fused.mean[r:].reshape(-1, 2)
+        blocks = fused.P[r:, r:].reshape(len(points), 2, len(points), 2).transpose(0, 2, 1, 3)
+        diagonal = blocks[np.arange(len(points)), np.arange(len(points))]
+        cross = blocks[:n, n:]  # (N, M, 2, 2)
+        S = diagonal[:n, None] + diagonal[None, n:] - cross - cross.swapaxes(-1, -2)
+        S = fused.scale * S + 1e-12 * np.eye(2)
+        v = points[:n, None] - points[None, n:]
+        square = np.einsum("nmi,nmij,nmj->nm", v, np.linalg.inv(S), v)
+        names = maps.names[0][:, None], maps.names[1][None]
+        square[(names[0] != names[1]) & (names[0] >= 0) & (names[1] >= 0)] = np.inf
+        square[fused.pairs[:, 0]] = square[:, fused.pairs[:, 1]] = np.inf
+        nearest = square.argmin(1)
+        i = np.arange(n)
+        mutual = (square.argmin(0)[nearest] == i) & (square[i, nearest] < GATE)
+        clear = square[i, nearest] + AMBIGUOUS
+        square[i, nearest] = np.inf
+        mutual &= (square.min(1) > clear) & (square.min(0)[nearest] > clear)
+        new = np.column_stack([i, nearest])[mutual]
+        if len(new) == 0:
+            return fused
+        spread = np.trace(S[new[:, 0], new[:, 1]], axis1=1, axis2=2)
+        best = np.argsort(spread, kind="stable")[: max(1, len(new) // 2)]
+        fused = _fuse(maps, np.concatenate([fused.pairs, new[best]]), fused.transform)
+
+
+def _search(maps: _Maps) -> list[_Fused]:
+    """Distinct correspondences, by locating groups of landmarks of the second map in the first."""
+    (a, b), (P, Q) = maps.xy, maps.P
+    tried: list[_Fused] = []
+    clear: list[_Fused] = []
+    for group in [*_groups(b, GROUP), *_groups(b, 2 * GROUP)]:
+        if any(np.isin(group, each.pairs[:, 1]).mean() > 0.5 for each in clear):
+            continue
+        center = b[group].mean(0)
+        points = b[group] - center
+        z = np.column_stack([np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])])
+        G = np.stack([points, points[:, ::-1] * [-1, 1]], -1) / z[:, :1, None]
+        G[:, :, 1] *= z[:, :1]  # (k, 2, 2) of x, y by range, bearing
+        inverse = np.linalg.inv(G)
+        R = inverse @ _shape_errors(points, Q, group) @ inverse.transpose(0, 2, 1)
+        located = Relocalizer(a, P[maps.r :, maps.r :], SEARCH).add(z, R)
+        for pose, p, to in zip(located.pose, located.probability, located.association, strict=True):
+            pairs = np.column_stack([to, group])[to >= 0]
+            pairs = pairs[np.unique(pairs[:, 0], return_index=True)[1]]
+            if p < LIKELY or len(pairs) < 3 or any(_agree(pairs, each) for each in tried):
+                continue
+            transform = np.append(pose[:2] - _rotation(pose[2]) @ center, pose[2])
+            tried.append(_grown(maps, pairs, transform))
+            if _log_odds(maps, tried[-1]) > CLEAR:
+                clear.append(tried[-1])
+    found: list[_Fused] = []
+    for fused in sorted(tried, key=lambda each: -_log_odds(maps, each)):
+        if not any(_is_same(fused, better) for better in found):
+            found.append(fused)
+    return found
+
+
+def _is_same(fused: _Fused, other: _Fused) -> bool:
+    """Whether two correspondences have the same transform."""
+    e = fused.transform - other.transform
+    e[2] = np.arctan2(np.sin(e[2]), np.cos(e[2]))
+    C = fused.scale * fused.covariance + other.scale * other.covariance
+    return bool(e @ np.linalg.solve(C, e) < SAME)
+
+
+def _agree(pairs: IntArray, fused: _Fused) -> bool:
+    """Whether most pairs are among those of another correspondence."""
+    return len({*map(tuple, pairs)} & {*map(tuple, fused.pairs)}) > len(pairs) / 2
+
+
+def _groups(xy: FloatArray, size: int) -> list[IntArray]:
+    """Groups of neighboring landmarks, the centers as far from each other as possible."""
+    groups, distance = [], np.full(len(xy), np.inf)
+    center = int(np.argmin(np.hypot(*(xy - xy.mean(0)).T))) if len(xy) > 0 else 0
+    for _ in range(min(MAX_GROUPS, len(xy))):
+        away = np.hypot(*(xy - xy[center]).T)
+        groups.append(np.argsort(away, kind="stable")[:size])
+        distance = np.minimum(distance, away)
+        center = int(distance.argmax())
+    return groups
+
+
+def _shape_errors(points: FloatArray, Q: FloatArray, group: IntArray) -> FloatArray:
+    """(k, 2, 2) covariance of points without the errors that a transform of all would have."""
+    rows = (2 * group[:, None] + [0, 1]).ravel()
+    J = _transform_jacobian(points)
+    project = np.eye(len(rows)) - J @ np.linalg.pinv(J)
+    C = project @ Q[np.ix_(rows, rows)] @ project.T
+    k = np.arange(len(group))
+    blocks = C.reshape(len(k), 2, len(k), 2)[k, :, k]
+    return np.asarray(blocks + 1e-8 * np.eye(2))
+
+
+def _log_odds(maps: _Maps, fused: _Fused) -> float:
+    """Log of the odds of a correspondence against landmarks that are near each other by chance."""
+    size = np.ptp(maps.xy[0], axis=0) + np.ptp(maps.xy[1], axis=0).max()
+    area = float(np.prod(np.ptp(maps.xy[0], axis=0) + 1e-9))
+    chance = log(len(maps.xy[0]) / area)
+    return fused.log_density - log(2 * pi * float(np.prod(size))) - len(fused.pairs) * chance
+
+
+def _fitted(maps: _Maps, pairs: IntArray) -> FloatArray:
+    """The transform (3,) that moves the second map's points onto the first's, by least squares."""
+    a, b = maps.xy[0][pairs[:, 0]], maps.xy[1][pairs[:, 1]]
+    p, q = a - a.mean(0), b - b.mean(0)
+    heading = np.arctan2((q[:, 0] * p[:, 1] - q[:, 1] * p[:, 0]).sum(), (p * q).sum())
+    return np.append(a.mean(0) - _rotation(heading) @ b.mean(0), heading)
+
+
+def _as_slam(first: Slam, maps: _Maps, fused: _Fused) -> Slam:
+    """The merged map with the settings and models of the first."""
+    n, m = len(maps.xy[0]), len(maps.xy[1])
+    new = np.setdiff1d(np.arange(m), fused.pairs[:, 1])
+    rows = np.concatenate(
+        [np.arange(maps.r + 2 * n), (maps.r + 2 * (n + new[:, None]) + [0, 1]).ravel()]
+    )
+    merged = first
+    merged.ekf.set_gaussian(fused.mean[rows], fused.P[np.ix_(rows, rows)], np.arange(n + len(new)))
+    merged.sessions = [0, n]
+    merged.culling.add_confirmed(n, len(new))
+    named = [(n + k, name) for k, name in enumerate(maps.names[1][new].tolist())]
+    named += [(i, int(maps.names[1][j])) for i, j in fused.pairs.tolist() if maps.names[0][i] < 0]
+    for number, name in named:
+        if name >= 0 and isinstance(merged.associate, KnownIdentity):
+            merged.associate.number.setdefault(name, number)
+        elif name >= 0 and merged.doubted is not None:
+            merged.doubted.bind(name, number)
+    return merged
+
+
+def _rotation(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _transform_jacobian(points: FloatArray) -> FloatArray:
+    """(2 N, 3) of points (N, 2) by the translation and the turn that move them."""
+    J = np.tile(np.eye(2, 3), (len(points), 1, 1))
+    J[:, 0, 2], J[:, 1, 2] = -points[:, 1], points[:, 0]
+    return J.reshape(-1, 3)

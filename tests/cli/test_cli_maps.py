@@ -1,0 +1,93 @@
+"""`saccade slam --map` and `saccade merge-maps` as a person runs them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import saccade
+from saccade import slam
+from saccade.cli import app
+from saccade.datasets import load
+from saccade.errors import ConfigError
+
+PARK = Path(saccade.__file__).parent / "data" / "victoria_park.txt"
+
+
+def ran(*arguments):
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """With a short log, and the map of it."""
+    folder = tmp_path_factory.mktemp("maps")
+    lines = PARK.read_text().splitlines(keepends=True)
+    (folder / "park.txt").write_text("".join(lines[:300]))
+    map_file = folder / "park.npz"
+    row = ran(
+        *("slam", folder / "park.txt", "--out", folder / "first", "--save-map", map_file),
+        *("--no-film", "--json"),
+    )
+    assert row["map"] is None
+    assert row["files"]["map"] == str(map_file)
+    return folder
+
+
+@pytest.mark.parametrize("mode", ["continue", "localize"])
+def test_a_run_begins_with_a_map(folder, mode, tmp_path):
+    row = ran(
+        *("slam", folder / "park.txt", "--map", folder / "park.npz", "--start", "log"),
+        *("--mode", mode, "--out", tmp_path, "--no-film", "--json"),
+    )
+    saved = slam.Slam.load(folder / "park.npz")
+    assert row["map"] == str(folder / "park.npz")
+    assert row["map_mode"] == mode
+    assert row["map_start"] == "log"
+    assert row["map_landmarks"] == row["map_landmarks_observed"] == len(saved.ekf)
+    assert row["map_landmarks_new"] == 0
+    assert json.loads((tmp_path / "run.json").read_text()) == row
+    assert "of the map that was loaded" in (tmp_path / "report.html").read_text()
+
+
+def test_a_start_is_typed(folder, tmp_path):
+    log = load("auto", folder / "park.txt")
+    start = ",".join(map(str, log.start))
+    ran(
+        *("slam", folder / "park.txt", "--map", folder / "park.npz", "--start", start),
+        *("--out", tmp_path, "--no-film", "--json"),
+    )
+    x = float((tmp_path / "poses.csv").read_text().splitlines()[1].split(",")[1])
+    assert x == pytest.approx(log.start[0], abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--start", "here"], r"--start: expected last, search, log or X,Y,HEADING, found 'here'"),
+        (["--mode", "guess"], "mode: expected continue or localize, found 'guess'"),
+        (["--mode", "localize", "--save-map", "x.npz"], r"--save-map: expected --mode continue"),
+        (["--smooth"], r"--smooth: expected a log that begins its map"),
+    ],
+)
+def test_options_that_contradict_are_named(folder, options, message, tmp_path):
+    with pytest.raises(ConfigError, match=message):
+        ran(
+            *("slam", folder / "park.txt", "--map", folder / "park.npz", "--out", tmp_path),
+            *options,
+        )
+
+
+def test_maps_are_merged(folder, tmp_path):
+    out = tmp_path / "both.npz"
+    row = ran("merge-maps", folder / "park.npz", folder / "park.npz", "--out", out, "--json")
+    (merged,) = row["merged"]
+    assert row["landmarks"] == merged["common"] == len(slam.Slam.load(out).ekf)
+    np.testing.assert_allclose(merged["transform"], 0, atol=1e-6)
+    with pytest.raises(ConfigError, match="MAP: expected two or more, found 1"):
+        ran("merge-maps", folder / "park.npz", "--out", out)

@@ -1,0 +1,213 @@
+"""A session that begins with the map of an earlier one."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.datasets import load
+from saccade.errors import ConfigError, LogError
+from saccade.evaluation.trajectory import position_rmse
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam.consistency import chi_square_band, pose_nees
+from saccade.slam.run import slam_for
+from saccade.slam.sessions import find_start
+from support.circular_log import simulate
+
+
+def cut(log, pose):
+    """A log up to a pose, with its observations, and from it on, without."""
+    first, last = log.observation_pose <= pose, log.observation_pose > pose
+    parts = []
+    for poses, observed in ((slice(0, pose + 1), first), (slice(pose, len(log.time)), last)):
+        controls = slice(poses.start, poses.stop - 1)
+        parts.append(
+            replace(
+                log,
+                time=log.time[poses],
+                control=log.control[controls],
+                control_covariance=log.control_covariance[controls],
+                observation_pose=log.observation_pose[observed] - poses.start,
+                observation=log.observation[observed],
+                observation_covariance=log.observation_covariance[observed],
+                landmark=log.landmark[observed],
+            )
+        )
+    return parts
+
+
+def assert_two_sessions_equal_one(log, config, pose, path):
+    """Cut at a pose, saved and loaded there, a run is the same as in one piece."""
+    whole, first = slam_for(log, config), slam_for(log, config)
+    one = slam.run(log, initial=whole)
+    begin, end = cut(log, pose)
+    before = slam.run(begin, initial=first)
+    first.save(path)
+    second = slam.Slam.load(path)
+    after = slam.run(end, initial=second)
+    same = {"rtol": 0, "atol": 1e-9}
+    for name in ("pose", "covariance"):
+        parts = getattr(before.trajectory, name), getattr(after.trajectory, name)[1:]
+        np.testing.assert_allclose(np.concatenate(parts), getattr(one.trajectory, name), **same)
+    np.testing.assert_allclose(second.ekf.state, whole.ekf.state, **same)
+    np.testing.assert_allclose(second.ekf.covariance, whole.ekf.covariance, **same)
+    np.testing.assert_array_equal(second.ekf.ids, whole.ekf.ids)
+    np.testing.assert_array_equal(second.identities, whole.identities)
+    assert second.num_steps == whole.num_steps
+
+
+@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("pose", [7, 150])
+def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):
+    log, _, _ = simulate(rng)
+    if not named:
+        log = replace(log, landmark=np.full_like(log.landmark, -1))
+    log = replace(log, odometry_bias=(0.02, 0.02, 0.0))
+    config = slam.EkfConfig(filter=kind)
+    assert_two_sessions_equal_one(log, config, pose, tmp_path / "map.npz")
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("named", [True, False])
+def test_two_sessions_of_mrclam_equal_one(shared, tmp_path, named):
+    log = load("auto", shared / "data" / "logs" / "mrclam" / "mrclam6.npz", robot=1)
+    if not named:
+        log = replace(log, landmark=np.full_like(log.landmark, -1))
+    for pose in (400, 1900):
+        assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
+
+
+@pytest.mark.shared
+def test_two_sessions_of_the_park_equal_one(shared, tmp_path):
+    log = load(
+        "auto", shared / "data" / "logs" / "victoria_park" / "VictoriaParkSinSincronizar.mat"
+    )
+    log, _ = cut(log, 1600)
+    for pose in (300, 1100):
+        assert_two_sessions_equal_one(log, slam.EkfConfig(), pose, tmp_path / "map.npz")
+
+
+WORLD = WorldConfig(
+    course_length=60, landmarks=40, landmark_spread=6, steps=600, range_limits=(0.5, 8.0)
+)
+
+
+@pytest.fixture(scope="module")
+def mapped(tmp_path_factory):
+    """The map of a run with seed 1."""
+    path, log = tmp_path_factory.mktemp("map") / "map.npz", simulate_world(WORLD, 1)
+    mapper = slam_for(log)
+    slam.run(log, initial=mapper)
+    mapper.save(path)
+    return path
+
+
+@pytest.mark.parametrize("mode", ["continue", "localize"])
+@pytest.mark.parametrize("named", [True, False])
+def test_another_run_in_the_map_is_consistent(mapped, mode, named, tmp_path):
+    nees = []
+    for seed in range(4):
+        log = simulate_world(WORLD, seed + 10)
+        first = simulate_world(WORLD, seed + 50)
+        config = slam.EkfConfig(association="known" if named else "mutual")
+        mapper = slam_for(first, config)
+        slam.run(first, initial=mapper)
+        mapper.save(tmp_path / "map.npz")
+        robot = slam.Slam.load(tmp_path / "map.npz", mode, start=log.start)
+        landmarks = len(robot.ekf)
+        result = slam.run(log, initial=robot)
+        assert mode == "continue" or len(robot.ekf) == landmarks
+        assert position_rmse(result.trajectory, log.truth) < 0.15
+        nees.append(pose_nees(result.trajectory, log.truth, slam.INVARIANT)[300:].mean())
+    assert np.mean(nees) < 1.3 * chi_square_band(3, 4)[1]
+
+
+def test_a_robot_is_found_in_the_map(mapped):
+    log = simulate_world(WORLD, 30)
+    robot = slam.Slam.load(mapped, "localize", start=(0.0, 0.0, 0.0))
+    pose, covariance = find_start(robot, log)
+    error = pose - log.start
+    error[2] = slam.wrap(error[2])
+    assert error @ np.linalg.solve(covariance, error) < 25
+    robot = slam.Slam.load(mapped, "localize", start=pose, covariance=covariance)
+    result = slam.run(log, initial=robot)
+    assert np.hypot(*(result.trajectory.pose - log.truth.pose)[100:, :2].T).max() < 0.6
+
+
+def test_a_robot_elsewhere_is_not_found(mapped):
+    log, _ = cut(simulate_world(WORLD, 30), 2)
+    strange = np.random.default_rng(0).uniform([1, -3], [8, 3], log.observation.shape)
+    robot = slam.Slam.load(mapped, "localize", start=(0.0, 0.0, 0.0))
+    with pytest.raises(LogError, match=r"start: expected a pose in the map that is certain"):
+        find_start(robot, replace(log, observation=strange))
+
+
+def test_sessions_and_descriptors_stay_with_their_landmarks(rng, tmp_path):
+    log, _, _ = simulate(rng, steps=100)
+    begin, end = cut(log, 4)
+    first = slam_for(begin, slam.EkfConfig(association="known"))
+    slam.run(begin, initial=first)
+    first.descriptors = np.arange(len(first.ekf) * 4).reshape(-1, 4).astype(np.uint8)
+    first.save(tmp_path / "map")  # any suffix
+    second = slam.Slam.load(tmp_path / "map")
+    result = slam.run(end, initial=second)
+    known = len(first.ekf)
+    np.testing.assert_array_equal(result.session, np.arange(len(result.map)) >= known)
+    second.remove(np.array([1, known]), np.empty(0, np.int64))
+    np.testing.assert_array_equal(second.landmark_sessions[known - 3 : known], [0, 0, 1])
+    np.testing.assert_array_equal(second.descriptors, np.delete(first.descriptors, 1, 0))
+
+
+@pytest.fixture
+def small(rng, tmp_path):
+    log, _, _ = simulate(rng, steps=20)
+    first = slam_for(log)
+    slam.run(log, initial=first)
+    first.save(tmp_path / "map.npz")
+    return tmp_path / "map.npz"
+
+
+def _changed(path, **arrays):
+    with np.load(path, allow_pickle=False) as archive:
+        content = {**archive, **arrays}
+    np.savez(path, **content)
+
+
+def test_what_is_no_map_says_so(small, tmp_path):
+    other = tmp_path / "other.npz"
+    with pytest.raises(LogError, match=r"other.npz: cannot be read: No such file"):
+        slam.Slam.load(other)
+    np.savez(other, a=np.zeros(3))
+    with pytest.raises(LogError, match=r"other.npz: expected a landmark map .*another .npz"):
+        slam.Slam.load(other)
+    other.write_bytes(small.read_bytes()[:-500])
+    with pytest.raises(LogError, match=r"other.npz: expected a landmark map .*damaged"):
+        slam.Slam.load(other)
+    _changed(small, **{"ekf.P": np.zeros(3)})
+    with pytest.raises(LogError, match=r"map.npz: expected a landmark map .*damaged"):
+        slam.Slam.load(small)
+    _changed(small, format=np.array(99))
+    with pytest.raises(LogError, match=r"map.npz: expected a format up to \d+, found 99: a later"):
+        slam.Slam.load(small)
+
+
+def test_a_map_is_never_pickled(small):
+    with np.load(small, allow_pickle=False) as archive:
+        assert all(archive[name].dtype.kind in "biufU" for name in archive.files)
+        assert json.loads(str(archive["config"]))["filter"] == "invariant"
+
+
+def test_settings_that_do_not_suit_a_map_are_named(small, rng):
+    with pytest.raises(ConfigError, match="mode: expected continue or localize, found 'lost'"):
+        slam.Slam.load(small, "lost")
+    with pytest.raises(ConfigError, match=r"filter: expected 'invariant'.*, found 'standard'"):
+        slam.Slam.load(small, config=slam.EkfConfig(filter="standard"))
+    localized = slam.Slam.load(small, "localize", start=(0.0, 0.0, 0.0))
+    with pytest.raises(ConfigError, match=r"mode: expected continue .* found localize"):
+        localized.save(small)
+    log, _, _ = simulate(rng, motion="drive", steps=5)
+    with pytest.raises(LogError, match=r"motion: expected .*, found drive"):
+        slam.run(log, initial=slam.Slam.load(small))
