@@ -178,7 +178,7 @@ def test_a_sensor_of_ones_own_finds_the_same_distances(retraction):
         ekf.predict(np.array([0.3, -0.1]), 1e-2 * np.eye(2))
         filters.append(ekf)
     compiled, own = filters
-    own = own.with_filter_state(compiled.filter_state)  # its own updates are of first order
+    own.from_arrays(compiled.to_arrays())  # its own updates are of first order
     assert compiled.is_compiled
     assert not own.is_compiled
     expected = mahalanobis_squared(compiled, z, noise)

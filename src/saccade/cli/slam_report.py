@@ -33,6 +33,7 @@ LABELS = {
     "map_landmarks_observed": ("of them, observed again", COUNT),
     "map_landmarks_new": ("new landmarks", COUNT),
     "landmarks_culled": ("landmarks culled", COUNT),
+    "names_refused": ("names refused", COUNT),
     "odometry_end_error_m": ("error of odometry at the end", METERS),
     "odometry_end_from_estimate_m": ("odometry at the end, from the filter's estimate", METERS),
     "nis_mean": ("mean normalized innovation squared", NUMBER),

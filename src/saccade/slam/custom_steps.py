@@ -6,7 +6,7 @@ import numpy as np
 
 from saccade.slam._step_kernels import StepResults, Steps, drop_new
 from saccade.slam.association._kernels import NEW
-from saccade.slam.association._name_kernels import keep_named, may_cull
+from saccade.slam.association._name_table_kernels import keep_named, may_cull
 from saccade.types import IntArray
 
 if TYPE_CHECKING:

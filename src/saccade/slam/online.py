@@ -9,7 +9,7 @@ import numpy.typing as npt
 from saccade.errors import LogError, require
 from saccade.slam._step_kernels import StepResults, Steps
 from saccade.slam.association._kernels import NEW
-from saccade.slam.association._name_kernels import NameTable
+from saccade.slam.association._name_table_kernels import NameTable
 from saccade.slam.association.choice import association_rule
 from saccade.slam.association.doubted import DoubtedIdentity
 from saccade.slam.association.known import KnownIdentity

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
+from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.hypotheses import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -62,3 +65,8 @@ class StepResult:
             f"StepResult(pose {x:.2f} {y:.2f} m {theta:.3f} rad, "
             f"{used} of {len(self.association)} observations used{', lost' * self.lost})"
         )
+
+
+def new_innovations(k: int) -> Innovations:
+    """Room for the innovations of so many observations."""
+    return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))

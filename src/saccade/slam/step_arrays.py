@@ -3,7 +3,7 @@
 import numpy as np
 
 from saccade.slam._step_kernels import StepResults
-from saccade.slam.filter.ekf import new_innovations
+from saccade.slam.results import new_innovations
 
 
 def new_results(t: int, k: int) -> StepResults:

@@ -8,7 +8,8 @@ import numpy as np
 from saccade.slam._recovery_kernels import LostEvidence, LostRule
 from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
 from saccade.slam.association._kernels import NEW, Gates
-from saccade.slam.association._name_kernels import NameGates, NameTable
+from saccade.slam.association._name_kernels import NameGates
+from saccade.slam.association._name_table_kernels import NameTable
 from saccade.slam.association.doubted import DoubtedIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association

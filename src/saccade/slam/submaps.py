@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from saccade.slam._step_kernels import Rules, Steps
-from saccade.slam.association._name_kernels import UNDECIDED, NameTable, may_cull
+from saccade.slam.association._name_table_kernels import UNDECIDED, NameTable, may_cull
 from saccade.slam.filter.compressed import CompressedSlam, Neighborhood
 from saccade.slam.map_management._kernels import VisibilityCounts
 from saccade.slam.map_management.culling import PER_LANDMARK

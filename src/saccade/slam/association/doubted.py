@@ -4,15 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.slam.association._name_kernels import (
+from saccade.slam.association._name_kernels import NamedScan, NameGates, judge_names
+from saccade.slam.association._name_table_kernels import (
     ESTABLISHED,
     STALE,
     UNDECIDED,
     UNNAMED,
-    NamedScan,
-    NameGates,
     NameTable,
-    judge_names,
     settle_names,
 )
 from saccade.slam.association.gating import squared_distances

@@ -1,8 +1,6 @@
 """EKF-SLAM: predict, update, augment (C.1-C.18)."""
 
-import copy
 from math import inf
-from typing import Self
 
 import numpy as np
 
@@ -28,6 +26,7 @@ from saccade.slam.filter.state import (
     new_state,
     remove_landmarks,
     replace_pose,
+    rescale,
     restored,
     robot_rows,
     saved,
@@ -37,7 +36,7 @@ from saccade.slam.filter.state import (
 )
 from saccade.slam.filter.validation import check_all, check_covariance, check_landmark, check_vector
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrap
-from saccade.slam.results import Innovation, PredictedObservations
+from saccade.slam.results import Innovation, PredictedObservations, new_innovations
 from saccade.types import BoolArray, FloatArray, IntArray
 
 
@@ -238,16 +237,7 @@ class EkfSlam:
 
     def rescale(self, factor: float, about: FloatArray) -> None:
         """Scale the map about a point (2,), as when the scale of its metre was wrong."""
-        f, r, n = self.filter_state, self.filter_state.robot_size, state_size(self.filter_state)
-        flush(f)
-        scale = np.full(n, factor)
-        scale[2:r] = 1.0
-        for i in (0, 1):
-            rows = np.append(i, np.arange(r + i, n, 2))
-            f.state[rows] = about[i] + factor * (f.state[rows] - about[i])
-        f.heading_lever[:n] *= scale
-        f.P[:n, :n] *= scale[:, None] * scale
-        f.blocks[: len(self)] *= factor**2
+        rescale(self.filter_state, factor, about)
 
     def predict_observations(self) -> PredictedObservations:
         """Predicted observations of every landmark from the present pose."""
@@ -266,14 +256,7 @@ class EkfSlam:
         return PredictedObservations(z, robot + cross + cross.transpose(0, 2, 1) + landmarks)
 
     def marginal(self, landmarks: IntArray) -> FloatArray:
-        """The joint covariance of the robot and of some landmarks.
-
-        Args:
-            landmarks: (k,) their numbers.
-
-        Returns:
-            (3 + 2k, 3 + 2k), in the order given.
-        """
+        """(3 + 2k, 3 + 2k) joint covariance of the robot and of landmarks (k,), in their order."""
         return marginal(self.filter_state, np.asarray(landmarks, np.int64))
 
     def reserve(self, landmarks: int = 1) -> None:
@@ -295,28 +278,20 @@ class EkfSlam:
         self.scratch = new_scratch(filter_state)
         """Memory for the steps, for kernels."""
 
-    def with_filter_state(self, filter_state: FilterState) -> Self:
-        """A filter with the same models on other arrays."""
-        other = copy.copy(self)
-        other._set_state(filter_state)
-        return other
-
     def bias_jacobian(self, control: FloatArray) -> FloatArray:
         """(t, c, r - 3) Jacobian of controls (t, c) by the robot's states beyond the pose."""
         return bias_jacobian(control)[:, :, : self.robot_filter.robot_size - 3]
 
-    def to_arrays(self) -> Arrays:
-        """Its state as named arrays, for `from_arrays` of a filter with the same models."""
-        counts = {"ids": self._ids, "removed": np.array(self._removed)}
-        return {**saved(self.filter_state), **counts}
+    def to_arrays(self, *, spare: bool = True) -> Arrays:
+        """Its state as named arrays, for `from_arrays` of a filter with the same models.
 
-    def to_compact_arrays(self) -> Arrays:
-        """As `to_arrays`, without room for more landmarks; equal up to rounding."""
-        counts = {"ids": self._ids, "removed": np.array(self._removed)}
-        return {**compact(self.filter_state), **counts}
+        Without spare room for more landmarks they are smaller, and equal up to rounding.
+        """
+        arrays = saved(self.filter_state) if spare else compact(self.filter_state)
+        return {**arrays, "ids": self._ids, "removed": np.array(self._removed)}
 
     def from_arrays(self, arrays: Arrays) -> None:
-        """Restore what `to_arrays` or `to_compact_arrays` gave."""
+        """Restore what `to_arrays` gave."""
         restore = restored if "counts" in arrays else expanded
         self._set_state(restore(self.filter_state, arrays))
         self._ids, self._removed = arrays["ids"], int(arrays["removed"])
@@ -423,8 +398,3 @@ class EkfSlam:
         rows = state_rows(np.array([landmark]), f.robot_size)
         lever = np.zeros(len(rows)) if f.error_state == STANDARD else f.heading_lever[rows]
         return m, *linearize(self._sensor, f.state[rows], lever, z), R
-
-
-def new_innovations(k: int) -> Innovations:
-    """Room for the innovations of so many observations."""
-    return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))

@@ -335,3 +335,17 @@ def _by_map(C: FloatArray, a: FloatArray) -> FloatArray:
     """The covariance of e from that of eta."""
     half = np.outer(a, C[2] + C[2, 2] / 2 * a)
     return np.asarray(C + (half + half.T))
+
+
+def rescale(f: FilterState, factor: float, about: FloatArray) -> None:
+    """See `EkfSlam.rescale`."""
+    flush(f)
+    n, r = state_size(f), f.robot_size
+    scale = np.full(n, factor)
+    scale[2:r] = 1.0
+    for i in (0, 1):
+        rows = np.append(i, np.arange(r + i, n, 2))
+        f.state[rows] = about[i] + factor * (f.state[rows] - about[i])
+    f.heading_lever[:n] *= scale
+    f.P[:n, :n] *= scale[:, None] * scale
+    f.blocks[: f.counts[LANDMARKS]] *= factor**2
