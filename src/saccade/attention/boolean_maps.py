@@ -7,10 +7,11 @@ figure counts more, by a power of its area.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from saccade.attention.channels import whitened
 from saccade.attention.models import SaliencyMaps
@@ -114,9 +115,7 @@ def boolean_map_saliency(image: Image, config: BooleanMapConfig | None = None) -
     return BooleanMaps(rescale(summed), (height, width))
 
 
-def surrounded(
-    boolean_map: "np.ndarray[tuple[int, int], np.dtype[np.uint8]]", config: BooleanMapConfig
-) -> "np.ndarray[tuple[int, int], np.dtype[np.uint8]]":
+def surrounded(boolean_map: npt.NDArray[Any], config: BooleanMapConfig) -> npt.NDArray[Any]:
     """The regions of ones, of a map (h, w) of 0 and 1, that do not touch the border; dilated."""
     if config.opening > 1:
         boolean_map = cv2.morphologyEx(boolean_map, cv2.MORPH_OPEN, _disc(config.opening))
@@ -126,5 +125,5 @@ def surrounded(
     return cv2.dilate(figure, _disc(config.dilation)) if config.dilation > 1 else figure
 
 
-def _disc(diameter: int) -> "np.ndarray[tuple[int, int], np.dtype[np.uint8]]":
+def _disc(diameter: int) -> npt.NDArray[Any]:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))

@@ -141,7 +141,9 @@ def attention_saliency(
         (config.boolean_map_weight, resize(boolean_maps.saliency, shape)),
     )
     N = config.normalization
-    summed = sum(weight * normalize(values, N, radius=None) for weight, values in models)
+    summed = np.zeros(shape, np.float64)
+    for weight, values in models:
+        summed += weight * normalize(values, N, radius=None)
     saliency = sharpen(rescale(summed), config.sharpening).astype(np.float32)
     return AttentionMaps(
         saliency=weight_center(saliency, config.center_prior),
