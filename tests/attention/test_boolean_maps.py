@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from saccade.attention import BooleanMapConfig, boolean_map_saliency
+from saccade.attention import BooleanConfig, boolean_saliency
 from saccade.attention.channels import whitened
 from saccade.errors import ConfigError, ImageError
 from support import oracles_attention
@@ -29,7 +29,7 @@ def test_the_noise_of_a_gray_image_is_no_color():
 def test_the_sum_of_surrounded_regions_by_labels(seed):
     """By connected components, one threshold after the other, without dilation and blur."""
     image = np.random.default_rng(seed).random((24, 32, 3)).astype(np.float32)
-    config = BooleanMapConfig(thresholds=5, dilation=1, smoothing=0.0)
+    config = BooleanConfig(thresholds=5, dilation=1, smoothing=0.0)
     summed = np.zeros((24, 32))
     for plane in np.moveaxis(whitened(image), 2, 0):
         low, high = float(plane.min()), float(plane.max())
@@ -39,26 +39,26 @@ def test_the_sum_of_surrounded_regions_by_labels(seed):
                 figure = oracles_attention.surrounded(boolean_map)
                 summed += figure / max(np.sqrt(figure.sum()), 1)
     expected = (summed - summed.min()) / np.ptp(summed)
-    np.testing.assert_allclose(boolean_map_saliency(image, config).saliency, expected, atol=1e-5)
+    np.testing.assert_allclose(boolean_saliency(image, config).saliency, expected, atol=1e-5)
 
 
 def test_a_disc_is_figure_and_a_half_plane_is_ground():
     y, x = np.mgrid[:120, :160]
     image = np.where(x < 60, 0.2, 0.5)
     image[np.hypot(x - 110, y - 60) < 12] = 0.8
-    saliency = boolean_map_saliency(image).saliency
+    saliency = boolean_saliency(image).saliency
     assert np.unravel_index(saliency.argmax(), saliency.shape) == pytest.approx((60, 110), abs=2)
     assert saliency[60, :60].max() < 0.05
 
 
 def test_the_map_of_a_large_image_is_of_the_reduced_size():
-    maps = boolean_map_saliency(noise(3, (300, 400)))
+    maps = boolean_saliency(noise(3, (300, 400)))
     assert maps.saliency.shape == (150, 200)
     assert repr(maps) == "BooleanMaps(200 x 150 cells of a 400 x 300 image)"
 
 
 def test_a_flat_image_has_no_figure():
-    assert not boolean_map_saliency(np.full((40, 50, 3), 0.3)).saliency.any()
+    assert not boolean_saliency(np.full((40, 50, 3), 0.3)).saliency.any()
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,9 @@ def test_a_flat_image_has_no_figure():
 )
 def test_invalid_settings(invalid):
     with pytest.raises(ConfigError, match=next(iter(invalid))):
-        BooleanMapConfig(**invalid)
+        BooleanConfig(**invalid)
 
 
 def test_no_image():
     with pytest.raises(ImageError):
-        boolean_map_saliency(np.zeros((3, 4, 5)))
+        boolean_saliency(np.zeros((3, 4, 5)))

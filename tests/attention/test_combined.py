@@ -30,7 +30,7 @@ def test_each_model_is_as_it_is_alone():
 
 
 MODELS = {"contrast": "contrast_weight", "symmetry": "symmetry_weight"}
-MODELS["boolean_maps"] = "boolean_map_weight"
+MODELS["boolean"] = "boolean_weight"
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -47,10 +47,10 @@ def test_the_sum_of_the_models_by_hand():
     """Without promotion it is the weighted sum, scaled to [0, 1], to a power."""
     image = noise(3, (120, 160))
     config = AttentionConfig(
-        contrast_weight=0.5, symmetry_weight=2.0, boolean_map_weight=0.7, normalization="none"
+        contrast_weight=0.5, symmetry_weight=2.0, boolean_weight=0.7, normalization="none"
     )
     maps = attention_saliency(image, config)
-    boolean = resize(maps.boolean_maps.saliency, maps.saliency.shape)
+    boolean = resize(maps.boolean.saliency, maps.saliency.shape)
     boolean = (boolean - boolean.min()) / np.ptp(boolean)  # the others reach 0 and 1
     summed = 0.5 * maps.contrast.saliency + 2 * maps.symmetry.saliency + 0.7 * boolean
     scaled = (summed - summed.min()) / np.ptp(summed)

@@ -1,6 +1,6 @@
 """Where to look: contrast, symmetry and Boolean map saliency, and the scanpath over a map."""
 
-from saccade.attention.boolean_maps import BooleanMapConfig, BooleanMaps, boolean_map_saliency
+from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
 from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap, contrast_saliency
 from saccade.attention.proto_object import proto_object
@@ -11,7 +11,7 @@ from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_sa
 __all__ = [
     "AttentionConfig",
     "AttentionMaps",
-    "BooleanMapConfig",
+    "BooleanConfig",
     "BooleanMaps",
     "ContrastConfig",
     "ContrastMaps",
@@ -20,7 +20,7 @@ __all__ = [
     "SymmetryConfig",
     "SymmetryMaps",
     "attention_saliency",
-    "boolean_map_saliency",
+    "boolean_saliency",
     "contrast_saliency",
     "proto_object",
     "scanpath",

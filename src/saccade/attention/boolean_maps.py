@@ -23,10 +23,10 @@ from saccade.types import Image
 
 
 @dataclass(frozen=True)
-class BooleanMapConfig:
+class BooleanConfig:
     """Size, thresholds and weights of the Boolean maps.
 
-    The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
+    The default predicts human fixations best; docs/boolean.md says how it was chosen.
     """
 
     longer_side: int = 200
@@ -75,7 +75,7 @@ class BooleanMaps(SaliencyMaps):
         return {"saliency": self.saliency}
 
 
-def boolean_map_saliency(image: Image, config: BooleanMapConfig | None = None) -> BooleanMaps:
+def boolean_saliency(image: Image, config: BooleanConfig | None = None) -> BooleanMaps:
     """Saliency from the regions that are surrounded in thresholded color channels.
 
     Args:
@@ -92,7 +92,7 @@ def boolean_map_saliency(image: Image, config: BooleanMapConfig | None = None) -
     approach* (TPAMI 2016).
     """
     pixels = without_alpha(check_image(image))  # (H, W) or (H, W, 3)
-    config = config or BooleanMapConfig()
+    config = config or BooleanConfig()
     height, width = pixels.shape[:2]
     scale = min(1.0, config.longer_side / max(height, width))
     shape = max(1, round(height * scale)), max(1, round(width * scale))
@@ -115,7 +115,7 @@ def boolean_map_saliency(image: Image, config: BooleanMapConfig | None = None) -
     return BooleanMaps(rescale(summed), (height, width))
 
 
-def surrounded(boolean_map: npt.NDArray[Any], config: BooleanMapConfig) -> npt.NDArray[Any]:
+def surrounded(boolean_map: npt.NDArray[Any], config: BooleanConfig) -> npt.NDArray[Any]:
     """The regions of ones, of a map (h, w) of 0 and 1, that do not touch the border; dilated."""
     if config.opening > 1:
         boolean_map = cv2.morphologyEx(boolean_map, cv2.MORPH_OPEN, _disc(config.opening))

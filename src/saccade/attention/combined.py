@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from saccade.attention.boolean_maps import BooleanMapConfig, BooleanMaps, boolean_map_saliency
+from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
 from saccade.attention.contrast import (
     ContrastConfig,
     ContrastMaps,
@@ -36,7 +36,7 @@ class AttentionConfig:
     """Weight of contrast in the saliency."""
     symmetry_weight: float = 1.0
     """The same for symmetry."""
-    boolean_map_weight: float = 0.6
+    boolean_weight: float = 0.6
     """The same for Boolean maps; at 0 they are not computed and their map is 0."""
     normalization: Normalization = "local-maxima"
     """Normalization of the maps; see `saccade.attention.normalize`."""
@@ -49,7 +49,7 @@ class AttentionConfig:
     """Settings of the contrast model."""
     symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
     """Settings of the symmetry model."""
-    boolean_maps: BooleanMapConfig = field(default_factory=BooleanMapConfig)
+    boolean: BooleanConfig = field(default_factory=BooleanConfig)
     """Settings of the Boolean map model."""
 
     def __post_init__(self) -> None:
@@ -57,7 +57,7 @@ class AttentionConfig:
             weight = getattr(self, name)
             require(0 < weight <= MAX_WEIGHT, name, f"above 0, at most {MAX_WEIGHT:g}", weight)
         require_types(self)
-        require_ranges(self, boolean_map_weight=(0, MAX_WEIGHT))
+        require_ranges(self, boolean_weight=(0, MAX_WEIGHT))
         require(0 < self.sharpening <= 100, "sharpening", "above 0, at most 100", self.sharpening)
         prior = self.center_prior
         require(prior is None or 0 < prior < np.inf, "center_prior", "above 0, or none", prior)
@@ -76,7 +76,7 @@ class AttentionConfig:
         """The source's contrast and symmetry, of equal weight."""
         return cls(
             contrast_weight=1.0,
-            boolean_map_weight=0.0,
+            boolean_weight=0.0,
             sharpening=1.0,
             contrast=ContrastConfig.kootstra2010(),
             symmetry=SymmetryConfig.kootstra2010(),
@@ -96,7 +96,7 @@ class AttentionMaps(SaliencyMaps):
     """Contrast saliency and its conspicuity maps."""
     symmetry: SymmetryMaps
     """Symmetry saliency and its levels."""
-    boolean_maps: BooleanMaps
+    boolean: BooleanMaps
     """Boolean map saliency."""
     image_shape: tuple[int, int]
     """(H, W) of the image."""
@@ -107,7 +107,7 @@ class AttentionMaps(SaliencyMaps):
         models = {
             "contrast": self.contrast.saliency,
             "symmetry": self.symmetry.saliency,
-            "boolean": self.boolean_maps.saliency,
+            "boolean": self.boolean.saliency,
         }
         return {"saliency": self.saliency, **models} | {
             name: values for name, values in self.contrast.layers.items() if name != "saliency"
@@ -134,11 +134,11 @@ def attention_saliency(
     contrast = contrast_saliency(image, config.contrast, keep_features=keep_features)
     symmetry = symmetry_saliency(image, config.symmetry)
     shape = contrast.saliency.shape
-    boolean_maps = _boolean_maps(image, config, shape)
+    boolean = _boolean_maps(image, config, shape)
     models = (
         (config.contrast_weight, contrast.saliency),
         (config.symmetry_weight, resize(symmetry.saliency, shape)),
-        (config.boolean_map_weight, resize(boolean_maps.saliency, shape)),
+        (config.boolean_weight, resize(boolean.saliency, shape)),
     )
     N = config.normalization
     summed = np.zeros(shape, np.float64)
@@ -149,13 +149,13 @@ def attention_saliency(
         saliency=weight_center(saliency, config.center_prior),
         contrast=contrast,
         symmetry=symmetry,
-        boolean_maps=boolean_maps,
+        boolean=boolean,
         image_shape=contrast.image_shape,
     )
 
 
 def _boolean_maps(image: Image, config: AttentionConfig, shape: tuple[int, ...]) -> BooleanMaps:
-    if config.boolean_map_weight > 0:
-        return boolean_map_saliency(image, config.boolean_maps)
+    if config.boolean_weight > 0:
+        return boolean_saliency(image, config.boolean)
     rows, columns = np.shape(image)[:2]
     return BooleanMaps(np.zeros(shape, np.float32), (rows, columns))
