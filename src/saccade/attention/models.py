@@ -51,7 +51,7 @@ class AttentionModel:
         return compute(image, self.settings, keep_features=self.keep_features)
 
     def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
-        """The strongest symmetric pairs at each of (n, 2) positions; none for a model without symmetry."""
+        """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
         from saccade.attention import symmetric_pairs
 
         if self.model in ("contrast", "boolean"):
