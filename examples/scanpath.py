@@ -18,7 +18,7 @@ marked = np.array([[172.0, 111], [312, 140], [262, 232]])  # eyes and nose, not 
 models = {
     "contrast": saccade.contrast_saliency(image).saliency,
     "symmetry": saccade.symmetry_saliency(image).saliency,
-    "both": saccade.attention_saliency(image).saliency,
+    "attention": saccade.attention_saliency(image).saliency,
 }
 figure = figure_for(width, height, columns=3, rows=1, panel=4.4)
 for axes, (name, saliency) in zip(figure.subplots(1, 3), models.items(), strict=True):

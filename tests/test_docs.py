@@ -154,7 +154,7 @@ def test_the_code_of_the_page_on_symmetry_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(code, names)
-    assert names["both"].saliency.max() == names["maps"].saliency.max() == 1
+    assert names["attention"].saliency.max() == names["maps"].saliency.max() == 1
     assert len(names["pairs"]) > 3
     assert len(names["points"]) > 100
     assert len(names["regions"]) == 50

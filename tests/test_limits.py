@@ -11,7 +11,13 @@ import pytest
 import saccade.attention
 import saccade.keypoints
 import saccade.slam
-from saccade.attention import AttentionConfig, ContrastConfig, ScanpathConfig, SymmetryConfig
+from saccade.attention import (
+    AttentionConfig,
+    BooleanConfig,
+    ContrastConfig,
+    ScanpathConfig,
+    SymmetryConfig,
+)
 from saccade.errors import ConfigError
 from saccade.keypoints import MustConfig, SiftConfig, SymRoidConfig
 from saccade.slam import EkfConfig, SmoothConfig
@@ -99,6 +105,14 @@ NUMBERS = {
     AttentionConfig: {
         "contrast_weight": above_0(1e6),
         "symmetry_weight": above_0(1e6),
+        "boolean_weight": closed(0, 1e6),
+        "sharpening": above_0(100),
+    },
+    BooleanConfig: {
+        "longer_side": whole(16, 4096),
+        "thresholds": whole(1, 256),
+        "area_exponent": closed(0, 2),
+        "smoothing": closed(0, 1),
     },
     SiftConfig: {
         "first_octave": whole(-1, 0),

@@ -16,12 +16,15 @@ if TYPE_CHECKING:
     from saccade import visual as visual
     from saccade.attention import AttentionConfig as AttentionConfig
     from saccade.attention import AttentionMaps as AttentionMaps
+    from saccade.attention import BooleanConfig as BooleanConfig
+    from saccade.attention import BooleanMaps as BooleanMaps
     from saccade.attention import ContrastConfig as ContrastConfig
     from saccade.attention import ContrastMaps as ContrastMaps
     from saccade.attention import ScanpathConfig as ScanpathConfig
     from saccade.attention import SymmetryConfig as SymmetryConfig
     from saccade.attention import SymmetryMaps as SymmetryMaps
     from saccade.attention import attention_saliency as attention_saliency
+    from saccade.attention import boolean_saliency as boolean_saliency
     from saccade.attention import contrast_saliency as contrast_saliency
     from saccade.attention import symmetry_saliency as symmetry_saliency
     from saccade.attention.scanpath import scanpath as scanpath
@@ -58,6 +61,7 @@ _MODULES = {
         *("AttentionConfig", "AttentionMaps", "attention_saliency", "symmetric_pairs"),
         *("ContrastConfig", "ContrastMaps", "contrast_saliency", "ScanpathConfig", "scanpath"),
         *("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
+        *("BooleanConfig", "BooleanMaps", "boolean_saliency"),
     ),
     "errors": (
         *("ConfigError", "DriveError", "ImageError", "KeypointsError", "LogError"),

@@ -14,6 +14,7 @@ KINDS = {
     "attention": ("saccade.attention.combined", "AttentionConfig"),
     "contrast": ("saccade.attention.contrast", "ContrastConfig"),
     "symmetry": ("saccade.attention.symmetry_config", "SymmetryConfig"),
+    "boolean": ("saccade.attention.boolean_maps", "BooleanConfig"),
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
     "must": ("saccade.keypoints.must_config", "MustConfig"),
     "sift": ("saccade.keypoints.sift_config", "SiftConfig"),

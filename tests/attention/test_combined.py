@@ -13,6 +13,7 @@ from saccade.attention import (
 )
 from saccade.errors import ConfigError
 from saccade.image import read_image
+from saccade.pyramid import resize
 from support.saliency_images import noise, rank_of_the_odd_item
 
 
@@ -28,23 +29,41 @@ def test_each_model_is_as_it_is_alone():
     assert repr(maps) == "AttentionMaps(17 x 12 cells of a 130 x 90 image)"
 
 
-@pytest.mark.parametrize(("name", "other"), [("contrast", "symmetry"), ("symmetry", "contrast")])
-def test_a_model_that_counts_for_nearly_all_decides(name, other):
+MODELS = {"contrast": "contrast_weight", "symmetry": "symmetry_weight"}
+MODELS["boolean"] = "boolean_weight"
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_that_counts_for_nearly_all_decides(name):
     image = noise(2, (120, 160))
-    weights = {f"{name}_weight": 1.0, f"{other}_weight": 1e-6}
-    maps = attention_saliency(image, AttentionConfig(**weights))
-    expected = getattr(maps, name).saliency
+    weights = {weight: 1.0 if model == name else 1e-6 for model, weight in MODELS.items()}
+    maps = attention_saliency(image, AttentionConfig(**weights, sharpening=1.0))
+    expected = resize(getattr(maps, name).saliency, maps.saliency.shape)
     scaled = (expected - expected.min()) / np.ptp(expected)
     np.testing.assert_allclose(maps.saliency, scaled, atol=1e-3)
 
 
-def test_the_sum_of_both_by_hand():
-    """Without promotion it is the weighted sum, scaled to [0, 1]."""
+def test_the_sum_of_the_models_by_hand():
+    """Without promotion it is the weighted sum, scaled to [0, 1], to a power."""
     image = noise(3, (120, 160))
-    config = AttentionConfig(contrast_weight=0.5, symmetry_weight=2.0, normalization="none")
+    config = AttentionConfig(
+        contrast_weight=0.5, symmetry_weight=2.0, boolean_weight=0.7, normalization="none"
+    )
     maps = attention_saliency(image, config)
-    summed = 0.5 * maps.contrast.saliency + 2 * maps.symmetry.saliency  # both reach 0 and 1
-    np.testing.assert_allclose(maps.saliency, (summed - summed.min()) / np.ptp(summed), atol=1e-5)
+    boolean = resize(maps.boolean.saliency, maps.saliency.shape)
+    boolean = (boolean - boolean.min()) / np.ptp(boolean)  # the others reach 0 and 1
+    summed = 0.5 * maps.contrast.saliency + 2 * maps.symmetry.saliency + 0.7 * boolean
+    scaled = (summed - summed.min()) / np.ptp(summed)
+    np.testing.assert_allclose(maps.saliency, scaled**1.4, atol=1e-5)
+
+
+def test_the_center_prior_is_a_gaussian_of_the_sides():
+    image = noise(4, (120, 160))
+    plain, prior = (attention_saliency(image, c) for c in (None, AttentionConfig.free_viewing()))
+    h, w = plain.saliency.shape
+    y, x = ((np.arange(n) + 0.5) / n - 0.5 for n in (h, w))
+    gaussian = np.exp(-(y[:, None] ** 2 + x**2) / (2 * 0.4**2))
+    np.testing.assert_allclose(prior.saliency, plain.saliency * gaussian, atol=1e-6)
 
 
 def test_maps_of_different_sizes_are_added():

@@ -37,6 +37,7 @@ def test_all_pairs_of_a_place_are_its_symmetry(kind):
     config = SymmetryConfig(
         kind=kind,
         channels="rgb",
+        gain=60.0,
         border="missing",
         levels=(0,),
         level_weights=(1.0,),

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saccade.attention import SymmetryConfig, symmetry_saliency
+from saccade.attention.channels import whitened
 from saccade.attention.symmetry import complete
 from saccade.attention.symmetry_2010 import SWAPPED_LUMA
 from saccade.errors import ConfigError, ImageError
@@ -86,12 +87,13 @@ def test_the_default_in_a_plain_second_reading():
     image = noise(2, (40, 56)) / np.float32(255)
     config = SymmetryConfig(levels=(1, 2), level_weights=(2.0, 1.0), map_level=2, viewing_size=None)
     maps = symmetry_saliency(image, config)
-    r, g, b = np.moveaxis(image.astype(float), 2, 0)
-    planes = [(r + g + b) / 3, r - g, b - (r + g) / 2]
+    rgb = np.stack([oracles_attention.halve(plane) for plane in np.moveaxis(image, 2, 0)], 2)
+    planes = list(np.moveaxis(whitened(rgb.astype(np.float32)), 2, 0))  # has a test of its own
     summed = 0
     for level, weight in zip((1, 2), (2, 1), strict=True):
-        planes = [oracles_attention.halve(plane) for plane in planes]
-        sums = oracles.symmetry(np.stack(planes, axis=2), "radial", 1, 4, 4, 60)
+        if level == 2:
+            planes = [oracles_attention.halve(plane) for plane in planes]
+        sums = oracles.symmetry(np.stack(planes, axis=2), "radial", 1, 4, 4, 18)
         share = oracles.share_inside(sums.shape, 1, 4, 4) ** 1.4
         expected = sums + (1 - share) * sums.sum() / share.sum()
         np.testing.assert_allclose(maps.levels[level], expected, rtol=1e-3)

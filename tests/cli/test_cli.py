@@ -61,14 +61,14 @@ def test_look(run, tmp_path):
     [
         ("contrast", {"intensity", "color", "orientation"}),
         ("symmetry", set()),
-        ("both", {"contrast", "symmetry", "intensity", "color", "orientation"}),
+        ("attention", {"contrast", "symmetry", "boolean", "intensity", "color", "orientation"}),
     ],
 )
 def test_look_by_each_model(run, tmp_path, model, more):
     saliency = {
         "contrast": saccade.contrast_saliency,
         "symmetry": saccade.symmetry_saliency,
-        "both": saccade.attention_saliency,
+        "attention": saccade.attention_saliency,
     }[model]
     code, _, _ = run("look", ROCKET, "--model", model)
     assert code == 0
@@ -82,7 +82,7 @@ def test_look_by_each_model(run, tmp_path, model, more):
 def test_a_shape_needs_the_features_of_contrast(run):
     code, _, err = run("look", ROCKET, "--model", "symmetry", "--inhibition", "shape")
     assert code == 2
-    assert "a shape needs --model contrast or both" in err
+    assert "a shape needs --model attention or contrast" in err
 
 
 def test_settings_within_settings_can_be_handed_back(run, tmp_path):

@@ -308,7 +308,7 @@ CHANGED = {
 }
 
 
-@pytest.mark.parametrize("model", ["both", "contrast", "symmetry"])
+@pytest.mark.parametrize("model", ["attention", "contrast", "symmetry", "boolean"])
 def test_the_copied_python_computes_what_is_shown(model, monkeypatch, tmp_path):
     name = 'it\'s \N{SNOWMAN} "1".jpg'
     monkeypatch.chdir(tmp_path)
@@ -335,7 +335,7 @@ def test_the_copied_command_has_the_settings(tmp_path):
     name = "-it's $(touch no) `1`.jpg"
     analyzer = PhotoAnalyzer()
     opened = analyzer.open(PHOTO.read_bytes(), name)
-    request = {"photo": opened["photo"], "model": "both", **CHANGED, "fixations": 3}
+    request = {"photo": opened["photo"], "model": "attention", **CHANGED, "fixations": 3}
     command = analyzer.analyze(request)["command"]
     stub = tmp_path / "saccade"
     stub.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > said\n")
@@ -360,7 +360,7 @@ def test_a_preset_is_named_by_what_it_changes():
     assert settings_from("sift", table, "sift") == sift
     assert text.endswith("saccade detect a.jpg --config sift.toml")
     plain = snippets.attention_command(
-        "a.jpg", Model.both, load_settings("attention"), load_settings("scanpath"), 10
+        "a.jpg", Model.attention, load_settings("attention"), load_settings("scanpath"), 10
     )
     assert plain == "saccade look a.jpg"
 
@@ -467,8 +467,11 @@ def test_the_docstring_of_a_field_is_its_help():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"model": "none"}, "model: expected one of both, contrast, symmetry, found 'none'"),
-        ({"model": ["both"]}, "model: expected one of"),
+        (
+            {"model": "none"},
+            "model: expected one of attention, contrast, symmetry, boolean, found 'none'",
+        ),
+        ({"model": ["attention"]}, "model: expected one of"),
         ({"fixations": 1000}, "fixations: expected 1 to 100, found 1000"),
         ({"fixations": True}, "fixations: expected 1 to 100"),
         ({"contrast": 3}, "contrast: expected a table of settings, found 3"),

@@ -167,3 +167,26 @@ def advance_cell(V, W, g, current, leak, forget, decay, gain, steps):
 def gaussian(values, sigma):
     """Smoothed as far out as any weight counts, with the border mirrored."""
     return ndimage.gaussian_filter(values, sigma, mode="reflect", truncate=8)
+
+
+def whitened(rgb):
+    """CIE L*a*b* (1976, D65) of sRGB in principal components of unit variance, of at least 1."""
+    rgb = np.asarray(rgb, float)
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    to_xyz = [[0.412453, 0.35758, 0.180423], [0.212671, 0.71516, 0.072169]]
+    to_xyz.append([0.019334, 0.119193, 0.950227])
+    xyz = linear @ np.transpose(to_xyz) / (0.950456, 1.0, 1.088754)
+    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    x, y, z = np.moveaxis(f, -1, 0)
+    lab = np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], -1)
+    points = lab.reshape(-1, 3) - lab.reshape(-1, 3).mean(0)
+    _, singular, axes = np.linalg.svd(points, full_matrices=False)
+    deviation = np.maximum(singular / np.sqrt(len(points)), 1)
+    return (points @ axes.T / deviation).reshape(rgb.shape)
+
+
+def surrounded(boolean_map):
+    """The regions of ones, 8-connected, of which no pixel is on the border."""
+    label, _ = ndimage.label(boolean_map, np.ones((3, 3)))
+    frame = np.concatenate([label[0], label[-1], label[:, 0], label[:, -1]])
+    return (label > 0) & ~np.isin(label, frame)

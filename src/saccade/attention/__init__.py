@@ -1,5 +1,6 @@
-"""Where to look: contrast and symmetry saliency, and the scanpath over a saliency map."""
+"""Where to look: contrast, symmetry and Boolean map saliency, and the scanpath over a map."""
 
+from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
 from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap, contrast_saliency
 from saccade.attention.proto_object import proto_object
@@ -10,6 +11,8 @@ from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_sa
 __all__ = [
     "AttentionConfig",
     "AttentionMaps",
+    "BooleanConfig",
+    "BooleanMaps",
     "ContrastConfig",
     "ContrastMaps",
     "FeatureMap",
@@ -17,6 +20,7 @@ __all__ = [
     "SymmetryConfig",
     "SymmetryMaps",
     "attention_saliency",
+    "boolean_saliency",
     "contrast_saliency",
     "proto_object",
     "scanpath",

@@ -24,6 +24,10 @@ OPPONENT = np.array([[1 / 3, 1 / 3, 1 / 3], [1, -1, 0], [-0.5, -0.5, 1]])
 """Intensity (A.1), red-green and blue-yellow as linear functions of red, green and blue."""
 
 
+LEAST_VARIANCE = 1.0
+"""Of a whitened channel: a standard deviation of one unit of L*a*b* is barely visible."""
+
+
 class Channel(NamedTuple):
     """A feature channel; there is one orientation channel for each angle."""
 
@@ -70,3 +74,24 @@ def quotient_opponency(rgb: FloatMap, dark: float) -> tuple[FloatMap, FloatMap]:
     lit = (brightest >= dark) & (brightest > 0)
     scale = np.divide(1, brightest, out=np.zeros_like(brightest), where=lit)
     return (r - g) * scale, (b - np.minimum(r, g)) * scale  # A.2, A.3
+
+
+def whitened(colors: FloatMap) -> FloatMap:
+    """Decorrelated color channels of unit variance: principal components of CIE L*a*b*.
+
+    Components of less than `LEAST_VARIANCE` are not amplified to unit variance, so that the
+    noise of a gray photograph is no color.
+
+    Args:
+        colors: (h, w) gray or (h, w, 3) RGB, in [0, 1].
+
+    Returns:
+        (h, w, 3).
+    """
+    rgb = np.repeat(colors[:, :, None], 3, 2) if colors.ndim == 2 else np.ascontiguousarray(colors)
+    lab = cv2.cvtColor(rgb.astype(np.float32, copy=False), cv2.COLOR_RGB2LAB)
+    lab -= lab.mean((0, 1), dtype=np.float64).astype(np.float32)
+    planes = [lab[:, :, i] for i in range(3)]
+    covariance = [[(a * b).mean(dtype=np.float64) for b in planes] for a in planes]
+    values, vectors = np.linalg.eigh(np.array(covariance))
+    return cv2.transform(lab, (vectors / np.sqrt(np.maximum(values, LEAST_VARIANCE))).T)

@@ -12,7 +12,7 @@ REFERENCE_SIZE = 800
 """Longer side in pixels of an image to which `PAIR_RADIUS` applies."""
 PAIR_RADIUS = 12.0
 """Radius in pixels about a fixation in which symmetric pairs are searched."""
-KINDS = {"contrast": "contrast", "symmetry": "symmetry", "both": "attention"}
+KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")}
 """Kind of the configuration of each model, as `saccade config` calls it."""
 
 
@@ -39,20 +39,22 @@ class AttentionModel:
     """Whether the maps of contrast hold their feature maps."""
 
     def maps(self, image: "npt.NDArray[Any]") -> Any:
-        """ContrastMaps, SymmetryMaps or AttentionMaps of an image."""
+        """AttentionMaps of an image, or those of one model."""
         from saccade import attention
 
         if self.model == "symmetry":
             return attention.symmetry_saliency(image, self.settings)
+        if self.model == "boolean":
+            return attention.boolean_saliency(image, self.settings)
         contrast = self.model == "contrast"
         compute = attention.contrast_saliency if contrast else attention.attention_saliency
         return compute(image, self.settings, keep_features=self.keep_features)
 
     def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
-        """The strongest symmetric pairs at each of (n, 2) positions; none for contrast alone."""
+        """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
         from saccade.attention import symmetric_pairs
 
-        if self.model == "contrast":
+        if self.model in ("contrast", "boolean"):
             return []
         settings = self.settings if self.model == "symmetry" else self.settings.symmetry
         radius = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE

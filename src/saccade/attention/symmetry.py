@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade._pair_sums_kernels import MARGIN
-from saccade.attention.channels import OPPONENT
+from saccade.attention.channels import OPPONENT, whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale, sharpen, smooth
 from saccade.attention.symmetry_2010 import Kootstra2010Pyramid
@@ -180,8 +180,8 @@ class MirroredPyramid:
     def channels(self, pixels: npt.NDArray[Any], levels: tuple[int, ...]) -> dict[int, FloatMap]:
         """(h, w, c) channels by level.
 
-        Linear channels commute with subsampling, so that the image is halved to the finest level
-        before it is converted: in 8 bit it is a quarter as large.
+        The image is halved to the finest level before it is converted: linear channels commute
+        with that, and in 8 bit it is a quarter as large.
         """
         colors = without_alpha(pixels)
         for _ in range(levels[0]):
@@ -196,7 +196,9 @@ class MirroredPyramid:
         return planes
 
     def split(self, colors: FloatMap) -> FloatMap:
-        """(h, w, c) channels of gray, which has one, or of RGB in [0, 1]."""
+        """(h, w, c) channels of gray, or of RGB in [0, 1]."""
+        if self.config.channels == "whitened":
+            return whitened(colors)
         if colors.ndim == 2:
             return colors[:, :, None]
         if self.config.channels == "rgb":

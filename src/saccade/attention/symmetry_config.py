@@ -10,7 +10,7 @@ from saccade.errors import require
 from saccade.pyramid import MAX_LEVEL, coarser_levels
 
 Kind = Literal["isotropic", "radial", "color"]
-Channels = Literal["opponent", "rgb", "gray"]
+Channels = Literal["whitened", "opponent", "rgb", "gray"]
 Border = Literal["average", "missing"]
 Arithmetic = Literal["mirrored", "kootstra2010"]
 
@@ -26,9 +26,9 @@ class SymmetryConfig:
     """Phase weight: "isotropic" weighs all axes alike, "radial" (Reisfeld, Wolfson & Yeshurun
     1995) those least that are parallel to the strongest, "color" (Heidemann 2004) pairs gradients
     of any two channels, and also those of opposite contrast."""
-    channels: Channels = "opponent"
-    """Channels of the gradients: intensity and the two color opponents; red, green and blue; or
-    the intensity of a gray image."""
+    channels: Channels = "whitened"
+    """Channels of the gradients: three decorrelated color channels of unit variance; intensity
+    and the two color opponents; red, green and blue; or the intensity of a gray image."""
     levels: tuple[int, ...] = (1, 2, 3, 4, 5)
     """Pyramid levels; the image is level 0."""
     level_weights: tuple[float, ...] = (3.0, 2.0, 1.0, 1.0, 1.0)
@@ -39,7 +39,7 @@ class SymmetryConfig:
     """Largest distance, likewise."""
     sigma: float = 4.0
     """Standard deviation of the normal density of the distance between the two, likewise."""
-    gain: float = 60.0
+    gain: float = 18.0
     """Gain of the strength log(1 + gain m) of a gradient, with the magnitude m of Sobel's filters,
     which is 4 for an edge between black and white."""
     border: Border = "average"

@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 class Model(StrEnum):
     """Saliency models."""
 
+    attention = "attention"
     contrast = "contrast"
     symmetry = "symmetry"
-    both = "both"
+    boolean = "boolean"
 
 
 ModelChoice = Annotated[Model, Option(help="Saliency model.")]

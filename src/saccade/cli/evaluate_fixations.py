@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from saccade.evaluation.fixations import FixationScores
     from saccade.types import Float32Array
 
-LABELS = {Model.both: "contrast and symmetry"}
-"""Labels of the models where they differ from their names."""
 COLUMNS = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
 MEANING = (
     "AUC: probability that a fixation is more salient than a pixel of the image; sAUC: than a "
@@ -36,7 +34,7 @@ def fixations(
         Path | None,
         Option(help="Folder of saliency maps to score, .npy or images named as the images."),
     ] = None,
-    model: ModelChoice = Model.both,
+    model: ModelChoice = Model.attention,
     preset: Preset = None,
     config: Config = None,
     sigma: Annotated[
@@ -77,7 +75,7 @@ def fixations(
     mean, (low, high) = result.mean(), result.interval()
     rows = [_row("mean", mean), _row("95 % from", low), _row("95 % to", high)]
     image_rows = [*map(_row, result.name, result.scores)]
-    label = maps or f"{LABELS.get(model, model.value)}, {preset or config or 'default settings'}"
+    label = maps or f"{model.value}, {preset or config or 'default settings'}"
     title = f"{len(result.name)} images, {label}"
     write_tables(
         report,

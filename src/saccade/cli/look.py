@@ -22,7 +22,7 @@ def look(
         list[str], Argument(metavar="IMAGE", help="Images, videos, folders, or quoted patterns.")
     ],
     out: Out = Path("saccade-look"),
-    model: ModelChoice = Model.both,
+    model: ModelChoice = Model.attention,
     preset: Preset = None,
     config: Config = None,
     fixations: Annotated[
@@ -53,8 +53,8 @@ def look(
     from saccade.viewing.report import ReportBuilder
 
     by_shape = inhibition is Inhibition.shape
-    if by_shape and model is Model.symmetry:
-        raise ConfigError("inhibition: a shape needs --model contrast or both, found symmetry")
+    if by_shape and model in (Model.symmetry, Model.boolean):
+        raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
     attention = attention_model(model, preset, config, keep_features=by_shape)
     builder = ReportBuilder("saccade look", LEAD)
 

@@ -81,7 +81,7 @@ class PhotoAnalyzer:
         """
         start = perf_counter()
         photo = self._photo(request)
-        model = request.get("model", "both")
+        model = request.get("model", "attention")
         require(model in list(MODELS), "model", f"one of {', '.join(MODELS)}", model)
         fixations = request.get("fixations", 10)
         is_valid = type(fixations) is int and 1 <= fixations <= MAX_FIXATIONS

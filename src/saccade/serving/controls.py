@@ -17,6 +17,7 @@ TITLES = {
     "attention": "Attention: contrast and symmetry",
     "contrast": "Contrast",
     "symmetry": "Symmetry",
+    "boolean": "Boolean maps",
     "scanpath": "Scanpath",
     "sift": "SIFT",
     "must": "MUST",
@@ -26,9 +27,10 @@ TITLES = {
 DETECTORS = {"sift": "Sift", "must": "Must", "symroid": "SymRoid"}
 """The class of each detector."""
 MODELS = {
-    "both": ("attention", "contrast", "symmetry"),
+    "attention": ("attention", "contrast", "symmetry", "boolean"),
     "contrast": ("contrast",),
     "symmetry": ("symmetry",),
+    "boolean": ("boolean",),
 }
 """The configurations of each attention model, the one that contains the others first."""
 
@@ -36,6 +38,12 @@ _WEIGHT = (0, 2, 0.05)
 RANGES: dict[str, Range] = {
     "contrast_weight": (0.05, 2, 0.05),
     "symmetry_weight": (0.05, 2, 0.05),
+    "boolean_weight": _WEIGHT,
+    "longer_side": (50, 800, 10),
+    "thresholds": (4, 64, 1),
+    "opening": (1, 15, 2),
+    "dilation": (1, 15, 2),
+    "area_exponent": (0, 1, 0.05),
     "intensity_weight": _WEIGHT,
     "color_weight": _WEIGHT,
     "orientation_weight": _WEIGHT,
@@ -94,6 +102,7 @@ RANGES: dict[str, Range] = {
 """Minimum, maximum and step of the slider of a number; a step of 0 makes it logarithmic."""
 KIND_RANGES: dict[str, dict[str, Range]] = {
     "scanpath": {"gain": (0.5, 50, 0)},
+    "boolean": {"smoothing": (0, 0.2, 0.005)},
     "sift": {"smoothing": (0, 20, 1)},
     "must": {
         "contrast_threshold": (0, 0.5, 0.005),
@@ -105,9 +114,10 @@ KIND_RANGES: dict[str, dict[str, Range]] = {
 }
 """Ranges of one kind of configuration where they differ."""
 SHOWN_FIRST = {
-    "attention": ("contrast_weight", "symmetry_weight", "normalization"),
+    "attention": ("contrast_weight", "symmetry_weight", "boolean_weight", "center_prior"),
     "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
     "symmetry": ("kind", "outer", "sigma", "gain"),
+    "boolean": ("thresholds", "area_exponent", "smoothing"),
     "scanpath": ("inhibition_sigma", "inhibition_time_constant"),
     "sift": ("contrast_threshold", "edge_ratio", "max_keypoints", "spread"),
     "must": ("contrast_threshold", "radius", "falloff", "max_keypoints"),

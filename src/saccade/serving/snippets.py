@@ -39,7 +39,7 @@ def detection_python(detector: str, settings: Any) -> str:
 
 def attention_command(name: str, model: str, settings: Any, path: Any, fixations: int) -> str:
     """The command that computes saliency and scanpath."""
-    options = ["--model", model] if model != "both" else []
+    options = ["--model", model] if model != "attention" else []
     options += ["--fixations", str(fixations)] if fixations != FIXATIONS else []
     command = _command("look", name, options, KINDS[model], settings)
     if changes(path):

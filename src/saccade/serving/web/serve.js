@@ -81,7 +81,7 @@ function segments(legend, names, chosen, changed) {
 }
 
 function serve(element, data) {
-  const request = { photo: null, model: "both", detector: "sift", fixations: 10 };
+  const request = { photo: null, model: "attention", detector: "sift", fixations: 10 };
   const results = { look: {}, points: {}, python: "" };
   const errors = { photo: null, look: null, points: null };
   const running = { photo: false, look: false, points: false };

@@ -1,0 +1,181 @@
+"""Models of fixations side by side: `uv run python benchmarks/fixation_models.py IMAGES FIXATIONS`.
+
+Every row is scored on the same images as `saccade evaluate fixations` does, with 95 % bootstrap
+intervals over the images: the presets of this package, two peers, a Gaussian in the center that
+sees nothing, and people. The peers are written here from their papers: Boolean maps (Zhang &
+Sclaroff 2016, the preset `zhang2016`) and GBVS (Harel, Koch & Perona, *Graph-based visual
+saliency*, NIPS 2006; feature maps of 32 pixels, sigma .15 and .06 of their width). People are the
+fixations of the other viewers, blurred: one against the others.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import astuple
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from saccade import read_image
+from saccade.attention import (
+    AttentionConfig,
+    BooleanConfig,
+    ContrastConfig,
+    attention_saliency,
+    boolean_saliency,
+    contrast_saliency,
+    symmetry_saliency,
+)
+from saccade.datasets.fixations import read_fixations
+from saccade.evaluation.fixations import FixationScores, fixation_density, inside, score
+from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_model
+from saccade.pyramid import resize
+from saccade.types import FixationTable
+
+SIGMA = 24.0
+"""Pixels to a degree of visual angle."""
+NODES = 32
+"""Cells along the longer side of GBVS's feature maps."""
+MODELS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "attention (default)": lambda image: attention_saliency(image).saliency,
+    "attention, free_viewing": lambda image: (
+        attention_saliency(image, AttentionConfig.free_viewing()).saliency
+    ),
+    "symmetry (default)": lambda image: symmetry_saliency(image).saliency,
+    "Boolean maps (default)": lambda image: boolean_saliency(image).saliency,
+    "contrast (default)": lambda image: contrast_saliency(image).saliency,
+    "contrast, itti1998": lambda image: (
+        contrast_saliency(image, ContrastConfig.itti1998()).saliency
+    ),
+    "BMS (Zhang & Sclaroff)": lambda image: (
+        boolean_saliency(image, BooleanConfig.zhang2016()).saliency
+    ),
+    "GBVS (Harel et al.)": lambda image: gbvs(image),
+    "centered Gaussian": lambda image: centered(image.shape[:2]),
+}
+
+
+def gbvs(image: np.ndarray) -> np.ndarray:
+    """Graph-based saliency: the equilibria of random walks over the feature maps."""
+    rgb = (image if image.ndim == 3 else np.repeat(image[:, :, None], 3, 2))[..., :3]
+    rgb = rgb.astype(np.float32) / (255 if rgb.dtype == np.uint8 else 1)
+    scale = NODES / max(rgb.shape[:2])
+    shape = tuple(max(2, round(side * scale)) for side in rgb.shape[:2])
+    total = np.zeros(shape)
+    for channel in feature_maps(rgb):
+        conspicuity = np.zeros(shape)
+        for feature in channel:
+            values = cv2.resize(feature, shape[::-1], interpolation=cv2.INTER_AREA)
+            conspicuity += concentrated(activation(values))
+        total += (conspicuity - conspicuity.min()) / (np.ptp(conspicuity) or 1)
+    return cv2.GaussianBlur(resize(total.astype(np.float32), image.shape[:2]), (0, 0), SIGMA / 1.5)
+
+
+def feature_maps(rgb: np.ndarray) -> list[list[np.ndarray]]:
+    """Intensity, color opponency and orientation at three levels."""
+    intensity, color, orientation = [], [], []
+    for level in (2, 3, 4):
+        r, g, b = np.moveaxis(
+            cv2.resize(rgb, None, fx=0.5**level, fy=0.5**level, interpolation=cv2.INTER_AREA), 2, 0
+        )
+        mean = (r + g + b) / 3
+        intensity.append(mean)
+        color += [np.abs(r - g), np.abs(b - np.minimum(r, g))]
+        for angle in (0, 45, 90, 135):
+            even, odd = (
+                cv2.getGaborKernel((9, 9), 7 / 3, np.deg2rad(angle), 7, 1, phase, cv2.CV_32F)
+                for phase in (0, np.pi / 2)
+            )
+            energy = [cv2.filter2D(mean, -1, kernel - kernel.mean()) for kernel in (even, odd)]
+            orientation.append(np.hypot(*energy))
+    return [intensity, color, orientation]
+
+
+def activation(values: np.ndarray) -> np.ndarray:
+    """The equilibrium of a walk that moves to near cells where the map differs.
+
+    Its weights are symmetric, so that it is in proportion to their sum at each cell.
+    """
+    level = values.ravel()
+    mass = (np.abs(level[:, None] - level) * near(values.shape, 0.15)).sum(1)
+    return mass.reshape(values.shape)
+
+
+def concentrated(values: np.ndarray) -> np.ndarray:
+    """The equilibrium of a walk that moves to near cells where the map is high.
+
+    In proportion to the map times its sum over the near cells, by detailed balance.
+    """
+    mass = values * (near(values.shape, 0.06) @ values.ravel()).reshape(values.shape)
+    return mass / (mass.sum() or 1)
+
+
+def near(shape: tuple[int, ...], sigma: float) -> np.ndarray:
+    """Closeness of every pair of cells, by a fraction of the width."""
+    y, x = (axis.ravel() for axis in np.indices(shape))
+    squared = (y[:, None] - y) ** 2 + (x[:, None] - x) ** 2
+    return np.exp(-squared / (2 * (sigma * shape[1]) ** 2))
+
+
+def centered(shape: tuple[int, ...]) -> np.ndarray:
+    """A Gaussian of a quarter of each side."""
+    y, x = (np.exp(-((((np.arange(n) + 0.5) / n - 0.5) / 0.25) ** 2) / 2) for n in shape)
+    return np.outer(y, x)
+
+
+def people(table: FixationTable, images: Path, drop: int) -> list[FixationScores]:
+    """Each viewer of an image against the density of the others, in the mean of the viewers."""
+    points, sizes, _ = fixations_by_image(table, images, drop)
+    relative = {name: (xy + 0.5) / sizes[name][::-1] for name, xy in points.items()}
+    scores = []
+    for name, size in sizes.items():
+        here = (table.image == name) & (table.index >= drop)
+        others = np.vstack([xy for other, xy in relative.items() if other != name])
+        others = (others * size[::-1] - 0.5).clip(0, (size[1] - 1, size[0] - 1))
+        rows = []
+        for viewer in np.unique(table.viewer[here]):
+            own = inside(table.xy[here & (table.viewer == viewer)], size)
+            rest = inside(table.xy[here & (table.viewer != viewer)], size)
+            if len(own) and len(rest):
+                density = fixation_density(rest, size, SIGMA)
+                rows.append(astuple(score(density, own, others, SIGMA)))
+        scores.append(FixationScores(*np.mean(rows, axis=0)))
+    return scores
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("images", type=Path)
+    parser.add_argument("fixations", type=Path)
+    parser.add_argument("--drop", type=int, default=1, help="first fixations left out (1)")
+    parser.add_argument("--every", type=int, default=1, help="of the images, one in N (all)")
+    options = parser.parse_args()
+    table = read_fixations(options.fixations)
+    points, sizes, _ = fixations_by_image(table, options.images, options.drop)
+    kept = sorted(points)[:: options.every]
+    points, sizes = {n: points[n] for n in kept}, {n: sizes[n] for n in kept}
+    print(f"{'':26} {'AUC':22} {'sAUC':22} {'NSS':22} {'CC':22} IG (bit)")
+
+    def show(name: str, result: PredictionScores) -> None:
+        mean, (low, high) = result.mean(), result.interval()
+        cells = [
+            f"{getattr(mean, key):.3f} [{getattr(low, key):.3f} {getattr(high, key):.3f}]"
+            for key in ("auc", "shuffled_auc", "nss", "cc", "information_gain")
+        ]
+        print(f"{name:26} {'  '.join(cells)}", flush=True)
+
+    for name, model in MODELS.items():
+
+        def saliency(image: str, model: Callable[[np.ndarray], np.ndarray] = model) -> np.ndarray:
+            pixels = read_image(options.images / image)
+            return resize(model(pixels), pixels.shape[:2])
+
+        scored = score_model(saliency, points, sizes, SIGMA)
+        show(name, PredictionScores(*zip(*scored, strict=True)))
+    if options.every == 1:
+        names = tuple(points)
+        show("people", PredictionScores(names, tuple(people(table, options.images, options.drop))))
+
+
+if __name__ == "__main__":
+    main()

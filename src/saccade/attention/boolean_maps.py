@@ -1,0 +1,129 @@
+"""Boolean map saliency: what is surrounded stands out, whatever the threshold.
+
+After Zhang & Sclaroff (2013, 2016): the color channels of an image, decorrelated and of equal
+variance, are thresholded at many values. In each of these Boolean maps the regions of either
+value that do not touch the border of the image are figure, all else is ground. A map with little
+figure counts more, by a power of its area.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from saccade.attention.channels import whitened
+from saccade.attention.models import SaliencyMaps
+from saccade.attention.normalize import rescale
+from saccade.errors import require, require_ranges, require_types
+from saccade.image import check_image, in_unit_range, without_alpha
+from saccade.pyramid import FloatMap, resize
+from saccade.types import Image
+
+
+@dataclass(frozen=True)
+class BooleanConfig:
+    """Size, thresholds and weights of the Boolean maps.
+
+    The default predicts human fixations best; docs/boolean.md says how it was chosen.
+    """
+
+    longer_side: int = 200
+    """Pixels to which the longer side of a larger image is reduced."""
+    thresholds: int = 24
+    """Thresholds of each channel, evenly spaced between its extremes."""
+    opening: int = 1
+    """Diameter in pixels of the disc by which a Boolean map is opened; 1 leaves it as it is."""
+    dilation: int = 3
+    """Diameter in pixels of the disc by which the surrounded regions are dilated, likewise."""
+    area_exponent: float = 0.5
+    """A Boolean map counts by its surrounded area to minus this power: 0.5 divides it by its
+    Euclidean norm, as in the source."""
+    smoothing: float = 0.03
+    """Standard deviation of the Gaussian that smooths the sum, as a fraction of the longer side."""
+
+    def __post_init__(self) -> None:
+        require_types(self)
+        require_ranges(self, longer_side=(16, 4096), thresholds=(1, 256))
+        require_ranges(self, area_exponent=(0, 2), smoothing=(0, 1))
+        for name in ("opening", "dilation"):
+            size = getattr(self, name)
+            require(1 <= size <= 99 and size % 2 == 1, name, "an odd size from 1 to 99", size)
+
+    @classmethod
+    def zhang2016(cls) -> Self:
+        """The sizes of Zhang & Sclaroff (2016), whose thresholds are 8 of 255 apart."""
+        return cls(longer_side=400, thresholds=32, opening=5, dilation=7, smoothing=0.0225)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BooleanMaps(SaliencyMaps):
+    """Saliency by surroundedness.
+
+    The map is float32, and its cells tile the image: see `saccade.pyramid.cell_centers`.
+    """
+
+    saliency: FloatMap
+    """(h, w) in [0, 1]."""
+    image_shape: tuple[int, int]
+    """(H, W) of the image."""
+
+    @property
+    def layers(self) -> dict[str, FloatMap]:
+        """The saliency by name."""
+        return {"saliency": self.saliency}
+
+
+def boolean_saliency(image: Image, config: BooleanConfig | None = None) -> BooleanMaps:
+    """Saliency from the regions that are surrounded in thresholded color channels.
+
+    Args:
+        image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
+        config: size, thresholds and weights.
+
+    Returns:
+        Saliency (h, w), of the size of the image reduced to `config.longer_side`.
+
+    Raises:
+        ImageError: not an image, or not finite.
+
+    Source: Zhang & Sclaroff, *Exploiting surroundedness for saliency detection: a Boolean map
+    approach* (TPAMI 2016).
+    """
+    pixels = without_alpha(check_image(image))  # (H, W) or (H, W, 3)
+    config = config or BooleanConfig()
+    height, width = pixels.shape[:2]
+    scale = min(1.0, config.longer_side / max(height, width))
+    shape = max(1, round(height * scale)), max(1, round(width * scale))
+    planes = whitened(resize(in_unit_range(pixels), shape))  # (h, w, c)
+
+    summed = np.zeros(shape, np.float32)
+    for plane in np.moveaxis(planes, 2, 0):
+        low, high = float(plane.min()), float(plane.max())
+        steps = (np.arange(config.thresholds) + 0.5) / config.thresholds
+        for threshold in low + steps * (high - low) if high > low else ():
+            above = plane > threshold
+            for boolean_map in (above, ~above):
+                figure = surrounded(boolean_map.view(np.uint8), config)
+                area = cv2.countNonZero(figure)
+                if area > 0:
+                    summed += figure * np.float32(area**-config.area_exponent)
+    sigma = config.smoothing * max(shape)
+    if sigma > 0:
+        summed = cv2.GaussianBlur(summed, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+    return BooleanMaps(rescale(summed), (height, width))
+
+
+def surrounded(boolean_map: npt.NDArray[Any], config: BooleanConfig) -> npt.NDArray[Any]:
+    """The regions of ones, of a map (h, w) of 0 and 1, that do not touch the border; dilated."""
+    if config.opening > 1:
+        boolean_map = cv2.morphologyEx(boolean_map, cv2.MORPH_OPEN, _disc(config.opening))
+    framed = cv2.copyMakeBorder(boolean_map, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
+    cv2.floodFill(framed, None, (0, 0), 0, flags=8)
+    figure = framed[1:-1, 1:-1]
+    return cv2.dilate(figure, _disc(config.dilation)) if config.dilation > 1 else figure
+
+
+def _disc(diameter: int) -> npt.NDArray[Any]:
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))

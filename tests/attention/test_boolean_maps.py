@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saccade.attention import BooleanConfig, boolean_saliency
+from saccade.attention.channels import whitened
+from saccade.errors import ConfigError, ImageError
+from support import oracles_attention
+from support.saliency_images import noise
+
+
+def test_whitened_colors_are_principal_components_of_lab():
+    image = (noise(1, (30, 40)) / np.float32(255)).astype(np.float32)
+    image[..., 2] = image[..., 1]  # correlated
+    found, expected = whitened(image), oracles_attention.whitened(image)
+    similarity = np.abs(np.corrcoef(found.reshape(-1, 3).T, expected.reshape(-1, 3).T)[:3, 3:])
+    np.testing.assert_allclose(similarity.max(0), 1, atol=1e-3)  # in any order, of any sign
+    np.testing.assert_allclose(found.var((0, 1)), 1, atol=1e-3)
+
+
+def test_the_noise_of_a_gray_image_is_no_color():
+    gray = noise(2, (30, 40))[..., :1].repeat(3, 2) / np.float32(255)
+    assert sorted(whitened(gray).std((0, 1)).round(3)) == pytest.approx([0, 0, 1], abs=0.05)
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=10, deadline=None)
+def test_the_sum_of_surrounded_regions_by_labels(seed):
+    """By connected components, one threshold after the other, without dilation and blur."""
+    image = np.random.default_rng(seed).random((24, 32, 3)).astype(np.float32)
+    config = BooleanConfig(thresholds=5, dilation=1, smoothing=0.0)
+    summed = np.zeros((24, 32))
+    for plane in np.moveaxis(whitened(image), 2, 0):
+        low, high = float(plane.min()), float(plane.max())
+        for i in range(5):
+            above = plane > low + (i + 0.5) / 5 * (high - low)
+            for boolean_map in (above, ~above):
+                figure = oracles_attention.surrounded(boolean_map)
+                summed += figure / max(np.sqrt(figure.sum()), 1)
+    expected = (summed - summed.min()) / np.ptp(summed)
+    np.testing.assert_allclose(boolean_saliency(image, config).saliency, expected, atol=1e-5)
+
+
+def test_a_disc_is_figure_and_a_half_plane_is_ground():
+    y, x = np.mgrid[:120, :160]
+    image = np.where(x < 60, 0.2, 0.5)
+    image[np.hypot(x - 110, y - 60) < 12] = 0.8
+    saliency = boolean_saliency(image).saliency
+    assert np.unravel_index(saliency.argmax(), saliency.shape) == pytest.approx((60, 110), abs=2)
+    assert saliency[60, :60].max() < 0.05
+
+
+def test_the_map_of_a_large_image_is_of_the_reduced_size():
+    maps = boolean_saliency(noise(3, (300, 400)))
+    assert maps.saliency.shape == (150, 200)
+    assert repr(maps) == "BooleanMaps(200 x 150 cells of a 400 x 300 image)"
+
+
+def test_a_flat_image_has_no_figure():
+    assert not boolean_saliency(np.full((40, 50, 3), 0.3)).saliency.any()
+
+
+@pytest.mark.parametrize(
+    "invalid",
+    [{"opening": 2}, {"dilation": 0}, {"thresholds": 0}, {"longer_side": 8}, {"smoothing": -1.0}],
+)
+def test_invalid_settings(invalid):
+    with pytest.raises(ConfigError, match=next(iter(invalid))):
+        BooleanConfig(**invalid)
+
+
+def test_no_image():
+    with pytest.raises(ImageError):
+        boolean_saliency(np.zeros((3, 4, 5)))
