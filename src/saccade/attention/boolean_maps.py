@@ -26,7 +26,7 @@ from saccade.types import Image
 class BooleanConfig:
     """Size, thresholds and weights of the Boolean maps.
 
-    The default predicts human fixations best; docs/boolean.md says how it was chosen.
+    The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
     """
 
     longer_side: int = 200

@@ -29,7 +29,7 @@ from saccade.types import Image
 class AttentionConfig:
     """Weights of contrast, symmetry and Boolean maps, and the settings of each.
 
-    The default predicts human fixations best; docs/attention-default.md says how it was chosen.
+    The default predicts human fixations best; docs/boolean-maps.md says how it was chosen.
     """
 
     contrast_weight: float = 0.05
