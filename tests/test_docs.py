@@ -36,6 +36,9 @@ OF_KEYPOINTS = {
 """What holds when the code of a section has run."""
 OF_PAGES = {
     "lost.md": lambda names: names["result"].lost.any() and names["error"] < 0.5,
+    "boolean-maps.md": lambda names: (
+        names["maps"].saliency.max() == names["source"].saliency.max() == 1
+    ),
     "image.md": lambda names: names["image"].shape == (427, 640, 3),
     "attention.md": lambda names: (
         len(names["path"]) == 10 and names["contrast"].saliency.max() == 1

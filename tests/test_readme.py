@@ -20,7 +20,7 @@ def test_the_five_lines_of_python_run(tmp_path, monkeypatch):
     exec(code, names)
     assert len(names["path"]) == 10
     assert len(names["keypoints"]) > 50
-    assert len(names["run"].map) == 151
+    assert len(names["run"].map) >= 151
 
 
 def test_every_link_of_the_readme_leads_somewhere():

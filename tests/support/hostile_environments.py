@@ -21,7 +21,9 @@ import cv2
 import typer
 
 from fuzz.targets import TARGETS, a_picture
+from saccade import slam
 from saccade.cli import TRACEBACK, app
+from saccade.simulation import WorldConfig, simulate_world
 
 COMMANDS = {
     "look": "{in}/photos/a.png --fixations 2",
@@ -43,6 +45,7 @@ COMMANDS = {
     "evaluate selection": "--budget 1 --criterion strength --seeds 1 --frames 8 -o out",
     "evaluate consistency": "--config {in}/world.toml --runs 1",
     "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum --csv out/a.csv --report out/a.html",
+    "merge-maps": "{in}/a.map.npz {in}/a.map.npz --out merged.npz",
     "simulate world": "--config {in}/world.toml -o out",
     "simulate drive": "--config {in}/drive.toml --frames 2 -o out",
     "textbook": "{in}/log.csv -o out",
@@ -80,6 +83,9 @@ def make_inputs(folder):
     TARGETS["index-images"].make(folder / "made")
     (folder / "made" / "out").rename(folder / "points")
     (folder / "a.tum").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n2 2 1 0 0 0 0 1\n")
+    robot = slam.slam_for(simulate_world(WorldConfig(steps=300)))
+    slam.run(simulate_world(WorldConfig(steps=300)), initial=robot)
+    robot.save(folder / "a.map.npz")
     (folder / "world.toml").write_text("steps = 20\nlandmarks = 5\n")
     (folder / "drive.toml").write_text("frames = 2\nimage_size = [64, 48]\n")
 

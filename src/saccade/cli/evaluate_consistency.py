@@ -94,11 +94,14 @@ def _score(
 ) -> dict[str, Any]:
     import numpy as np
 
+    from saccade.evaluation.trajectory import none_if_nan
     from saccade.simulation import MonteCarloRuns, run_monte_carlo
     from saccade.slam import EkfConfig
 
     trials = []
-    for trial in run_monte_carlo(world, EkfConfig(filter=cast("Any", kind)), runs, seed):
+    for trial in run_monte_carlo(
+        world, EkfConfig(filter=cast("Any", kind), association="known"), runs, seed
+    ):
         trials.append(trial)
         progress(len(trials))
     result = MonteCarloRuns(*(np.array(each) for each in zip(*trials, strict=True)))
@@ -106,7 +109,7 @@ def _score(
         "anees": result.anees,
         "band": list(result.band),
         "median": result.median,
-        "landmark_anees": result.landmark_anees,
+        "landmark_anees": none_if_nan(result.landmark_anees),
         "rmse_m": result.rmse,
         "in_band": result.in_band,
         "nonlinearity": result.mean_nonlinearity,
@@ -114,9 +117,10 @@ def _score(
 
 
 def _cells(scores: dict[str, Any]) -> list[str]:
+    landmarks = scores["landmark_anees"]
     return [
         f"{scores['anees']:.2f}",
-        f"{scores['landmark_anees']:.2f}",
+        "-" if landmarks is None else f"{landmarks:.2f}",
         f"{scores['rmse_m']:.3f}",
         f"{scores['in_band']:.0%}",
         f"{scores['nonlinearity']:.3f}",

@@ -329,7 +329,7 @@ class MonteCarloRuns:
     @property
     def landmark_anees(self) -> float:
         """Average NEES over landmarks and runs."""
-        return float(np.nanmean(self.landmark_nees))
+        return _finite_mean(self.landmark_nees)
 
     @property
     def anees(self) -> float:
@@ -359,6 +359,12 @@ class MonteCarloRuns:
         return float(np.sqrt(self.squared_error.mean()))
 
 
+def _finite_mean(values: FloatArray) -> float:
+    """Mean of the finite values; NaN without any."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) > 0 else float("nan")
+
+
 def run_monte_carlo(
     world: WorldConfig, config: EkfConfig, runs: int, seed: int = 0
 ) -> Iterator[tuple[FloatArray, FloatArray, float, float]]:
@@ -377,4 +383,4 @@ def run_monte_carlo(
         error = (estimate.pose - log.truth.pose)[:, :2]
         squared = np.square(error).sum(1)
         pose = pose_nees(estimate, log.truth, retraction)
-        yield pose, squared, float(np.nanmean(nees)), result.nonlinearity
+        yield pose, squared, _finite_mean(nees), result.nonlinearity
