@@ -53,6 +53,21 @@ def serve(
         with suppress(KeyboardInterrupt):
             uvicorn.Server(config).run(sockets=[listener])
     print_message("stopped")
+    _leave_warm_up()
+
+
+def _leave_warm_up() -> None:
+    """End the process if it still compiles: threads of OpenCV abort one that ends under them."""
+    import os
+    import sys
+    import threading
+
+    from saccade.serving.app import WARM_UP
+
+    if any(each.name == WARM_UP and each.is_alive() for each in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _listening(port: int) -> "socket":

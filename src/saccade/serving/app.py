@@ -28,6 +28,8 @@ from saccade.serving.analysis import PhotoAnalyzer
 from saccade.viewing.embedding import as_json, json_element
 from saccade.viewing.page import html_document, security_policy, web_file
 
+WARM_UP = "saccade-warm-up"
+"""Name of the thread that compiles everything."""
 MAX_REQUEST_BYTES = 100_000
 """Of a request other than a photograph."""
 MAX_WAITING = 16
@@ -74,7 +76,7 @@ def application(
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        Thread(target=server.warm_up, name="saccade-warm-up", daemon=True).start()
+        Thread(target=server.warm_up, name=WARM_UP, daemon=True).start()
         yield
 
     async def front_page(_: Request) -> Response:
