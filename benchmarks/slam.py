@@ -24,7 +24,7 @@ from saccade import datasets, slam
 from saccade.errors import ConfigError
 from saccade.slam import INVARIANT, STANDARD, EkfSlam, observe
 from saccade.slam.association.gating import mahalanobis_squared
-from saccade.slam.step_arrays import new_results
+from saccade.slam.strides import new_results
 from saccade.types import LandmarkLog
 
 SIZES = (100, 500, 1000, 2000, 5000)

@@ -26,8 +26,7 @@ from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult
-from saccade.slam.step_arrays import new_results
-from saccade.slam.strides import new_stride, take_stride
+from saccade.slam.strides import new_results, new_stride, take_stride
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MODES = ("continue", "localize")

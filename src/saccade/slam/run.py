@@ -15,7 +15,7 @@ from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.snapshots import Recorder
-from saccade.slam.step_arrays import new_results
+from saccade.slam.strides import new_results
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MAX_NONLINEARITY = 0.12
@@ -134,7 +134,8 @@ def run(
         if recorder is not None:
             scan = slice(steps.edge[start], steps.edge[end])
             found, hypotheses = steps.landmark[scan], slam.recovery.hypotheses
-            recorder.add(start, poses, slam.ekf, found, slam.confirmed, hypotheses)
+            confirmed = slam.confirmed if recorder.is_due(start, poses) else None
+            recorder.add(start, poses, slam.ekf, found, confirmed, hypotheses)
         if checkpoint is not None:
             checkpoint.save(end, parts)
         if progress is not None and (start % hundredth == 0 or end == poses):

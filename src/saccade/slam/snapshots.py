@@ -31,6 +31,10 @@ class Recorder:
         self._path: list[FloatArray] = []
         self._observed: set[int] = set()
 
+    def is_due(self, step: int, steps: int) -> bool:
+        """Whether a snapshot is taken at this pose of so many; at the last one always."""
+        return (steps - 1 - step) % -(-steps // self._frames) == 0
+
     def add(
         self,
         step: int,
@@ -48,12 +52,13 @@ class Recorder:
             ekf: the filter, after all observations of this pose.
             observed: numbers of the landmarks that were observed from this pose, negative for
                 unused observations.
-            confirmed: (N,) the landmarks of the filter that are shown; all by default.
+            confirmed: (N,) the landmarks of the filter that are shown, where a snapshot is due; all
+                by default.
             hypotheses: of the pose of a lost robot.
         """
         self._path.append(ekf.pose)
         self._observed.update(observed[observed >= 0].tolist())
-        if (steps - 1 - step) % -(-steps // self._frames) != 0:  # includes the last pose
+        if not self.is_due(step, steps):
             return
         shown = np.ones(len(ekf), np.bool_) if confirmed is None else confirmed
         was_observed = np.isin(np.arange(len(ekf)), list(self._observed))

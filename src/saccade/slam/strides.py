@@ -17,6 +17,7 @@ from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.map_management._kernels import CullingRule
 from saccade.slam.map_management.culling import Culling
+from saccade.slam.results import new_innovations
 from saccade.slam.submaps import Submaps, read_counts, read_names, write_counts, write_names
 
 NO_GATES = Gates(inf, inf, False)
@@ -87,3 +88,9 @@ def take_stride(
         write_names(names, local_names, place)
         write_counts(culling.counts, counts, place)
     stride.submaps.count(s, i)
+
+
+def new_results(t: int, k: int) -> StepResults:
+    """Room for the results of so many steps and observations."""
+    lost = np.zeros(t, np.bool_)
+    return StepResults(np.empty((t, 3)), np.empty((t, 3, 3)), new_innovations(k), lost)
