@@ -33,11 +33,11 @@ class EkfConfig:
 
     filter: Literal["invariant", "standard", "first-estimates"] = "invariant"
     """Error parametrization: right-invariant, which stays consistent, or the source's."""
-    association: Literal["auto", "known", "nearest", "mutual", "joint"] = "auto"
+    association: Literal["auto", "known", "nearest", "mutual", "joint", "multiple"] = "auto"
     """Data association. "auto": by identity where an observation has one that agrees with the map
     (`name_gate`), else "mutual". "known": by identity, which is never doubted. By geometry alone,
-    to the nearest landmark, to the mutually nearest one, or of the largest jointly compatible set
-    of pairs."""
+    to the nearest landmark, to the mutually nearest one, of the largest jointly compatible set of
+    pairs, or by several hypotheses at once (`MultipleHypotheses`)."""
     gate: float = 0.99
     """Unknown association: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999
@@ -53,6 +53,8 @@ class EkfConfig:
     name_gate: float = 0.99999
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
+    max_hypotheses: int = 10
+    """Association "multiple": hypotheses that are kept at most."""
     recover: bool = False
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
     pose in it. Not by default: there are false alarms where the noise of a log is too small."""
@@ -77,7 +79,7 @@ class EkfConfig:
 
     def __post_init__(self) -> None:
         require(self.filter in RETRACTIONS, "filter", f"one of {(*RETRACTIONS,)}", self.filter)
-        kinds = ("auto", "known", *ASSOCIATION_RULES)
+        kinds = ("auto", "known", *ASSOCIATION_RULES, "multiple")
         require(self.association in kinds, "association", f"one of {kinds}", self.association)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
@@ -90,6 +92,9 @@ class EkfConfig:
         for name in ("motion_noise_scale", "sensor_noise_scale"):
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0 and under 1e6", value)
+        require(self.max_hypotheses >= 1, "max_hypotheses", "at least 1", self.max_hypotheses)
+        single = not self.recover or self.association != "multiple"
+        require(single, "recover", 'False with association "multiple"', self.recover)
         modes = ("auto", "always", "never")
         require(self.submaps in modes, "submaps", f"one of {modes}", self.submaps)
         require(self.huber > 0, "huber", "over 0, infinite for never", self.huber)

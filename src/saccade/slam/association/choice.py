@@ -8,10 +8,11 @@ from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
 
 
 def association_rule(config: EkfConfig) -> Association:
-    """The rule of `EkfConfig.association`."""
+    """The rule of `EkfConfig.association`; of "multiple", that in a fixed map."""
     if config.association == "known":
         return KnownIdentity()
     if config.association == "auto":
         geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
         return DoubtedIdentity(config.name_gate, geometry)
-    return ASSOCIATION_RULES[config.association](config.gate, config.new_gate)
+    kind = "mutual" if config.association == "multiple" else config.association
+    return ASSOCIATION_RULES[kind](config.gate, config.new_gate)

@@ -160,6 +160,19 @@ class Culling:
         self.counts.observed[first : first + count] = self.rule.confirm_after
         self.counts.last_observed[first : first + count] = self.counts.totals[SCANS]
 
+    def join(self, kept: int, removed: int) -> None:
+        """Count the observations of two landmarks as those of the first; the second is not removed.
+
+        A check in which one of them was observed expected one detection, not two.
+        """
+        counts = self.counts
+        counts.observed[kept] += counts.observed[removed]
+        counts.confirmed[kept] |= counts.confirmed[removed]
+        counts.detected[kept] += counts.detected[removed]
+        both = counts.last_observed, counts.expected
+        for each in both:
+            each[kept] = max(each[kept], each[removed])
+
     def remove_culled(self, others: IntArray) -> IntArray:
         """Remove the counts of the landmarks that are to be culled, and of others.
 

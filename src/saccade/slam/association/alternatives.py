@@ -1,0 +1,97 @@
+"""What the observations of a scan may be of, jointly, with the likelihood of each alternative."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saccade.slam.association._assignment_kernels import best_assignments
+from saccade.slam.association._kernels import NEW
+from saccade.slam.association.gating import mahalanobis_squared
+from saccade.slam.association.jcbb import predict_jointly
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """How alternatives are found. Costs are minus twice the logarithm of a likelihood."""
+
+    gate: float = 0.99
+    """Probability with which an observation of a landmark is inside its gate."""
+    new_cost: float = 10.0
+    """Of an observation of a landmark that is not in the map, relative to one without innovation
+    of a landmark at a known place."""
+    window: float = 10.0
+    """Alternatives that cost so much more than the best one are left out."""
+    known: float = 2.0
+    """A landmark is at a known place if the variance of its innovation is by less than this (log of
+    the ratio of determinants) larger than the noise of the observation."""
+    max_assignments: int = 6
+    """Of the scan, from which the alternatives are taken."""
+    max_nodes: int = 500
+    """Pairs of an observation and a landmark that are tried."""
+
+    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray) -> list[tuple[float, IntArray]]:
+        """Cost and association (m,) of each alternative, the best one first.
+
+        An association has numbers of landmarks and `NEW`. Which of several landmarks at known
+        places an observation is of, and whether it is of a new one beside them, moves the estimate
+        by less than their distance: of those associations there is the best one only. Others move
+        it by as much as it is uncertain.
+
+        Args:
+            ekf: the filter, predicted to the pose of the scan.
+            z: (m, 2) range in metres, bearing in radians.
+            R: (m, 2, 2) their covariances.
+        """
+        new = len(z) * self.new_cost, np.full(len(z), NEW)
+        distance = mahalanobis_squared(ekf, z, R, chi_square_gate(2, self.gate))  # (m, N)
+        columns = np.flatnonzero(np.isfinite(distance).any(0))
+        if len(columns) == 0:
+            return [new]
+        predicted, joint = predict_jointly(ekf, columns)  # (c, 2), (2c, 2c)
+        noise = log_determinant(R)  # (m,)
+        c = np.arange(len(columns))
+        blocks = joint.reshape(len(c), 2, len(c), 2)[c, :, c]  # (c, 2, 2)
+        looseness = log_determinant(blocks + R[:, None]) - noise[:, None]  # (m, c)
+        alone = distance[:, columns] + looseness
+        rows = np.argsort(alone.min(1), kind="stable")
+        order = np.argsort(alone[rows], axis=1, kind="stable")
+        inside = np.isfinite(np.take_along_axis(alone[rows], order, 1))
+        row, pair = rows[np.nonzero(inside)[0]], order[inside]  # (p,)
+        state = (2 * pair[:, None] + [0, 1]).ravel()
+        S = joint[np.ix_(state, state)]
+        same = np.repeat(np.repeat(row[:, None] == row, 2, 0), 2, 1)
+        S += same * np.tile(R[row].reshape(-1, 2), (1, len(row)))
+        cost = np.empty(self.max_assignments)
+        assigned = np.empty((len(cost), len(z)), np.int64)
+        best_assignments(
+            np.append(0, np.cumsum(inside.sum(1))),
+            pair,
+            ekf.sensor.difference(z[row], predicted[pair]),
+            S,
+            noise[row],
+            self.new_cost,
+            self.window,
+            self.max_nodes,
+            cost,
+            assigned,
+        )
+        found: dict[tuple[int, ...], tuple[float, IntArray]] = {}
+        by_known = np.isfinite(alone) & (looseness <= self.known)
+        for total, pairs in zip(cost.tolist(), assigned, strict=True):
+            if not np.isfinite(total):
+                break
+            column = np.full(len(z), -1)
+            column[rows] = np.where(pairs >= 0, pair[pairs], -1)
+            settled = np.where(column < 0, by_known.any(1), by_known[np.arange(len(z)), column])
+            which = tuple(np.where(settled, -2, column).tolist())
+            association = np.where(column >= 0, columns[column], NEW)
+            found.setdefault(which, (total, association))
+        return list(found.values())
+
+
+def log_determinant(C: FloatArray) -> FloatArray:
+    """Of covariances (..., 2, 2)."""
+    return np.asarray(np.log(C[..., 0, 0] * C[..., 1, 1] - C[..., 0, 1] * C[..., 1, 0]))

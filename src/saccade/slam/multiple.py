@@ -1,0 +1,239 @@
+"""Several association hypotheses at once, for landmarks closer than the uncertainty of the pose.
+
+After Reid (1979), "An algorithm for tracking multiple targets": every hypothesis is a filter with
+a map of its own. Where a scan has several alternatives, its hypothesis is split, and the most
+probable ones are kept. The alternatives are joint associations of the scan (Neira & Tardos 2001).
+"""
+
+import copy
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from saccade.slam._step_kernels import StepResults, Steps
+from saccade.slam.association._kernels import NEW
+from saccade.slam.association.alternatives import Alternatives, log_determinant
+from saccade.slam.checkpoint import Arrays, arrays_of, merge, select
+from saccade.slam.filter._range_bearing_kernels import Innovations
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.joining import join_landmarks
+from saccade.slam.map_management.culling import Culling
+from saccade.slam.models import wrap
+from saccade.slam.results import new_innovations
+from saccade.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from saccade.slam.online import Slam
+
+PRUNED = 16.0
+"""Log likelihood ratio to the most probable hypothesis at which another one is dropped."""
+SYSTEMATIC = 0.5
+"""Systematic errors of the sensor, as a fraction of its noise, by which two estimates of one
+landmark may differ: averaging does not make them smaller."""
+MAX_TOGETHER = 0.05
+"""Two landmarks are not one if this fraction of the observations of either were in a scan with the
+other."""
+MIN_GAIN = 3.0
+"""Log likelihood ratio from which two landmarks are one."""
+MAX_DISTANCE = 4.0
+"""Of two landmarks that may be one: standard deviations of their difference."""
+EQUAL_POSE, EQUAL_MAP, MIN_HEADING = 0.5, 1.5, 0.005
+"""Two hypotheses are one if their poses differ by less than this fraction of their standard
+deviation, their landmarks by less than this one of an observation's, and their headings by less
+than so many radians."""
+
+
+@dataclass
+class Hypothesis:
+    """One association of all observations, and the filter that follows from it."""
+
+    ekf: EkfSlam
+    culling: Culling
+    weight: float = 0.0
+    """Log probability, relative to that of the most probable hypothesis."""
+    together: IntArray = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    """(N, N) number of scans in which both landmarks were observed; of one, on the diagonal."""
+    association: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) landmark of each observation of the `Steps` so far, -1 if it is not used."""
+    innovations: Innovations = field(default_factory=lambda: new_innovations(0))
+    """Those of the present scan, see `Innovation`."""
+    culled: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(g,) landmarks that were removed after the present scan."""
+
+    def copy(self) -> "Hypothesis":
+        """An independent one that is equal."""
+        ekf, culling = copy.copy(self.ekf), copy.copy(self.culling)
+        for part in (ekf, culling):
+            part.from_arrays({name: array.copy() for name, array in part.to_arrays().items()})
+        return Hypothesis(ekf, culling, self.weight, self.together.copy(), self.association.copy())
+
+    def observe(self, z: FloatArray, R: FloatArray, association: IntArray, size: float) -> None:
+        """Update by a scan (C.10-C.18), then join and cull landmarks.
+
+        Args:
+            z: (m, 2) observations.
+            R: (m, 2, 2) their covariances.
+            association: (m,) numbers of landmarks and `NEW`.
+            size: metres, standard deviation of the position of an observed point.
+        """
+        ekf, mapped = self.ekf, len(self.ekf)
+        predicted = ekf.predict_observations().z if self.culling.is_due() else None
+        new = association == NEW
+        association = np.where(new, mapped + np.cumsum(new) - 1, association)
+        self.innovations = ekf.update_scan(z, R, association)
+        self.together = np.pad(self.together, (0, len(ekf) - len(self.together)))
+        self.together[np.ix_(association, association)] += 1
+        self.culling.update(ekf, predicted, mapped, float(z[:, 0].max()), association)
+        self.association = np.append(self.association, association)
+        ids = ekf.ids
+        while (pair := self._duplicate(np.unique(self.association[-len(z) :]), size)) is not None:
+            self._join(*pair)
+        self._remove(np.zeros(0, np.int64))
+        self.culled = np.flatnonzero(~np.isin(ids, ekf.ids))
+
+    def _duplicate(self, observed: IntArray, size: float) -> tuple[float, int, int] | None:
+        """Log likelihood ratio and numbers of the two landmarks that are most probably one."""
+        points, count, best = self.ekf.landmarks, self.together.diagonal(), None
+        confirmed = np.flatnonzero(self.culling.confirmed(len(points)))
+        for j in np.intersect1d(observed, confirmed).tolist():
+            rarer = np.minimum(count[confirmed], count[j])
+            apart = self.together[j, confirmed] <= MAX_TOGETHER * rarer
+            for i in confirmed[apart & (confirmed != j)].tolist():
+                d = points[i] - points[j]
+                C = self.ekf.marginal(np.array([i, j]))[-4:, -4:]
+                S = C[:2, :2] + C[2:, 2:] - C[:2, 2:] - C[2:, :2]
+                S += (SYSTEMATIC * size) ** 2 * np.eye(2)
+                nis = float(d @ np.linalg.solve(S, d))
+                spread = float(log_determinant(S)) - 4 * np.log(size)
+                gain = (Alternatives.new_cost - nis - spread) / 2
+                better = best is None or gain > best[0]
+                if nis < MAX_DISTANCE**2 and gain > MIN_GAIN and better:
+                    best = gain, min(i, j), max(i, j)
+        return best
+
+    def _join(self, gain: float, kept: int, removed: int) -> None:
+        """Take two landmarks for one."""
+        self.weight += gain
+        join_landmarks(self.ekf, kept, removed)
+        self.culling.join(kept, removed)
+        self.association[self.association == removed] = kept
+        self.together[kept] += self.together[removed]
+        self.together[:, kept] += self.together[:, removed]
+        self._remove(np.array([removed]))
+
+    def _remove(self, landmarks: IntArray) -> None:
+        """Remove landmarks, and those that are to be culled."""
+        removed = self.culling.remove_culled(landmarks)
+        if len(removed) > 0:
+            kept = np.setdiff1d(np.arange(len(self.ekf)), removed)
+            number = np.full(len(self.ekf) + 1, -1)  # the last is for none
+            number[kept] = np.arange(len(kept))
+            self.association = number[self.association]
+            self.together = self.together[np.ix_(kept, kept)]
+            self.ekf.remove(removed)
+
+    def equals(self, other: "Hypothesis", size: float) -> bool:
+        """Whether the poses and the maps are almost the same."""
+        variance = np.maximum(self.ekf.pose_covariance.diagonal(), 0.0)
+        tolerance = np.maximum(EQUAL_POSE * np.sqrt(variance), [size, size, MIN_HEADING])
+        difference = self.ekf.pose - other.ekf.pose
+        difference[2] = wrap(difference[2])
+        maps = [each.ekf.landmarks[each.culling.confirmed(len(each.ekf))] for each in (self, other)]
+        if (np.abs(difference) > tolerance).any() or len(maps[0]) != len(maps[1]):
+            return False
+        distance = np.abs(maps[0][:, None] - maps[1]).max(2)
+        return len(distance) == 0 or bool(distance.min(1).max() < EQUAL_MAP * size)
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, between two steps."""
+        parts = {"ekf": arrays_of("ekf", self.ekf), "culling": arrays_of("culling", self.culling)}
+        arrays = {"together": self.together, "association": self.association}
+        return {**merge(parts), **arrays, "weight": np.array(self.weight)}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self.ekf.from_arrays(select(arrays, "ekf"))
+        self.culling.from_arrays(select(arrays, "culling"))
+        self.together, self.association = arrays["together"], arrays["association"]
+        self.weight = float(arrays["weight"])
+
+
+class MultipleHypotheses:
+    """Runs several filters side by side, one for each association hypothesis.
+
+    Args:
+        ekf: the filter at the start.
+        culling: that of its landmarks.
+        gate: see `EkfConfig`.
+        limit: hypotheses that are kept at most.
+    """
+
+    def __init__(self, ekf: EkfSlam, culling: Culling, gate: float, limit: int) -> None:
+        self.alternatives, self.limit = Alternatives(gate), limit
+        self.hypotheses = [Hypothesis(ekf, culling)]
+        """The most probable one first."""
+
+    def take_step(self, slam: "Slam", s: Steps, out: StepResults) -> IntArray:
+        """Take one step with every hypothesis; the results are those of the most probable one.
+
+        Returns:
+            (g,) its landmarks that were removed.
+        """
+        i = int(s.position[0])
+        scan = slice(s.edge[i], s.edge[i + 1])
+        for each in self.hypotheses:
+            if i == 0:
+                each.association = np.zeros(0, np.int64)
+            if i >= s.still:
+                each.ekf.predict(s.control[i], s.U[i])  # C.5-C.9
+        culled = np.zeros(0, np.int64)
+        if scan.stop > scan.start:
+            self.observe(s.z[scan], s.R[scan])
+            best = self.hypotheses[0]
+            slam.ekf, slam.culling, culled = best.ekf, best.culling, best.culled
+            s.landmark[: scan.stop] = best.association
+            for array, values in zip(out.innovations, best.innovations, strict=True):
+                array[scan] = values
+        out.pose[i], out.covariance[i] = slam.ekf.pose, slam.ekf.pose_covariance
+        s.position[0] = i + 1
+        return culled
+
+    def observe(self, z: FloatArray, R: FloatArray) -> None:
+        """Split the hypotheses by the alternatives of a scan, and keep the most probable ones."""
+        options = [
+            (hypothesis.weight - cost / 2, i, association)
+            for i, hypothesis in enumerate(self.hypotheses)
+            for cost, association in self.alternatives(hypothesis.ekf, z, R)
+        ]
+        options.sort(key=lambda option: -option[0])
+        options = [each for each in options[: self.limit] if each[0] > options[0][0] - PRUNED]
+        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
+        left = [i for _, i, _ in options]
+        split = []
+        for weight, i, association in options:
+            left.remove(i)
+            hypothesis = self.hypotheses[i].copy() if i in left else self.hypotheses[i]
+            hypothesis.weight = weight
+            split.append((hypothesis, association))
+        for hypothesis, association in split:
+            hypothesis.observe(z, R, association, size)
+        split.sort(key=lambda each: -each[0].weight)
+        kept: list[Hypothesis] = []
+        for hypothesis, _ in split:
+            if not any(hypothesis.equals(better, size) for better in kept):
+                kept.append(hypothesis)
+        for hypothesis in reversed(kept):
+            hypothesis.weight -= kept[0].weight
+        self.hypotheses = kept
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays."""
+        parts = {str(i): each.to_arrays() for i, each in enumerate(self.hypotheses)}
+        return {**merge(parts), "count": np.array(len(parts))}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self.hypotheses = [self.hypotheses[0].copy() for _ in range(int(arrays["count"]))]
+        for i, hypothesis in enumerate(self.hypotheses):
+            hypothesis.from_arrays(select(arrays, str(i)))
