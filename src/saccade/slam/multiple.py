@@ -7,7 +7,7 @@ probable ones are kept. The alternatives are joint associations of the scan (Nei
 
 import copy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import cached_property
 
 import numpy as np
 
@@ -15,19 +15,21 @@ from saccade.slam._step_kernels import StepResults, Steps
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives, log_determinant
 from saccade.slam.checkpoint import Arrays, arrays_of, merge, select
+from saccade.slam.consistency import normalized_squared
 from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.joining import join_landmarks
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import wrap
-from saccade.slam.results import new_innovations
+from saccade.slam.online import Slam
+from saccade.slam.results import check_diverged, new_innovations
 from saccade.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from saccade.slam.online import Slam
 
 PRUNED = 16.0
 """Log likelihood ratio to the most probable hypothesis at which another one is dropped."""
+TEMPER = 0.5
+"""Power of the likelihood of a scan in the weight of a hypothesis: the noise of successive scans
+from almost the same pose is not independent."""
 SYSTEMATIC = 0.5
 """Systematic errors of the sensor, as a fraction of its noise, by which two estimates of one
 landmark may differ: averaging does not make them smaller."""
@@ -95,21 +97,27 @@ class Hypothesis:
     def _duplicate(self, observed: IntArray, size: float) -> tuple[float, int, int] | None:
         """Log likelihood ratio and numbers of the two landmarks that are most probably one."""
         points, count, best = self.ekf.landmarks, self.together.diagonal(), None
-        confirmed = np.flatnonzero(self.culling.confirmed(len(points)))
-        for j in np.intersect1d(observed, confirmed).tolist():
-            rarer = np.minimum(count[confirmed], count[j])
-            apart = self.together[j, confirmed] <= MAX_TOGETHER * rarer
-            for i in confirmed[apart & (confirmed != j)].tolist():
-                d = points[i] - points[j]
-                C = self.ekf.marginal(np.array([i, j]))[-4:, -4:]
-                S = C[:2, :2] + C[2:, 2:] - C[:2, 2:] - C[2:, :2]
-                S += (SYSTEMATIC * size) ** 2 * np.eye(2)
-                nis = float(d @ np.linalg.solve(S, d))
-                spread = float(log_determinant(S)) - 4 * np.log(size)
-                gain = (Alternatives.new_cost - nis - spread) / 2
-                better = best is None or gain > best[0]
-                if nis < MAX_DISTANCE**2 and gain > MIN_GAIN and better:
-                    best = gain, min(i, j), max(i, j)
+        confirmed = self.culling.confirmed(len(points))
+        deviation = np.sqrt(self.ekf.landmark_covariances.trace(0, 1, 2))  # (N,)
+        systematic = (SYSTEMATIC * size) ** 2 * np.eye(2)
+        for j in observed[confirmed[observed]].tolist():
+            apart = self.together[j] <= MAX_TOGETHER * np.minimum(count, count[j])
+            d = points - points[j]
+            bound = MAX_DISTANCE * (deviation + deviation[j] + SYSTEMATIC * size)
+            near = np.flatnonzero(confirmed & apart & (np.hypot(d[:, 0], d[:, 1]) < bound))
+            if len(near) == 0:
+                continue
+            C = self.ekf.marginal(np.append(near, j))
+            blocks = C[-2 * len(near) - 2 :, -2 * len(near) - 2 :].reshape(len(near) + 1, 2, -1, 2)
+            k = np.arange(len(near))
+            cross = blocks[k, :, -1]  # (k, 2, 2)
+            S = blocks[k, :, k] + blocks[-1, :, -1] - cross - cross.transpose(0, 2, 1) + systematic
+            nis = normalized_squared(d[near], S)
+            gain = (Alternatives.new_cost - nis - log_determinant(S) + 4 * np.log(size)) / 2
+            gain[nis > MAX_DISTANCE**2] = -np.inf
+            i = int(gain.argmax())
+            if gain[i] > (MIN_GAIN if best is None else best[0]):
+                best = float(gain[i]), min(int(near[i]), j), max(int(near[i]), j)
         return best
 
     def _join(self, gain: float, kept: int, removed: int) -> None:
@@ -159,56 +167,59 @@ class Hypothesis:
         self.weight = float(arrays["weight"])
 
 
-class MultipleHypotheses:
-    """Runs several filters side by side, one for each association hypothesis.
+class MultiHypothesisSlam(Slam):
+    """EKF-SLAM with several association hypotheses, each a filter with a map of its own.
 
-    Args:
-        ekf: the filter at the start.
-        culling: that of its landmarks.
-        gate: see `EkfConfig`.
-        limit: hypotheses that are kept at most.
+    The results of a step are those of the most probable hypothesis after it, and so are the filter
+    and the map. Once another one is the most probable, its map and its numbers of landmarks take
+    the place of the former ones; what was reported stays.
+
+    Names of landmarks are not used. A saved map is that of the most probable hypothesis. In the
+    mode "localize" there is one filter, with the rule "mutual".
     """
 
-    def __init__(self, ekf: EkfSlam, culling: Culling, gate: float, limit: int) -> None:
-        self.alternatives, self.limit = Alternatives(gate), limit
-        self.hypotheses = [Hypothesis(ekf, culling)]
-        """The most probable one first."""
+    @cached_property
+    def hypotheses(self) -> list[Hypothesis]:
+        """The most probable one first, which has the filter of this object."""
+        return [Hypothesis(self.ekf, self.culling)]
 
-    def take_step(self, slam: "Slam", s: Steps, out: StepResults) -> IntArray:
-        """Take one step with every hypothesis; the results are those of the most probable one.
-
-        Returns:
-            (g,) its landmarks that were removed.
-        """
-        i = int(s.position[0])
-        scan = slice(s.edge[i], s.edge[i + 1])
-        for each in self.hypotheses:
-            if i == 0:
-                each.association = np.zeros(0, np.int64)
-            if i >= s.still:
-                each.ekf.predict(s.control[i], s.U[i])  # C.5-C.9
-        culled = np.zeros(0, np.int64)
-        if scan.stop > scan.start:
-            self.observe(s.z[scan], s.R[scan])
-            best = self.hypotheses[0]
-            slam.ekf, slam.culling, culled = best.ekf, best.culling, best.culled
-            s.landmark[: scan.stop] = best.association
-            for array, values in zip(out.innovations, best.innovations, strict=True):
-                array[scan] = values
-        out.pose[i], out.covariance[i] = slam.ekf.pose, slam.ekf.pose_covariance
-        s.position[0] = i + 1
+    def advance(self, s: Steps, end: int, out: StepResults) -> list[IntArray]:
+        """Take the steps before `end`; see `Slam.advance`."""
+        if self.mode == "localize":
+            return super().advance(s, end, out)
+        start, culled = int(s.position[0]), []
+        for i in range(start, end):
+            scan = slice(s.edge[i], s.edge[i + 1])
+            for each in self.hypotheses:
+                if i == 0:
+                    each.association = np.zeros(0, np.int64)
+                if i >= s.still:
+                    each.ekf.predict(s.control[i], s.U[i])  # C.5-C.9
+            if scan.stop > scan.start:
+                self._observe(s.z[scan], s.R[scan])
+                best = self.hypotheses[0]
+                self.ekf, self.culling = best.ekf, best.culling
+                s.landmark[: scan.stop] = best.association
+                for array, values in zip(out.innovations, best.innovations, strict=True):
+                    array[scan] = values
+                culled += [best.culled] if len(best.culled) > 0 else []
+            out.pose[i], out.covariance[i] = self.ekf.pose, self.ekf.pose_covariance
+            s.position[0] = i + 1
+        self.num_steps = s.first + end
+        check_diverged(out.pose[start:end], s.first + start)
         return culled
 
-    def observe(self, z: FloatArray, R: FloatArray) -> None:
+    def _observe(self, z: FloatArray, R: FloatArray) -> None:
         """Split the hypotheses by the alternatives of a scan, and keep the most probable ones."""
+        alternatives = Alternatives(self.config.gate)
         options = [
-            (hypothesis.weight - cost / 2, i, association)
+            (hypothesis.weight - TEMPER * cost / 2, i, association)
             for i, hypothesis in enumerate(self.hypotheses)
-            for cost, association in self.alternatives(hypothesis.ekf, z, R)
+            for cost, association in alternatives(hypothesis.ekf, z, R)
         ]
         options.sort(key=lambda option: -option[0])
-        options = [each for each in options[: self.limit] if each[0] > options[0][0] - PRUNED]
-        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
+        likely = [each for each in options if each[0] > options[0][0] - PRUNED]
+        options = likely[: self.config.max_hypotheses]
         left = [i for _, i, _ in options]
         split = []
         for weight, i, association in options:
@@ -216,6 +227,7 @@ class MultipleHypotheses:
             hypothesis = self.hypotheses[i].copy() if i in left else self.hypotheses[i]
             hypothesis.weight = weight
             split.append((hypothesis, association))
+        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
         for hypothesis, association in split:
             hypothesis.observe(z, R, association, size)
         split.sort(key=lambda each: -each[0].weight)
@@ -228,12 +240,16 @@ class MultipleHypotheses:
         self.hypotheses = kept
 
     def to_arrays(self) -> Arrays:
-        """Its state as named arrays."""
+        """Its state as named arrays; see `Slam.to_arrays`."""
         parts = {str(i): each.to_arrays() for i, each in enumerate(self.hypotheses)}
-        return {**merge(parts), "count": np.array(len(parts))}
+        arrays = merge({"hypotheses": {**merge(parts), "count": np.array(len(parts))}})
+        return {**super().to_arrays(), **arrays}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        self.hypotheses = [self.hypotheses[0].copy() for _ in range(int(arrays["count"]))]
+        super().from_arrays(arrays)
+        saved = select(arrays, "hypotheses")
+        self.hypotheses = [Hypothesis(self.ekf, self.culling).copy() for _ in range(saved["count"])]
         for i, hypothesis in enumerate(self.hypotheses):
-            hypothesis.from_arrays(select(arrays, str(i)))
+            hypothesis.from_arrays(select(saved, str(i)))
+        self.ekf, self.culling = self.hypotheses[0].ekf, self.hypotheses[0].culling

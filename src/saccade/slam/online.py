@@ -6,7 +6,7 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import LogError, require
+from saccade.errors import require
 from saccade.slam._step_kernels import StepResults, Steps
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association._name_table_kernels import NameTable
@@ -24,16 +24,13 @@ from saccade.slam.filter.validation import as_array, check_all, regularized
 from saccade.slam.lost_steps import leave_out, take_lost_step
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
-from saccade.slam.multiple import MultipleHypotheses
 from saccade.slam.recovery import Recovery
-from saccade.slam.results import StepResult
+from saccade.slam.results import StepResult, check_diverged
 from saccade.slam.strides import new_results, new_stride, take_stride
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
-MAX_COORDINATE = 1e9
-"""Metres from the origin at which the estimate has diverged."""
 NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 """For rules that do not doubt names; as of a log without any."""
 
@@ -86,8 +83,7 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        several = config.association == "multiple" and association is None and mode == "continue"
-        whole = config.submaps == "never" or config.recover or several
+        whole = config.submaps == "never" or config.recover or config.association == "multiple"
         self.ekf: EkfSlam = (EkfSlam if whole else CompressedSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
@@ -104,12 +100,6 @@ class Slam:
         self.culling = Culling(
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
-        self.multiple = (
-            MultipleHypotheses(self.ekf, self.culling, config.gate, config.max_hypotheses)
-            if several
-            else None
-        )
-        """The association hypotheses, if there are several; the filter is the most probable one."""
         ranges = type(sensor) is RangeBearing
         self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
         self.num_steps = 0
@@ -253,10 +243,6 @@ class Slam:
             if self.recovery.lost:
                 take_lost_step(self, s, out)
                 continue
-            if self.multiple is not None:
-                landmarks = self.multiple.take_step(self, s, out)
-                culled += [landmarks] if len(landmarks) > 0 else []
-                continue
             landmarks = (
                 self._take_many(s, end, out) if self.is_compiled else take_custom_step(self, s, out)
             )
@@ -266,13 +252,7 @@ class Slam:
                 culled.append(landmarks)
                 self.remove(landmarks, s.landmark)
         self.num_steps = s.first + end
-        diverged = ~(np.abs(out.pose[start:end]).max(1) < MAX_COORDINATE)
-        if diverged.any():
-            raise LogError(
-                f"pose {s.first + start + int(diverged.argmax())}: expected a position within "
-                f"{MAX_COORDINATE:g} m, found that the estimate diverged; observations or controls "
-                "contradict their standard deviations"
-            )
+        check_diverged(out.pose[start:end], s.first + start)
         return culled
 
     def remove(self, landmarks: IntArray, association: IntArray) -> None:
@@ -388,8 +368,6 @@ class Slam:
         """
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
         parts["recovery"] = self.recovery.to_arrays()
-        if self.multiple is not None:
-            parts["multiple"] = self.multiple.to_arrays()
         return {**merge(parts), "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
@@ -397,10 +375,6 @@ class Slam:
         for name, part in self._parts().items():
             part.from_arrays(select(arrays, name))
         self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
-        if self.multiple is not None and "multiple.count" in arrays:
-            self.multiple.from_arrays(select(arrays, "multiple"))
-            best = self.multiple.hypotheses[0]
-            self.ekf, self.culling = best.ekf, best.culling
         self.num_steps = int(arrays["num_steps"])
 
     def _parts(self) -> dict[str, Stateful]:

@@ -5,9 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saccade.errors import LogError
 from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.hypotheses import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
+
+MAX_COORDINATE = 1e9
+"""Metres from the origin at which the estimate has diverged."""
 
 
 class Innovation(NamedTuple):
@@ -70,3 +74,18 @@ class StepResult:
 def new_innovations(k: int) -> Innovations:
     """Room for the innovations of so many observations."""
     return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))
+
+
+def check_diverged(pose: FloatArray, first: int) -> None:
+    """Check that no pose (t, 3) diverged; the number of the first is `first`.
+
+    Raises:
+        LogError: names the pose.
+    """
+    diverged = ~(np.abs(pose).max(1) < MAX_COORDINATE)
+    if diverged.any():
+        raise LogError(
+            f"pose {first + int(diverged.argmax())}: expected a position within "
+            f"{MAX_COORDINATE:g} m, found that the estimate diverged; observations or controls "
+            "contradict their standard deviations"
+        )

@@ -13,6 +13,7 @@ from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
+from saccade.slam.multiple import MultiHypothesisSlam
 from saccade.slam.online import Slam
 from saccade.slam.snapshots import Recorder
 from saccade.slam.strides import new_results
@@ -176,7 +177,8 @@ def slam_for(
     Raises:
         LogError: as `run`.
     """
-    return Slam(
+    several = config.association == "multiple" and associate is None
+    return (MultiHypothesisSlam if several else Slam)(
         config,
         start=log.start,
         motion=motion_of(log, motion),
