@@ -28,7 +28,8 @@ def slam(
         str | None,
         Option(
             help="Data association: known (identities of the log, believed), nearest, mutual, "
-            "joint (JCBB), or auto: identities that agree with the map, else mutual."
+            "joint (JCBB), multiple (several hypotheses), or auto: identities that agree with the "
+            "map, else mutual."
         ),
     ] = None,
     tune: Annotated[bool, Option("--tune", help="First fit the noise to the innovations.")] = False,

@@ -24,6 +24,7 @@ from saccade.slam.models import (
     observe,
     wrap,
 )
+from saccade.slam.multiple import MultiHypothesisSlam
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation, StepResult
@@ -52,6 +53,7 @@ __all__ = [
     "MergeConfig",
     "MergedMaps",
     "Motion",
+    "MultiHypothesisSlam",
     "NearestNeighbor",
     "PoseHypotheses",
     "Recorder",

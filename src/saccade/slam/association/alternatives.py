@@ -81,7 +81,7 @@ class Alternatives:
         found: dict[tuple[int, ...], tuple[float, IntArray]] = {}
         by_known = np.isfinite(alone) & (looseness <= self.known)
         for total, pairs in zip(cost.tolist(), assigned, strict=True):
-            if not np.isfinite(total):
+            if total > cost[0] + self.window:
                 break
             column = np.full(len(z), -1)
             column[rows] = np.where(pairs >= 0, pair[pairs], -1)

@@ -1,0 +1,129 @@
+"""Several association hypotheses among landmarks that are close to each other."""
+
+import dataclasses
+from itertools import product
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.evaluation.trajectory import position_rmse
+from saccade.slam import EkfConfig, EkfSlam, MultiHypothesisSlam, Retraction
+from saccade.slam.association._kernels import NEW
+from saccade.slam.association.alternatives import Alternatives
+from saccade.slam.association.jcbb import predict_jointly
+from saccade.slam.filter.joining import join_landmarks
+from support.clustered_world import clustered_world
+
+MULTIPLE = EkfConfig(association="multiple")
+
+
+def _hidden(log):
+    return dataclasses.replace(log, landmark=np.full_like(log.landmark, -1))
+
+
+def _wrong(log, association):
+    """The fraction of associations that are not of what most of their landmark's are."""
+    used = association >= 0
+    counts = np.zeros((association.max() + 1, log.landmark.max() + 1), int)
+    np.add.at(counts, (association[used], log.landmark[used]), 1)
+    return 1 - counts.max(1).sum() / used.sum()
+
+
+def test_a_clustered_world_without_names_is_mapped_almost_as_with_them():
+    log = clustered_world(1, steps=600)
+    named, result = slam.run(log), slam.run(_hidden(log), MULTIPLE)
+    single = slam.run(_hidden(log), EkfConfig(association="mutual"))
+    known = position_rmse(named.trajectory, log.truth)
+    assert position_rmse(result.trajectory, log.truth) < 1.3 * known
+    assert 12 <= len(result.map) <= 14  # of 12
+    assert _wrong(log, result.association) < 0.08 < _wrong(log, single.association)
+
+
+def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
+    log = _hidden(clustered_world(2, steps=160))
+    config = dataclasses.replace(MULTIPLE, max_hypotheses=6)
+    whole = slam.run(log, config)
+    live, poses, several = slam.slam_for(log, config), [], 0
+    for i in range(len(log.time)):
+        k = log.observation_pose == i
+        moved = [log.control[i - 1], log.control_covariance[i - 1]] if i > 0 else [None, None]
+        scan = log.observation[k], log.observation_covariance[k]
+        poses.append(live.step(log.time[i], *moved, *scan).pose)
+        several = max(several, len(live.hypotheses))
+        if i % 60 == 40:
+            arrays = {name: np.array(array) for name, array in live.to_arrays().items()}
+            live = slam.slam_for(log, config)
+            live.from_arrays(arrays)
+    assert np.array(poses).tobytes() == whole.trajectory.pose.tobytes()
+    assert isinstance(live, MultiHypothesisSlam)
+    assert 1 < several <= 6
+    assert live.hypotheses[0].weight == 0.0
+
+
+def test_a_map_is_saved_and_gone_on_with(tmp_path):
+    log = _hidden(clustered_world(2, steps=160))
+    live = slam.slam_for(log, MULTIPLE)
+    slam.run(log, initial=live)
+    live.save(tmp_path / "map.npz")
+    loaded = MultiHypothesisSlam.load(tmp_path / "map.npz")
+    k = log.observation_pose == log.observation_pose[-1]
+    scan = log.observation[k], log.observation_covariance[k]
+    found = loaded.step(41.0, z=scan[0], R=scan[1])
+    np.testing.assert_allclose(found.pose, live.ekf.pose, atol=0.2)
+    assert (found.association >= 0).all()
+    assert len(loaded.ekf) == len(live.ekf)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_alternatives_are_those_of_all_joint_associations(seed):
+    rng = np.random.default_rng(seed)
+    ekf = EkfSlam(np.zeros(3), np.diag([0.1, 0.1, 0.03]) ** 2, huber=np.inf)
+    R = np.tile(np.diag([0.05, 0.02]) ** 2, (3, 1, 1))
+    landmarks = np.array([[3.0, 0.1], [3.2, 0.12], [3.1, -0.05], [5.0, 1.0]])
+    for z in landmarks:
+        ekf.augment(z, R[0])
+    ekf.predict(np.array([0.0, 0.0]), np.diag([0.2, 0.05]) ** 2)
+    z = landmarks[rng.permutation(4)[:3]] + rng.normal(size=(3, 2)) * [0.1, 0.03]
+    config = Alternatives(gate=0.9999, known=-np.inf, max_nodes=10**6, max_assignments=100)
+    found = config(ekf, z, R)
+    costs = {}
+    for which in product(range(-1, 4), repeat=3):
+        pairs = [(i, j) for i, j in enumerate(which) if j >= 0]
+        if len({j for _, j in pairs}) < len(pairs):
+            continue
+        cost = config.new_cost * (3 - len(pairs))
+        if pairs:
+            rows, columns = (list(each) for each in zip(*pairs, strict=True))
+            predicted, S = predict_jointly(ekf, np.array(columns))
+            noise = np.kron(np.eye(len(pairs)), R[0])
+            v = ekf.sensor.difference(z[rows], predicted).ravel()
+            cost += v @ np.linalg.solve(S + noise, v)
+            cost += np.linalg.slogdet(S + noise)[1] - np.linalg.slogdet(noise)[1]
+        costs[which] = cost
+    least = min(costs.values())
+    expected = {key: cost for key, cost in costs.items() if cost < least + config.window - 1e-9}
+    got = {tuple(np.where(a == NEW, -1, a).tolist()): cost for cost, a in found}
+    assert next(iter(got)) == min(costs, key=costs.get)
+    for key, cost in got.items():
+        assert cost == pytest.approx(costs[key])
+    assert len(got) >= min(2, len(expected))
+    assert set(got) <= set(expected)
+
+
+@pytest.mark.parametrize("kind", list(Retraction))
+def test_joining_landmarks_is_an_update_by_a_distance_of_zero(kind):
+    start = np.array([0.3, -0.2, 0.1])
+    ekf = EkfSlam(start, np.diag([0.01, 0.02, 0.001]), retraction=kind)
+    R = np.diag([0.05, 0.02]) ** 2
+    for z in ([2.0, 0.3], [2.05, 0.32], [3.0, -0.5]):
+        ekf.augment(np.array(z), R)
+    state, P = ekf.state, ekf.covariance
+    H = np.zeros((2, 9))
+    H[:, 3:5], H[:, 5:7] = np.eye(2), -np.eye(2)
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + 1e-8 * np.eye(2))
+    join_landmarks(ekf, 0, 1)
+    # the invariant filter corrects along the exponential and carries its covariance along
+    np.testing.assert_allclose(ekf.state, state - K @ H @ state, atol=2e-4)
+    np.testing.assert_allclose(ekf.covariance, (np.eye(9) - K @ H) @ P, atol=1e-4)
+    np.testing.assert_allclose(ekf.landmarks[0], ekf.landmarks[1], atol=1e-4)
