@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from withheld import associated, rmse
 
 from saccade import slam
 from saccade.types import FloatArray, LandmarkLog, Trajectory
+from withheld import associated, rmse
 
 AREA = np.array([7.0, 9.0])
 """Metres."""

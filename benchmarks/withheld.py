@@ -50,13 +50,15 @@ def associated(log: LandmarkLog, result: slam.SlamResult) -> tuple[int, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("logs", type=Path, nargs="+")
+    parser.add_argument("--association", default="auto", help="without names; see EkfConfig")
     print("                                  position (m)                 without names")
     print("log                    as it is  no bias  no names   map  found      wrong  used")
-    for path in parser.parse_args().logs:
+    options = parser.parse_args()
+    for path in options.logs:
         for log in robots(path):
             hidden = replace(log, landmark=np.full_like(log.landmark, -1))
             plain = replace(log, odometry_bias=(0.0, 0.0, 0.0))
-            result = slam.run(hidden)
+            result = slam.run(hidden, slam.EkfConfig(association=options.association))
             found, wrong = associated(log, result)
             errors = [rmse(log, each) for each in (slam.run(log), slam.run(plain), result)]
             print(
