@@ -54,7 +54,7 @@ class EkfConfig:
     name_gate: float = 0.99999
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
-    max_hypotheses: int = 10
+    max_hypotheses: int = 20
     """Association "multiple": hypotheses that are kept at most."""
     recover: bool = False
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
