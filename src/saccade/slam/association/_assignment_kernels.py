@@ -123,4 +123,5 @@ def _pair_cost(
         for q in range(row):
             rest -= L[row, q] * white[q]
         white[row] = rest / L[row, row]
-    return white[k] * white[k] + white[k + 1] * white[k + 1] + max(log_determinant, 0.0)
+    square = white[k] * white[k] + white[k + 1] * white[k + 1]
+    return float(square + max(log_determinant, 0.0))
