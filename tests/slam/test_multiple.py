@@ -69,10 +69,12 @@ def test_a_map_is_saved_and_gone_on_with(tmp_path):
     loaded = MultiHypothesisSlam.load(tmp_path / "map.npz")
     k = log.observation_pose == log.observation_pose[-1]
     scan = log.observation[k], log.observation_covariance[k]
-    found = loaded.step(41.0, z=scan[0], R=scan[1])
-    np.testing.assert_allclose(found.pose, live.ekf.pose, atol=0.2)
-    assert (found.association >= 0).all()
-    assert len(loaded.ekf) == len(live.ekf)
+    found, expected = (each.step(41.0, z=scan[0], R=scan[1]) for each in (loaded, live))
+    np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
+    np.testing.assert_array_equal(found.association, expected.association)
+    single = slam.Slam.load(tmp_path / "map.npz")
+    assert single.num_steps == len(log.time)
+    single.step(41.0, z=scan[0], R=scan[1])
 
 
 @pytest.mark.parametrize("seed", range(5))

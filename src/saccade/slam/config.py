@@ -37,8 +37,8 @@ class EkfConfig:
     """Data association. "auto": by identity where an observation has one that agrees with the map
     (`name_gate`), else "mutual". "known": by identity, which is never doubted. By geometry alone,
     to the nearest landmark, to the mutually nearest one, of the largest jointly compatible set of
-    pairs, or by several hypotheses at once (`MultiHypothesisSlam`; a
-    `Slam` without a log takes "mutual" for it)."""
+    pairs, or by several hypotheses at once, with names not used (`MultiHypothesisSlam`, which `run`
+    takes for it; `Slam` itself takes "mutual")."""
     gate: float = 0.99
     """Unknown association: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999

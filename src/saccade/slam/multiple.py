@@ -89,7 +89,7 @@ class Hypothesis:
         self.culling.update(ekf, predicted, mapped, float(z[:, 0].max()), association)
         self.association = np.append(self.association, association)
         ids = ekf.ids
-        while (pair := self._duplicate(np.unique(self.association[-len(z) :]), size)) is not None:
+        while (pair := self._duplicate(self.association[-len(z) :], size)) is not None:
             self._join(*pair)
         self._remove(np.zeros(0, np.int64))
         self.culled = np.flatnonzero(~np.isin(ids, ekf.ids))
@@ -100,6 +100,7 @@ class Hypothesis:
         confirmed = self.culling.confirmed(len(points))
         deviation = np.sqrt(self.ekf.landmark_covariances.trace(0, 1, 2))  # (N,)
         systematic = (SYSTEMATIC * size) ** 2 * np.eye(2)
+        observed = np.unique(observed[observed >= 0])  # not those that were removed
         for j in observed[confirmed[observed]].tolist():
             apart = self.together[j] <= MAX_TOGETHER * np.minimum(count, count[j])
             d = points - points[j]
@@ -174,8 +175,8 @@ class MultiHypothesisSlam(Slam):
     and the map. Once another one is the most probable, its map and its numbers of landmarks take
     the place of the former ones; what was reported stays.
 
-    Names of landmarks are not used. A saved map is that of the most probable hypothesis. In the
-    mode "localize" there is one filter, with the rule "mutual".
+    Names of landmarks are not used. `load` of this class goes on with all hypotheses, `Slam.load`
+    with the most probable one. In the mode "localize" there is one filter, with the rule "mutual".
     """
 
     @cached_property
