@@ -17,6 +17,7 @@ from saccade.attention.contrast import (
     weight_center,
 )
 from saccade.attention.contrast_config import MAX_WEIGHT
+from saccade.attention.faces import FaceDetector, face_map
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import Normalization, normalize, rescale, sharpen
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
@@ -38,6 +39,9 @@ class AttentionConfig:
     """The same for symmetry."""
     boolean_weight: float = 0.6
     """The same for Boolean maps; at 0 they are not computed and their map is 0."""
+    face_weight: float = 0.5
+    """Weight of faces beside the sum of the models scaled to [0, 1]; without effect unless
+    `attention_saliency` is given a detector of faces."""
     normalization: Normalization = "local-maxima"
     """Normalization of the maps; see `saccade.attention.normalize`."""
     sharpening: float = 1.4
@@ -57,7 +61,7 @@ class AttentionConfig:
             weight = getattr(self, name)
             require(0 < weight <= MAX_WEIGHT, name, f"above 0, at most {MAX_WEIGHT:g}", weight)
         require_types(self)
-        require_ranges(self, boolean_weight=(0, MAX_WEIGHT))
+        require_ranges(self, boolean_weight=(0, MAX_WEIGHT), face_weight=(0, MAX_WEIGHT))
         require(0 < self.sharpening <= 100, "sharpening", "above 0, at most 100", self.sharpening)
         prior = self.center_prior
         require(prior is None or 0 < prior < np.inf, "center_prior", "above 0, or none", prior)
@@ -100,6 +104,8 @@ class AttentionMaps(SaliencyMaps):
     """Boolean map saliency."""
     image_shape: tuple[int, int]
     """(H, W) of the image."""
+    faces: FloatMap | None = None
+    """(h, w) in [0, 1], 1 at the center of a face; None without a detector."""
 
     @property
     def layers(self) -> dict[str, FloatMap]:
@@ -109,13 +115,19 @@ class AttentionMaps(SaliencyMaps):
             "symmetry": self.symmetry.saliency,
             "boolean": self.boolean.saliency,
         }
+        if self.faces is not None:
+            models["faces"] = self.faces
         return {"saliency": self.saliency, **models} | {
             name: values for name, values in self.contrast.layers.items() if name != "saliency"
         }
 
 
 def attention_saliency(
-    image: Image, config: AttentionConfig | None = None, *, keep_features: bool = False
+    image: Image,
+    config: AttentionConfig | None = None,
+    *,
+    keep_features: bool = False,
+    faces: FaceDetector | None = None,
 ) -> AttentionMaps:
     """Saliency from contrast, symmetry and Boolean maps.
 
@@ -123,6 +135,7 @@ def attention_saliency(
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: the weights, and the settings of the models.
         keep_features: whether the maps of contrast hold their feature maps.
+        faces: finds (n, 4) boxes of faces in the image; None for a model without faces.
 
     Returns:
         Saliency (h, w), and the maps of each model.
@@ -144,6 +157,10 @@ def attention_saliency(
     summed = np.zeros(shape, np.float64)
     for weight, values in models:
         summed += weight * normalize(values, N, radius=None)
+    found = None
+    if faces is not None:
+        found = face_map(faces(image), contrast.image_shape, shape)
+        summed = rescale(summed) + config.face_weight * found
     saliency = sharpen(rescale(summed), config.sharpening).astype(np.float32)
     return AttentionMaps(
         saliency=weight_center(saliency, config.center_prior),
@@ -151,6 +168,7 @@ def attention_saliency(
         symmetry=symmetry,
         boolean=boolean,
         image_shape=contrast.image_shape,
+        faces=found,
     )
 
 
