@@ -21,7 +21,8 @@ CELLS = ["AUC", "NSS", "IG (bit)"]
 MEANING = (
     "By image: on images that the model was not fitted to; by viewer: on viewers that it was not "
     "fitted to. IG: information gain over the center, the density of all other images' fixations, "
-    "in bits per fixation. People: each viewer against the fixations of the others."
+    "in bits per fixation. People: each viewer against the fixations of the others. With few "
+    "viewers at a time, as by viewer and of people, CC is lower: their density is coarser."
 )
 CURVE = "On images left out, on the cells of the map; IG is over the geometry of the image alone."
 
@@ -49,22 +50,16 @@ class Fitted:
         ]
         curve = [[str(count), *_plain(cell)] for count, cell in self.study.curve]
         full = _plain(self.study.full)
-        groups = [["all", "", *full, "", "", ""]]
-        groups += [
-            [each.group, str(each.count), *_plain(each.without), *_plain(each.alone)]
-            for each in self.study.groups
-        ]
+        without = [["all features", *full]]
+        without += [[f"without {each.group}", *_plain(each.without)] for each in self.study.groups]
+        alone = [[each.group, *_plain(each.alone)] for each in self.study.groups]
         images = len(results[FITTED].name)
         return [
-            Table(f"{images} images, mean and 95 % interval", COLUMNS, scores, MEANING, "model"),
+            Table(f"{images} images: mean, half of the 95 % interval", COLUMNS, scores, MEANING),
             Table("paired differences", COLUMNS, paired, first="models"),
-            Table("learning curve: images fitted to", ["images", *CELLS], curve, CURVE),
-            Table(
-                "features: the scores without each group, and with it and the geometry alone",
-                ["group", "features", *CELLS, *(f"{name} alone" for name in CELLS)],
-                groups,
-                CURVE,
-            ),
+            Table("learning curve", ["images fitted to", *CELLS], curve, CURVE),
+            Table("features left out", ["", *CELLS], without, CURVE, "features"),
+            Table("features with center and border alone", ["", *CELLS], alone, CURVE, "features"),
         ]
 
     def as_json(self) -> dict[str, Any]:
@@ -114,7 +109,7 @@ def _tracked(items: Iterable[Any], description: str, count: int) -> Iterable[Any
 
 def _cells(mean: Any, low: Any, high: Any) -> list[str]:
     return [
-        f"{getattr(mean, key):.3f} [{getattr(low, key):.3f} {getattr(high, key):.3f}]"
+        f"{getattr(mean, key):.3f} ±{(getattr(high, key) - getattr(low, key)) / 2:.3f}"
         for key in KEYS
     ]
 

@@ -102,7 +102,10 @@ def _mean(rows: list[FixationScores]) -> FixationScores:
 
 
 def learning_curve(data: FittingData, config: FittingConfig) -> Iterator[tuple[int, CellScores]]:
-    """Scores of images left out, by the number of images that are fitted to."""
+    """Scores of images left out, by the number of images that are fitted to.
+
+    Features and penalty are chosen anew for each number, on the images of the first part.
+    """
     count = len(data.images)
     parts = split(count, min(config.folds, 5), config.seed)
     largest = count - max(len(part) for part in parts)
@@ -110,9 +113,11 @@ def learning_curve(data: FittingData, config: FittingConfig) -> Iterator[tuple[i
     for size in sizes:
         rng = np.random.default_rng([config.seed, size])
         weights: dict[int, FloatArray] = {}
+        choice = None
         for held in parts:
             others = np.sort(rng.permutation(np.delete(np.arange(count), held))[:size])
-            fitted = fit(data, others, choose(data, others, config), config)
+            choice = choice or choose(data, others, config)
+            fitted = fit(data, others, choice, config)
             weights |= dict.fromkeys(held.tolist(), fitted)
         yield size, cell_scores(data, [*weights], [*weights.values()], _center(data, config))
 

@@ -8,7 +8,7 @@ random cells it has the maximum likelihood of an inhomogeneous Poisson process (
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -26,7 +26,9 @@ MAPS, SURROUNDINGS, PRODUCTS = "maps", "surroundings", "products"
 KINDS = ((MAPS,), (MAPS, SURROUNDINGS), (MAPS, SURROUNDINGS, PRODUCTS))
 """Sets of features among which nested cross-validation chooses."""
 STRENGTHS = (0.003, 0.03, 0.3)
-"""Inverse strengths of the penalty among which it chooses."""
+"""Inverse strengths of the penalty among which it chooses, with all features."""
+INNER_FOLDS = 4
+"""Parts of the images that are fitted to, each left out once to choose."""
 PSEUDO_OBSERVATIONS = 100.0
 """Weight of the fixations of an image against the penalty, and of its random cells."""
 
@@ -200,26 +202,24 @@ def choose(
         config: seed of the parts.
         only: (k,) the features that may be used; None for all.
     """
-    candidates = []
-    for kinds in KINDS:
-        columns = data.columns(kinds)
-        columns = columns if only is None else columns[only[columns]]
-        if len(columns) and not any(np.array_equal(columns, c.columns) for c in candidates):
-            candidates += [Choice(columns, strength) for strength in STRENGTHS]
-    require(len(candidates) > 0, "features", "at least one", 0)
-    halves = split(len(images), 2, config.seed)
-    gains = [
-        np.mean(
-            [
-                log_density(data, i, weights)[data.cells[i]].mean()
-                for held in halves
-                for weights in [fit(data, np.delete(images, held), choice, config)]
-                for i in images[held]
-            ]
-        )
-        for choice in candidates
-    ]
-    return candidates[int(np.argmax(gains))]
+    allowed = np.ones(len(data.names), np.bool_) if only is None else only
+    sets = [columns[allowed[columns]] for columns in map(data.columns, KINDS)]
+    require(len(sets[-1]) > 0, "features", "at least one", 0)
+    gain = partial(_held_out_gain, data, images, config)
+    best = max((Choice(sets[-1], strength) for strength in STRENGTHS), key=gain)
+    fewer = [Choice(columns, best.strength) for columns in sets[:-1] if len(columns)]
+    return max([best, *fewer], key=gain)
+
+
+def _held_out_gain(
+    data: FittingData, images: IntArray, config: FittingConfig, choice: Choice
+) -> float:
+    """Mean logarithm of the probability of the fixations on images left out of the fit."""
+    gains = []
+    for held in split(len(images), INNER_FOLDS, config.seed):
+        weights = fit(data, np.delete(images, held), choice, config)
+        gains += [log_density(data, i, weights)[data.cells[i]].mean() for i in images[held]]
+    return float(np.mean(gains))
 
 
 def split(count: int, folds: int, seed: int) -> list[IntArray]:
