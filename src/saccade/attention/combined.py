@@ -38,7 +38,7 @@ class AttentionConfig:
     """The same for symmetry."""
     boolean_weight: float = 0.6
     """The same for Boolean maps; at 0 they are not computed and their map is 0."""
-    face_weight: float = 0.5
+    face_weight: float = 1.0
     """Weight of faces beside the sum of the models scaled to [0, 1]; without effect unless
     `attention_saliency` is given a detector of faces."""
     normalization: Normalization = "local-maxima"

@@ -34,7 +34,7 @@ def fit(
     ] = 1,
     folds: Annotated[
         int, Option(min=2, max=100, metavar="N", help="Folds of the cross-validation.")
-    ] = 10,
+    ] = 5,
     seed: Seed = 2020,
     people: Annotated[
         bool,

@@ -19,7 +19,7 @@ from saccade.evaluation.fitting import (
     log_density,
     split,
 )
-from saccade.evaluation.fixations import FixationScores, score
+from saccade.evaluation.fixations import FixationScores, fixation_density, score
 from saccade.evaluation.prediction import Model, PredictionScores, other_fixations
 from saccade.pyramid import resize
 from saccade.types import Float32Array, FloatArray, IntArray
@@ -86,7 +86,8 @@ def score_viewers(
     )
     for i, name in enumerate(data.images):
         others = other_fixations(name, fixations, sizes)
-        scored = partial(score, others=others, sigma=sigma)
+        baseline = fixation_density(others, sizes[name], sigma)
+        scored = partial(score, others=others, sigma=sigma, baseline=baseline)
         rows = []
         for part, weights in zip(parts, fitted, strict=False):
             own = fixations[name][np.isin(data.viewers[i], part)]
