@@ -61,7 +61,8 @@ def find_face_detector(model: Path | None = None) -> "Callable[[Image], FloatArr
         scale = min(1.0, LONGER_SIDE / max(pixels.shape[:2]))
         small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         levels = np.rint(in_unit_range(small) * 255).clip(0, 255).astype(np.uint8)
-        return np.asarray(detect(levels), np.float64).reshape(-1, 4) / scale
+        found: FloatArray = np.asarray(detect(levels), np.float64).reshape(-1, 4) / scale
+        return found
 
     return boxes
 

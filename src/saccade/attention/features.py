@@ -10,7 +10,6 @@ from collections.abc import Collection
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from saccade.attention.boolean_maps import boolean_saliency
 from saccade.attention.channels import CONSPICUITY
@@ -183,7 +182,7 @@ def geometry(shape: tuple[int, ...]) -> dict[str, FloatArray]:
     return dict(zip(GEOMETRY, (x * x, y * y, y, border, np.exp(-border / EDGE)), strict=True))
 
 
-def relative_log(values: npt.NDArray[np.floating], cells: float) -> FloatArray:
+def relative_log(values: FloatMap, cells: float) -> FloatArray:
     """Logarithm of a map, not negative, over its mean; smoothed by so many cells before."""
     if cells > 0:
         values = cv2.GaussianBlur(values, (0, 0), cells, borderType=cv2.BORDER_REFLECT)

@@ -37,7 +37,8 @@ class FixationRow(NamedTuple):
     image: str
     model: str
     viewer: int
-    index: int
+    fixation: int
+    """Its index."""
     x: float
     y: float
     auc: float

@@ -19,8 +19,7 @@ from saccade.attention.fitted import FittedModel
 from saccade.errors import LogError, require, require_ranges, require_types
 from saccade.evaluation.fixations import TINY, roc_area
 from saccade.extras import import_optional
-from saccade.image import Image
-from saccade.types import BoolArray, Float32Array, FloatArray, IntArray
+from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 
 MAPS, SURROUNDINGS, PRODUCTS = "maps", "surroundings", "products"
 KINDS = ((MAPS,), (MAPS, SURROUNDINGS), (MAPS, SURROUNDINGS, PRODUCTS))
@@ -263,7 +262,7 @@ def fit_all(data: FittingData, choice: Choice, config: FittingConfig) -> FittedM
 
 def as_model(data: FittingData, weights: FloatArray, fitted_to: str = "") -> FittedModel:
     """The model of some weights (k,)."""
-    used = np.flatnonzero(weights)
+    used = np.flatnonzero(weights).tolist()
     return FittedModel(
         tuple(data.names[i] for i in used),
         tuple(float(f"{weights[i]:.6g}") for i in used),
