@@ -82,9 +82,8 @@ def load_model(path: str | Path) -> Any:
     Raises:
         ConfigError: as `load_settings`.
     """
-    from saccade.attention.fitted import FittedModel
-
-    return _update(FittedModel(), _read_toml(Path(path)), str(path))
+    model = import_module("saccade.attention.fitted").FittedModel()
+    return _update(model, _read_toml(Path(path)), str(path))
 
 
 def preset_names(kind: str) -> list[str]:
