@@ -1,16 +1,16 @@
 """Models of fixations side by side: `uv run python benchmarks/fixation_models.py IMAGES FIXATIONS`.
 
 Every row is scored on the same images as `saccade evaluate fixations` does, with 95 % bootstrap
-intervals over the images: the presets of this package, two peers, a Gaussian in the center that
-sees nothing, and people. The peers are written here from their papers: Boolean maps (Zhang &
+intervals over the images, shuffled AUC first, since the center gains nothing in it: the presets of
+this package, peers, a Gaussian in the center and the other images' fixations, which see nothing of
+the image, and people. The peers are written here from their papers: Boolean maps (Zhang &
 Sclaroff 2016, the preset `zhang2016`) and GBVS (Harel, Koch & Perona, *Graph-based visual
 saliency*, NIPS 2006; feature maps of 32 pixels, sigma .15 and .06 of their width). People are the
 fixations of the other viewers, blurred: one against the others.
 """
 
 import argparse
-from collections.abc import Callable
-from dataclasses import astuple
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import cv2
@@ -27,10 +27,10 @@ from saccade.attention import (
     symmetry_saliency,
 )
 from saccade.datasets.fixations import read_fixations
-from saccade.evaluation.fixations import FixationScores, fixation_density, inside, score
+from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
+from saccade.evaluation.fixations import FixationScores
 from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_model
 from saccade.pyramid import resize
-from saccade.types import FixationTable
 
 SIGMA = 24.0
 """Pixels to a degree of visual angle."""
@@ -47,11 +47,13 @@ MODELS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "contrast, itti1998": lambda image: (
         contrast_saliency(image, ContrastConfig.itti1998()).saliency
     ),
+    "SaliencyToolbox 2": lambda image: (
+        contrast_saliency(image, ContrastConfig.saliencytoolbox2()).saliency
+    ),
     "BMS (Zhang & Sclaroff)": lambda image: (
         boolean_saliency(image, BooleanConfig.zhang2016()).saliency
     ),
     "GBVS (Harel et al.)": lambda image: gbvs(image),
-    "centered Gaussian": lambda image: centered(image.shape[:2]),
 }
 
 
@@ -117,32 +119,6 @@ def near(shape: tuple[int, ...], sigma: float) -> np.ndarray:
     return np.exp(-squared / (2 * (sigma * shape[1]) ** 2))
 
 
-def centered(shape: tuple[int, ...]) -> np.ndarray:
-    """A Gaussian of a quarter of each side."""
-    y, x = (np.exp(-((((np.arange(n) + 0.5) / n - 0.5) / 0.25) ** 2) / 2) for n in shape)
-    return np.outer(y, x)
-
-
-def people(table: FixationTable, images: Path, drop: int) -> list[FixationScores]:
-    """Each viewer of an image against the density of the others, in the mean of the viewers."""
-    points, sizes, _ = fixations_by_image(table, images, drop)
-    relative = {name: (xy + 0.5) / sizes[name][::-1] for name, xy in points.items()}
-    scores = []
-    for name, size in sizes.items():
-        here = (table.image == name) & (table.index >= drop)
-        others = np.vstack([xy for other, xy in relative.items() if other != name])
-        others = (others * size[::-1] - 0.5).clip(0, (size[1] - 1, size[0] - 1))
-        rows = []
-        for viewer in np.unique(table.viewer[here]):
-            own = inside(table.xy[here & (table.viewer == viewer)], size)
-            rest = inside(table.xy[here & (table.viewer != viewer)], size)
-            if len(own) and len(rest):
-                density = fixation_density(rest, size, SIGMA)
-                rows.append(astuple(score(density, own, others, SIGMA)))
-        scores.append(FixationScores(*np.mean(rows, axis=0)))
-    return scores
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("images", type=Path)
@@ -154,15 +130,16 @@ def main() -> None:
     points, sizes, _ = fixations_by_image(table, options.images, options.drop)
     kept = sorted(points)[:: options.every]
     points, sizes = {n: points[n] for n in kept}, {n: sizes[n] for n in kept}
-    print(f"{'':26} {'AUC':22} {'sAUC':22} {'NSS':22} {'CC':22} IG (bit)")
+    print(f"{'':28} {'sAUC':22} {'AUC':22} {'NSS':22} {'CC':22} IG (bit)")
 
-    def show(name: str, result: PredictionScores) -> None:
+    def show(name: str, scored: Iterable[tuple[str, FixationScores]]) -> None:
+        result = PredictionScores(*zip(*scored, strict=True))
         mean, (low, high) = result.mean(), result.interval()
         cells = [
             f"{getattr(mean, key):.3f} [{getattr(low, key):.3f} {getattr(high, key):.3f}]"
-            for key in ("auc", "shuffled_auc", "nss", "cc", "information_gain")
+            for key in ("shuffled_auc", "auc", "nss", "cc", "information_gain")
         ]
-        print(f"{name:26} {'  '.join(cells)}", flush=True)
+        print(f"{name:28} {'  '.join(cells)}", flush=True)
 
     for name, model in MODELS.items():
 
@@ -170,11 +147,11 @@ def main() -> None:
             pixels = read_image(options.images / image)
             return resize(model(pixels), pixels.shape[:2])
 
-        scored = score_model(saliency, points, sizes, SIGMA)
-        show(name, PredictionScores(*zip(*scored, strict=True)))
-    if options.every == 1:
-        names = tuple(points)
-        show("people", PredictionScores(names, tuple(people(table, options.images, options.drop))))
+        show(name, score_model(saliency, points, sizes, SIGMA))
+    show("centered Gaussian", score_model(center_model(sizes), points, sizes, SIGMA))
+    shuffled = shuffled_model(points, sizes, SIGMA)
+    show("other images' fixations", score_model(shuffled, points, sizes, SIGMA))
+    show("people", score_people(table, points, sizes, options.drop, SIGMA))
 
 
 if __name__ == "__main__":

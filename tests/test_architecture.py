@@ -24,6 +24,7 @@ ALLOWED = {
     "formats": set(),
     "_jit": {"errors"},
     "image": {"types", "errors", "files"},
+    "face_detection": {"types", "errors", "files", "image"},
     "textbook": {"types", "errors", "image"},
     "video": FOUNDATION | {"image"},
     "pyramid": {"types", "errors", "_jit"},

@@ -39,6 +39,10 @@ OF_PAGES = {
     "boolean-maps.md": lambda names: (
         names["maps"].saliency.max() == names["source"].saliency.max() == 1
     ),
+    "fitting.md": lambda names: (
+        names["model"].features == ("attention", "border")
+        and (names["maps"].faces is None) == (names["detector"] is None)
+    ),
     "image.md": lambda names: names["image"].shape == (427, 640, 3),
     "attention.md": lambda names: (
         len(names["path"]) == 10 and names["contrast"].saliency.max() == 1
@@ -109,6 +113,7 @@ def run_code(text, folder):
         (folder / name).write_bytes(photo)
         (folder / "photos" / name).write_bytes(photo)
     (folder / "photo.jpg").write_bytes((data / "rocket.jpg").read_bytes())
+    (folder / "mine.toml").write_text('features = ["attention", "border"]\nweights = [1.2, 1.0]\n')
     (folder / "victoria_park.txt").write_bytes((data / "victoria_park.txt").read_bytes())
     names = {}
     for block in blocks:

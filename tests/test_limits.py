@@ -106,6 +106,9 @@ NUMBERS = {
         "contrast_weight": above_0(1e6),
         "symmetry_weight": above_0(1e6),
         "boolean_weight": closed(0, 1e6),
+        "face_weight": closed(0, 1e6),
+        "center_height": closed(-0.5, 0.5),
+        "border_prior": ((None, *POSITIVE[0]), POSITIVE[1]),
         "sharpening": above_0(100),
     },
     BooleanConfig: {

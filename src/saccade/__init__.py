@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from saccade.attention import BooleanMaps as BooleanMaps
     from saccade.attention import ContrastConfig as ContrastConfig
     from saccade.attention import ContrastMaps as ContrastMaps
+    from saccade.attention import FittedModel as FittedModel
     from saccade.attention import ScanpathConfig as ScanpathConfig
     from saccade.attention import SymmetryConfig as SymmetryConfig
     from saccade.attention import SymmetryMaps as SymmetryMaps
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from saccade.keypoints.symroid_config import SymRoidConfig as SymRoidConfig
     from saccade.keypoints.verification import Verification as Verification
     from saccade.keypoints.verification import verify as verify
+    from saccade.settings import load_model as load_model
     from saccade.types import Keypoints as Keypoints
     from saccade.types import LandmarkLog as LandmarkLog
     from saccade.types import LandmarkMap as LandmarkMap
@@ -61,7 +63,7 @@ _MODULES = {
         *("AttentionConfig", "AttentionMaps", "attention_saliency", "symmetric_pairs"),
         *("ContrastConfig", "ContrastMaps", "contrast_saliency", "ScanpathConfig", "scanpath"),
         *("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
-        *("BooleanConfig", "BooleanMaps", "boolean_saliency"),
+        *("BooleanConfig", "BooleanMaps", "boolean_saliency", "FittedModel"),
     ),
     "errors": (
         *("ConfigError", "DriveError", "ImageError", "KeypointsError", "LogError"),
@@ -77,6 +79,7 @@ _MODULES = {
     "keypoints.symroid": ("SymRoid",),
     "keypoints.symroid_config": ("SymRoidConfig",),
     "keypoints.verification": ("Verification", "verify"),
+    "settings": ("load_model",),
     "types": (
         *("Keypoints", "LandmarkLog", "LandmarkMap", "Scanpath", "SymmetricPairs", "Trajectory"),
     ),

@@ -70,6 +70,22 @@ def settings_from(kind: str, values: dict[str, Any], name: str) -> Any:
     return _update(load_settings(kind), values, name)
 
 
+def load_model(path: str | Path) -> Any:
+    """The model that `saccade fit` wrote.
+
+    Args:
+        path: its TOML file.
+
+    Returns:
+        A `saccade.attention.FittedModel`; its `maps(image)` has the saliency.
+
+    Raises:
+        ConfigError: as `load_settings`.
+    """
+    model = import_module("saccade.attention.fitted").FittedModel()
+    return _update(model, _read_toml(Path(path)), str(path))
+
+
 def preset_names(kind: str) -> list[str]:
     """The names of the presets of a kind, the default first."""
     configuration = _configuration(kind)

@@ -57,13 +57,21 @@ def test_the_sum_of_the_models_by_hand():
     np.testing.assert_allclose(maps.saliency, scaled**1.4, atol=1e-5)
 
 
-def test_the_center_prior_is_a_gaussian_of_the_sides():
+def test_the_prior_is_a_gaussian_above_the_middle_and_falls_at_the_border():
     image = noise(4, (120, 160))
-    plain, prior = (attention_saliency(image, c) for c in (None, AttentionConfig.free_viewing()))
+    plain = attention_saliency(image)
     h, w = plain.saliency.shape
     y, x = ((np.arange(n) + 0.5) / n - 0.5 for n in (h, w))
-    gaussian = np.exp(-(y[:, None] ** 2 + x**2) / (2 * 0.4**2))
-    np.testing.assert_allclose(prior.saliency, plain.saliency * gaussian, atol=1e-6)
+    gaussian = np.exp(-((y[:, None] + 0.1) ** 2 + x**2) / (2 * 0.4**2))
+    distance = np.minimum(np.minimum(x + 0.5, 0.5 - x), np.minimum(y + 0.5, 0.5 - y)[:, None])
+    falling = 1 - np.exp(-distance / 0.04)
+    for config, factor in (
+        (AttentionConfig.free_viewing(), gaussian * falling),
+        (AttentionConfig(center_prior=0.4, center_height=0.1), gaussian),
+        (AttentionConfig(border_prior=0.04), falling),
+    ):
+        prior = attention_saliency(image, config)
+        np.testing.assert_allclose(prior.saliency, plain.saliency * factor, atol=1e-6)
 
 
 def test_maps_of_different_sizes_are_added():

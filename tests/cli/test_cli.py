@@ -10,8 +10,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas
 import PIL.Image
 import pytest
+from scipy.io import savemat
 
 import saccade
 from saccade.cli.output import names_for, print_json
@@ -327,6 +329,100 @@ def test_evaluate_fixations_of_maps_that_a_user_brings(run, gazes):
     assert code == 0
     assert "0.jpg" in out
     assert "0.jpg" in Path("scores.html").read_text()
+
+
+def test_many_models_stand_in_one_table_one_figure_and_two_files(run, gazes, tmp_path):
+    words = ["evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv", "--drop", 1]
+    (tmp_path / "mine.toml").write_text('features = ["center x"]\nweights = [-3.0]\n')
+    mat = tmp_path / "mat"
+    mat.mkdir()
+    for path in gazes.glob("*.npy"):
+        savemat(mat / f"{path.stem}.mat", {"map": np.load(path)})
+    models = ["--model", "ours=mine.toml", "--model", "contrast:itti1998", "--model", "numpy:mean"]
+    maps = ["--maps", f"told={gazes}", "--maps", mat]
+    code, _, err = run(*words, *models, *maps)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "numpy:mean: expected finite numbers of shape (h, w)" in err
+    files = ["--figure", "a.pdf", "--figure", "a.svg", "--figure", "a.png", "--csv", "out"]
+    code, out, _ = run(*words, *models[:4], *maps, "--references", *files, "--json")
+    assert code == 0
+    found = json.loads(out)
+    names = ["ours", "contrast:itti1998", "told", str(mat), "center", "shuffled", "people"]
+    assert list(found["models"]) == names
+    assert found["mean"] == found["models"]["ours"]["mean"]
+    assert found["models"]["told"] == found["models"][str(mat)]
+    told = found["differences"]["told"]["mean"]["auc"]
+    expected = [found["models"][name]["mean"]["auc"] for name in ("told", "ours")]
+    assert told == pytest.approx(expected[0] - expected[1])
+    by_image = pandas.read_csv("out/images.csv")
+    by_fixation = pandas.read_csv("out/fixations.csv")
+    assert set(by_image.model) == set(names)
+    means = by_fixation.groupby(["model", "image"]).auc.mean()
+    for row in by_image[by_image.model != "people"].itertuples():
+        assert means[row.model, row.image] == pytest.approx(row.auc)
+    assert cv2.imread("a.png").shape[1] == 1050  # 3.5 inches
+    assert Path("a.pdf").read_bytes().startswith(b"%PDF")
+    assert "<svg" in Path("a.svg").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--model", "soup"], "model: expected attention, contrast"),
+        (["--model", "absent:run"], "absent:run: cannot be imported"),
+        (["--model", "numpy:pi"], "expected a function, found float"),
+        (["--model", "contrast", "--model", "contrast"], "another name for each"),
+        (["--model", "a=contrast", "--model", "b=symmetry", "--preset", "itti1998"], "KIND:PRESET"),
+        (["--model", "absent.toml"], "absent.toml: cannot be read"),
+        (["--figure", "a.gif"], "a .png, .svg or .pdf"),
+        (["--faces", "absent.onnx"], "absent.onnx: expected a face detector"),
+    ],
+)
+def test_models_that_are_none_are_named(run, gazes, options, words):
+    code, out, err = run(
+        "evaluate", "fixations", "--images", gazes, "--fixations", "gazes.csv", *options
+    )
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err
+
+
+def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
+    with (tmp_path / "gazes.csv").open("a") as table:
+        for number in (2, 3):
+            (gazes / f"{number}.jpg").write_bytes((gazes / f"{number - 2}.jpg").read_bytes())
+            table.write("".join(f"{number}.jpg,{v},1,{60 + v},{40 + v}\n" for v in range(3)))
+    data = ["--images", gazes, "--fixations", "gazes.csv"]
+    code, out, _ = run(
+        "fit", *data, "--out", "m.toml", "--folds", 2, "--json", "--report", "m.html"
+    )
+    assert code == 0
+    found = json.loads(out)
+    names = ["fitted, by image", "fitted, by viewer", "unfitted", "center", "shuffled", "people"]
+    assert list(found["scores"]) == names
+    assert found["learning_curve"][-1]["images"] == 2
+    assert {"symmetry", "center and border"} <= {each["group"] for each in found["groups"]}
+    assert "learning curve" in Path("m.html").read_text()
+    model = saccade.load_model("m.toml")
+    assert model.fitted_to == "4 images, 5 viewers"
+    code, out, _ = run("look", ROCKET, "--model", "m.toml", "--json", "--out", "looked")
+    assert code == 0
+    saliency = np.load("looked/rocket.look.npz")["saliency"]
+    np.testing.assert_array_equal(saliency, model.maps(saccade.read_image(ROCKET)).saliency)
+    words = ["extract", gazes, "--what", "saliency", "--maps", "png", "--workers", 1]
+    assert run(*words, "--model", "m.toml", "--out", "maps")[0] == 0
+    assert json.loads(Path("maps/manifest.json").read_text())["configuration"]["settings"][
+        "weights"
+    ]
+    assert run("extract", gazes, "--model", "m.toml")[0] == 2
+    code, _, err = run("look", ROCKET, "--model", "m.toml", "--preset", "itti1998")
+    assert (code, err.count("\n")) == (2, 1)
+
+
+def test_a_machine_without_a_face_detector_says_so(run, monkeypatch):
+    monkeypatch.setattr("saccade.face_detection.find_face_detector", lambda model=None: None)
+    code, _, err = run("look", ROCKET, "--faces", "auto", "--json")
+    assert code == 0
+    assert "OpenCV carries no detector here; faces are left out" in err
 
 
 def test_evaluate_fixations_leaves_out_who_looked_away(run, gazes, tmp_path):

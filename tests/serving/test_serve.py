@@ -22,7 +22,6 @@ import pytest
 from PIL import Image as Pillow
 
 import saccade
-from saccade.cli.attention_models import Model
 from saccade.errors import ConfigError, ImageError
 from saccade.extras import install_command
 from saccade.serving import snippets
@@ -360,7 +359,7 @@ def test_a_preset_is_named_by_what_it_changes():
     assert settings_from("sift", table, "sift") == sift
     assert text.endswith("saccade detect a.jpg --config sift.toml")
     plain = snippets.attention_command(
-        "a.jpg", Model.attention, load_settings("attention"), load_settings("scanpath"), 10
+        "a.jpg", "attention", load_settings("attention"), load_settings("scanpath"), 10
     )
     assert plain == "saccade look a.jpg"
 

@@ -40,6 +40,7 @@ COMMANDS = {
     "serve": "--no-browser --port {port}",
     "demo": "--out {in}/log.csv",
     "evaluate fixations": "--images {in}/seen --fixations {in}/seen/fixations.csv",
+    "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2 --no-people",
     "evaluate features": "--pairs {in}/pairs --points 20",
     "evaluate places": "{in}/photos --lap 2",
     "evaluate selection": "--budget 1 --criterion strength --seeds 1 --frames 8 -o out",
@@ -73,9 +74,10 @@ def make_inputs(folder):
     for name, target in (("seen", "fixations"), ("pairs", "homography"), ("drive", "folder-times")):
         (folder / name).mkdir()
         TARGETS[target].make(folder / name)
-    (folder / "seen" / "b.png").write_bytes((folder / "seen" / "a.png").read_bytes())
-    with (folder / "seen" / "fixations.csv").open("a") as fixations:
-        fixations.write("b.png,1,0,9,7\nb.png,1,1,2,8\n")
+    for name in "bcd":
+        (folder / "seen" / f"{name}.png").write_bytes((folder / "seen" / "a.png").read_bytes())
+        with (folder / "seen" / "fixations.csv").open("a") as fixations:
+            fixations.write(f"{name}.png,1,0,9,7\n{name}.png,1,1,2,8\n")
     (folder / "photos").mkdir()
     for name in "ab":
         cv2.imwrite(str(folder / "photos" / f"{name}.png"), a_picture())

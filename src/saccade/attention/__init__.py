@@ -3,6 +3,7 @@
 from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
 from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
 from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap, contrast_saliency
+from saccade.attention.fitted import FittedMaps, FittedModel
 from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.symmetric_pairs import symmetric_pairs
@@ -16,6 +17,8 @@ __all__ = [
     "ContrastConfig",
     "ContrastMaps",
     "FeatureMap",
+    "FittedMaps",
+    "FittedModel",
     "ScanpathConfig",
     "SymmetryConfig",
     "SymmetryMaps",

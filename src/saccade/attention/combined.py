@@ -14,9 +14,9 @@ from saccade.attention.contrast import (
     ContrastConfig,
     ContrastMaps,
     contrast_saliency,
-    weight_center,
 )
 from saccade.attention.contrast_config import MAX_WEIGHT
+from saccade.attention.faces import FaceDetector, face_map
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import Normalization, normalize, rescale, sharpen
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
@@ -38,6 +38,9 @@ class AttentionConfig:
     """The same for symmetry."""
     boolean_weight: float = 0.6
     """The same for Boolean maps; at 0 they are not computed and their map is 0."""
+    face_weight: float = 1.0
+    """Weight of faces beside the sum of the models scaled to [0, 1]; without effect unless
+    `attention_saliency` is given a detector of faces."""
     normalization: Normalization = "local-maxima"
     """Normalization of the maps; see `saccade.attention.normalize`."""
     sharpening: float = 1.4
@@ -45,6 +48,11 @@ class AttentionConfig:
     center_prior: float | None = None
     """Standard deviation, as a fraction of each side, of a central Gaussian by which the saliency
     is multiplied; None for no prior."""
+    center_height: float = 0.0
+    """How far the center of that Gaussian lies above the middle, as a fraction of the height."""
+    border_prior: float | None = None
+    """Distance from the border, as a fraction of each side, within which the saliency falls to 0:
+    it is multiplied by `1 - exp(-distance / border_prior)`; None for no such factor."""
     contrast: ContrastConfig = field(default_factory=ContrastConfig)
     """Settings of the contrast model."""
     symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
@@ -57,19 +65,22 @@ class AttentionConfig:
             weight = getattr(self, name)
             require(0 < weight <= MAX_WEIGHT, name, f"above 0, at most {MAX_WEIGHT:g}", weight)
         require_types(self)
-        require_ranges(self, boolean_weight=(0, MAX_WEIGHT))
+        require_ranges(self, boolean_weight=(0, MAX_WEIGHT), face_weight=(0, MAX_WEIGHT))
         require(0 < self.sharpening <= 100, "sharpening", "above 0, at most 100", self.sharpening)
-        prior = self.center_prior
-        require(prior is None or 0 < prior < np.inf, "center_prior", "above 0, or none", prior)
+        for name in ("center_prior", "border_prior"):
+            prior = getattr(self, name)
+            require(prior is None or 0 < prior < np.inf, name, "above 0, or none", prior)
+        require_ranges(self, center_height=(-0.5, 0.5))
 
     @classmethod
     def free_viewing(cls) -> Self:
-        """The default with a center prior, for photographs on a screen.
+        """The default with a prior of the position, for photographs on a screen.
 
-        People look at the center of a photograph whatever it shows, and photographers put there
-        what matters. Shuffled AUC, to which the center gains nothing, is lower.
+        People look at the center of a photograph whatever it shows, rather above the middle than
+        below it, and not at the border; photographers put there what matters. Shuffled AUC, to
+        which the position gains nothing, is lower. docs/boolean-maps.md says how it was chosen.
         """
-        return cls(center_prior=0.4)
+        return cls(center_prior=0.4, center_height=0.1, border_prior=0.04)
 
     @classmethod
     def kootstra2010(cls) -> Self:
@@ -100,6 +111,8 @@ class AttentionMaps(SaliencyMaps):
     """Boolean map saliency."""
     image_shape: tuple[int, int]
     """(H, W) of the image."""
+    faces: FloatMap | None = None
+    """(h, w) in [0, 1], 1 at the center of a face; None without a detector."""
 
     @property
     def layers(self) -> dict[str, FloatMap]:
@@ -109,13 +122,19 @@ class AttentionMaps(SaliencyMaps):
             "symmetry": self.symmetry.saliency,
             "boolean": self.boolean.saliency,
         }
+        if self.faces is not None:
+            models["faces"] = self.faces
         return {"saliency": self.saliency, **models} | {
             name: values for name, values in self.contrast.layers.items() if name != "saliency"
         }
 
 
 def attention_saliency(
-    image: Image, config: AttentionConfig | None = None, *, keep_features: bool = False
+    image: Image,
+    config: AttentionConfig | None = None,
+    *,
+    keep_features: bool = False,
+    faces: FaceDetector | None = None,
 ) -> AttentionMaps:
     """Saliency from contrast, symmetry and Boolean maps.
 
@@ -123,6 +142,7 @@ def attention_saliency(
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: the weights, and the settings of the models.
         keep_features: whether the maps of contrast hold their feature maps.
+        faces: finds (n, 4) boxes of faces in the image; None for a model without faces.
 
     Returns:
         Saliency (h, w), and the maps of each model.
@@ -144,14 +164,32 @@ def attention_saliency(
     summed = np.zeros(shape, np.float64)
     for weight, values in models:
         summed += weight * normalize(values, N, radius=None)
+    found = None
+    if faces is not None:
+        found = face_map(faces(image), contrast.image_shape, shape)
+        summed = rescale(summed) + config.face_weight * found
     saliency = sharpen(rescale(summed), config.sharpening).astype(np.float32)
     return AttentionMaps(
-        saliency=weight_center(saliency, config.center_prior),
+        saliency=saliency * position_prior(saliency.shape, config),
         contrast=contrast,
         symmetry=symmetry,
         boolean=boolean,
         image_shape=contrast.image_shape,
+        faces=found,
     )
+
+
+def position_prior(shape: tuple[int, ...], config: AttentionConfig) -> FloatMap:
+    """(h, w) float32 factor of the saliency by the position alone; 1 without a prior."""
+    y, x = ((np.arange(side) + 0.5) / side - 0.5 for side in shape)
+    prior = np.ones(shape)
+    if config.center_prior is not None:
+        above = (y + config.center_height) / config.center_prior
+        prior *= np.outer(np.exp(-(above**2) / 2), np.exp(-((x / config.center_prior) ** 2) / 2))
+    if config.border_prior is not None:
+        distance = np.minimum(0.5 - abs(y)[:, None], 0.5 - abs(x))
+        prior *= 1 - np.exp(-distance / config.border_prior)
+    return prior.astype(np.float32)
 
 
 def _boolean_maps(image: Image, config: AttentionConfig, shape: tuple[int, ...]) -> BooleanMaps:

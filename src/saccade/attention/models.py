@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from saccade.attention.faces import FaceDetector
     from saccade.types import Float32Array, SymmetricPairs
 
 REFERENCE_SIZE = 800
 """Longer side in pixels of an image to which `PAIR_RADIUS` applies."""
 PAIR_RADIUS = 12.0
 """Radius in pixels about a fixation in which symmetric pairs are searched."""
+FITTED = "fitted"
 KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")}
 """Kind of the configuration of each model, as `saccade config` calls it."""
 
@@ -32,23 +34,30 @@ class AttentionModel:
     """An attention model with its settings."""
 
     model: str
-    """One of `KINDS`."""
+    """One of `KINDS`, or `FITTED`."""
     settings: Any
-    """Of the kind that `KINDS` names."""
+    """Of the kind that `KINDS` names, or a FittedModel."""
     keep_features: bool = False
     """Whether the maps of contrast hold their feature maps."""
+    faces: "FaceDetector | None" = None
+    """Finds faces, for the attention model and fitted ones; None for none."""
 
     def maps(self, image: "npt.NDArray[Any]") -> Any:
         """AttentionMaps of an image, or those of one model."""
         from saccade import attention
 
+        if self.model == FITTED:
+            return self.settings.maps(image, self.faces)
         if self.model == "symmetry":
             return attention.symmetry_saliency(image, self.settings)
         if self.model == "boolean":
             return attention.boolean_saliency(image, self.settings)
-        contrast = self.model == "contrast"
-        compute = attention.contrast_saliency if contrast else attention.attention_saliency
-        return compute(image, self.settings, keep_features=self.keep_features)
+        keep = self.keep_features
+        if self.model == "contrast":
+            return attention.contrast_saliency(image, self.settings, keep_features=keep)
+        return attention.attention_saliency(
+            image, self.settings, keep_features=keep, faces=self.faces
+        )
 
     def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
         """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
@@ -56,7 +65,9 @@ class AttentionModel:
 
         if self.model in ("contrast", "boolean"):
             return []
-        settings = self.settings if self.model == "symmetry" else self.settings.symmetry
+        settings = self.settings
+        if self.model != "symmetry":
+            settings = getattr(settings, "attention", settings).symmetry
         radius = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
         return [symmetric_pairs(image, (x, y), settings, radius=radius, max_pairs=2) for x, y in xy]
 

@@ -47,7 +47,7 @@ def analyzer(job: Job) -> Callable[[str, Image], ImageResult]:
     def extract_scanpath(name: str, image: Image) -> ImageResult:
         from saccade import attention
 
-        saliency = attention.attention_saliency(image, job.settings).saliency
+        saliency = _saliency_model(job)(image, job.settings).saliency
         path = attention.scanpath(saliency, image.shape, job.fixations, job.network)
         return ImageResult(tables.fixation_table(name, path))
 
@@ -72,8 +72,10 @@ def _detector(job: Job) -> Callable[[Image], Keypoints | Regions]:
 def _saliency_model(job: Job) -> Callable[[Image, Any], Any]:
     from saccade import attention
 
-    if job.what == "saliency":
-        return attention.attention_saliency
+    if isinstance(job.settings, attention.FittedModel):
+        return lambda image, model: model.maps(image)
     if job.what == "contrast":
         return attention.contrast_saliency
-    return attention.symmetry_saliency
+    if job.what == "symmetry":
+        return attention.symmetry_saliency
+    return attention.attention_saliency

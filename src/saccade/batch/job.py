@@ -30,8 +30,8 @@ class Job:
     what: What
     """Detector or model; also the folder of its table."""
     settings: Any
-    """The configuration of the algorithm: AttentionConfig for saliency and scanpath,
-    ContrastConfig, SymmetryConfig, SiftConfig, MustConfig or SymRoidConfig."""
+    """The configuration of the algorithm: AttentionConfig or FittedModel for saliency and
+    scanpath, ContrastConfig, SymmetryConfig, SiftConfig, MustConfig or SymRoidConfig."""
     network: Any = None
     """ScanpathConfig of a scanpath; None for the default."""
     fixations: int = 10

@@ -24,6 +24,7 @@ from saccade.cli.evaluate import evaluate
 from saccade.cli.export import export
 from saccade.cli.extract import extract
 from saccade.cli.find import find
+from saccade.cli.fit import fit
 from saccade.cli.index import index
 from saccade.cli.look import look
 from saccade.cli.match import match
@@ -58,6 +59,9 @@ app.command(epilog="Example: saccade extract photos --what sift --out features")
 app.command(epilog="Example: saccade export features --format colmap --out database.db")(export)
 app.command(epilog="Example: saccade index features")(index)
 app.command(epilog="Example: saccade find photo.jpg --in features")(find)
+app.command(
+    epilog="Example: saccade fit --images photos --fixations fixations.csv --out mine.toml"
+)(fit)
 app.command(epilog="Example: saccade match left.jpg right.jpg --geometry homography")(match)
 app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
 app.command(epilog="Example: saccade merge-maps monday.npz tuesday.npz --out office.npz")(

@@ -1,32 +1,67 @@
-"""The attention model of a command: its option, and the model with its settings."""
+"""The attention model of a command: its options, and the model with its settings."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
 if TYPE_CHECKING:
+    from saccade.attention.faces import FaceDetector
     from saccade.attention.models import AttentionModel
 
+DEFAULT_MODEL = "attention"
+MODELS = "attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)"
+CARRIED = "auto"
+"""Value of --faces for what OpenCV carries."""
 
-class Model(StrEnum):
-    """Saliency models."""
-
-    attention = "attention"
-    contrast = "contrast"
-    symmetry = "symmetry"
-    boolean = "boolean"
-
-
-ModelChoice = Annotated[Model, Option(help="Saliency model.")]
+ModelChoice = Annotated[str, Option(metavar="MODEL", help=f"Saliency model: {MODELS}.")]
+Faces = Annotated[
+    str | None,
+    Option(
+        metavar="FILE",
+        help="Also weigh faces, by this detector of OpenCV's (YuNet's .onnx, a cascade's .xml), or "
+        "auto for what OpenCV carries; for the attention model and fitted ones.",
+    ),
+]
 
 
 def attention_model(
-    model: Model, preset: str | None, config: Path | None, *, keep_features: bool = False
+    model: str,
+    preset: str | None,
+    config: Path | None,
+    *,
+    keep_features: bool = False,
+    faces: str | None = None,
 ) -> "AttentionModel":
-    """The model with the settings of the command line."""
-    from saccade.attention.models import KINDS, AttentionModel
-    from saccade.settings import load_settings
+    """The model with the settings of the command line.
 
-    return AttentionModel(model, load_settings(KINDS[model], preset, config), keep_features)
+    Raises:
+        ConfigError: no such model, preset, setting or detector of faces.
+    """
+    from saccade.attention.models import FITTED, KINDS, AttentionModel
+    from saccade.errors import require
+    from saccade.settings import load_model, load_settings
+
+    detector = face_detector(faces)
+    if model.endswith(".toml"):
+        given = preset or config
+        require(given is None, "model", "no --preset and --config with a fitted model", given)
+        return AttentionModel(FITTED, load_model(model), faces=detector)
+    require(model in KINDS, "model", MODELS, model)
+    usable = faces is None or model == DEFAULT_MODEL
+    require(usable, "faces", "--model attention or a fitted one", model)
+    settings = load_settings(KINDS[model], preset, config)
+    return AttentionModel(model, settings, keep_features, detector)
+
+
+def face_detector(faces: str | None) -> "FaceDetector | None":
+    """The detector that --faces names; None, with a remark, if OpenCV carries none."""
+    if faces is None:
+        return None
+    from saccade.cli.output import print_message
+    from saccade.face_detection import find_face_detector
+
+    detector = find_face_detector(None if faces == CARRIED else Path(faces))
+    if detector is None:
+        print_message("faces: OpenCV carries no detector here; faces are left out")
+    return detector

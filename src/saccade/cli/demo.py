@@ -65,7 +65,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from saccade import datasets
-    from saccade.cli.attention_models import Model, attention_model
+    from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
     from saccade.cli.drive_run import map_drive
     from saccade.cli.look_run import analyze_image
     from saccade.cli.match_run import match_images
@@ -84,7 +84,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         Progress(*columns, console=Console(stderr=True)) as bar,
     ):
         task = bar.add_task("attention: saliency and scanpath", total=1)
-        attention = attention_model(Model.attention, preset=None, config=None)
+        attention = attention_model(DEFAULT_MODEL, preset=None, config=None)
         results["look"] = analyze_image(data / "rocket.jpg", out / "look", attention, 10, builder)
         bar.update(task, completed=1)
 

@@ -2,27 +2,28 @@
 
 from dataclasses import asdict, astuple
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from saccade.cli.attention_models import Model, ModelChoice, attention_model
+from saccade.cli.attention_models import Faces
 from saccade.cli.options import Config, Json, Preset, Report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from saccade.evaluation.fixations import FixationScores
-    from saccade.types import Float32Array
+    from saccade.evaluation.prediction import PredictionScores
 
 COLUMNS = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
 MEANING = (
     "AUC: probability that a fixation is more salient than a pixel of the image; sAUC: than a "
     "fixation of another image. Both are 0.5 by chance. NSS: saliency at the fixations in standard "
     "deviations above the mean of the map. CC, SIM and KL: correlation with the fixation density, "
-    "histogram intersection with it, and divergence from it. IG: information gain over the "
-    "fixations of all images, in bits per fixation. Higher is better, except for KL."
+    "histogram intersection with it, and divergence from it. IG: information gain over the center, "
+    "the density of all other images' fixations, in bits per fixation. Higher is better, except "
+    "for KL."
 )
+DRAWN = {"sAUC": "shuffled_auc", "AUC": "auc", "NSS": "nss", "CC": "cc"}
+"""Titles of the panels of the figure, and their scores."""
 
 
 def fixations(
@@ -31,12 +32,24 @@ def fixations(
         Path, Option(help="Fixations as CSV (image, viewer, index, x, y) or OSIE's .mat.")
     ],
     maps: Annotated[
-        Path | None,
-        Option(help="Folder of saliency maps to score, .npy or images named as the images."),
+        list[str] | None,
+        Option(
+            metavar="[NAME=]DIR",
+            help="Folder of saliency maps to score: .npy, .mat, or images named as the images. "
+            "Repeatable.",
+        ),
     ] = None,
-    model: ModelChoice = Model.attention,
+    model: Annotated[
+        list[str] | None,
+        Option(
+            metavar="[NAME=]MODEL",
+            help="attention, contrast, symmetry or boolean, with :PRESET where wished, a file of "
+            "saccade fit (.toml), or module:function. Repeatable; attention by default.",
+        ),
+    ] = None,
     preset: Preset = None,
     config: Config = None,
+    faces: Faces = None,
     sigma: Annotated[
         float,
         Option(
@@ -49,70 +62,117 @@ def fixations(
     drop: Annotated[
         int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
     ] = 1,
+    references: Annotated[
+        bool,
+        Option(
+            "--references",
+            help="Also score the center, other images' fixations, and people: each viewer against "
+            "the others, the ceiling. It takes a few minutes.",
+        ),
+    ] = False,
     per_image: Annotated[bool, Option("--per-image", help="List every image.")] = False,
+    figure: Annotated[
+        list[Path] | None,
+        Option(
+            metavar="FILE",
+            help="Also draw the scores, in a journal's column width: .png, .svg or .pdf. "
+            "Repeatable.",
+        ),
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        Option(
+            metavar="DIR",
+            help="Also write images.csv and fixations.csv: a row for each image, and for each "
+            "fixation, of each model.",
+        ),
+    ] = None,
     report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Score saliency maps by how well they predict human fixations.
 
-    Means over the images with 95 % bootstrap intervals.
+    Means over the images with 95 % bootstrap intervals, and the paired
+    differences of each further model from the first.
     """
-    from saccade.cli.output import print_json, print_message, print_table, tracked
-    from saccade.datasets.fixations import read_fixations
-    from saccade.errors import LogError
-    from saccade.evaluation.prediction import PredictionScores, fixations_by_image, score_model
+    from saccade.cli.evaluate_fixations_run import Task, chosen_models, draw, run, write_csv
+    from saccade.cli.output import print_json, print_table
+    from saccade.evaluation.comparison import paired_difference
     from saccade.viewing.report import Table, write_tables
 
-    table = read_fixations(fixations)
-    if not (table.index >= drop).any():
-        raise LogError(f"{fixations}: every fixation is among the first {drop}; lower --drop")
-    points, sizes, outside = fixations_by_image(table, images, drop)
-    if outside:
-        print_message(f"{outside} fixations outside their images are left out")
-    saliency = _saliency(images, maps, model, preset, config)
-    scored = tracked(score_model(saliency, points, sizes, sigma), "scoring", len(points))
-    result = PredictionScores(*zip(*scored, strict=True))
-    mean, (low, high) = result.mean(), result.interval()
-    rows = [_row("mean", mean), _row("95 % from", low), _row("95 % to", high)]
-    image_rows = [*map(_row, result.name, result.scores)]
-    label = maps or f"{model.value}, {preset or config or 'default settings'}"
-    title = f"{len(result.name)} images, {label}"
+    task = Task(images, fixations, drop, sigma)
+    models = chosen_models(task, maps or [], model or [], preset, config, faces)
+    results, rows_of_fixations, names = run(task, models, references, rows=csv is not None)
+    first, *others = results
+    differences = {name: paired_difference(results[first], results[name]) for name in others}
+    many = len(results) > 1
+    rows = [row for name, result in results.items() for row in _rows(name, result, many)]
+    difference_rows = [
+        _row(f"{name} - {first}{end}", scores)
+        for name, difference in differences.items()
+        for end, scores in zip(("", ", 95 % from", ", 95 % to"), difference, strict=True)
+    ]
+    image_rows = [
+        _row(f"{image}, {name}" if many else image, scores)
+        for name, result in results.items()
+        for image, scores in zip(result.name, result.scores, strict=True)
+    ]
+    label = f"{len(results)} models" if many else names
+    title = f"{len(results[first].name)} images, {label}"
     write_tables(
         report,
         "saccade evaluate fixations",
         f"Prediction of human fixations by saliency maps: {title}.",
         [
             Table("Mean over the images", COLUMNS, rows, MEANING, "score"),
+            Table(f"Paired differences from {first}", COLUMNS, difference_rows, first="score"),
             Table("Each image", COLUMNS, image_rows, first="image"),
         ],
     )
+    for path in figure or []:
+        draw(results, path, DRAWN)
+    if csv is not None:
+        write_csv(csv, results, rows_of_fixations)
     if as_json:
-        scores = zip(result.name, map(asdict, result.scores), strict=True)
-        ends = {"mean": asdict(mean), "low": asdict(low), "high": asdict(high)}
-        print_json({**ends, "images": dict(scores)})
+        print_json(_as_json(results, differences))
         return
     print_table(title, COLUMNS, [*rows, *image_rows] if per_image else rows)
+    if many:
+        print_table(f"paired differences from {first}", COLUMNS, difference_rows)
+
+
+def _as_json(results: "dict[str, PredictionScores]", differences: dict[str, Any]) -> dict[str, Any]:
+    """The first model's scores, and, of several, those of each by name."""
+    tables = {
+        name: {
+            **_ends(result.mean(), *result.interval()),
+            "images": dict(zip(result.name, map(asdict, result.scores), strict=True)),
+        }
+        for name, result in results.items()
+    }
+    first = next(iter(tables.values()))
+    if len(tables) == 1:
+        return first
+    return {
+        **first,
+        "models": tables,
+        "differences": {name: _ends(*each) for name, each in differences.items()},
+    }
+
+
+def _ends(mean: Any, low: Any, high: Any) -> dict[str, Any]:
+    return {"mean": asdict(mean), "low": asdict(low), "high": asdict(high)}
+
+
+def _rows(name: str, result: "PredictionScores", many: bool) -> list[list[str]]:
+    low, high = result.interval()
+    label = f"{name}, " if many else ""
+    return [
+        _row(name if many else "mean", result.mean()),
+        _row(f"{label}95 % from", low),
+        _row(f"{label}95 % to", high),
+    ]
 
 
 def _row(name: str, scores: "FixationScores") -> list[str]:
     return [name, *(f"{value:.3f}" for value in astuple(scores))]
-
-
-def _saliency(
-    images: Path, maps: Path | None, model: Model, preset: str | None, config: Path | None
-) -> "Callable[[str], Float32Array]":
-    """A function from the name of an image to its saliency map."""
-    from saccade.evaluation.prediction import saliency_from_files
-    from saccade.image import read_image
-    from saccade.pyramid import resize
-
-    if maps is not None:
-        return saliency_from_files(images, maps)
-    attention = attention_model(model, preset, config)
-
-    def saliency(name: str) -> "Float32Array":
-        image = read_image(images / name)
-        result: Float32Array = resize(attention.maps(image).saliency, image.shape[:2])
-        return result
-
-    return saliency

@@ -63,6 +63,10 @@ def extract(
     ] = "saccade-extract",
     preset: Preset = None,
     config: Config = None,
+    model: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="Fitted model of saccade fit, for saliency and scanpath."),
+    ] = None,
     fixations: Annotated[int, Option(min=1, metavar="N", help="Length of a scanpath.")] = 10,
     maps: Annotated[
         MapFormat, Option(help="Format of saliency maps: float16 Zarr or 16-bit PNG.")
@@ -134,11 +138,10 @@ def extract(
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
     from saccade.cli.output import print_json, print_message, resumable
-    from saccade.settings import load_settings
 
     job = Job(
         what.value,
-        load_settings(KINDS.get(what, what.value), preset, config),
+        _settings(what, preset, config, model),
         fixations=fixations,
         exact=exact,
         maps=maps.value,
@@ -179,6 +182,18 @@ def extract(
             f"{result.totals.errors} of {len(images)} images failed; see {out}/errors.parquet"
         )
         raise typer.Exit(1)
+
+
+def _settings(what: What, preset: str | None, config: Path | None, model: Path | None) -> Any:
+    from saccade.errors import require
+    from saccade.settings import load_model, load_settings
+
+    if model is None:
+        return load_settings(KINDS.get(what, what.value), preset, config)
+    require(what in KINDS, "model", "--what saliency or scanpath", what.value)
+    given = preset or config
+    require(given is None, "model", "no --preset and --config with a fitted model", given)
+    return load_model(model)
 
 
 def _preload(source: str, workers: int | None) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from saccade.cli.attention_models import Model, ModelChoice, attention_model
+from saccade.cli.attention_models import DEFAULT_MODEL, Faces, ModelChoice, attention_model
 from saccade.cli.options import Config, Json, Out, Preset
 
 
@@ -22,9 +22,10 @@ def look(
         list[str], Argument(metavar="IMAGE", help="Images, videos, folders, or quoted patterns.")
     ],
     out: Out = Path("saccade-look"),
-    model: ModelChoice = Model.attention,
+    model: ModelChoice = DEFAULT_MODEL,
     preset: Preset = None,
     config: Config = None,
+    faces: Faces = None,
     fixations: Annotated[
         int, Option(min=1, max=1000, metavar="N", help="Length of the scanpath.")
     ] = 10,
@@ -53,9 +54,9 @@ def look(
     from saccade.viewing.report import ReportBuilder
 
     by_shape = inhibition is Inhibition.shape
-    if by_shape and model in (Model.symmetry, Model.boolean):
+    if by_shape and model not in (DEFAULT_MODEL, "contrast"):
         raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
-    attention = attention_model(model, preset, config, keep_features=by_shape)
+    attention = attention_model(model, preset, config, keep_features=by_shape, faces=faces)
     builder = ReportBuilder("saccade look", LEAD)
 
     def process(path: Path, name: str) -> dict[str, Any]:

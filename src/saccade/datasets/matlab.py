@@ -13,6 +13,7 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.files import read_bytes
+from saccade.types import FloatArray
 
 HEADER = 128
 MAX_SIZE = 1 << 30
@@ -47,6 +48,35 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
     Source: MathWorks, "MAT-File Format", the level 5 format.
     """
+    variables = _read(path, names)
+    missing = [name for name in names if name not in variables]
+    if missing:
+        raise LogError(
+            f"{path}: expected the variables {', '.join(names)}, found no {', '.join(missing)}"
+        )
+    return variables
+
+
+def read_matrix(path: Path) -> FloatArray:
+    """The only matrix of more than one number in a .mat file, (h, w) float64.
+
+    Raises:
+        LogError: as `read_matlab`, or there are none or several.
+    """
+    matrices = {
+        name: value
+        for name, value in _read(path, None).items()
+        if isinstance(value, np.ndarray) and value.ndim == 2 and value.size > 1
+    }
+    if len(matrices) != 1:
+        found = ", ".join(matrices) or "none"
+        raise LogError(f"{path}: expected a single matrix of numbers, found {found}")
+    matrix: FloatArray = next(iter(matrices.values()))
+    return matrix
+
+
+def _read(path: Path, names: tuple[str, ...] | None) -> dict[str, Any]:
+    """Variables by name; None for all."""
     try:
         data = read_bytes(path)
     except OSError as error:
@@ -60,11 +90,6 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
             variables |= _variable(matrix, order, names)
     except (ValueError, zlib.error) as error:
         raise LogError(f"{path}: expected a MATLAB file, found a broken one: {error}") from error
-    missing = [name for name in names if name not in variables]
-    if missing:
-        raise LogError(
-            f"{path}: expected the variables {', '.join(names)}, found no {', '.join(missing)}"
-        )
     return variables
 
 

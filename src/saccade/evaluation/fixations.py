@@ -6,10 +6,11 @@ evaluation metrics tell us about saliency models?* (TPAMI 2019).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter1d
 
 from saccade.errors import ImageError
 from saccade.types import FloatArray
@@ -41,7 +42,11 @@ class FixationScores:
 
 
 def score(
-    saliency: Map, fixations: FloatArray, others: FloatArray, sigma: float = 24.0
+    saliency: Map,
+    fixations: FloatArray,
+    others: FloatArray,
+    sigma: float = 24.0,
+    baseline: Map | None = None,
 ) -> FixationScores:
     """Score one saliency map by every metric.
 
@@ -51,6 +56,7 @@ def score(
         others: (m, 2) fixations of the other images, scaled to this one; the negatives of the
             shuffled AUC and, blurred, the baseline of the information gain.
         sigma: standard deviation of the blur in pixels; about one degree of visual angle.
+        baseline: (H, W) fixation density of `others`, to compute it once for many maps.
 
     Raises:
         ImageError: the map is not finite, or a fixation lies outside it.
@@ -61,7 +67,8 @@ def score(
         raise ImageError("saliency map: expected finite values, found NaN or infinity")
     height, width = saliency.shape
     density = fixation_density(fixations, (height, width), sigma)
-    baseline = fixation_density(others, (height, width), sigma)
+    if baseline is None:
+        baseline = fixation_density(others, (height, width), sigma)
     return FixationScores(
         auc=auc(saliency, fixations),
         shuffled_auc=shuffled_auc(saliency, fixations, others),
@@ -127,10 +134,19 @@ def fixation_density(fixations: FloatArray, shape: tuple[int, int], sigma: float
     Returns:
         (H, W) counts per pixel.
     """
-    counts = np.zeros(shape)
     rows, columns = _pixels(fixations, shape)
+    along_y, along_x = (_gaussian_at_all(side, sigma) for side in shape)
+    if len(rows) < max(shape):
+        return np.asarray(along_y[:, rows] @ along_x[columns])
+    counts = np.zeros(shape)
     np.add.at(counts, (rows, columns), 1.0)
-    return np.asarray(gaussian_filter(counts, sigma, mode="constant", truncate=4.0))
+    return np.asarray(along_y @ counts @ along_x)
+
+
+@lru_cache(maxsize=8)
+def _gaussian_at_all(side: int, sigma: float) -> FloatArray:
+    """(side, side) a Gaussian truncated at 4 sigma about each sample, in each row."""
+    return np.asarray(gaussian_filter1d(np.eye(side), sigma, mode="constant", truncate=4.0))
 
 
 def distribution(saliency: Map) -> FloatArray:
@@ -150,10 +166,15 @@ def values_at(saliency: Map, fixations: FloatArray) -> Map:
 
 def roc_area(positives: Map, negatives: Map) -> float:
     """Probability that a positive exceeds a negative, ties counting half (Mann & Whitney 1947)."""
+    return float(ranks(positives, negatives).mean())
+
+
+def ranks(positives: Map, negatives: Map) -> FloatArray:
+    """(n,) fraction of the negatives (m,) that each positive exceeds, ties counting half."""
     ordered = np.sort(negatives)
     below = np.searchsorted(ordered, positives, side="left")
     not_above = np.searchsorted(ordered, positives, side="right")
-    return float((below + not_above).mean() / (2 * len(ordered)))
+    return np.asarray((below + not_above) / (2 * len(ordered)), np.float64)
 
 
 def inside(fixations: FloatArray, shape: tuple[int, ...]) -> FloatArray:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from saccade.datasets.matlab import read_matrix
 from saccade.errors import ImageError, LogError
-from saccade.evaluation.fixations import FixationScores, inside, score
+from saccade.evaluation.fixations import FixationScores, fixation_density, inside, score
 from saccade.evaluation.intervals import ScoreSet
 from saccade.image import as_gray, read_image
 from saccade.npz import map_array
@@ -17,6 +18,10 @@ MAX_SALIENCY = 1e15
 """Largest magnitude in a map from a file: squares of float32 can be summed up to it."""
 
 
+Model = Callable[[str], Float32Array]
+"""From the name of an image to its (H, W) saliency."""
+
+
 class PredictionScores(ScoreSet[str, FixationScores]):
     """Fixation scores by the names of the images."""
 
@@ -24,7 +29,7 @@ class PredictionScores(ScoreSet[str, FixationScores]):
 
 
 def score_model(
-    model: Callable[[str], Float32Array],
+    model: Model,
     fixations: Mapping[str, FloatArray],
     sizes: Mapping[str, tuple[int, int]],
     sigma: float = 24.0,
@@ -44,17 +49,44 @@ def score_model(
         LogError: there is only one image, so that nothing can be shuffled.
         ImageError: a map or a fixation does not fit its image; names the image.
     """
+    for name, scores in score_models({"": model}, fixations, sizes, sigma):
+        yield name, scores[""]
+
+
+def score_models(
+    models: Mapping[str, Model],
+    fixations: Mapping[str, FloatArray],
+    sizes: Mapping[str, tuple[int, int]],
+    sigma: float = 24.0,
+) -> Iterator[tuple[str, dict[str, FixationScores]]]:
+    """The same for several models by name; yields the scores of each model on each image."""
     if len(fixations) < 2:
         raise LogError(f"fixations: expected at least two images, found {len(fixations)}")
-    relative = {name: (xy + 0.5) / sizes[name][::-1] for name, xy in fixations.items()}
     for name, xy in fixations.items():
-        others = np.vstack([points for other, points in relative.items() if other != name])
-        height, width = sizes[name]
-        scaled = (others * (width, height) - 0.5).clip(0, (width - 1, height - 1))
+        others = other_fixations(name, fixations, sizes)
+        baseline = fixation_density(others, sizes[name], sigma)
         try:
-            yield name, score(model(name), xy, scaled, sigma)
+            yield (
+                name,
+                {
+                    label: score(model(name), xy, others, sigma, baseline)
+                    for label, model in models.items()
+                },
+            )
         except ImageError as error:
             raise ImageError(f"{name}: {error}") from error
+
+
+def other_fixations(
+    name: str, fixations: Mapping[str, FloatArray], sizes: Mapping[str, tuple[int, int]]
+) -> FloatArray:
+    """The fixations (m, 2) of all other images, scaled to the size of one."""
+    others = np.vstack(
+        [(xy + 0.5) / sizes[other][::-1] for other, xy in fixations.items() if other != name]
+    )
+    height, width = sizes[name]
+    scaled: FloatArray = (others * (width, height) - 0.5).clip(0, (width - 1, height - 1))
+    return scaled
 
 
 def fixations_by_image(
@@ -89,12 +121,13 @@ def fixations_by_image(
     return fixations, sizes, outside
 
 
-def saliency_from_files(images: Path, maps: Path) -> Callable[[str], Float32Array]:
+def saliency_from_files(images: Path, maps: Path) -> Model:
     """A model that reads saliency maps from files, resized to their images.
 
     Args:
         images: folder of the images.
-        maps: folder with a map for each image: NAME.npy, NAME.png or a file of the same name.
+        maps: folder with a map for each image: NAME.npy, NAME.mat, NAME.png or a file of the same
+            name.
 
     Returns:
         A function from the name of an image to its (H, W) map; it raises ImageError where
@@ -104,25 +137,27 @@ def saliency_from_files(images: Path, maps: Path) -> Callable[[str], Float32Arra
     def read(name: str) -> Float32Array:
         height, width = read_image(images / name).shape[:2]
         stem = Path(name).stem
-        array = maps / f"{stem}.npy"
-        if array.is_file():
-            return resize(read_saliency_array(array), (height, width))
+        for array in (maps / f"{stem}.npy", maps / f"{stem}.mat"):
+            if array.is_file():
+                return resize(read_saliency_array(array), (height, width))
         for path in (maps / name, maps / f"{stem}.png"):
             if path.is_file():
                 return resize(as_gray(read_image(path)), (height, width))
-        raise ImageError(f"{maps}: expected a map for {name} (.npy, .png or the same name)")
+        raise ImageError(f"{maps}: expected a map for {name} (.npy, .mat, .png or the same name)")
 
     return read
 
 
 def read_saliency_array(path: Path) -> Float32Array:
-    """The (h, w) saliency map in an .npy file of any numeric type.
+    """The (h, w) saliency map in an .npy file of any numeric type, or the only one in a .mat file.
 
     Raises:
         ImageError: the file is no array, or not one of finite numbers of shape (h, w).
     """
     try:
-        array = map_array(path)
+        array = read_matrix(path) if path.suffix == ".mat" else map_array(path)
+    except LogError as error:
+        raise ImageError(str(error)) from error
     except (OSError, ValueError) as error:
         raise ImageError(f"{path}: expected a map as .npy, found another file") from error
     if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "buif":

@@ -1,0 +1,101 @@
+"""OpenCV's detectors of faces, from a model file or from what its installed version carries.
+
+OpenCV 5 carries no model: give it YuNet's (`.onnx`). OpenCV 4 carries cascades (`.xml`), which are
+less sure.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from saccade.errors import ConfigError
+from saccade.files import check_file, one_line
+from saccade.image import as_gray, check_image, in_unit_range, without_alpha
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from saccade.types import FloatArray, Image
+
+CASCADE = "haarcascade_frontalface_alt.xml"
+"""The frontal cascade of OpenCV 4 with the fewest false faces."""
+LONGER_SIDE = 800
+"""Pixels to which the longer side of a larger image is reduced."""
+MIN_SCORE = 0.7
+"""Of a face that YuNet finds, of at most 1."""
+MIN_NEIGHBORS = 4
+"""Overlapping detections that make a face of a cascade."""
+MIN_FACE = 24
+"""Shorter side in pixels of the smallest face that a cascade looks for."""
+
+
+def find_face_detector(model: Path | None = None) -> "Callable[[Image], FloatArray] | None":
+    """A detector of faces.
+
+    Args:
+        model: YuNet's `.onnx` or a cascade's `.xml`; None for what OpenCV carries.
+
+    Returns:
+        A function from an image to (n, 4) boxes: left, top, width and height in pixels; None if
+        no file is given and OpenCV carries none.
+
+    Raises:
+        ConfigError: the file is missing, or OpenCV cannot read it.
+    """
+    if model is None:
+        model = _carried()
+        if model is None:
+            return None
+    try:
+        check_file(model)
+        detect = _cascade(model) if model.suffix.lower() == ".xml" else _yunet(model)
+    except (OSError, cv2.error) as error:
+        raise ConfigError(
+            f"{model}: expected a face detector of OpenCV (.onnx or .xml): {one_line(error)}"
+        ) from error
+
+    def boxes(image: "Image") -> "FloatArray":
+        pixels = without_alpha(check_image(image))
+        scale = min(1.0, LONGER_SIDE / max(pixels.shape[:2]))
+        small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        levels = np.rint(in_unit_range(small) * 255).clip(0, 255).astype(np.uint8)
+        found: FloatArray = np.asarray(detect(levels), np.float64).reshape(-1, 4) / scale
+        return found
+
+    return boxes
+
+
+def _carried() -> Path | None:
+    """The cascade that comes with OpenCV, where it does."""
+    folder = getattr(getattr(cv2, "data", None), "haarcascades", "")
+    path = Path(folder) / CASCADE
+    return path if path.is_file() and hasattr(cv2, "CascadeClassifier") else None
+
+
+def _yunet(model: Path) -> "Callable[[Any], Any]":
+    detector = cv2.FaceDetectorYN.create(str(model), "", (320, 320), MIN_SCORE)
+
+    def detect(levels: Any) -> Any:
+        rgb = levels if levels.ndim == 3 else np.repeat(levels[:, :, None], 3, 2)
+        detector.setInputSize((rgb.shape[1], rgb.shape[0]))
+        found = detector.detect(np.ascontiguousarray(rgb[:, :, ::-1]))[1]
+        return [] if found is None else found[:, :4]
+
+    return detect
+
+
+def _cascade(model: Path) -> "Callable[[Any], Any]":
+    make = getattr(cv2, "CascadeClassifier", None)
+    if make is None:
+        raise ConfigError(f"{model}: OpenCV {cv2.__version__} reads no cascades; give an .onnx")
+    classifier = make(str(model))
+    if classifier.empty():
+        raise ConfigError(f"{model}: expected a cascade of OpenCV, found another file")
+
+    def detect(levels: Any) -> Any:
+        gray = np.rint(255 * as_gray(levels)).astype(np.uint8)
+        return classifier.detectMultiScale(gray, 1.1, MIN_NEIGHBORS, minSize=(MIN_FACE, MIN_FACE))
+
+    return detect
