@@ -19,6 +19,7 @@ from saccade.slam.association._name_table_kernels import (
     ESTABLISHED,
     FAR,
     JOINT,
+    LONG_LOOP,
     LOOP,
     LOOSE,
     PAIR_GATE,
@@ -140,6 +141,7 @@ def judge_names(
         if name[i] >= 0 and table.landmark[name[i]] >= 0:
             refused[i] = not seen.nis[i] <= gate
     _refuse_inconsistent(f, table, seen, name, refused)
+    corroborated = _num_closing(table, seen, name, refused) > 1
     num_accepted, start = 0, table.counts[CLOCK]
     for i in range(m):
         k = name[i]
@@ -147,12 +149,14 @@ def judge_names(
             continue
         table.counts[CLOCK] += 1
         few = table.accepted[k] < ESTABLISHED
+        table.counts[STREAK] += refused[i] and not few
+        loose = seen.looseness[i] > (LOOP if few else LONG_LOOP)
+        alone = loose and not corroborated and not refused[i]
+        refused[i] = refused[i] or (alone and few and _is_duplicate(f, table, seen, i, k))
         if refused[i]:
-            table.counts[STREAK] += not few
             _remember(table, seen, i, k)
-        elif few and seen.looseness[i] > LOOP and table.votes[k] < ESTABLISHED:
-            association[i] = DROPPED  # its first observation may have had a wrong name
-            _remember(table, seen, i, k)
+        elif alone and not _is_repeated(table, k):
+            association[i] = DROPPED
         else:
             num_accepted += 1
             table.counts[STREAK] = 0
@@ -174,6 +178,43 @@ def judge_names(
             table.accepted[k] += 1
             table.accepted_at[k] = table.counts[CLOCK]
             table.votes[k] = 0
+
+
+@kernel()
+def _num_closing(table: NameTable, seen: NamedScan, name: IntArray, refused: BoolArray) -> int:
+    """Number of observations of a scan that close a loop if their names are right."""
+    count = 0
+    for i in range(len(name)):
+        k = name[i]
+        known = k >= 0 and table.landmark[k] >= 0
+        count += known and not refused[i] and seen.looseness[i] > LOOP
+    return count
+
+
+@kernel()
+def _is_repeated(table: NameTable, k: int) -> bool:
+    """Count an observation of name k that closes a loop by itself; whether there are enough."""
+    clock = table.counts[CLOCK]
+    if clock - table.closing_at[k] > WINDOW:
+        table.closings[k] = 0
+    table.closings[k] += 1
+    table.closing_at[k] = clock
+    return bool(table.closings[k] >= JOINT)
+
+
+@kernel()
+def _is_duplicate(f: FilterState, table: NameTable, seen: NamedScan, i: int, k: int) -> bool:
+    """Whether a landmark with a better known name is where the one named k is.
+
+    The first observation of k had the wrong name then, and i is of another landmark.
+    """
+    xy, C = seen.xy[i], seen.covariance[i]
+    for j in range(len(table.landmark)):
+        a, b = table.landmark[k], table.landmark[j]
+        known = b >= 0 and b != a and table.accepted[j] >= ESTABLISHED
+        if known and distances_agree(f, a, b, xy, C, xy, C):
+            return True
+    return False
 
 
 @kernel()

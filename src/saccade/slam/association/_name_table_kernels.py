@@ -22,9 +22,9 @@ WINDOW = 10
 """Named observations for which a refused one is remembered."""
 FAR = 100.0
 """Normalized innovation squared up to which a wrong filter is likelier than swapped names."""
-LOOSE, LOOP = 4.0, 100.0
+LOOSE, LOOP, LONG_LOOP = 4.0, 100.0, 1000.0
 """Ratio of predicted variance to noise from which the names of a scan are checked in pairs, and
-from which a landmark of few observations does not close a loop."""
+from which one observation of a landmark of few, or of any number, does not close a loop."""
 PAIR_GATE = 10.83
 """Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
 
@@ -50,6 +50,10 @@ class NameTable(NamedTuple):
     """(n,) of the first of them: the count of named observations before it."""
     target: IntArray
     """(n,) landmark to which they are near, `NEW` or `UNDECIDED`."""
+    closings: IntArray
+    """(n,) recent observations of this name that would close a loop by themselves."""
+    closing_at: IntArray
+    """(n,) of the last of them: the count of named observations before it."""
     stale: IntArray
     """(n,) landmark to be removed, which has lost this name; -1 for none."""
     counts: IntArray
@@ -74,10 +78,6 @@ def settle_names(
     ones at one position the name moves there.
     """
     free = f.counts[LANDMARKS]
-    accepted, doubted = 0, 0
-    for i in range(len(name)):
-        accepted += name[i] >= 0 and association[i] >= 0
-        doubted += refused[i]
     for n in range(len(rest)):
         i, j = rest[n], near[n]
         k = name[i]
@@ -104,8 +104,6 @@ def settle_names(
                     j = free
                     free += 1
                 _move(table, k, j)
-                association[i] = j
-            elif established and j >= 0 and accepted > doubted:
                 association[i] = j
 
 

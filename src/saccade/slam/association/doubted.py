@@ -148,6 +148,8 @@ def _new_table(names: int) -> NameTable:
         votes=np.zeros(names, np.int64),
         since=none.copy(),
         target=np.full(names, UNDECIDED),
+        closings=np.zeros(names, np.int64),
+        closing_at=none.copy(),
         stale=none.copy(),
         counts=np.array([0, 0, -1, 0, 0]),
     )
