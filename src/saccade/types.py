@@ -152,6 +152,30 @@ class Scanpath:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class ScanpathSamples:
+    """Scanpaths of one length over one saliency map."""
+
+    xy: FloatArray
+    """(p, n, 2) positions in image pixels, path by path."""
+    time: FloatArray
+    """(p, n) onset of each fixation in seconds since the onset of the image."""
+    duration: FloatArray
+    """(p, n) of each fixation, in seconds."""
+    saliency: FloatArray
+    """(p, n) value of the saliency map at the fixation."""
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def __getitem__(self, index: int) -> Scanpath:
+        """One of the paths."""
+        return Scanpath(self.xy[index], self.time[index], self.saliency[index])
+
+    def __repr__(self) -> str:
+        return f"ScanpathSamples({len(self)} paths of {self.xy.shape[1]} fixations)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class SymmetricPairs:
     """Pairs of gradients on opposite sides of a position, the strongest first."""
 
