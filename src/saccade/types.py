@@ -356,6 +356,8 @@ class FixationTable:
     """(n,) number of the fixation of a viewer on an image, from 0."""
     xy: FloatArray
     """(n, 2) position in image pixels."""
+    duration: FloatArray | None = None
+    """(n,) in seconds; None if unknown."""
 
     def __len__(self) -> int:
         return len(self.image)

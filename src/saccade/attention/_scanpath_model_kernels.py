@@ -8,6 +8,9 @@ import numpy as np
 from saccade._jit import kernel
 from saccade.types import FloatArray, IntArray
 
+FARTHEST = 20.0
+"""Exponent from which a Gaussian is taken as 0: it is below 3e-9."""
+
 
 class Dynamics(NamedTuple):
     """Constants of the model; lengths are fractions of the longer side of the image."""
@@ -70,7 +73,9 @@ def inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> 
     width = 2 * model.inhibition_sigma * model.inhibition_sigma
     for k in range(len(path) - 1, -1, -1):
         dx, dy = x - path[k, 0], y - path[k, 1]
-        weight *= 1 - strength * exp(-(dx * dx + dy * dy) / width)
+        scaled = (dx * dx + dy * dy) / width
+        if scaled < FARTHEST:
+            weight *= 1 - strength * exp(-scaled)
         strength *= model.inhibition_decay
     return weight
 

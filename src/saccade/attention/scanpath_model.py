@@ -51,27 +51,27 @@ class ScanpathModelConfig:
 
     exponent: float = 1.0
     """Of the saliency, which is scaled to a maximum of 1."""
-    floor: float = 0.05
+    floor: float = 0.0024
     """Added to the saliency: places without any are looked at, too."""
-    center_sigma: float | None = None
+    center_sigma: float | None = 0.4
     """Standard deviation of the center bias as a fraction of each side; None for no bias."""
-    amplitude_scale: float = 0.1
+    amplitude_scale: float = 0.002
     """Amplitude from which the kernel falls as a power."""
-    amplitude_exponent: float = 1.0
+    amplitude_exponent: float = 0.48
     """The kernel falls as the amplitude to the power of minus twice this; 1.5 is Cauchy's."""
-    horizontal: float = 0.0
+    horizontal: float = 0.2
     """Preference of horizontal (1) over vertical (-1) saccades."""
-    persistence: float = 0.0
+    persistence: float = 0.36
     """Preference of going on in the direction of the last saccade (1) over turning back (-1)."""
-    inhibition: float = 0.5
+    inhibition: float = 0.06
     """Fraction by which the current fixation inhibits its own place."""
-    inhibition_sigma: float = 0.03
+    inhibition_sigma: float = 0.016
     """Standard deviation of the inhibited disc, a Gaussian."""
-    inhibition_decay: float = 0.5
+    inhibition_decay: float = 0.35
     """Fraction of the inhibition that a further fixation leaves."""
-    duration_mean: float = 0.27
+    duration_mean: float = 0.217
     """Mean duration of a fixation, in seconds."""
-    duration_shape: float = 3.0
+    duration_shape: float = 3.56
     """Shape of the gamma distribution of durations: squared mean over variance."""
 
     def __post_init__(self) -> None:

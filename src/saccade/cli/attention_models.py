@@ -8,6 +8,7 @@ from typer import Option
 
 if TYPE_CHECKING:
     from saccade.attention.models import AttentionModel
+    from saccade.attention.scanpath import ScanpathConfig
 
 
 class Model(StrEnum):
@@ -30,3 +31,12 @@ def attention_model(
     from saccade.settings import load_settings
 
     return AttentionModel(model, load_settings(KINDS[model], preset, config), keep_features)
+
+
+def scanpath_network(preset: str | None) -> "ScanpathConfig":
+    """The winner-take-all network of a model's preset: of the same source where there is one."""
+    from saccade.settings import load_settings, preset_names
+
+    known = preset in preset_names("scanpath")
+    network: ScanpathConfig = load_settings("scanpath", preset if known else None)
+    return network
