@@ -49,25 +49,25 @@ class ScanpathModelConfig:
     at photographs freely; docs/scanpaths.md has the data and the scores.
     """
 
-    exponent: float = 1.0
+    exponent: float = 0.98
     """Of the saliency, which is scaled to a maximum of 1."""
-    floor: float = 0.0024
+    floor: float = 0.0022
     """Added to the saliency: places without any are looked at, too."""
-    center_sigma: float | None = 0.4
+    center_sigma: float | None = 0.41
     """Standard deviation of the center bias as a fraction of each side; None for no bias."""
-    amplitude_scale: float = 0.002
+    amplitude_scale: float = 0.0055
     """Amplitude from which the kernel falls as a power."""
-    amplitude_exponent: float = 0.48
+    amplitude_exponent: float = 0.486
     """The kernel falls as the amplitude to the power of minus twice this; 1.5 is Cauchy's."""
-    horizontal: float = 0.2
+    horizontal: float = 0.21
     """Preference of horizontal (1) over vertical (-1) saccades."""
     persistence: float = 0.36
     """Preference of going on in the direction of the last saccade (1) over turning back (-1)."""
-    inhibition: float = 0.06
+    inhibition: float = 0.0
     """Fraction by which the current fixation inhibits its own place."""
-    inhibition_sigma: float = 0.016
+    inhibition_sigma: float = 0.03
     """Standard deviation of the inhibited disc, a Gaussian."""
-    inhibition_decay: float = 0.35
+    inhibition_decay: float = 0.5
     """Fraction of the inhibition that a further fixation leaves."""
     duration_mean: float = 0.217
     """Mean duration of a fixation, in seconds."""
