@@ -38,6 +38,8 @@ READS = {
     "evaluate fixations --images . --fixations {}": ("csv", "mat"),
     "evaluate fixations --images {} --fixations fixations.csv": ("png",),
     "evaluate fixations --images . --maps {} --fixations fixations.csv": ("npy",),
+    "evaluate scanpaths --images . --fixations {}": ("csv", "mat"),
+    "evaluate scanpaths --images . --fixations fixations.csv --paths-config {}": ("toml",),
     "evaluate features --pairs {}": ("png",),
     "evaluate places {} --lap 2": ("png",),
     "evaluate selection {} --no-simulator": ("bag", "npz"),

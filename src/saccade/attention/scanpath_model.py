@@ -20,6 +20,7 @@ dynamics in scene viewing*). Fixation durations are gamma distributed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -49,25 +50,25 @@ class ScanpathModelConfig:
     at photographs freely; docs/scanpaths.md has the data and the scores.
     """
 
-    exponent: float = 0.98
+    exponent: float = 0.99
     """Of the saliency, which is scaled to a maximum of 1."""
     floor: float = 0.0022
     """Added to the saliency: places without any are looked at, too."""
-    center_sigma: float | None = 0.41
+    center_sigma: float | None = 0.37
     """Standard deviation of the center bias as a fraction of each side; None for no bias."""
-    amplitude_scale: float = 0.0055
+    amplitude_scale: float = 0.009
     """Amplitude from which the kernel falls as a power."""
-    amplitude_exponent: float = 0.486
+    amplitude_exponent: float = 0.57
     """The kernel falls as the amplitude to the power of minus twice this; 1.5 is Cauchy's."""
-    horizontal: float = 0.21
+    horizontal: float = 0.2
     """Preference of horizontal (1) over vertical (-1) saccades."""
-    persistence: float = 0.36
+    persistence: float = 0.32
     """Preference of going on in the direction of the last saccade (1) over turning back (-1)."""
-    inhibition: float = 0.0
+    inhibition: float = 0.26
     """Fraction by which the current fixation inhibits its own place."""
-    inhibition_sigma: float = 0.03
+    inhibition_sigma: float = 0.17
     """Standard deviation of the inhibited disc, a Gaussian."""
-    inhibition_decay: float = 0.5
+    inhibition_decay: float = 0.8
     """Fraction of the inhibition that a further fixation leaves."""
     duration_mean: float = 0.217
     """Mean duration of a fixation, in seconds."""
@@ -93,6 +94,27 @@ class ScanpathModelConfig:
         sigma = self.center_sigma
         require(
             sigma is None or 0.01 <= sigma <= 100, "center_sigma", "0.01 to 100, or none", sigma
+        )
+
+    @classmethod
+    def similar(cls) -> Self:
+        """Paths that are more similar to people's by ScanMatch, and less various than these.
+
+        They keep to the most salient places near the center and come back late; the parameters
+        were searched for by similarity at people's mean amplitude. As densities of people's
+        fixations they are worse than the default.
+        """
+        return cls(
+            exponent=2.7,
+            floor=0.001,
+            center_sigma=0.15,
+            amplitude_scale=0.013,
+            amplitude_exponent=0.34,
+            horizontal=0.35,
+            persistence=0.6,
+            inhibition=0.74,
+            inhibition_sigma=0.15,
+            inhibition_decay=0.95,
         )
 
     @property

@@ -20,10 +20,10 @@ MEANING = (
     "Each path is compared with those of the people who saw the image: by ScanMatch (Cristino et "
     "al. 2010) and by the five dimensions of MultiMatch (Dewhurst et al. 2012); 1 is equal. "
     "People are compared with the other people. Beside them are people's paths on another image, "
-    "walks about the center, paths drawn from the scanpath model, and the winner-take-all network. "
-    "The second table scores the prediction of each next fixation: NSS, AUC, and information gain "
-    "over the fixations on other images, in bits; the walk and the conditional model know the "
-    "fixations before it."
+    "walks about the center, paths drawn from the scanpath model and from its preset similar, and "
+    "the winner-take-all network. The last table scores the prediction of each next fixation: NSS, "
+    "AUC, and information gain over the fixations on other images, in bits; the walk and the "
+    "sampled models know the fixations before it, the static density does not."
 )
 SIMILARITIES = {
     "scanmatch": "ScanMatch",

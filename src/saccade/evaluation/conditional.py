@@ -12,12 +12,13 @@ import numpy as np
 
 from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
 from saccade.evaluation.fixations import fixation_density
-from saccade.evaluation.scanpaths import OTHERS, PEOPLE, SAMPLED, WALK, Viewing, walk_model
+from saccade.evaluation.scanpaths import OTHERS, PEOPLE, SAMPLED, SIMILAR, WALK, Viewing, walk_model
 from saccade.types import Float32Array, FloatArray
 
-CONDITIONAL, STATIC, DENSITY = f"{SAMPLED}, conditional", "saliency map", f"{SAMPLED}, static"
-MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, CONDITIONAL)
-"""What predicts the next fixation: of these the walk and the last depend on those before."""
+STATIC, DENSITY = "saliency map", "static density"
+MODELS = (PEOPLE, OTHERS, WALK, STATIC, DENSITY, SAMPLED, SIMILAR)
+"""What predicts the next fixation: of these the walk and the sampled ones depend on those before;
+the static density is the model without its kernel and inhibition."""
 UNIFORM = 0.01
 """Fraction of a uniform distribution in the densities of fixations, so that none is 0."""
 Density = Callable[[int, int], FloatArray]
@@ -80,7 +81,7 @@ def score_fixations(
         )
         for viewer in paths
     }
-    walk = walk_model(model)
+    walk, similar = walk_model(model), ScanpathModelConfig.similar()
     predictions: dict[str, Density] = {
         PEOPLE: lambda viewer, _: rest[viewer],
         OTHERS: lambda _, __: baseline,
@@ -89,8 +90,11 @@ def score_fixations(
         ),
         STATIC: lambda _, __: saliency.astype(np.float64),
         DENSITY: lambda _, __: static,
-        CONDITIONAL: lambda viewer, k: next_fixation_density(
+        SAMPLED: lambda viewer, k: next_fixation_density(
             saliency, shape, past[viewer][: k + 1], model
+        ),
+        SIMILAR: lambda viewer, k: next_fixation_density(
+            saliency, shape, past[viewer][: k + 1], similar
         ),
     }
     for viewer, xy in paths.items():

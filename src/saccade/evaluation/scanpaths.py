@@ -19,8 +19,8 @@ from saccade.evaluation.scanpath_similarity import (
 from saccade.types import FixationTable, Float32Array, FloatArray, Scanpath
 
 PEOPLE, OTHERS, WALK = "people", "other images", "centered walk"
-SAMPLED, DETERMINISTIC = "sampled", "winner-take-all"
-SOURCES = (PEOPLE, OTHERS, WALK, SAMPLED, DETERMINISTIC)
+SAMPLED, SIMILAR, DETERMINISTIC = "sampled", "sampled, similar", "winner-take-all"
+SOURCES = (PEOPLE, OTHERS, WALK, SAMPLED, SIMILAR, DETERMINISTIC)
 """Where the scanpaths come from that are compared with those of people."""
 WALK_SIGMA = 0.25
 """Center bias of the centered walk where the model has none."""
@@ -153,6 +153,7 @@ def score_paths(
     for source, values, model in (
         (WALK, np.ones_like(saliency), walk_model(settings.model)),
         (SAMPLED, saliency, settings.model),
+        (SIMILAR, saliency, ScanpathModelConfig.similar()),
     ):
         drawn = sample_scanpaths(
             values, shape, settings.samples, settings.fixations, model, seed=settings.seed
