@@ -42,18 +42,6 @@ EVERY = 4
 """Paths of half A of which one is fitted."""
 STARTS = (
     ScanpathModelConfig(
-        exponent=1.2,
-        floor=0.05,
-        center_sigma=0.45,
-        amplitude_scale=0.08,
-        amplitude_exponent=1.2,
-        horizontal=0.1,
-        persistence=0.0,
-        inhibition=0.5,
-        inhibition_sigma=0.03,
-        inhibition_decay=0.5,
-    ),
-    ScanpathModelConfig(
         exponent=1.0,
         floor=0.002,
         center_sigma=0.4,
@@ -64,6 +52,18 @@ STARTS = (
         inhibition=0.27,
         inhibition_sigma=0.1,
         inhibition_decay=0.8,
+    ),
+    ScanpathModelConfig(
+        exponent=1.2,
+        floor=0.05,
+        center_sigma=0.45,
+        amplitude_scale=0.08,
+        amplitude_exponent=1.2,
+        horizontal=0.1,
+        persistence=0.0,
+        inhibition=0.5,
+        inhibition_sigma=0.03,
+        inhibition_decay=0.5,
     ),
 )
 Transform = tuple[Callable[[float], float], Callable[[float], float]]

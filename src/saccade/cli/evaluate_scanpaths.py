@@ -160,6 +160,7 @@ def _write(
 
     from saccade.cli.output import write_text
     from saccade.evaluation.scanpath_summary import tidy
+    from saccade.evaluation.scanpaths import OTHERS
     from saccade.viewing.scanpaths import scanpath_figure
     from saccade.viewing.style import save_figure
 
@@ -169,7 +170,8 @@ def _write(
         write_text(folder / f"{name}.csv", buffer.getvalue())
     groups: dict[str, list[PathRow]] = {}
     for row in paths:
-        groups.setdefault(row.source, []).append(row)
+        if row.source != OTHERS:  # they are the same people
+            groups.setdefault(row.source, []).append(row)
     xy = {name: [row.path.xy for row in rows] for name, rows in groups.items()}
     durations = {
         name: np.concatenate([row.path.duration for row in rows]) for name, rows in groups.items()

@@ -147,6 +147,7 @@ def score_paths(
     names = list(people)
     stranger = people[names[(names.index(name) + 1) % len(names)]]
     scale = np.array(shape[::-1]) / stranger.shape[::-1]
+    seed = settings.seed * len(names) + names.index(name)
     for viewer, path in _cut(stranger.paths, settings.fixations).items():
         moved = GazePath((path.xy + 0.5) * scale - 0.5, path.duration)
         yield _row(name, OTHERS, viewer, moved, everyone, shape, settings)
@@ -156,7 +157,7 @@ def score_paths(
         (SIMILAR, saliency, ScanpathModelConfig.similar()),
     ):
         drawn = sample_scanpaths(
-            values, shape, settings.samples, settings.fixations, model, seed=settings.seed
+            values, shape, settings.samples, settings.fixations, model, seed=seed
         )
         for number in range(len(drawn)):
             path = GazePath(drawn.xy[number], drawn.duration[number])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from saccade.types import FloatArray
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, grid_axes
 
-COLORS = ("black", GRAY, GREEN, ORANGE, BLUE, RED)
+COLORS = ("black", GRAY, BLUE, GREEN, ORANGE, RED)
 """Of the groups, in their order."""
 DIRECTIONS = 16
 """Bins of directions."""
