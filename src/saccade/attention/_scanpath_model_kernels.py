@@ -54,7 +54,7 @@ def saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> flo
     dx, dy = x - path[last, 0], y - path[last, 1]
     squared = dx * dx + dy * dy
     scaled = squared / (model.amplitude_scale * model.amplitude_scale)
-    weight = (1 + scaled) ** -model.amplitude_exponent
+    weight: float = (1 + scaled) ** -model.amplitude_exponent
     if squared == 0:
         return weight
     weight *= 1 + model.horizontal * (dx * dx - dy * dy) / squared

@@ -100,21 +100,21 @@ class ScanpathModelConfig:
     def similar(cls) -> Self:
         """Paths that are more similar to people's by ScanMatch, and less various than these.
 
-        They keep to the most salient places near the center and come back late; the parameters
-        were searched for by similarity at people's mean amplitude. As densities of people's
-        fixations they are worse than the default.
+        They keep to the most salient places, and to the center; the parameters were searched for by
+        similarity at people's mean amplitude. As a density of people's fixations it is worse than
+        the default.
         """
         return cls(
-            exponent=2.7,
-            floor=0.001,
-            center_sigma=0.15,
-            amplitude_scale=0.013,
-            amplitude_exponent=0.34,
-            horizontal=0.35,
-            persistence=0.6,
-            inhibition=0.74,
-            inhibition_sigma=0.15,
-            inhibition_decay=0.95,
+            exponent=2.0,
+            floor=0.002,
+            center_sigma=0.215,
+            amplitude_scale=0.011,
+            amplitude_exponent=0.42,
+            horizontal=0.28,
+            persistence=0.26,
+            inhibition=0.49,
+            inhibition_sigma=0.155,
+            inhibition_decay=0.99,
         )
 
     @property

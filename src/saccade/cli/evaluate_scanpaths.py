@@ -126,7 +126,8 @@ def scanpaths(
         seed,
     )
     attention = attention_model(model, preset, config)
-    path_rows, fixation_rows = [], []
+    path_rows: list[PathRow] = []
+    fixation_rows: list[FixationRow] = []
     for name in tracked(people, "scoring", len(people)):
         saliency = attention.maps(read_image(images / name)).saliency
         path_rows += score_paths(name, people, saliency, settings)

@@ -64,12 +64,8 @@ def look(
         if is_video(path):
             return analyze_video(path, file, attention, every)
         return analyze_image(
-            path,
-            file,
-            attention,
-            fixations,
-            network,
-            builder,
+            *(path, file, attention, fixations, builder),
+            network=network,
             by_shape=by_shape,
             film=scanpath_film,
         )

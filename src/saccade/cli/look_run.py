@@ -43,9 +43,9 @@ def analyze_image(
     out: Path,
     attention: AttentionModel,
     fixations: int,
-    network: ScanpathConfig,
     builder: ReportBuilder,
     *,
+    network: ScanpathConfig | None = None,
     by_shape: bool = False,
     film: bool = False,
 ) -> dict[str, Any]:

@@ -45,8 +45,8 @@ class FixationRow(NamedTuple):
     model: str
     """One of `MODELS`."""
     viewer: int
-    index: int
-    """Of the fixation among those of the viewer that are scored."""
+    fixation: int
+    """Number of the fixation among those of the viewer that are scored."""
     scores: FixationPrediction
 
 

@@ -176,16 +176,17 @@ def _alignment(cost: FloatArray, n: IntArray, m: IntArray) -> tuple[IntArray, In
             before = np.minimum(total[:, i, j + 1], total[:, i + 1, j])
             total[:, i + 1, j + 1] = cost[:, i, j] + np.minimum(before, total[:, i, j])
     pair = np.arange(p)
-    i, j = n - 1, m - 1
+    at_i, at_j = n - 1, m - 1
     path_i, path_j = np.zeros((2, p, rows + columns), np.int64)
     aligned = np.zeros((p, rows + columns), np.bool_)
     arrived = np.zeros(p, np.bool_)
     for step in range(rows + columns):
-        path_i[:, step], path_j[:, step], aligned[:, step] = i, j, ~arrived
-        arrived |= (i == 0) & (j == 0)
-        options = np.stack([total[pair, i, j], total[pair, i, j + 1], total[pair, i + 1, j]])
-        move = options.argmin(axis=0)
-        i, j = (np.where(arrived, 0, i - (move != 2)), np.where(arrived, 0, j - (move != 1)))
+        path_i[:, step], path_j[:, step], aligned[:, step] = at_i, at_j, ~arrived
+        arrived |= (at_i == 0) & (at_j == 0)
+        before = total[pair, at_i, at_j], total[pair, at_i, at_j + 1], total[pair, at_i + 1, at_j]
+        move = np.stack(before).argmin(axis=0)
+        at_i = np.where(arrived, 0, at_i - (move != 2))
+        at_j = np.where(arrived, 0, at_j - (move != 1))
     return path_i, path_j, aligned
 
 

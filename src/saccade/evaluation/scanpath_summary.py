@@ -9,7 +9,6 @@ import numpy as np
 from saccade.evaluation.conditional import FixationRow
 from saccade.evaluation.intervals import mean_interval
 from saccade.evaluation.scanpaths import PathRow
-from saccade.types import FloatArray
 
 SEED = 20102
 """Of the bootstrap: equal scores always have equal intervals."""
@@ -53,11 +52,11 @@ def tidy(rows: Sequence[PathRow | FixationRow]) -> list[list[str]]:
     return table
 
 
-def _known(images: Mapping[str, Sequence[float]]) -> FloatArray:
-    """(n,) means of the images that have a score."""
+def _known(images: Mapping[str, Sequence[float]]) -> list[float]:
+    """Means of the images that have a score."""
     arrays = (np.array(values) for values in images.values())
-    known = [values[np.isfinite(values)] for values in arrays]
-    return np.array([values.mean() for values in known if len(values)]).tolist()
+    known = (values[np.isfinite(values)] for values in arrays)
+    return [float(values.mean()) for values in known if len(values)]
 
 
 def _mean_score(images: Mapping[str, Sequence[float]]) -> MeanScore:

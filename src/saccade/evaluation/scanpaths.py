@@ -178,10 +178,10 @@ def durations_of(path: Scanpath) -> FloatArray:
     return np.append(np.diff(path.time), np.nan)
 
 
-def mean_fixations(people: Mapping[str, Viewing], default: int = 10) -> int:
+def mean_fixations(people: Mapping[str, Viewing]) -> int:
     """The mean number of fixations of a viewer on an image, rounded."""
     counts = [len(path.xy) for viewing in people.values() for path in viewing.paths.values()]
-    return round(float(np.mean(counts))) if counts else default
+    return round(float(np.mean(counts)))
 
 
 def _cut(paths: Mapping[int, GazePath], count: int) -> dict[int, GazePath]:
@@ -205,10 +205,8 @@ def _row(
     scores = PathScores(
         float(scanmatch(copies, people, shape, settings.similarity).mean()),
         *(_mean(column) for column in dimensions.T),
-        amplitude=_mean(np.hypot(*step.T)),
-        horizontal=_mean((np.abs(step[:, 0]) > np.abs(step[:, 1])).astype(np.float64)),
-        seconds=_mean(path.duration),
-        fixations=float(len(path.xy)),
+        *(_mean(np.hypot(*step.T)), _mean((np.abs(step[:, 0]) > np.abs(step[:, 1])).astype(float))),
+        *(_mean(path.duration), float(len(path.xy))),
     )
     return PathRow(name, source, number, path, scores)
 
