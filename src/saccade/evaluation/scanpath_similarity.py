@@ -183,8 +183,8 @@ def _alignment(cost: FloatArray, n: IntArray, m: IntArray) -> tuple[IntArray, In
     for step in range(rows + columns):
         path_i[:, step], path_j[:, step], aligned[:, step] = at_i, at_j, ~arrived
         arrived |= (at_i == 0) & (at_j == 0)
-        before = total[pair, at_i, at_j], total[pair, at_i, at_j + 1], total[pair, at_i + 1, at_j]
-        move = np.stack(before).argmin(axis=0)
+        origins = total[pair, at_i, at_j], total[pair, at_i, at_j + 1], total[pair, at_i + 1, at_j]
+        move = np.stack(origins).argmin(axis=0)
         at_i = np.where(arrived, 0, at_i - (move != 2))
         at_j = np.where(arrived, 0, at_j - (move != 1))
     return path_i, path_j, aligned

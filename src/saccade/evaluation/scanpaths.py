@@ -202,12 +202,11 @@ def _row(
     copies = [path] * len(people)
     dimensions = multimatch(copies, people, shape)
     step = np.diff(path.xy, axis=0)
-    scores = PathScores(
-        float(scanmatch(copies, people, shape, settings.similarity).mean()),
-        *(_mean(column) for column in dimensions.T),
-        *(_mean(np.hypot(*step.T)), _mean((np.abs(step[:, 0]) > np.abs(step[:, 1])).astype(float))),
-        *(_mean(path.duration), float(len(path.xy))),
-    )
+    similarity = scanmatch(copies, people, shape, settings.similarity)
+    horizontal = np.abs(step[:, 0]) > np.abs(step[:, 1])
+    movements = np.hypot(*step.T), horizontal.astype(np.float64), path.duration
+    known = [similarity, *dimensions.T, *movements, np.array([float(len(path.xy))])]
+    scores = PathScores(*(_mean(values) for values in known))
     return PathRow(name, source, number, path, scores)
 
 
