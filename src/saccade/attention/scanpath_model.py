@@ -105,16 +105,16 @@ class ScanpathModelConfig:
         the default.
         """
         return cls(
-            exponent=2.0,
-            floor=0.002,
-            center_sigma=0.215,
-            amplitude_scale=0.011,
-            amplitude_exponent=0.42,
-            horizontal=0.28,
-            persistence=0.26,
-            inhibition=0.49,
-            inhibition_sigma=0.155,
-            inhibition_decay=0.99,
+            exponent=2.25,
+            floor=0.0015,
+            center_sigma=0.186,
+            amplitude_scale=0.012,
+            amplitude_exponent=0.386,
+            horizontal=0.31,
+            persistence=0.36,
+            inhibition=0.58,
+            inhibition_sigma=0.153,
+            inhibition_decay=0.97,
         )
 
     @property
