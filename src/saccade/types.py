@@ -78,7 +78,6 @@ class Keypoints:
         return len(self.xy)
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "Keypoints":
-        """A selection of the keypoints."""
         return select_rows(self, index)
 
     def __repr__(self) -> str:
@@ -168,7 +167,6 @@ class ScanpathSamples:
         return len(self.xy)
 
     def __getitem__(self, index: int) -> Scanpath:
-        """One of the paths."""
         return Scanpath(self.xy[index], self.time[index], self.saliency[index])
 
     def __repr__(self) -> str:
@@ -196,7 +194,6 @@ class SymmetricPairs:
         return len(self.strength)
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "SymmetricPairs":
-        """A selection of the pairs."""
         return select_rows(self, index)
 
     def __repr__(self) -> str:

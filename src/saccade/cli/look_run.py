@@ -69,8 +69,8 @@ def analyze_image(
         "scanpath_xy": scan.xy,
         "scanpath_time": scan.time,
         "scanpath_saliency": scan.saliency,
-        "samples_xy": samples.xy,
-        "samples_time": samples.time,
+        "scanpath_samples_xy": samples.xy,
+        "scanpath_samples_time": samples.time,
     }
     write_arrays(arrays, layers | scanpath_arrays | {"format": FORMATS["look"]})
     row = {
