@@ -1,5 +1,6 @@
 """The scanpath model of `saccade.attention.scanpath_model`: weights, densities and samples."""
 
+import math
 from math import exp
 from typing import NamedTuple
 
@@ -122,6 +123,9 @@ def draw_paths(
     drawn from the density itself, so that the distribution is the same.
     """
     density = np.empty(len(grid.mass))
+    squared_scale = model.amplitude_scale * model.amplitude_scale
+    bounded = model.amplitude_exponent >= 0.01
+    order = math.ceil(1 / model.amplitude_exponent) if bounded else 0
     for p in range(len(paths)):
         for k in range(1, paths.shape[1]):
             path = paths[p, :k]
@@ -130,6 +134,9 @@ def draw_paths(
                 proposed = draw_cell(table, rng.random())
                 x, y = grid.x[proposed], grid.y[proposed]
                 u = rng.random()
+                dx, dy = x - path[k - 1, 0], y - path[k - 1, 1]
+                if bounded and u**order * (1 + (dx * dx + dy * dy) / squared_scale) > 1:
+                    continue  # above a root that bounds the kernel, and is faster than its power
                 weight = saccade_weight(model, x, y, path)
                 if u < weight and u < weight * inhibition_weight(model, x, y, path):
                     cell = proposed
