@@ -173,7 +173,7 @@ def time_sampling(saliency: np.ndarray, shape: tuple[int, int]) -> None:
             sample_scanpaths(saliency, shape, 1000, 10, config, seed=seed)
             times.append(1000 * (process_time() - start))
         print(
-            f"1000 paths of 10 fixations, {name}: {np.median(times[1:]):.1f} ms of processor time, warm"
+            f"1000 paths of 10 fixations, {name}: {np.median(times[1:]):.1f} ms of one core, warm"
         )
 
 
