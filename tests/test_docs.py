@@ -47,6 +47,11 @@ OF_PAGES = {
     "attention.md": lambda names: (
         len(names["path"]) == 10 and names["contrast"].saliency.max() == 1
     ),
+    "scanpaths.md": lambda names: (
+        names["drawn"].xy.shape == (100, 10, 2)
+        and abs(names["chance"].sum() - 1) < 1e-9
+        and len(names["logs"]) == 10
+    ),
     "matching.md": lambda names: len(names["right"]) > 50,
     "exchange.md": lambda names: (
         len(names["database"].matches["left.jpg", "right.jpg"]) == len(names["pairs"]) > 50

@@ -35,6 +35,7 @@ COMMANDS = {
     "settings": ("settings", "look {0}/sift.toml --config {0}/sift.toml"),
     "find": ("index-images", "find {0}/photos/a.png --in {0}/out"),
     "fixations": ("fixations", "evaluate fixations --images {0} --fixations {0}/fixations.csv"),
+    "scanpaths": ("fixations", "evaluate scanpaths --images {0} --fixations {0}/fixations.csv"),
     "features": ("homography", "evaluate features --pairs {0} --detector opencv"),
     "places": ("png", "evaluate places {0}/a.png --lap 2"),
     "trajectory": ("tum-poses", "evaluate trajectory {0}/poses.txt --truth {0}/poses.txt"),

@@ -22,11 +22,15 @@ if TYPE_CHECKING:
     from saccade.attention import ContrastMaps as ContrastMaps
     from saccade.attention import FittedModel as FittedModel
     from saccade.attention import ScanpathConfig as ScanpathConfig
+    from saccade.attention import ScanpathModelConfig as ScanpathModelConfig
     from saccade.attention import SymmetryConfig as SymmetryConfig
     from saccade.attention import SymmetryMaps as SymmetryMaps
     from saccade.attention import attention_saliency as attention_saliency
     from saccade.attention import boolean_saliency as boolean_saliency
     from saccade.attention import contrast_saliency as contrast_saliency
+    from saccade.attention import next_fixation_density as next_fixation_density
+    from saccade.attention import sample_scanpaths as sample_scanpaths
+    from saccade.attention import scanpath_log_likelihood as scanpath_log_likelihood
     from saccade.attention import symmetry_saliency as symmetry_saliency
     from saccade.attention.scanpath import scanpath as scanpath
     from saccade.attention.symmetric_pairs import symmetric_pairs as symmetric_pairs
@@ -53,6 +57,7 @@ if TYPE_CHECKING:
     from saccade.types import LandmarkLog as LandmarkLog
     from saccade.types import LandmarkMap as LandmarkMap
     from saccade.types import Scanpath as Scanpath
+    from saccade.types import ScanpathSamples as ScanpathSamples
     from saccade.types import SymmetricPairs as SymmetricPairs
     from saccade.types import Trajectory as Trajectory
 
@@ -64,6 +69,8 @@ _MODULES = {
         *("ContrastConfig", "ContrastMaps", "contrast_saliency", "ScanpathConfig", "scanpath"),
         *("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
         *("BooleanConfig", "BooleanMaps", "boolean_saliency", "FittedModel"),
+        *("ScanpathModelConfig", "sample_scanpaths"),
+        *("next_fixation_density", "scanpath_log_likelihood"),
     ),
     "errors": (
         *("ConfigError", "DriveError", "ImageError", "KeypointsError", "LogError"),
@@ -81,7 +88,8 @@ _MODULES = {
     "keypoints.verification": ("Verification", "verify"),
     "settings": ("load_model",),
     "types": (
-        *("Keypoints", "LandmarkLog", "LandmarkMap", "Scanpath", "SymmetricPairs", "Trajectory"),
+        *("Keypoints", "LandmarkLog", "LandmarkMap", "Scanpath", "ScanpathSamples"),
+        *("SymmetricPairs", "Trajectory"),
     ),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -16,6 +16,7 @@ KINDS = {
     "symmetry": ("saccade.attention.symmetry_config", "SymmetryConfig"),
     "boolean": ("saccade.attention.boolean_maps", "BooleanConfig"),
     "scanpath": ("saccade.attention.scanpath", "ScanpathConfig"),
+    "scanpath-model": ("saccade.attention.scanpath_model", "ScanpathModelConfig"),
     "must": ("saccade.keypoints.must_config", "MustConfig"),
     "sift": ("saccade.keypoints.sift_config", "SiftConfig"),
     "symroid": ("saccade.keypoints.symroid_config", "SymRoidConfig"),

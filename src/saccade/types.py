@@ -78,7 +78,6 @@ class Keypoints:
         return len(self.xy)
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "Keypoints":
-        """A selection of the keypoints."""
         return select_rows(self, index)
 
     def __repr__(self) -> str:
@@ -152,6 +151,29 @@ class Scanpath:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class ScanpathSamples:
+    """Scanpaths of one length over one saliency map."""
+
+    xy: FloatArray
+    """(p, n, 2) positions in image pixels, path by path."""
+    time: FloatArray
+    """(p, n) onset of each fixation in seconds since the onset of the image."""
+    duration: FloatArray
+    """(p, n) of each fixation, in seconds."""
+    saliency: FloatArray
+    """(p, n) value of the saliency map at the fixation."""
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def __getitem__(self, index: int) -> Scanpath:
+        return Scanpath(self.xy[index], self.time[index], self.saliency[index])
+
+    def __repr__(self) -> str:
+        return f"ScanpathSamples({len(self)} paths of {self.xy.shape[1]} fixations)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class SymmetricPairs:
     """Pairs of gradients on opposite sides of a position, the strongest first."""
 
@@ -172,7 +194,6 @@ class SymmetricPairs:
         return len(self.strength)
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "SymmetricPairs":
-        """A selection of the pairs."""
         return select_rows(self, index)
 
     def __repr__(self) -> str:
@@ -332,6 +353,8 @@ class FixationTable:
     """(n,) number of the fixation of a viewer on an image, from 0."""
     xy: FloatArray
     """(n, 2) position in image pixels."""
+    duration: FloatArray | None = None
+    """(n,) in seconds; None if unknown."""
 
     def __len__(self) -> int:
         return len(self.image)

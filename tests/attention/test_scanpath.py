@@ -169,6 +169,26 @@ def test_a_scanpath_ends_at_the_time_limit():
     assert len(scanpath(np.full((3, 3), 1e-3), (3, 3), 5, ScanpathConfig(peak=None))) == 0
 
 
+def test_a_path_that_the_time_limit_cuts_short_is_told(caplog):
+    saliency = np.random.default_rng(3).random((20, 30))
+    path = scanpath(saliency, (200, 300), 100, ScanpathConfig(time_limit=1.0))
+    assert 0 < len(path) < 100
+    assert f"{len(path)} of 100 fixations within the time limit of 1 s" in caplog.text
+    caplog.clear()
+    assert len(scanpath(saliency, (200, 300), len(path), ScanpathConfig(time_limit=1.0)))
+    assert not caplog.text
+
+
+def test_the_presets_have_the_discs_of_their_sources():
+    """Itti et al.: exp(-2.25) = .11 at a sixth of the shorter side of 8:5; the toolbox: .3 / 12."""
+    focus = 5 / 8 / 6
+    edge = np.exp(-((focus / ScanpathConfig.itti1998().inhibition_sigma) ** 2) / 2)
+    assert edge == pytest.approx(1 / 9, abs=0.005)
+    toolbox = ScanpathConfig.saliencytoolbox2()
+    assert toolbox.inhibition_sigma == pytest.approx(0.3 * (1 / 6) / 32 * 16)
+    assert toolbox.peak is None
+
+
 def test_the_first_fixation_takes_the_time_of_the_closed_form():
     """V and W of one cell without inhibition are sums of two exponentials."""
     s = 1.5
@@ -209,6 +229,10 @@ def test_a_broken_map_is_named(saliency, words):
 def test_broken_arguments_are_named():
     with pytest.raises(ImageError, match="image_shape"):
         scanpath(np.ones((2, 2)), (0, 4))
+    with pytest.raises(ImageError, match=r"\(600, 800\).*found \(800, 600\).*swapped"):
+        scanpath(np.ones((38, 50)), (800, 600))
+    assert len(scanpath(np.ones((38, 50)), (600, 800, 3), 1)) == 1
+    assert len(scanpath(np.ones((50, 50)), (600, 800), 1)) == 1  # a square map of any image
     with pytest.raises(ConfigError, match="fixations"):
         scanpath(np.ones((2, 2)), (4, 4), fixations=-1)
     with pytest.raises(ConfigError, match="time_step"):

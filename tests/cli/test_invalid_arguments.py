@@ -41,6 +41,8 @@ READS = {
     "fit --images . --fixations {}": ("csv", "mat"),
     "look a.png --model {}": ("toml",),
     "look a.png --faces {}": ("onnx", "xml"),
+    "evaluate scanpaths --images . --fixations {}": ("csv", "mat"),
+    "evaluate scanpaths --images . --fixations fixations.csv --paths-config {}": ("toml",),
     "evaluate features --pairs {}": ("png",),
     "evaluate places {} --lap 2": ("png",),
     "evaluate selection {} --no-simulator": ("bag", "npz"),

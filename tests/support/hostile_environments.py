@@ -41,6 +41,7 @@ COMMANDS = {
     "demo": "--out {in}/log.csv",
     "evaluate fixations": "--images {in}/seen --fixations {in}/seen/fixations.csv",
     "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2 --no-people",
+    "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2 -o out",
     "evaluate features": "--pairs {in}/pairs --points 20",
     "evaluate places": "{in}/photos --lap 2",
     "evaluate selection": "--budget 1 --criterion strength --seeds 1 --frames 8 -o out",
@@ -78,6 +79,13 @@ def make_inputs(folder):
         (folder / "seen" / f"{name}.png").write_bytes((folder / "seen" / "a.png").read_bytes())
         with (folder / "seen" / "fixations.csv").open("a") as fixations:
             fixations.write(f"{name}.png,1,0,9,7\n{name}.png,1,1,2,8\n")
+    rows = [
+        f"{image}.png,{viewer},{k},{3 * k},{viewer}"
+        for image in "ab"
+        for viewer in "12"
+        for k in range(4)
+    ]
+    (folder / "seen" / "people.csv").write_text("\n".join(["image,viewer,index,x,y", *rows]) + "\n")
     (folder / "photos").mkdir()
     for name in "ab":
         cv2.imwrite(str(folder / "photos" / f"{name}.png"), a_picture())

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saccade.slam import EkfSlam
-from saccade.types import Keypoints, MapSnapshot, Scanpath, Trajectory
+from saccade.types import Keypoints, MapSnapshot, Scanpath, ScanpathSamples, Trajectory
 from saccade.viewing.embedding import jpeg
 from saccade.viewing.page import Picture, Section
 from saccade.viewing.report import ReportBuilder, Table, image_part, match_part, report_page
@@ -329,3 +329,31 @@ def test_parts_that_do_not_fit_are_counted_and_not_made(tmp_path, monkeypatch):
     page = builder.write(tmp_path / "report.html").read_text()
     assert page.count("<section>") == len(builder) == len(made) - 1
     assert f"Lead. {9 - len(builder)} more did not fit on this page." in page
+
+
+def test_sampled_scanpaths_are_a_layer_with_the_distributions_of_their_saccades(opened):
+    image = np.random.default_rng(1).random((60, 90, 3), np.float32)
+    path = Scanpath(np.array([[10.0, 20.0], [70.0, 40.0]]), np.array([0.05, 0.1]), np.ones(2))
+    xy = np.array([[[10.0, 10], [40, 10], [40, 50]], [[80.0, 50], [50, 50], [20, 50]]])
+    samples = ScanpathSamples(xy, np.ones((2, 3)), np.ones((2, 3)), np.ones((2, 3)))
+    part = image_part(
+        Section("a", "b"), image, {"saliency": image[..., 0]}, path, KEYPOINTS, samples
+    )
+    page = opened(report_page("a", "b", [part]), viewport={"width": 1280, "height": 1200})
+    captions = page.locator(".saccades figcaption").all_inner_texts()
+    assert captions == [  # 30, 40, 30 and 30 px: right, down, left and left
+        "Amplitude of sampled saccades, mean 33 px",
+        "Direction of sampled saccades, 75 % near the horizontal",
+    ]
+    drawn = "(canvas) => canvas.toDataURL()"
+    page.evaluate(DRAWN)
+    over = page.locator(".photograph canvas")
+    both = over.evaluate(drawn)
+    page.get_by_role("checkbox", name="2 sampled scanpaths").uncheck()
+    page.evaluate(DRAWN)
+    assert over.evaluate(drawn) != both
+    empty = (
+        "(canvas) => { const all = document.createElement('canvas'); all.width = canvas.width;"
+        + (" all.height = canvas.height; return all.toDataURL() !== canvas.toDataURL(); }")
+    )
+    assert all(each.evaluate(empty) for each in page.locator(".saccades canvas").all())

@@ -6,6 +6,12 @@ from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap,
 from saccade.attention.fitted import FittedMaps, FittedModel
 from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
+from saccade.attention.scanpath_model import (
+    ScanpathModelConfig,
+    next_fixation_density,
+    sample_scanpaths,
+    scanpath_log_likelihood,
+)
 from saccade.attention.symmetric_pairs import symmetric_pairs
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
 
@@ -20,13 +26,17 @@ __all__ = [
     "FittedMaps",
     "FittedModel",
     "ScanpathConfig",
+    "ScanpathModelConfig",
     "SymmetryConfig",
     "SymmetryMaps",
     "attention_saliency",
     "boolean_saliency",
     "contrast_saliency",
+    "next_fixation_density",
     "proto_object",
+    "sample_scanpaths",
     "scanpath",
+    "scanpath_log_likelihood",
     "symmetric_pairs",
     "symmetry_saliency",
 ]

@@ -10,8 +10,10 @@ winner, which suppresses the map layer there until g has decayed. Two steps late
 resets the whole winner layer, and the competition starts again.
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,8 @@ from saccade.errors import ImageError, require
 from saccade.pyramid import FloatMap, cell_centers
 from saccade.types import FloatArray, IntArray, Scanpath
 
+_logger = logging.getLogger(__name__)
+
 Region = npt.NDArray[np.bool_]
 """(h, w) cells of a saliency map."""
 
@@ -28,6 +32,9 @@ Region = npt.NDArray[np.bool_]
 @dataclass(frozen=True)
 class ScanpathConfig:
     """The winner-take-all network; potentials in volts.
+
+    The disc of the default was chosen by the similarity of its paths to those of people, see
+    docs/scanpaths.md; the presets follow their sources.
 
     Source: Itti, Koch & Niebur (1998), with the constants published with Walther & Koch (2006).
     """
@@ -52,12 +59,9 @@ class ScanpathConfig:
     """Potential over which a winner cell spikes."""
     reset: float = -0.02
     """Potential to which the winner layer is reset."""
-    inhibition_sigma: float = 0.05
+    inhibition_sigma: float = 0.015
     """Standard deviation of the disc of inhibition of return, a Gaussian, as a fraction of the
-    longer side of the map.
-
-    At 0.05 it falls to a ninth at the edge of the focus of attention of Itti, Koch & Niebur (1998),
-    a sixth of the shorter side of an 8:5 image from its center; SaliencyToolbox 2 has 0.025."""
+    longer side of the map."""
     inhibition_strength: float = 2e6
     """Conductance over capacitance at its center, per second and volt of the winner's V."""
     inhibition_surround: float = 1e-4
@@ -78,6 +82,23 @@ class ScanpathConfig:
         require(self.reset <= 0, "reset", "at most 0", self.reset)
         surround = self.inhibition_surround
         require(0 <= surround < 1, "inhibition_surround", "a fraction in [0, 1)", surround)
+
+    @classmethod
+    def itti1998(cls) -> Self:
+        """Inhibition of the focus of attention of Itti, Koch & Niebur (1998).
+
+        That is a disc with a radius of a sixth of the shorter side; the Gaussian falls to a ninth
+        at its edge in an 8:5 image.
+        """
+        return cls(inhibition_sigma=0.05)
+
+    @classmethod
+    def saliencytoolbox2(cls) -> Self:
+        """SaliencyToolbox 2 (Walther & Koch 2006): a narrower disc, and the map as it is.
+
+        For the maps of `ContrastConfig.saliencytoolbox2`, whose values are the toolbox's.
+        """
+        return cls(peak=None, inhibition_sigma=0.025)
 
 
 def scanpath(
@@ -107,10 +128,37 @@ def scanpath(
 
     Raises:
         ImageError: the map is not two-dimensional, is empty, not finite, or negative somewhere;
-            or the image has no pixels.
+            or the image has no pixels, or fits the map only with its sides swapped.
         ConfigError: `fixations` is negative.
     """
     config = config or ScanpathConfig()
+    saliency = checked_map(saliency, image_shape)
+    require(fixations >= 0, "fixations", "0 or more", fixations)
+    high = float(saliency.max())
+    if high == 0:
+        return Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+    strength = saliency if config.peak is None else saliency * (config.peak / high)
+    winners, steps = simulate(strength, fixations, config, region)
+    if len(winners) < fixations:
+        _logger.warning(
+            "scanpath: %d of %d fixations within the time limit of %g s; raise time_limit for more",
+            *(len(winners), fixations, config.time_limit),
+        )
+    columns, rows = np.divmod(winners, saliency.shape[0])
+    return Scanpath(
+        xy=cell_centers(rows, columns, saliency.shape, image_shape),
+        time=steps.astype(np.float64) * config.time_step,
+        saliency=saliency[rows, columns],
+    )
+
+
+def checked_map(saliency: FloatMap, image_shape: Sequence[int]) -> FloatArray:
+    """A saliency map in double precision.
+
+    Raises:
+        ImageError: as `scanpath`.
+    """
     saliency = np.asarray(saliency, dtype=np.float64)
     if saliency.ndim != 2 or saliency.size == 0:
         raise ImageError(f"saliency: expected a map of shape (h, w), found {saliency.shape}")
@@ -121,18 +169,19 @@ def scanpath(
         )
     if len(image_shape) < 2 or min(image_shape[:2]) < 1:
         raise ImageError(f"image_shape: expected (H, W), found {tuple(image_shape)}")
-    require(fixations >= 0, "fixations", "0 or more", fixations)
-    if high == 0:
-        return Scanpath(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    h, w = saliency.shape
+    height, width = image_shape[:2]
+    if _covers(h, w, width, height) and not _covers(h, w, height, width):
+        raise ImageError(
+            f"image_shape: expected (H, W) = ({width}, {height}) for a map of ({h}, {w}), "
+            f"found ({height}, {width}): height and width are swapped"
+        )
+    return saliency
 
-    strength = saliency if config.peak is None else saliency * (config.peak / high)
-    winners, steps = simulate(strength, fixations, config, region)
-    columns, rows = np.divmod(winners, saliency.shape[0])
-    return Scanpath(
-        xy=cell_centers(rows, columns, saliency.shape, image_shape),
-        time=steps.astype(np.float64) * config.time_step,
-        saliency=saliency[rows, columns],
-    )
+
+def _covers(h: int, w: int, height: int, width: int) -> bool:
+    """Whether a map may be a reduced image, with each side rounded up or down."""
+    return (w - 1) * height < (h + 1) * width and (h - 1) * width < (w + 1) * height
 
 
 def simulate(

@@ -8,6 +8,7 @@ from typer import Option
 if TYPE_CHECKING:
     from saccade.attention.faces import FaceDetector
     from saccade.attention.models import AttentionModel
+    from saccade.attention.scanpath import ScanpathConfig
 
 DEFAULT_MODEL = "attention"
 MODELS = "attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)"
@@ -65,3 +66,12 @@ def face_detector(faces: str | None) -> "FaceDetector | None":
     if detector is None:
         print_message("faces: OpenCV carries no detector here; faces are left out")
     return detector
+
+
+def scanpath_network(preset: str | None) -> "ScanpathConfig":
+    """The winner-take-all network of a model's preset: of the same source where there is one."""
+    from saccade.settings import load_settings, preset_names
+
+    known = preset in preset_names("scanpath")
+    network: ScanpathConfig = load_settings("scanpath", preset if known else None)
+    return network

@@ -8,6 +8,7 @@ from saccade.cli import evaluate_consistency as consistency
 from saccade.cli import evaluate_features as features
 from saccade.cli import evaluate_fixations as fixations
 from saccade.cli import evaluate_places as places
+from saccade.cli import evaluate_scanpaths as scanpaths
 from saccade.cli import evaluate_selection as selection
 from saccade.cli import evaluate_trajectory as trajectory
 
@@ -20,6 +21,11 @@ for command, meaning, options in (
         fixations.fixations,
         fixations.MEANING,
         "fixations --images photos --fixations fixations.csv",
+    ),
+    (
+        scanpaths.scanpaths,
+        scanpaths.MEANING,
+        "scanpaths --images photos --fixations fixations.csv",
     ),
     (features.features, features.MEANING, "features --pairs oxford --detector opencv"),
     (consistency.consistency, consistency.MEANING, "consistency --preset loop --runs 20"),

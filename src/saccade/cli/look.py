@@ -6,7 +6,13 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from saccade.cli.attention_models import DEFAULT_MODEL, Faces, ModelChoice, attention_model
+from saccade.cli.attention_models import (
+    DEFAULT_MODEL,
+    Faces,
+    ModelChoice,
+    attention_model,
+    scanpath_network,
+)
 from saccade.cli.options import Config, Json, Out, Preset
 
 
@@ -57,6 +63,7 @@ def look(
     if by_shape and model not in (DEFAULT_MODEL, "contrast"):
         raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
     attention = attention_model(model, preset, config, keep_features=by_shape, faces=faces)
+    network = scanpath_network(preset)
     builder = ReportBuilder("saccade look", LEAD)
 
     def process(path: Path, name: str) -> dict[str, Any]:
@@ -64,7 +71,10 @@ def look(
         if is_video(path):
             return analyze_video(path, file, attention, every)
         return analyze_image(
-            path, file, attention, fixations, builder, by_shape=by_shape, film=scanpath_film
+            *(path, file, attention, fixations, builder),
+            network=network,
+            by_shape=by_shape,
+            film=scanpath_film,
         )
 
     paths = [path for source in images for path in find_images(source)]

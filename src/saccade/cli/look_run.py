@@ -8,13 +8,14 @@ import numpy as np
 
 from saccade.attention.models import AttentionModel, contrast_of
 from saccade.attention.proto_object import proto_object
-from saccade.attention.scanpath import scanpath
+from saccade.attention.scanpath import ScanpathConfig, scanpath
+from saccade.attention.scanpath_model import sample_scanpaths
 from saccade.cli.output import progress_bar, write_arrays
 from saccade.errors import ImageError
 from saccade.formats import FORMATS
 from saccade.image import read_image
 from saccade.keypoints import Sift, SiftConfig
-from saccade.types import Float32Array, Scanpath
+from saccade.types import Float32Array, Scanpath, ScanpathSamples
 from saccade.video import read_video, video_rate, video_writer
 from saccade.viewing import (
     Section,
@@ -29,8 +30,12 @@ from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 LEAD = "Saliency by contrast and symmetry, scanpaths, and the strongest interest points."
 TEXT = (
     "The map is laid over the photograph, and the scanpath plays four times slower than in the "
-    "model; point at an interest point to see its size, angle and descriptor."
+    "model; point at an interest point to see its size, angle and descriptor. The cloud of thin "
+    "lines is a hundred scanpaths drawn from the scanpath model; below are the amplitudes and the "
+    "directions of their saccades."
 )
+SAMPLES = 100
+"""Scanpaths of the cloud."""
 
 
 def analyze_image(
@@ -40,6 +45,7 @@ def analyze_image(
     fixations: int,
     builder: ReportBuilder,
     *,
+    network: ScanpathConfig | None = None,
     by_shape: bool = False,
     film: bool = False,
 ) -> dict[str, Any]:
@@ -53,7 +59,8 @@ def analyze_image(
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
     region = partial(proto_object, contrast_of(maps)) if by_shape else None
-    scan = scanpath(maps.saliency, image.shape, fixations=fixations, region=region)
+    scan = scanpath(maps.saliency, image.shape, fixations, network, region=region)
+    samples = sample_scanpaths(maps.saliency, image.shape, SAMPLES, fixations)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)
     picture = save_figure(attention_figure(image, layers, scan, pairs), f"{out}.png")
@@ -62,6 +69,8 @@ def analyze_image(
         "scanpath_xy": scan.xy,
         "scanpath_time": scan.time,
         "scanpath_saliency": scan.saliency,
+        "scanpath_samples_xy": samples.xy,
+        "scanpath_samples_time": samples.time,
     }
     write_arrays(arrays, layers | scanpath_arrays | {"format": FORMATS["look"]})
     row = {
@@ -73,7 +82,7 @@ def analyze_image(
         "arrays": str(arrays),
     }
     section = Section(path.name, "" if len(builder) else TEXT)
-    builder.add(lambda: _part(section, image, layers, scan))
+    builder.add(lambda: _part(section, image, layers, scan, samples))
     if film:
         file = out.with_name(f"{out.name.removesuffix('.look')}.scanpath.gif")
         row["film"] = str(save_film(*scanpath_frames(image, scan), file))
@@ -85,10 +94,11 @@ def _part(
     image: Float32Array,
     layers: dict[str, Float32Array],
     scan: Scanpath,
+    samples: ScanpathSamples,
 ) -> Part:
     """The image as a part of a report, with its strongest interest points."""
     keypoints = Sift(SiftConfig(max_keypoints=MAX_POINTS, spread=True))(image)
-    return image_part(section, image, layers, scan, keypoints)
+    return image_part(section, image, layers, scan, keypoints, samples)
 
 
 def analyze_video(path: Path, out: Path, attention: AttentionModel, stride: int) -> dict[str, Any]:

@@ -10,15 +10,18 @@ from saccade.errors import LogError
 from saccade.types import FixationTable
 
 COLUMNS = ("image", "viewer", "index", "x", "y")
-_Row = tuple[str, int, int, float, float]
+DURATION = "duration_ms"
+"""A column that a table may have besides."""
+_Row = tuple[str, int, int, float, float, float]
 
 
 def read_fixations(path: str | Path) -> FixationTable:
     """The fixations in a file.
 
     Args:
-        path: a CSV with the columns image, viewer, index, x and y (pixels; others are ignored), or
-            `fixations.mat` of OSIE (Xu et al., Journal of Vision 2014).
+        path: a CSV with the columns image, viewer, index, x and y (pixels), and duration_ms where
+            known (others are ignored), or `fixations.mat` of OSIE (Xu et al., Journal of Vision
+            2014), whose durations are not read.
 
     Raises:
         LogError: the file is missing or broken; the message names the line.
@@ -27,9 +30,14 @@ def read_fixations(path: str | Path) -> FixationTable:
     rows = _mat_rows(path) if path.suffix.lower() == ".mat" else _csv_rows(path)
     if not rows:
         raise LogError(f"{path}: expected at least one fixation, found none")
-    image, viewer, index, x, y = zip(*rows, strict=True)
+    image, viewer, index, x, y, duration = zip(*rows, strict=True)
+    seconds = np.array(duration, np.float64) / 1000
     return FixationTable(
-        np.array(image), np.array(viewer), np.array(index), np.array([x, y], np.float64).T
+        np.array(image),
+        np.array(viewer),
+        np.array(index),
+        np.array([x, y], np.float64).T,
+        None if np.isnan(seconds).all() else seconds,
     )
 
 
@@ -45,7 +53,11 @@ def _csv_rows(path: Path) -> list[_Row]:
         row.require_cells(len(names))
         (left,), (top,) = (row.numbers(slice(i, i + 1)) for i in (x, y))
         person, number = (row.integer(i, names[i]) for i in (viewer, index))
-        fixations.append((row.cells[image], person, number, left, top))
+        duration = np.nan
+        if DURATION in names:
+            column = names.index(DURATION)
+            duration = float(row.numbers(slice(column, column + 1))[0])
+        fixations.append((row.cells[image], person, number, left, top, duration))
     return fixations
 
 
@@ -53,7 +65,7 @@ def _mat_rows(path: Path) -> list[_Row]:
     images = read_matlab(path, ("fixations",))["fixations"]
     try:
         return [
-            (image["img"], viewer, index, float(x), float(y))
+            (image["img"], viewer, index, float(x), float(y), np.nan)
             for image in images
             for viewer, eye in enumerate(image["subjects"])
             for index, (x, y) in enumerate(

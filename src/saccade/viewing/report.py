@@ -9,13 +9,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from saccade.files import atomic_write
-from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath
+from saccade.types import BoolArray, Float32Array, IntArray, Keypoints, Scanpath, ScanpathSamples
 from saccade.viewing.embedding import heat, json_element, photograph
 from saccade.viewing.page import Picture, Section, section_html, standalone_page, web_file
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
     "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
-    "image": ("photo.js", "image.js"),
+    "image": ("photo.js", "samples.js", "image.js"),
     "match": ("photo.js", "match.js"),
     "table": ("table.js",),
 }
@@ -152,8 +152,9 @@ def image_part(
     maps: Mapping[str, Float32Array],
     path: Scanpath,
     keypoints: Keypoints,
+    samples: ScanpathSamples | None = None,
 ) -> Part:
-    """A photograph with saliency maps, scanpath and interest points as layers.
+    """A photograph with saliency maps, scanpaths and interest points as layers.
 
     Args:
         section: heading, text, facts and links.
@@ -161,13 +162,16 @@ def image_part(
         maps: by title; each (h, w), not negative.
         path: fixations.
         keypoints: the first `MAX_POINTS` of them are shown.
+        samples: more scanpaths, with the distributions of their saccades.
     """
-    data = {
+    data: dict[str, Any] = {
         "image": photograph(image),
         "maps": maps_data(maps),
         "scanpath": scanpath_data(path),
         "points": points_data(keypoints[:MAX_POINTS]),
     }
+    if samples is not None and samples.xy.size:
+        data["samples"] = {"xy": samples.xy.ravel(), "length": samples.xy.shape[1]}
     return Part(section, "image", data)
 
 

@@ -145,12 +145,13 @@ function mapChoice(element, heat) {
 }
 
 /**
- * Shows `data.image` with its `maps`, `scanpath` and `points`; `data.map` is shown first. `change` of
- * what it returns replaces any of them; `side` and `layers` take more elements.
+ * Shows `data.image` with its `maps`, `scanpath` and `points`, and `samples` where there are any (see
+ * samples.js); `data.map` is shown first. `change` of what it returns replaces any of them; `side` and `layers` take more elements.
  */
 kinds.image = (element, data) => {
   let { image, scanpath: path, points } = data;
-  const shown = { path: true, points: false };
+  const shown = { path: true, points: false, samples: true };
+  const samples = data.samples;
   let fixation = path.time.length;
   const photo = make("img", { class: "photo", alt: "The photograph" });
   const heat = make("img", { class: "heat", alt: "", hidden: true });
@@ -160,6 +161,7 @@ kinds.image = (element, data) => {
 
   function draw() {
     const context = sized(canvas);
+    if (samples && shown.samples) drawSamples(context, samples, scale());
     if (shown.points) drawPoints(context, points, selected.chosen, scale());
     if (shown.path) drawScanpath(context, path, fixation, scale());
   }
@@ -193,7 +195,12 @@ kinds.image = (element, data) => {
   const side = make("div", { class: "side" }, maps.element, ...selected.nodes);
   const layers = make("div", { class: "layers" },
     toggle("scanpath", "orange", true, (on) => { shown.path = on; draw(); }), pointBox);
+  if (samples) {
+    layers.append(toggle(`${samples.xy.length / 2 / samples.length} sampled scanpaths`, "blue", true,
+      (on) => { shown.samples = on; draw(); }));
+  }
   element.append(make("div", { class: "stage" }, make("div", { class: "main" }, box, play.element, layers), side));
+  if (samples) element.append(saccadeFigures(samples, image));
 
   function change(next) {
     if (next.image) {

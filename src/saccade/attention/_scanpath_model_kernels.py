@@ -1,0 +1,184 @@
+"""The scanpath model of `saccade.attention.scanpath_model`: weights, densities and samples."""
+
+import math
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade._jit import kernel
+from saccade.types import FloatArray, IntArray
+
+FARTHEST = 20.0
+"""Exponent from which a Gaussian is taken as 0: it is below 3e-9."""
+
+
+class Dynamics(NamedTuple):
+    """Constants of the model; lengths are fractions of the longer side of the image."""
+
+    amplitude_scale: float
+    amplitude_exponent: float
+    horizontal: float
+    persistence: float
+    inhibition: float
+    inhibition_sigma: float
+    inhibition_decay: float
+    """Factor on the inhibition per fixation."""
+
+
+class Grid(NamedTuple):
+    """The cells of a map, row by row; each array is (h w,)."""
+
+    x: FloatArray
+    """Centers in fractions of the longer side of the image."""
+    y: FloatArray
+    mass: FloatArray
+    """What the weights of the dynamics are multiplied by; it sums to 1."""
+    width: float
+    """Of a cell, in the same unit."""
+    height: float
+
+
+class AliasTable(NamedTuple):
+    """Walker's table of a distribution over cells; each array is (n,)."""
+
+    keep: FloatArray
+    """Probability of a column to give its own number."""
+    other: IntArray
+    """The number that it gives otherwise."""
+
+
+@kernel()
+def saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
+    """Kernel of the saccade from the last row of `path` (k, 2) to a point; in (0, 1]."""
+    last = len(path) - 1
+    dx, dy = x - path[last, 0], y - path[last, 1]
+    squared = dx * dx + dy * dy
+    scaled = squared / (model.amplitude_scale * model.amplitude_scale)
+    weight: float = (1 + scaled) ** -model.amplitude_exponent
+    if squared == 0:
+        return weight
+    weight *= 1 + model.horizontal * (dx * dx - dy * dy) / squared
+    if last > 0:
+        px, py = path[last, 0] - path[last - 1, 0], path[last, 1] - path[last - 1, 1]
+        length = (px * px + py * py) * squared
+        if length > 0:
+            weight *= 1 + model.persistence * (dx * px + dy * py) / length**0.5
+    return weight / ((1 + abs(model.horizontal)) * (1 + abs(model.persistence)))
+
+
+@kernel()
+def inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
+    """What inhibition of return by the fixations of `path` (k, 2) leaves at a point; in (0, 1]."""
+    weight, strength = 1.0, model.inhibition
+    width = 2 * model.inhibition_sigma * model.inhibition_sigma
+    for k in range(len(path) - 1, -1, -1):
+        dx, dy = x - path[k, 0], y - path[k, 1]
+        scaled = (dx * dx + dy * dy) / width
+        if scaled < FARTHEST:
+            weight *= 1 - strength * exp(-scaled)
+        strength *= model.inhibition_decay
+    return weight
+
+
+@kernel()
+def fill_density(model: Dynamics, grid: Grid, path: FloatArray, density: FloatArray) -> None:
+    """Fill the probability (h w,) of each cell to hold the next fixation after `path` (k, 2)."""
+    total = 0.0
+    for i in range(len(density)):
+        x, y = grid.x[i], grid.y[i]
+        weight = saccade_weight(model, x, y, path) * inhibition_weight(model, x, y, path)
+        density[i] = grid.mass[i] * weight
+        total += density[i]
+    for i in range(len(density)):
+        density[i] /= total
+
+
+@kernel()
+def log_probabilities(
+    model: Dynamics, grid: Grid, path: FloatArray, cells: IntArray, first: int
+) -> FloatArray:
+    """Logarithm of the probability of each cell of a path (n,) from row `first` of `path` on."""
+    density = np.empty(len(grid.mass))
+    result = np.empty(len(path) - first)
+    for k in range(first, len(path)):
+        fill_density(model, grid, path[:k], density)
+        result[k - first] = np.log(density[cells[k]])
+    return result
+
+
+@kernel()
+def draw_paths(
+    model: Dynamics,
+    grid: Grid,
+    table: AliasTable,
+    rng: np.random.Generator,
+    max_trials: int,
+    paths: FloatArray,
+    cells: IntArray,
+) -> None:
+    """Fill `paths` (p, n, 2) from their second row on, and the cells (p, n).
+
+    A cell is proposed by its mass and accepted by its weight; after `max_trials` in vain it is
+    drawn from the density itself, so that the distribution is the same.
+    """
+    density = np.empty(len(grid.mass))
+    squared_scale = model.amplitude_scale * model.amplitude_scale
+    bounded = model.amplitude_exponent >= 0.01
+    order = math.ceil(1 / model.amplitude_exponent) if bounded else 0
+    for p in range(len(paths)):
+        for k in range(1, paths.shape[1]):
+            path = paths[p, :k]
+            cell = -1
+            for _ in range(max_trials):
+                proposed = draw_cell(table, rng.random())
+                x, y = grid.x[proposed], grid.y[proposed]
+                u = rng.random()
+                dx, dy = x - path[k - 1, 0], y - path[k - 1, 1]
+                if bounded and u**order * (1 + (dx * dx + dy * dy) / squared_scale) > 1:
+                    continue  # above a root that bounds the kernel, and is faster than its power
+                weight = saccade_weight(model, x, y, path)
+                if u < weight and u < weight * inhibition_weight(model, x, y, path):
+                    cell = proposed
+                    break
+            if cell < 0:
+                fill_density(model, grid, path, density)
+                cell = draw_cell(alias_table(density), rng.random())
+            cells[p, k] = cell
+            paths[p, k, 0] = grid.x[cell] + (rng.random() - 0.5) * grid.width
+            paths[p, k, 1] = grid.y[cell] + (rng.random() - 0.5) * grid.height
+
+
+@kernel()
+def alias_table(probability: FloatArray) -> AliasTable:
+    """Table of a distribution over cells, whose sum is 1 (Vose 1991)."""
+    n = len(probability)
+    keep, other = probability * n, np.arange(n)
+    small, large = np.empty(n, np.int64), np.empty(n, np.int64)
+    num_small, num_large = 0, 0
+    for i in range(n):
+        if keep[i] < 1:
+            small[num_small] = i
+            num_small += 1
+        else:
+            large[num_large] = i
+            num_large += 1
+    while num_small > 0 and num_large > 0:
+        num_small -= 1
+        low, high = small[num_small], large[num_large - 1]
+        other[low] = high
+        keep[high] -= 1 - keep[low]
+        if keep[high] < 1:
+            num_large -= 1
+            small[num_small] = high
+            num_small += 1
+    keep[small[:num_small]] = 1  # but for rounding
+    return AliasTable(keep, other)
+
+
+@kernel()
+def draw_cell(table: AliasTable, u: float) -> int:
+    """The cell of a uniform number in [0, 1): its column of the table, or the alias of that."""
+    scaled = u * len(table.keep)
+    column = int(scaled)
+    return column if scaled - column < table.keep[column] else table.other[column]

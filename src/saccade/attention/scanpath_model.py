@@ -1,0 +1,296 @@
+"""Stochastic scanpaths: the probability of the next fixation, and samples of it.
+
+The next fixation is drawn from a product over the cells of a saliency map,
+
+    p(x | x_1 ... x_n)  ~  (S(x) + floor)^exponent  C(x)  K(x - x_n)  prod_k (1 - I_k(x))
+
+where C is a Gaussian about the center of the image, K the kernel of the saccade and I_k the
+decaying inhibition of return by the k-th fixation:
+
+    K(d, theta, phi)  ~  (1 + d^2 / s^2)^-nu  (1 + h cos 2 theta)  (1 + p cos phi)
+    I_k(x)  =  a r^(n - k) exp(-|x - x_k|^2 / (2 sigma^2))
+
+with the amplitude d of the saccade, its direction theta from the horizontal, and the angle phi by
+which it turns from the saccade before. The kernel is a constrained Levy flight: heavy tails of the
+amplitude as in Boccignone & Ferraro (2004), *Modelling gaze shift as a constrained random walk*;
+the product of saliency, a window about the gaze and inhibition by past fixations is that of
+SceneWalk (Engbert, Trukenbrod, Barthelme & Wichmann 2015, *Spatial statistics and attentional
+dynamics in scene viewing*). Fixation durations are gamma distributed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from saccade.attention._scanpath_model_kernels import (
+    Dynamics,
+    Grid,
+    alias_table,
+    draw_paths,
+    fill_density,
+    log_probabilities,
+)
+from saccade.attention.scanpath import checked_map
+from saccade.errors import ImageError, require, require_ranges, require_types
+from saccade.pyramid import FloatMap
+from saccade.types import FloatArray, IntArray, ScanpathSamples
+
+MAX_TRIALS = 400
+"""Proposals of a fixation before it is drawn from the density of all cells, which takes longer."""
+
+
+@dataclass(frozen=True)
+class ScanpathModelConfig:
+    """Parameters of the scanpath model; lengths are fractions of the longer side of the image.
+
+    The default was fitted by likelihood to the maps of `attention_saliency` and people who looked
+    at photographs freely; docs/scanpaths.md has the data and the scores.
+    """
+
+    exponent: float = 0.99
+    """Of the saliency, which is scaled to a maximum of 1."""
+    floor: float = 0.0022
+    """Added to the saliency: places without any are looked at, too."""
+    center_sigma: float | None = 0.37
+    """Standard deviation of the center bias as a fraction of each side; None for no bias."""
+    amplitude_scale: float = 0.009
+    """Amplitude from which the kernel falls as a power."""
+    amplitude_exponent: float = 0.57
+    """The kernel falls as the amplitude to the power of minus twice this; 1.5 is Cauchy's."""
+    horizontal: float = 0.2
+    """Preference of horizontal (1) over vertical (-1) saccades."""
+    persistence: float = 0.32
+    """Preference of going on in the direction of the last saccade (1) over turning back (-1)."""
+    inhibition: float = 0.26
+    """Fraction by which the current fixation inhibits its own place."""
+    inhibition_sigma: float = 0.17
+    """Standard deviation of the inhibited disc, a Gaussian."""
+    inhibition_decay: float = 0.8
+    """Fraction of the inhibition that a further fixation leaves."""
+    duration_mean: float = 0.217
+    """Mean duration of a fixation, in seconds."""
+    duration_shape: float = 3.56
+    """Shape of the gamma distribution of durations: squared mean over variance."""
+
+    def __post_init__(self) -> None:
+        require_types(self)
+        require_ranges(
+            self,
+            exponent=(0, 20),
+            floor=(1e-9, 1e9),
+            amplitude_scale=(1e-3, 1e3),
+            amplitude_exponent=(0, 20),
+            horizontal=(-0.99, 0.99),
+            persistence=(-0.99, 0.99),
+            inhibition=(0, 0.999),
+            inhibition_sigma=(1e-3, 10),
+            inhibition_decay=(0, 1),
+            duration_mean=(1e-3, 1e3),
+            duration_shape=(1e-2, 1e4),
+        )
+        sigma = self.center_sigma
+        require(
+            sigma is None or 0.01 <= sigma <= 100, "center_sigma", "0.01 to 100, or none", sigma
+        )
+
+    @classmethod
+    def similar(cls) -> Self:
+        """Paths that are more similar to people's by ScanMatch, and less various than these.
+
+        They keep to the most salient places, and to the center; the parameters were searched for by
+        similarity at people's mean amplitude. As a density of people's fixations it is worse than
+        the default.
+        """
+        return cls(
+            exponent=2.25,
+            floor=0.0015,
+            center_sigma=0.186,
+            amplitude_scale=0.012,
+            amplitude_exponent=0.386,
+            horizontal=0.31,
+            persistence=0.36,
+            inhibition=0.58,
+            inhibition_sigma=0.153,
+            inhibition_decay=0.97,
+        )
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """What the kernels take of it."""
+        return Dynamics(
+            amplitude_scale=self.amplitude_scale,
+            amplitude_exponent=self.amplitude_exponent,
+            horizontal=self.horizontal,
+            persistence=self.persistence,
+            inhibition=self.inhibition,
+            inhibition_sigma=self.inhibition_sigma,
+            inhibition_decay=self.inhibition_decay,
+        )
+
+
+def sample_scanpaths(
+    saliency: FloatMap,
+    image_shape: Sequence[int],
+    count: int = 100,
+    fixations: int = 10,
+    config: ScanpathModelConfig | None = None,
+    *,
+    seed: int = 0,
+    start: tuple[float, float] | None = None,
+) -> ScanpathSamples:
+    """Scanpaths drawn from the model.
+
+    Equal arguments give equal paths on any number of threads; the first paths are the same
+    whatever `count` is.
+
+    Args:
+        saliency: (h, w), finite, not negative; its cells tile the image.
+        image_shape: (H, W), or more dimensions, of the image.
+        count: number of paths.
+        fixations: of each path.
+        config: the model.
+        seed: of the random numbers.
+        start: x and y of the fixation before the first, in image pixels, which is not part of
+            the paths; None for the center of the image.
+
+    Returns:
+        Paths whose fixations are uniformly distributed within the cells that were drawn; their
+        first fixation begins when the one at `start` ends.
+
+    Raises:
+        ImageError: as `saccade.scanpath`; or `start` lies outside the image.
+        ConfigError: `count` or `fixations` is negative.
+
+    Examples:
+        >>> import numpy as np
+        >>> saliency = np.ones((30, 40))
+        >>> saccade.sample_scanpaths(saliency, (600, 800), count=3, fixations=10).xy.shape
+        (3, 10, 2)
+    """
+    config = config or ScanpathModelConfig()
+    saliency = checked_map(saliency, image_shape)
+    require(count >= 0, "count", "0 or more", count)
+    require(fixations >= 0, "fixations", "0 or more", fixations)
+    shape = (int(image_shape[0]), int(image_shape[1]))
+    grid = _grid(saliency, shape, config)
+    paths = np.empty((count, fixations + 1, 2))
+    paths[:, 0] = _positions(_start(start, shape), shape)
+    cells = np.zeros((count, fixations + 1), np.int64)
+    rng_xy, rng_duration = (np.random.default_rng(each) for each in (seed, (seed, 1)))
+    draw_paths(config.dynamics, grid, alias_table(grid.mass), rng_xy, MAX_TRIALS, paths, cells)
+    scale = config.duration_mean / config.duration_shape
+    duration = rng_duration.gamma(config.duration_shape, scale, (count, fixations + 1))
+    return ScanpathSamples(
+        xy=paths[:, 1:] * max(shape) - 0.5,
+        time=np.cumsum(duration, axis=1)[:, :-1],
+        duration=duration[:, 1:],
+        saliency=saliency.ravel()[cells[:, 1:]],
+    )
+
+
+def next_fixation_density(
+    saliency: FloatMap,
+    image_shape: Sequence[int],
+    xy: npt.ArrayLike,
+    config: ScanpathModelConfig | None = None,
+) -> FloatArray:
+    """The probability of each cell of a map to hold the next fixation.
+
+    Args:
+        saliency: (h, w), finite, not negative; its cells tile the image.
+        image_shape: (H, W), or more dimensions, of the image.
+        xy: (n, 2) fixations so far in image pixels, at least one; the last is the current one.
+        config: the model.
+
+    Returns:
+        (h, w), of sum 1.
+
+    Raises:
+        ImageError: as `saccade.scanpath`; or there is no fixation, or one outside the image.
+    """
+    config = config or ScanpathModelConfig()
+    saliency = checked_map(saliency, image_shape)
+    shape = (int(image_shape[0]), int(image_shape[1]))
+    density = np.empty(saliency.size)
+    fill_density(config.dynamics, _grid(saliency, shape, config), _positions(xy, shape), density)
+    return density.reshape(saliency.shape)
+
+
+def scanpath_log_likelihood(
+    saliency: FloatMap,
+    image_shape: Sequence[int],
+    xy: npt.ArrayLike,
+    config: ScanpathModelConfig | None = None,
+    *,
+    start: tuple[float, float] | None = None,
+) -> FloatArray:
+    """Logarithm of the probability density of each fixation, given those before it.
+
+    Args:
+        saliency: (h, w), finite, not negative; its cells tile the image.
+        image_shape: (H, W), or more dimensions, of the image.
+        xy: (n, 2) fixations in image pixels.
+        config: the model.
+        start: x and y of the fixation before the first; None for the center of the image.
+
+    Returns:
+        (n,) natural logarithms of densities per square pixel; their sum is that of the path.
+
+    Raises:
+        ImageError: as `saccade.scanpath`; or a fixation lies outside the image.
+    """
+    config = config or ScanpathModelConfig()
+    saliency = checked_map(saliency, image_shape)
+    shape = (int(image_shape[0]), int(image_shape[1]))
+    fixations = np.asarray(xy, np.float64).reshape(-1, 2)
+    path = np.vstack([_start(start, shape), fixations])
+    cells = _cells(path, saliency.shape, shape)
+    logs = log_probabilities(
+        config.dynamics, _grid(saliency, shape, config), _positions(path, shape), cells, 1
+    )
+    pixels_per_cell = shape[0] * shape[1] / saliency.size
+    return np.asarray(logs - np.log(pixels_per_cell))
+
+
+def _grid(saliency: FloatArray, shape: tuple[int, int], config: ScanpathModelConfig) -> Grid:
+    """The cells of a map with their mass: saliency to its power, times the center bias."""
+    (h, w), side = saliency.shape, max(shape)
+    u, v = (np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h
+    mass = (saliency / (saliency.max() or 1.0) + config.floor) ** config.exponent
+    if config.center_sigma is not None:
+        across, down = (np.exp(-(((p - 0.5) / config.center_sigma) ** 2) / 2) for p in (u, v))
+        mass *= np.outer(down, across)
+    x, y = np.meshgrid(u * shape[1] / side, v * shape[0] / side)
+    return Grid(
+        x=x.ravel(),
+        y=y.ravel(),
+        mass=(mass / mass.sum()).ravel(),
+        width=shape[1] / side / w,
+        height=shape[0] / side / h,
+    )
+
+
+def _start(start: tuple[float, float] | None, shape: tuple[int, int]) -> FloatArray:
+    """(1, 2) the fixation before the first, by default in the center of an image of (H, W)."""
+    xy = ((shape[1] - 1) / 2, (shape[0] - 1) / 2) if start is None else start
+    return np.array([xy], np.float64)
+
+
+def _positions(xy: npt.ArrayLike, shape: tuple[int, int]) -> FloatArray:
+    """(n, 2) pixels as fractions of the longer side, from the corner of an image of (H, W)."""
+    pixels = np.asarray(xy, np.float64)
+    if pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) == 0:
+        raise ImageError(f"xy: expected fixations of shape (n, 2), found {pixels.shape}")
+    if not ((pixels >= -0.5) & (pixels <= (shape[1] - 0.5, shape[0] - 0.5))).all():
+        raise ImageError(f"xy: expected fixations inside {shape[1]} x {shape[0]}; some lie outside")
+    return np.asarray((pixels + 0.5) / max(shape))
+
+
+def _cells(xy: FloatArray, map_shape: tuple[int, ...], shape: tuple[int, int]) -> IntArray:
+    """(n,) number of the cell, row by row, in which each fixation (n, 2) lies."""
+    h, w = map_shape
+    columns, rows = np.floor((xy + 0.5) / shape[::-1] * (w, h)).astype(np.int64).T
+    return np.asarray(rows.clip(0, h - 1) * w + columns.clip(0, w - 1), np.int64)

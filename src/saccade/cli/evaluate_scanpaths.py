@@ -1,0 +1,208 @@
+"""`saccade evaluate scanpaths`: scanpaths of models beside those of people."""
+
+import csv
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Option
+
+from saccade.cli.attention_models import Model, ModelChoice, attention_model, scanpath_network
+from saccade.cli.options import Config, Json, Preset, Report, Seed
+
+if TYPE_CHECKING:
+    from saccade.evaluation.conditional import FixationRow
+    from saccade.evaluation.scanpath_summary import Summary
+    from saccade.evaluation.scanpaths import PathRow
+
+MEANING = (
+    "Each path is compared with those of the people who saw the image: by ScanMatch (Cristino et "
+    "al. 2010) and by the five dimensions of MultiMatch (Dewhurst et al. 2012); 1 is equal. "
+    "People are compared with the other people. Beside them are people's paths on another image, "
+    "walks about the center, paths drawn from the scanpath model and from its preset similar, and "
+    "the winner-take-all network. The last table scores the prediction of each next fixation: NSS, "
+    "AUC, and information gain over the fixations on other images, in bits; the walk and the "
+    "sampled models know the fixations before it, the static density does not."
+)
+SIMILARITIES = {
+    "scanmatch": "ScanMatch",
+    "shape": "shape",
+    "direction": "direct.",
+    "length": "length",
+    "position": "position",
+    "duration": "duration",
+}
+MOVEMENTS = {
+    "amplitude": "amplitude [deg]",
+    "horizontal": "horizontal",
+    "seconds": "duration [ms]",
+    "fixations": "fixations",
+}
+FIXATIONS = {"nss": "NSS", "auc": "AUC", "information_gain": "IG (bit)"}
+
+
+def scanpaths(
+    images: Annotated[Path, Option(help="Folder of the images.")],
+    fixations: Annotated[
+        Path, Option(help="Fixations as CSV (image, viewer, index, x, y, duration_ms) or a .mat.")
+    ],
+    model: ModelChoice = Model.attention,
+    preset: Preset = None,
+    config: Config = None,
+    paths_config: Annotated[
+        Path | None,
+        Option(help="TOML file of the scanpath model, as saccade config scanpath-model prints it."),
+    ] = None,
+    length: Annotated[
+        int | None,
+        Option(
+            min=1,
+            max=1000,
+            metavar="N",
+            help="Fixations of each path, and the most of a person's; people's mean by default.",
+        ),
+    ] = None,
+    samples: Annotated[
+        int, Option(min=1, max=1000, metavar="N", help="Paths drawn for each image.")
+    ] = 15,
+    columns: Annotated[int, Option(min=1, max=100, help="Columns of ScanMatch's grid.")] = 12,
+    rows: Annotated[int, Option(min=1, max=100, help="Rows of ScanMatch's grid.")] = 8,
+    threshold: Annotated[
+        float, Option(min=0.1, max=100, help="Distance in cells at which ScanMatch scores 0.")
+    ] = 3.5,
+    degree: Annotated[
+        float,
+        Option(
+            min=0.1,
+            max=1000,
+            metavar="PX",
+            help="Pixels to a degree of visual angle; also the blur of people's fixations.",
+        ),
+    ] = 24.0,
+    drop: Annotated[
+        int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
+    ] = 1,
+    seed: Seed = 0,
+    out: Annotated[
+        Path | None,
+        Option(
+            "--out",
+            "-o",
+            help="Folder for paths.csv, fixations.csv, and scanpaths.png, .svg and .pdf.",
+        ),
+    ] = None,
+    report: Report = None,
+    as_json: Json = False,
+) -> None:
+    """Score scanpaths by how similar they are to those of people.
+
+    Means over the images with 95 % bootstrap intervals.
+    """
+    from saccade.attention.scanpath_model import ScanpathModelConfig
+    from saccade.cli.output import print_json, print_message, print_table, tracked
+    from saccade.datasets.fixations import read_fixations
+    from saccade.evaluation.conditional import score_fixations
+    from saccade.evaluation.prediction import fixations_by_image
+    from saccade.evaluation.scanpath_similarity import ScanMatchConfig
+    from saccade.evaluation.scanpath_summary import summary
+    from saccade.evaluation.scanpaths import PathSettings, mean_fixations, score_paths, viewings
+    from saccade.image import read_image
+    from saccade.settings import load_settings
+    from saccade.viewing.report import Table, write_tables
+
+    table = read_fixations(fixations)
+    _, sizes, outside = fixations_by_image(table, images, drop)
+    if outside:
+        print_message(f"{outside} fixations outside their images are left out")
+    people = viewings(table, sizes, drop)
+    chosen: ScanpathModelConfig = load_settings("scanpath-model", None, paths_config)
+    settings = PathSettings(
+        length or mean_fixations(people),
+        samples,
+        chosen,
+        scanpath_network(preset),
+        ScanMatchConfig(columns, rows, threshold),
+        seed,
+    )
+    attention = attention_model(model, preset, config)
+    path_rows: list[PathRow] = []
+    fixation_rows: list[FixationRow] = []
+    for name in tracked(people, "scoring", len(people)):
+        saliency = attention.maps(read_image(images / name)).saliency
+        path_rows += score_paths(name, people, saliency, settings)
+        fixation_rows += score_fixations(name, people, saliency, chosen, degree)
+    paths, predicted = summary(path_rows), summary(fixation_rows)
+    if out is not None:
+        _write(out, path_rows, fixation_rows, degree)
+    title = f"{len(people)} images, {model.value}, {preset or config or 'default settings'}"
+    similarity = f"{title}: paths of {settings.fixations} fixations, {columns} x {rows} cells"
+    tables = [
+        Table(similarity, ["", *SIMILARITIES.values()], _cells(paths, SIMILARITIES, degree)),
+        Table("Movements", ["", *MOVEMENTS.values()], _cells(paths, MOVEMENTS, degree)),
+        Table(
+            "Each next fixation", ["", *FIXATIONS.values()], _cells(predicted, FIXATIONS, degree)
+        ),
+    ]
+    lead = f"Scanpaths of models and people: {title}. {MEANING}"
+    write_tables(report, "saccade evaluate scanpaths", lead, tables)
+    if as_json:
+        print_json({"paths": _as_dict(paths), "fixations": _as_dict(predicted)})
+        return
+    for each in tables:
+        print_table(each.title, each.columns, each.rows)
+
+
+def _write(
+    folder: Path, paths: "Sequence[PathRow]", predicted: "Sequence[FixationRow]", degree: float
+) -> None:
+    """Write the tables of all paths and fixations, and the figure, into a folder."""
+    import numpy as np
+
+    from saccade.cli.output import write_text
+    from saccade.evaluation.scanpath_summary import tidy
+    from saccade.evaluation.scanpaths import OTHERS
+    from saccade.viewing.scanpaths import scanpath_figure
+    from saccade.viewing.style import save_figure
+
+    for name, rows in (("paths", paths), ("fixations", predicted)):
+        buffer = StringIO()
+        csv.writer(buffer, lineterminator="\n").writerows(tidy(rows))
+        write_text(folder / f"{name}.csv", buffer.getvalue())
+    groups: dict[str, list[PathRow]] = {}
+    for row in paths:
+        if row.source != OTHERS:  # they are the same people
+            groups.setdefault(row.source, []).append(row)
+    xy = {name: [row.path.xy for row in rows] for name, rows in groups.items()}
+    durations = {
+        name: np.concatenate([row.path.duration for row in rows]) for name, rows in groups.items()
+    }
+    figure = scanpath_figure(xy, durations, degree)
+    for suffix in ("png", "svg", "pdf"):
+        save_figure(figure, folder / f"scanpaths.{suffix}")
+
+
+def _cells(summary: "Summary", columns: dict[str, str], degree: float) -> Sequence[Sequence[str]]:
+    """A row for each source; the first score with its interval."""
+    scale = {"amplitude": 1 / degree, "seconds": 1000.0}
+    digits = {"seconds": 0, "fixations": 1, "amplitude": 1, "nss": 2}
+    rows = []
+    for name, scores in summary.items():
+        row = [name]
+        for number, key in enumerate(columns):
+            if key not in scores:
+                row.append("")
+                continue
+            mean, low, high = (value * scale.get(key, 1.0) for value in scores[key])
+            places = digits.get(key, 3)
+            text, *ends = (f"{value:.{places}f}" for value in (mean, low, high))
+            row.append(text if number else f"{text} [{' '.join(ends)}]")
+        rows.append(row)
+    return rows
+
+
+def _as_dict(summary: "Summary") -> dict[str, dict[str, dict[str, float]]]:
+    return {
+        name: {score: value._asdict() for score, value in scores.items()}
+        for name, scores in summary.items()
+    }

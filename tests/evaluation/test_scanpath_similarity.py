@@ -1,0 +1,93 @@
+"""ScanMatch and MultiMatch against their definitions, closed forms and another implementation."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from saccade.errors import ConfigError, ImageError
+from saccade.evaluation.scanpath_similarity import (
+    GazePath,
+    ScanMatchConfig,
+    multimatch,
+    scanmatch,
+)
+
+SHAPE = (600, 800)
+
+
+def paths(rng, count, low=3):
+    return [
+        GazePath(rng.uniform((0, 0), (799, 599), (n, 2)), rng.uniform(0.1, 0.9, n))
+        for n in rng.integers(low, 10, count)
+    ]
+
+
+def best_alignment(first, second, config):
+    """The best score of all alignments, by trying all; over that of the longer with itself."""
+    size = np.array([config.columns, config.rows])
+    a, b = (np.floor((each.xy + 0.5) / SHAPE[::-1] * size) for each in (first, second))
+
+    @cache
+    def best(i, j):
+        if i == len(a) or j == len(b):
+            return config.gap * (len(a) - i + len(b) - j)
+        aligned = config.threshold - np.linalg.norm(a[i] - b[j]) + best(i + 1, j + 1)
+        return max(aligned, config.gap + best(i + 1, j), config.gap + best(i, j + 1))
+
+    return best(0, 0) / (config.threshold * max(len(a), len(b)))
+
+
+@pytest.mark.parametrize("config", [ScanMatchConfig(), ScanMatchConfig(8, 6, 2.0, -0.5)])
+def test_scanmatch_is_the_best_of_all_alignments(rng, config):
+    first, second = paths(rng, 20, 1), paths(rng, 20, 1)
+    expected = [best_alignment(a, b, config) for a, b in zip(first, second, strict=True)]
+    np.testing.assert_allclose(scanmatch(first, second, SHAPE, config), expected, rtol=1e-12)
+
+
+def test_scanmatch_of_equal_far_and_repeated_paths(rng):
+    path = GazePath(np.array([[10.0, 10], [400, 300]]), np.array([0.1, 0.3]))
+    far = GazePath(np.array([[790.0, 590], [790, 10]]), path.duration)
+    np.testing.assert_allclose(scanmatch([path, path], [path, far], SHAPE), [1, 0])
+    binned = ScanMatchConfig(time_bin=0.1)
+    slow = GazePath(path.xy, np.array([0.1, 0.7]))  # 2 of 4 against 2 of 8 letters are its own
+    assert scanmatch([path], [slow], SHAPE)[0] == 1
+    assert scanmatch([path], [slow], SHAPE, binned)[0] == pytest.approx(4 / 8)
+    unknown = GazePath(path.xy, np.full(2, np.nan))
+    with pytest.raises(ImageError, match="duration"):
+        scanmatch([unknown], [path], SHAPE, binned)
+    with pytest.raises(ImageError, match="at least one"):
+        scanmatch([GazePath(np.zeros((0, 2)), np.zeros(0))], [path], SHAPE)
+    with pytest.raises(ConfigError, match="gap"):
+        ScanMatchConfig(gap=1.0)
+
+
+def test_multimatch_of_equal_moved_turned_and_slower_paths(rng):
+    (path,) = paths(rng, 1, 6)
+    moved = GazePath(path.xy + np.array([30, 40]), path.duration)  # 50 of a diagonal of 1000 px
+    slower = GazePath(path.xy, path.duration * 4)
+    short = GazePath(path.xy[:2], path.duration[:2])
+    equal, shifted, slow, none = multimatch([path] * 4, [path, moved, slower, short], SHAPE)
+    np.testing.assert_allclose(equal, 1)
+    np.testing.assert_allclose(shifted, [1, 1, 1, 0.95, 1])
+    line = GazePath(np.array([[100.0, 9], [300, 9], [500, 9]]), np.ones(3))
+    (back,) = multimatch([line], [GazePath(line.xy[::-1], np.ones(3))], SHAPE)
+    np.testing.assert_allclose(back, [0.8, 0, 1, 0.8, 1], atol=1e-12)
+    np.testing.assert_allclose(slow, [1, 1, 1, 1, 0.25])
+    assert np.isnan(none).all()
+
+
+@pytest.mark.peer
+def test_multimatch_is_that_of_multimatch_gaze(rng):
+    peer = pytest.importorskip("multimatch_gaze")
+    first, second = paths(rng, 50), paths(rng, 50)
+
+    def record(path):
+        columns = [*path.xy.T, path.duration]
+        return np.rec.fromarrays(columns, names="start_x,start_y,duration")
+
+    theirs = [
+        peer.docomparison(record(a), record(b), SHAPE[::-1])
+        for a, b in zip(first, second, strict=True)
+    ]
+    np.testing.assert_allclose(multimatch(first, second, SHAPE), theirs, atol=1e-12)

@@ -1,0 +1,127 @@
+"""Scores of scanpaths and of the prediction of each fixation, on people who are simulated."""
+
+import csv
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade.attention import ScanpathModelConfig, sample_scanpaths
+from saccade.errors import LogError
+from saccade.evaluation.conditional import MODELS, score_fixations
+from saccade.evaluation.fixations import auc, nss
+from saccade.evaluation.scanpath_summary import summary
+from saccade.evaluation.scanpaths import SOURCES, PathSettings, score_paths, viewings
+from saccade.types import FixationTable
+
+SHAPE = (300, 400)
+MODEL = ScanpathModelConfig(exponent=1.0, center_sigma=None, inhibition=0.3)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """Maps of two images, and ten people each whose paths are drawn from the model."""
+    rng = np.random.default_rng(8)
+    maps, rows = {}, []
+    for image in ("a.png", "b.png"):
+        maps[image] = np.zeros((18, 24), np.float32)
+        maps[image][rng.integers(0, 18, 3), rng.integers(0, 24, 3)] = 1
+        maps[image] = cv2.GaussianBlur(maps[image], (0, 0), 1.5)
+        people = sample_scanpaths(maps[image], SHAPE, 10, 8, MODEL, seed=len(rows))
+        for viewer in range(10):
+            for k in range(8):
+                xy, seconds = people.xy[viewer, k], people.duration[viewer, k]
+                rows.append((image, viewer, k, *np.clip(xy, 0, (399, 299)), seconds))
+    image, viewer, index, x, y, seconds = zip(*rows, strict=True)
+    table = FixationTable(
+        np.array(image), np.array(viewer), np.array(index), np.stack([x, y], 1), np.array(seconds)
+    )
+    return maps, table
+
+
+def test_who_is_drawn_from_a_model_is_like_its_samples_and_best_predicted_by_it(seen):
+    maps, table = seen
+    people = viewings(table, {"a.png": SHAPE, "b.png": SHAPE}, 0)
+    settings = PathSettings(8, 20, MODEL)
+    paths = summary(
+        [row for name in maps for row in score_paths(name, people, maps[name], settings)]
+    )
+    assert set(paths) == set(SOURCES)
+    similarity = {name: scores["scanmatch"].mean for name, scores in paths.items()}
+    assert similarity["sampled"] == pytest.approx(similarity["people"], abs=0.05)
+    assert similarity["other images"] < similarity["people"] - 0.03
+    assert similarity["centered walk"] < similarity["people"] - 0.03
+    length = {name: scores["amplitude"].mean for name, scores in paths.items()}
+    assert length["sampled"] == pytest.approx(length["people"], rel=0.15)
+    predicted = summary(
+        [row for name in maps for row in score_fixations(name, people, maps[name], MODEL, 10.0)]
+    )
+    assert set(predicted) == set(MODELS)
+    gains = {
+        name: scores["information_gain"].mean
+        for name, scores in predicted.items()
+        if "information_gain" in scores
+    }
+    assert max(gains, key=gains.get) == "sampled"
+    assert gains["other images"] == 0
+    assert predicted["sampled"]["nss"].mean > predicted["saliency map"]["nss"].mean
+
+
+def test_scores_of_the_map_are_those_of_fixation_prediction(seen):
+    maps, table = seen
+    people = viewings(table, {"a.png": SHAPE, "b.png": SHAPE}, 0)
+    rows = list(score_fixations("a.png", people, maps["a.png"], MODEL, 10.0))
+    cells = (table.xy[:80] + 0.5) / SHAPE[::-1] * (24, 18) - 0.5
+    scores = [row.scores for row in rows if row.model == "saliency map"]
+    assert np.mean([each.nss for each in scores]) == pytest.approx(nss(maps["a.png"], cells))
+    assert np.mean([each.auc for each in scores]) == pytest.approx(auc(maps["a.png"], cells))
+    assert all(np.isnan(each.information_gain) for each in scores)
+
+
+def test_one_viewer_has_nobody_to_be_compared_with(seen):
+    _, table = seen
+    with pytest.raises(LogError, match="two viewers"):
+        viewings(table, {"a.png": SHAPE}, 0)
+    with pytest.raises(LogError, match="two viewers"):
+        viewings(table, {"a.png": SHAPE, "b.png": SHAPE}, 8)
+
+
+def test_the_command_prints_and_writes_tidy_tables(run, seen, tmp_path):
+    _, table = seen
+    rng = np.random.default_rng(2)
+    for name in ("a.png", "b.png"):
+        pixels = cv2.GaussianBlur(rng.integers(0, 256, (*SHAPE, 3)).astype(np.uint8), (0, 0), 9)
+        cv2.imwrite(str(tmp_path / name), pixels)
+    lines = ["image,viewer,index,x,y,duration_ms"]
+    for k in range(len(table)):
+        x, y = table.xy[k]
+        milliseconds = 1000 * table.duration[k]
+        lines.append(f"{table.image[k]},{table.viewer[k]},{table.index[k]},{x},{y},{milliseconds}")
+    (tmp_path / "gazes.csv").write_text("\n".join(lines) + "\n")
+    words = ["evaluate", "scanpaths", "--images", ".", "--fixations", "gazes.csv", "--samples", 2]
+    code, out, _ = run(*words, "--json", "-o", "scores", "--report", "scores.html")
+    assert code == 0
+    found = json.loads(out)
+    assert set(found["paths"]) == set(SOURCES)
+    with Path("scores/paths.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert sum(row["source"] == "people" for row in rows) == 20
+    assert sum(row["source"] == "sampled" for row in rows) == 4
+    by_image = [
+        np.mean(
+            [float(r["scanmatch"]) for r in rows if (r["image"], r["source"]) == (name, "people")]
+        )
+        for name in ("a.png", "b.png")
+    ]
+    assert np.mean(by_image) == pytest.approx(
+        found["paths"]["people"]["scanmatch"]["mean"], abs=1e-5
+    )
+    assert found["paths"]["people"]["seconds"]["mean"] == pytest.approx(0.217, rel=0.15)
+    for name in ("fixations.csv", "scanpaths.png", "scanpaths.svg", "scanpaths.pdf"):
+        assert Path("scores", name).stat().st_size > 5000
+    assert "winner-take-all" in Path("scores.html").read_text()
+    code, _, err = run(*words, "--drop", 8)
+    assert code == 2
+    assert "two viewers" in err
