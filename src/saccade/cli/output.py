@@ -2,12 +2,13 @@
 
 import json
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from saccade.errors import OutputError, SaccadeError
+from saccade.errors import ImageWarning, OutputError, SaccadeError
 from saccade.files import atomic_write
 
 T = TypeVar("T")
@@ -23,6 +24,19 @@ class Progress(Protocol):
 def print_message(message: str) -> None:
     """Print a message for the user on stderr."""
     print(f"saccade: {message}", file=sys.stderr)
+
+
+def print_image_warnings() -> None:
+    """Print warnings of images as messages; those of libraries stay as they are."""
+    show = warnings.showwarning
+
+    def print_warning(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if issubclass(category, ImageWarning):
+            print_message(str(message))
+        else:
+            show(message, category, *where)
+
+    warnings.showwarning = print_warning
 
 
 @contextmanager
