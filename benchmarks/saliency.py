@@ -127,7 +127,7 @@ def main() -> None:
         print(json.dumps({"against_fine_grained": rows, "by_size": sizes}, indent=2))
         return
     print(
-        "threads  size         contrast: 8 bits, float  FineGrained  ratios (bar .1)  scanpath of 10"
+        "threads  size         contrast: 8 bits, float  FineGrained  ratios (bar .1) scanpath of 10"
     )
     for r in rows:
         verdict = "met" if max(r["ratio"], r["ratio_float"]) <= BAR else "MISSED"
