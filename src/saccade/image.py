@@ -2,7 +2,8 @@
 
 import struct
 import warnings
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from PIL import Image as Pillow
 
 from saccade.errors import ImageError, ImageWarning
-from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, read_bytes
+from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, UNREAD_SUFFIXES, read_bytes
 from saccade.transparency import (
     WHITE,
     Color,
@@ -35,6 +36,9 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 SENSOR_BITS = (10, 12, 14)
 """Bit depths of cameras whose values are stored in uint16."""
+
+HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis")
+"""In the header of a HEIC or AVIF file."""
 
 NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found something else"
 
@@ -151,11 +155,29 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
                 raise ImageError(_too_large(name, "more")) from error
             raise ImageError(f"{name}: cannot be decoded: {error.err}") from error
     if pixels is None:
-        raise ImageError(f"{name}: {NOT_AN_IMAGE}")
+        raise ImageError(f"{name}: {NOT_AN_IMAGE}{_hint(data)}")
     height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
         raise ImageError(_too_large(name, f"{width} x {height}"))
     return pixels
+
+
+def _hint(data: bytes) -> str:
+    """What to do about a picture in a format that is not read."""
+    if data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS:
+        return " (HEIC or AVIF); convert it to JPEG or PNG"
+    return ""
+
+
+def warn_of_unread(names: Iterable[str], source: str) -> None:
+    """Warn of the pictures among the files of a folder that are not read."""
+    unread = Counter(
+        suffix for name in names if (suffix := Path(name).suffix.lower()) in UNREAD_SUFFIXES
+    )
+    if unread:
+        counts = ", ".join(f"{count} {suffix}" for suffix, count in sorted(unread.items()))
+        message = f"{source}: left out: {counts}, which are not read; convert them to JPEG or PNG"
+        warnings.warn(message, ImageWarning, stacklevel=3)
 
 
 def _too_large(name: str, found: str) -> str:
@@ -179,7 +201,9 @@ def find_images(source: str | Path) -> list[Path]:
     path = Path(source)
     try:
         if path.is_dir():
-            paths = [entry for entry in path.iterdir() if entry.suffix.lower() in IMAGE_SUFFIXES]
+            entries = list(path.iterdir())
+            warn_of_unread((entry.name for entry in entries), str(source))
+            paths = [entry for entry in entries if entry.suffix.lower() in IMAGE_SUFFIXES]
         elif not path.exists() and any(sign in str(source) for sign in "*?["):
             paths = [*Path(path.anchor).glob(str(path.relative_to(path.anchor)))]
         else:

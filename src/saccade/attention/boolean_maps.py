@@ -69,11 +69,6 @@ class BooleanMaps(SaliencyMaps):
     image_shape: tuple[int, int]
     """(H, W) of the image."""
 
-    @property
-    def layers(self) -> dict[str, FloatMap]:
-        """The saliency by name."""
-        return {"saliency": self.saliency}
-
 
 def boolean_saliency(image: Image, config: BooleanConfig | None = None) -> BooleanMaps:
     """Saliency from the regions that are surrounded in thresholded color channels.

@@ -22,6 +22,11 @@ class SaliencyMaps:
     saliency: "npt.NDArray[Any]"
     image_shape: tuple[int, int]
 
+    @property
+    def layers(self) -> "dict[str, npt.NDArray[Any]]":
+        """The maps by name, the saliency first."""
+        return {"saliency": self.saliency}
+
     def __repr__(self) -> str:
         (h, w), (height, width) = self.saliency.shape, self.image_shape
         return f"{type(self).__name__}({w} x {h} cells of a {width} x {height} image)"

@@ -66,11 +66,6 @@ class SymmetryMaps(SaliencyMaps):
     image_shape: tuple[int, int]
     """(H, W) of the image."""
 
-    @property
-    def layers(self) -> dict[str, FloatMap]:
-        """The saliency by name."""
-        return {"saliency": self.saliency}
-
 
 def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> SymmetryMaps:
     """Saliency from local symmetry.

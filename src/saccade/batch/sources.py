@@ -10,6 +10,7 @@ from typing import Protocol
 from saccade.batch.items import Item, is_url, open_location, remote_filesystem
 from saccade.errors import ImageError
 from saccade.files import IMAGE_SUFFIXES, VIDEO_SUFFIXES, as_text, read_text, reason_of
+from saccade.image import warn_of_unread
 
 LIST_SUFFIXES = (".txt", ".lst")
 TAR_SUFFIX = ".tar"
@@ -88,7 +89,9 @@ def _open_local(source: str, every: int) -> Source:
     path = Path(source)
     if path.is_dir():
         with os.scandir(source) as entries:
-            names = [entry.name for entry in entries if _is_image(entry.name)]
+            found = [entry.name for entry in entries]
+        warn_of_unread(found, source)
+        names = [name for name in found if _is_image(name)]
         return ImageFiles.below(f"{source.rstrip('/')}/", names)
     if not path.exists() and _is_pattern(source):
         root = _root_of_pattern(source)
