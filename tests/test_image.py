@@ -9,6 +9,7 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image as Pillow
 from PIL import ImageOps
 
+from saccade.batch import open_source
 from saccade.errors import ImageError, ImageWarning
 from saccade.image import as_gray, as_rgb, find_images, read_image
 
@@ -33,6 +34,17 @@ def test_a_gray_file_is_read_as_color(tmp_path):
     gray = tmp_path / "gray.png"
     cv2.imwrite(str(gray), COLORS[:, :, 0])
     np.testing.assert_allclose(read_image(gray)[:, :, 2], COLORS[:, :, 0] / 255, atol=1e-7)
+
+
+def test_pictures_that_are_not_read_are_told(tmp_path):
+    heic = tmp_path / "phone.heic"
+    heic.write_bytes(bytes.fromhex("00000018") + b"ftypheic" + bytes(100))
+    with pytest.raises(ImageError, match=r"HEIC or AVIF.; convert it to JPEG or PNG"):
+        read_image(heic)
+    cv2.imwrite(str(tmp_path / "a.png"), COLORS)
+    for find in (find_images, lambda folder: open_source(str(folder))):
+        with pytest.warns(ImageWarning, match=r"left out: 1 \.heic, which are not read"):
+            assert len(find(tmp_path)) == 1
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

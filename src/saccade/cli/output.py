@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TextIO, TypeVar
 
 from saccade.errors import ImageWarning, OutputError, SaccadeError
 from saccade.files import atomic_write
@@ -30,11 +30,18 @@ def print_image_warnings() -> None:
     """Print warnings of images as messages; those of libraries stay as they are."""
     show = warnings.showwarning
 
-    def print_warning(message: Warning | str, category: type[Warning], *where: Any) -> None:
+    def print_warning(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
         if issubclass(category, ImageWarning):
             print_message(str(message))
         else:
-            show(message, category, *where)
+            show(message, category, filename, lineno, file, line)
 
     warnings.showwarning = print_warning
 
