@@ -92,7 +92,7 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
         LogError: no such file, another header, or a row that is neither a pose nor an
             observation; names the line.
     """
-    name, path = Path(path).stem, Path(path)
+    source = path = Path(path)
     if path.is_dir():
         path = path / LOG_FILE
     rows = read_rows(path, delimiter=",")
@@ -126,7 +126,7 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
             f"{time[observations[k]]:g}",
         )
     return LandmarkLog(
-        name=name,
+        name=source.stem,
         start=np.array([np.nan_to_num(columns[name][0]) for name in _START]),
         time=pose_time,
         motion=motion,
