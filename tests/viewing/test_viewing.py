@@ -116,7 +116,7 @@ def test_regions_are_boxes_about_their_centers():
 
 
 def test_the_maps_of_a_model_are_drawn_as_they_are():
-    image = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
+    image = np.random.default_rng(0).random((96, 128, 3), np.float32)
     maps = saccade.attention_saliency(image)
     titles = [axes.get_title() for axes in attention_figure(image, maps).axes]
     assert titles[0] == "image"

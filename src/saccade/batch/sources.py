@@ -10,7 +10,6 @@ from typing import Protocol
 from saccade.batch.items import Item, is_url, open_location, remote_filesystem
 from saccade.errors import ImageError
 from saccade.files import IMAGE_SUFFIXES, VIDEO_SUFFIXES, as_text, read_text, reason_of
-from saccade.image import warn_of_unread
 
 LIST_SUFFIXES = (".txt", ".lst")
 TAR_SUFFIX = ".tar"
@@ -90,6 +89,8 @@ def _open_local(source: str, every: int) -> Source:
     if path.is_dir():
         with os.scandir(source) as entries:
             found = [entry.name for entry in entries]
+        from saccade.image import warn_of_unread
+
         warn_of_unread(found, source)
         names = [name for name in found if _is_image(name)]
         return ImageFiles.below(f"{source.rstrip('/')}/", names)

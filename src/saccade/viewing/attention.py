@@ -1,7 +1,7 @@
 """Figures of attention: saliency maps, scanpaths and symmetric pairs."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -11,8 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from saccade.attention.models import SaliencyMaps
-from saccade.image import as_rgb
 from saccade.types import Float32Array, Image, Scanpath, SymmetricPairs
 from saccade.viewing.style import BLUE, HEAT, ORANGE, draw_panel, faded, figure_for, picture_axes
 
@@ -24,24 +22,32 @@ MIN_WIDTH, MAX_WIDTH = 0.5, 1.6
 """Line widths in points: of a pair of strength 0, and of the strongest of its point."""
 
 
+class LayeredMaps(Protocol):
+    """What an attention model returns."""
+
+    @property
+    def layers(self) -> Mapping[str, Float32Array]:
+        """The maps by name, the saliency first."""
+        ...
+
+
 def attention_figure(
-    image: Image,
-    maps: Mapping[str, Float32Array] | SaliencyMaps,
+    image: Float32Array,
+    maps: Mapping[str, Float32Array] | LayeredMaps,
     path: Scanpath | None = None,
     pairs: Sequence[SymmetricPairs] = (),
 ) -> Figure:
     """The image with its scanpath, each map as a heat map, and the image weighted by the first map.
 
     Args:
-        image: see `saccade.types.Image`.
+        image: (H, W, 3) in [0, 1].
         maps: what a model returns; or by title, each (h, w), the first is the saliency map. Each
             is drawn from 0 to its own maximum.
         path: fixations in image pixels, numbered in their order, the first in white; None for the
             image alone.
         pairs: symmetric pairs of each fixation, drawn in a panel of their own.
     """
-    image = as_rgb(image)
-    maps = maps.layers if isinstance(maps, SaliencyMaps) else maps
+    maps = maps if isinstance(maps, Mapping) else maps.layers
     height, width = image.shape[:2]
     count = 2 + len(maps) + bool(pairs)
     columns = 2 if count <= 4 else 3
