@@ -22,7 +22,7 @@ SequencePath = Annotated[
 
 def _folder(path: Path) -> Path:
     """An output folder, whose name is not that of a file."""
-    if path.suffix.lower() in FILE_SUFFIXES and not path.is_dir():
+    if path.suffix.lower() in FILE_SUFFIXES and not path.exists():
         raise BadParameter(f"expected a folder, found the name of a file: {path}")
     return path
 
