@@ -12,8 +12,9 @@
 
 FineGrained lives in OpenCV's contrib build, which cannot stand beside the plain one: the script
 has an environment of its own. The two take turns in one run, so that what else the machine does
-meets both; the ratio of their lower quartiles is what counts. Then come the cost by size, and the
-memory that is used beyond the input. `--json` prints the figures for a machine.
+meets both; the ratio of their shortest times is what counts, of a photograph of 8 bits and of the
+same in floating point, as `read_image` returns it. Then come the cost by size, and the memory that
+is used beyond the input. `--json` prints the figures for a machine.
 """
 
 import argparse
@@ -23,7 +24,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from statistics import quantiles
 from typing import Any
 
 import cv2
@@ -51,16 +51,18 @@ def seconds(action: Callable[[], object]) -> float:
 
 
 def against_fine_grained(threads: int, rounds: int) -> list[dict[str, Any]]:
-    """Lower quartiles in milliseconds, and the ratio of ours to FineGrained's."""
+    """Shortest times in milliseconds, and the ratios of ours to FineGrained's."""
     cv2.setNumThreads(threads)
     rows = []
     for width, height in SIZES:
         rgb = photograph(width, height)
+        as_float = rgb.astype(np.float32) / 255
         bgr = np.ascontiguousarray(rgb[:, :, ::-1])
         peer = cv2.saliency.StaticSaliencyFineGrained_create()
         saliency = saccade.contrast_saliency(rgb).saliency
         actions = {
             "contrast": lambda rgb=rgb: saccade.contrast_saliency(rgb),
+            "contrast_float": lambda rgb=as_float: saccade.contrast_saliency(rgb),
             "fine_grained": lambda bgr=bgr, peer=peer: peer.computeSaliency(bgr),
             "scanpath": lambda s=saliency, rgb=rgb: saccade.scanpath(s, rgb.shape, fixations=10),
         }
@@ -70,8 +72,9 @@ def against_fine_grained(threads: int, rounds: int) -> list[dict[str, Any]]:
         for _ in range(rounds):
             for name, action in actions.items():
                 times[name].append(seconds(action))
-        row = {f"{name}_ms": 1e3 * quantiles(values)[0] for name, values in times.items()}
+        row = {f"{name}_ms": 1e3 * min(values) for name, values in times.items()}
         row["ratio"] = row["contrast_ms"] / row["fine_grained_ms"]
+        row["ratio_float"] = row["contrast_float_ms"] / row["fine_grained_ms"]
         rows.append({"threads": threads, "width": width, "height": height, **row})
     return rows
 
@@ -123,13 +126,16 @@ def main() -> None:
     if options.json:
         print(json.dumps({"against_fine_grained": rows, "by_size": sizes}, indent=2))
         return
-    print("threads  size         contrast  FineGrained   ratio (bar 0.10)  scanpath of 10")
+    print(
+        "threads  size         contrast: 8 bits, float  FineGrained  ratios (bar .1) scanpath of 10"
+    )
     for r in rows:
-        verdict = "met" if r["ratio"] <= BAR else "MISSED"
+        verdict = "met" if max(r["ratio"], r["ratio_float"]) <= BAR else "MISSED"
         print(
-            f"{r['threads']:7d}  {r['width']:4d} x {r['height']:4d}  {r['contrast_ms']:5.2f} ms"
-            f"  {r['fine_grained_ms']:8.1f} ms  {r['ratio']:6.3f} {verdict:>7}"
-            f"  {r['scanpath_ms']:10.2f} ms"
+            f"{r['threads']:7d}  {r['width']:4d} x {r['height']:4d}"
+            f"  {r['contrast_ms']:7.2f} ms  {r['contrast_float_ms']:7.2f} ms"
+            f"  {r['fine_grained_ms']:8.1f} ms  {r['ratio']:.3f}  {r['ratio_float']:.3f}"
+            f" {verdict:>6}  {r['scanpath_ms']:9.2f} ms"
         )
     print("\nmegapixels  ns/pixel  bytes/pixel beyond the input")
     for s in sizes:

@@ -6,8 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from PIL import Image as Pillow
+from PIL import ImageOps
 
-from saccade.errors import ImageError
+from saccade.batch import open_source
+from saccade.errors import ImageError, ImageWarning
 from saccade.image import as_gray, as_rgb, find_images, read_image
 
 COLORS = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
@@ -27,12 +30,60 @@ def test_sixteen_bits_keep_their_depth(tmp_path):
     np.testing.assert_allclose(read_image(path)[:, :, 1], deep / 65535, atol=1e-7)
 
 
-def test_gray_and_transparent_files_are_read_as_color(tmp_path):
-    gray, clear = tmp_path / "gray.png", tmp_path / "clear.png"
+def test_a_gray_file_is_read_as_color(tmp_path):
+    gray = tmp_path / "gray.png"
     cv2.imwrite(str(gray), COLORS[:, :, 0])
-    cv2.imwrite(str(clear), np.dstack([COLORS[:, :, ::-1], np.full((5, 7), 9, np.uint8)]))
     np.testing.assert_allclose(read_image(gray)[:, :, 2], COLORS[:, :, 0] / 255, atol=1e-7)
-    np.testing.assert_allclose(read_image(clear), COLORS / 255, atol=1e-7)
+
+
+def test_pictures_that_are_not_read_are_told(tmp_path):
+    heic = tmp_path / "phone.heic"
+    heic.write_bytes(bytes.fromhex("00000018") + b"ftypheic" + bytes(100))
+    with pytest.raises(ImageError, match=r"HEIC or AVIF.; convert it to JPEG or PNG"):
+        read_image(heic)
+    cv2.imwrite(str(tmp_path / "a.png"), COLORS)
+    for find in (find_images, lambda folder: open_source(str(folder))):
+        with pytest.warns(ImageWarning, match=r"left out: 1 \.heic, which are not read"):
+            assert len(find(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("kind", ["PNG", "WEBP", "TIFF"])
+def test_transparent_files_are_composited_as_by_pillow(tmp_path, kind, orientation):
+    rgba = np.random.default_rng(3).integers(0, 256, (8, 12, 4), np.uint8)
+    picture = Pillow.fromarray(rgba)
+    exif = picture.getexif()
+    exif[0x0112] = orientation
+    path = tmp_path / "clear"
+    picture.save(
+        path, kind, exif=exif, **{"lossless": True, "exact": True} if kind == "WEBP" else {}
+    )
+    turned = ImageOps.exif_transpose(picture)
+    for background, options in ((255, {}), (51, {"background": (0.2, 0.2, 0.2)})):
+        behind = Pillow.new("RGBA", turned.size, (background,) * 3)
+        expected = np.asarray(Pillow.alpha_composite(behind, turned).convert("RGB"))
+        np.testing.assert_allclose(read_image(path, **options) * 255, expected, atol=1.01)
+
+
+def test_a_palette_with_a_transparent_entry_and_deep_transparency_are_composited(tmp_path):
+    indexed, deep = tmp_path / "palette.png", tmp_path / "deep.png"
+    palette = Pillow.fromarray(np.array([[0, 1]], np.uint8), "P")
+    palette.putpalette([10, 20, 30, 40, 50, 60])
+    palette.save(indexed, transparency=1)
+    np.testing.assert_allclose(read_image(indexed)[0] * 255, [[10, 20, 30], [255, 255, 255]])
+    cv2.imwrite(str(deep), np.full((2, 2, 4), (0, 0, 65535, 16384), np.uint16))
+    np.testing.assert_allclose(read_image(deep)[0, 0], [1, 0.75, 0.75], atol=1e-4)
+
+
+def test_values_of_fewer_bits_are_remarked_on_or_scaled(tmp_path):
+    deep = np.array([[0, 2000], [3000, 4095]], np.uint16)
+    path = tmp_path / "twelve.tif"
+    cv2.imwrite(str(path), deep)
+    with pytest.warns(ImageWarning, match=r"twelve.tif: .* 12-bit .* white=4095"):
+        assert read_image(path).max() < 0.07
+    np.testing.assert_allclose(read_image(path, white=4095)[:, :, 0], deep / 4095, atol=1e-7)
+    with pytest.raises(ImageError, match="up to white=1023, found 4095"):
+        as_rgb(deep, white=1023)
 
 
 def test_a_rotated_photograph_is_turned_upright(tmp_path):
@@ -50,12 +101,14 @@ def test_a_rotated_photograph_is_turned_upright(tmp_path):
     assert image[35].mean() < 0.1
 
 
+@pytest.mark.filterwarnings("ignore:.*read as dark")
 @given(arrays(np.uint8, (4, 6, 3)))
 def test_every_dtype_means_the_same_picture(pixels):
     expected = as_rgb(pixels)
     np.testing.assert_allclose(as_rgb(pixels / 255), expected, atol=1e-7)
     np.testing.assert_allclose(as_rgb(pixels.astype(np.uint16) * 257), expected, atol=1e-7)
-    np.testing.assert_array_equal(as_rgb(np.dstack([pixels, pixels[:, :, 0]])), expected)
+    opaque = np.full(pixels.shape[:2], 255, np.uint8)
+    np.testing.assert_array_equal(as_rgb(np.dstack([pixels, opaque])), expected)
     np.testing.assert_array_equal(as_rgb(pixels[:, ::-1])[:, ::-1], expected)
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from saccade.errors import ConfigError as ConfigError
     from saccade.errors import DriveError as DriveError
     from saccade.errors import ImageError as ImageError
+    from saccade.errors import ImageWarning as ImageWarning
     from saccade.errors import KeypointsError as KeypointsError
     from saccade.errors import LogError as LogError
     from saccade.errors import OutputError as OutputError
@@ -73,8 +74,8 @@ _MODULES = {
         *("next_fixation_density", "scanpath_log_likelihood"),
     ),
     "errors": (
-        *("ConfigError", "DriveError", "ImageError", "KeypointsError", "LogError"),
-        *("OutputError", "SaccadeError"),
+        *("ConfigError", "DriveError", "ImageError", "ImageWarning", "KeypointsError"),
+        *("LogError", "OutputError", "SaccadeError"),
     ),
     "image": ("read_image",),
     "keypoints.descriptor_config": ("DescriptorConfig",),

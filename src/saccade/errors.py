@@ -17,6 +17,10 @@ class ImageError(SaccadeError, ValueError):
     """Not an image, or one that the algorithm cannot use."""
 
 
+class ImageWarning(UserWarning):
+    """An image that is probably not meant as it is read."""
+
+
 class KeypointsError(SaccadeError, ValueError):
     """Interest points that cannot be used, or a file that does not hold them."""
 

@@ -17,6 +17,8 @@ LARGEST_FILE = 1 << 31
 LARGEST_TEXT = 1 << 28
 """Bytes of a text file; parsed into lines and numbers it takes twenty times as much."""
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+UNREAD_SUFFIXES = (".avif", ".gif", ".heic", ".heif")
+"""Of pictures that are not read; folders are said to hold them."""
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 

@@ -2,7 +2,8 @@
 
 import struct
 import warnings
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -13,8 +14,15 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image as Pillow
 
-from saccade.errors import ImageError
-from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, read_bytes
+from saccade.errors import ImageError, ImageWarning
+from saccade.files import IMAGE_SUFFIXES, LARGEST_IMAGE, UNREAD_SUFFIXES, read_bytes
+from saccade.transparency import (
+    WHITE,
+    Color,
+    composite,
+    transparency_of,
+    upright,
+)
 from saccade.types import Float32Array, Image
 
 SILENT = 0
@@ -26,30 +34,58 @@ OVERSHOOT = 1e-3
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 """Weights of R, G and B in gray, after ITU-R BT.601."""
 
+SENSOR_BITS = (10, 12, 14)
+"""Bit depths of cameras whose values are stored in uint16."""
+
+HEIF_BRANDS = (b"heic", b"heix", b"hevc", b"mif1", b"msf1", b"avif", b"avis")
+"""In the header of a HEIC or AVIF file."""
+
 NOT_AN_IMAGE = "expected an image (PNG, JPEG, TIFF, ...), found something else"
 
 
-def read_image(path: str | Path) -> Float32Array:
+def read_image(
+    path: str | Path, *, background: Color = WHITE, white: float | None = None
+) -> Float32Array:
     """The image in a file, upright as its EXIF orientation says.
 
     Args:
-        path: any format that OpenCV reads; gray, color, 8 or 16 bit. Transparency is ignored.
+        path: any format that OpenCV reads; gray, color, 8 or 16 bit.
+        background: RGB in [0, 1] over which a transparent image is laid.
+        white: the stored value that becomes 1, as 4095 for 12-bit data; None for the highest of
+            the data type. Data of 10, 12 or 14 bits in uint16 are remarked on where it is None.
 
     Returns:
         (H, W, 3) RGB in [0, 1].
 
     Raises:
-        ImageError: the file is missing, is not an image, is truncated, or is larger than
-            `LARGEST_IMAGE` (which the command line refuses before decoding; in a program OpenCV
-            decodes up to its own limit, the environment's OPENCV_IO_MAX_IMAGE_PIXELS).
+        ImageError: the file is missing, is not an image, is truncated, has values above `white`,
+            or is larger than `LARGEST_IMAGE` (which the command line refuses before decoding; in
+            a program OpenCV decodes up to its own limit, the environment's
+            OPENCV_IO_MAX_IMAGE_PIXELS).
     """
-    return decode_image(_read(Path(path)), str(path))
+    data = _read(Path(path))
+    return decode_image(data, str(path), background=background, white=white)
 
 
-def decode_image(data: bytes, name: str) -> Float32Array:
+def decode_image(
+    data: bytes, name: str, *, background: Color = WHITE, white: float | None = None
+) -> Float32Array:
     """`read_image` from the bytes of a file; `name` is for error messages."""
-    bgr = _decode(data, name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    return as_rgb(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), name)
+    transparency = transparency_of(data)
+    if transparency is None:
+        bgr = _decode(data, name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+        pixels = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+    else:  # OpenCV drops transparency where it applies the orientation
+        bgra = _decode(data, name, cv2.IMREAD_UNCHANGED)
+        multiplied = transparency.tiff and bgra.dtype == np.uint8
+        pixels = bgra
+        if bgra.ndim == 3 and bgra.shape[2] == 4:
+            rgba = cv2.cvtColor(bgra, cv2.COLOR_BGRA2RGBA)
+            pixels = composite(rgba, background, white, multiplied=multiplied)
+        elif bgra.ndim == 3:
+            pixels = cv2.cvtColor(bgra, cv2.COLOR_BGR2RGB)
+        pixels = upright(pixels, transparency.orientation)
+    return as_rgb(pixels, name, background=background, white=white)
 
 
 def read_stored(path: str | Path) -> Image:
@@ -119,11 +155,29 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
                 raise ImageError(_too_large(name, "more")) from error
             raise ImageError(f"{name}: cannot be decoded: {error.err}") from error
     if pixels is None:
-        raise ImageError(f"{name}: {NOT_AN_IMAGE}")
+        raise ImageError(f"{name}: {NOT_AN_IMAGE}{_hint(data)}")
     height, width = pixels.shape[:2]
     if height * width > LARGEST_IMAGE:
         raise ImageError(_too_large(name, f"{width} x {height}"))
     return pixels
+
+
+def _hint(data: bytes) -> str:
+    """What to do about a picture in a format that is not read."""
+    if data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS:
+        return " (HEIC or AVIF); convert it to JPEG or PNG"
+    return ""
+
+
+def warn_of_unread(names: Iterable[str], source: str) -> None:
+    """Warn of the pictures among the files of a folder that are not read."""
+    unread = Counter(
+        suffix for name in names if (suffix := Path(name).suffix.lower()) in UNREAD_SUFFIXES
+    )
+    if unread:
+        counts = ", ".join(f"{count} {suffix}" for suffix, count in sorted(unread.items()))
+        message = f"{source}: left out: {counts}, which are not read; convert them to JPEG or PNG"
+        warnings.warn(message, ImageWarning, stacklevel=3)
 
 
 def _too_large(name: str, found: str) -> str:
@@ -147,7 +201,9 @@ def find_images(source: str | Path) -> list[Path]:
     path = Path(source)
     try:
         if path.is_dir():
-            paths = [entry for entry in path.iterdir() if entry.suffix.lower() in IMAGE_SUFFIXES]
+            entries = list(path.iterdir())
+            warn_of_unread((entry.name for entry in entries), str(source))
+            paths = [entry for entry in entries if entry.suffix.lower() in IMAGE_SUFFIXES]
         elif not path.exists() and any(sign in str(source) for sign in "*?["):
             paths = [*Path(path.anchor).glob(str(path.relative_to(path.anchor)))]
         else:
@@ -163,7 +219,12 @@ def find_images(source: str | Path) -> list[Path]:
 
 
 def as_rgb(
-    image: Image, name: str = "image", dtype: npt.DTypeLike = np.float32
+    image: Image,
+    name: str = "image",
+    dtype: npt.DTypeLike = np.float32,
+    *,
+    background: Color = WHITE,
+    white: float | None = None,
 ) -> npt.NDArray[Any]:
     """An image as (H, W, 3) RGB in [0, 1]; gray is repeated.
 
@@ -171,19 +232,19 @@ def as_rgb(
         image: see `saccade.types.Image`.
         name: for error messages.
         dtype: float32 or float64 of the result.
+        background: see `read_image`.
+        white: see `read_image`; for uint8 and uint16.
 
     Raises:
         ImageError: as `check_image`.
     """
-    pixels = in_unit_range(check_image(image, name), dtype)
-    if pixels.ndim == 2:
-        return np.repeat(pixels[:, :, None], 3, axis=2)
-    return without_alpha(pixels)
+    pixels = check_image(image, name, background=background, white=white)
+    return repeat_gray(in_unit_range(pixels, dtype, white))
 
 
-def without_alpha(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(H, W), or (H, W, 3) of RGB or RGBA, in C order."""
-    return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[:, :, :3])
+def repeat_gray(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W, 3) of (H, W) or (H, W, 3)."""
+    return pixels if pixels.ndim == 3 else np.repeat(pixels[:, :, None], 3, axis=2)
 
 
 def as_gray(image: Image, name: str = "image") -> Float32Array:
@@ -199,23 +260,27 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
     pixels = in_unit_range(check_image(image, name))
     if pixels.ndim == 2:
         return pixels
-    luma: Float32Array = np.einsum("hwc,c->hw", pixels[:, :, :3], LUMA)
+    luma: Float32Array = np.einsum("hwc,c->hw", pixels, LUMA)
     return luma
 
 
-def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
-    """Validates an image; float values are clipped to [0, 1].
+def check_image(
+    image: Image, name: str = "image", *, background: Color = WHITE, white: float | None = None
+) -> npt.NDArray[Any]:
+    """Validates an image; float values are clipped to [0, 1], transparency is composited.
 
     Args:
         image: see `saccade.types.Image`.
         name: for error messages.
+        background: see `read_image`.
+        white: see `read_image`; for uint8 and uint16.
 
     Returns:
-        (H, W), (H, W, 3) or (H, W, 4) uint8, uint16, float32 or float64, in C order; the image
-        itself where nothing has to change.
+        (H, W) or (H, W, 3) uint8, uint16, float32 or float64, in C order; the image itself where
+        nothing has to change.
 
     Raises:
-        ImageError: not an image, empty, not finite, or outside [0, 1].
+        ImageError: not an image, empty, not finite, or outside [0, 1] or [0, white].
     """
     image = np.asarray(image)
     if image.ndim == 3 and image.shape[2] == 1:
@@ -226,8 +291,25 @@ def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
         )
     if image.size == 0:
         raise ImageError(f"{name}: expected at least one pixel, found shape {image.shape}")
+    pixels = _check_values(image, name, white)
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        return composite(pixels, background, white)
+    return pixels
+
+
+def _check_values(image: npt.NDArray[Any], name: str, white: float | None) -> npt.NDArray[Any]:
+    """The image in C order, of a supported dtype and in its range."""
     if image.dtype in (np.uint8, np.uint16):
-        return np.ascontiguousarray(image)
+        pixels = np.ascontiguousarray(image)
+        if white is not None:
+            highest = int(pixels.max())
+            if not highest <= white:
+                raise ImageError(f"{name}: expected values up to white={white:g}, found {highest}")
+        elif pixels.dtype == np.uint16:
+            _remark_on_depth(int(pixels[..., :3].max()), name)
+        return pixels
+    if white is not None:
+        raise ImageError(f"{name}: expected uint8 or uint16 with white, found {image.dtype}")
     if image.dtype == np.bool_:
         return np.ascontiguousarray(image, dtype=np.float32)
     if image.dtype.kind != "f":
@@ -245,12 +327,26 @@ def check_image(image: Image, name: str = "image") -> npt.NDArray[Any]:
     return pixels if low >= 0 and high <= 1 else pixels.clip(0, 1)
 
 
-def in_unit_range(pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32) -> npt.NDArray[Any]:
-    """A validated image as float32 or float64 in [0, 1]."""
+def _remark_on_depth(highest: int, name: str) -> None:
+    """Warns of a uint16 image whose highest value is that of a sensor with fewer bits."""
+    for bits in SENSOR_BITS:
+        if 2 ** (bits - 1) <= highest < 2**bits:
+            warnings.warn(
+                f"{name}: uint16 without values above {2**bits - 1}, as of {bits}-bit data, is "
+                f"read as dark; if it is, scale it: read_image or as_rgb with white={2**bits - 1}",
+                ImageWarning,
+                stacklevel=4,
+            )
+
+
+def in_unit_range(
+    pixels: npt.NDArray[Any], dtype: npt.DTypeLike = np.float32, white: float | None = None
+) -> npt.NDArray[Any]:
+    """A validated image as float32 or float64 in [0, 1]; see `read_image` for `white`."""
     if pixels.dtype.kind == "f":
         return pixels.astype(dtype, copy=False)
     values = pixels.astype(dtype)
-    values /= np.iinfo(pixels.dtype).max
+    values /= white or np.iinfo(pixels.dtype).max
     return values
 
 

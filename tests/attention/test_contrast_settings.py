@@ -152,10 +152,12 @@ def test_the_number_of_threads_changes_no_byte(preset, method):
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_transparency_is_ignored(scene, preset):
-    alpha = np.random.default_rng(1).integers(0, 256, scene.shape[:2], np.uint8)
+def test_a_transparent_image_is_seen_on_white(scene, preset):
+    alpha = np.random.default_rng(1).choice(np.array([0, 255], np.uint8), scene.shape[:2])
     config = PRESETS[preset]
-    expected = contrast_saliency(scene, config)
+    expected = contrast_saliency(
+        np.where(alpha[:, :, None] == 0, 255, scene).astype(np.uint8), config
+    )
     result = contrast_saliency(np.dstack([scene, alpha]), config)
     for name in MAPS:
         np.testing.assert_array_equal(getattr(result, name), getattr(expected, name))

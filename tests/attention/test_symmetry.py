@@ -238,7 +238,7 @@ def test_dtypes_agree(seed, shape, preset):
     for other in (image / 255, image.astype(np.uint16) * 257, image):
         found = symmetry_saliency(other, config).saliency
         np.testing.assert_allclose(found, maps.saliency, atol=5e-3)
-    alpha = np.concatenate([image, image[:, :, :1]], axis=2)
+    alpha = np.concatenate([image, np.full((*shape, 1), 255, np.uint8)], axis=2)
     np.testing.assert_array_equal(
         symmetry_saliency(alpha, config).saliency, symmetry_saliency(image, config).saliency
     )

@@ -151,6 +151,11 @@ def test_find_as_a_person_runs_it(run, tmp_path):
     code, _, err = run("find", data / "camera.jpg", "--in", "set")
     assert code == 1
     assert "none of 4 images shows the same scene" in err
+    (tmp_path / "photos" / "camera.jpg").write_bytes((data / "camera.jpg").read_bytes())
+    assert run("extract", "photos", "--out", "set", "--workers", 1)[0] == 0
+    code, _, err = run("find", data / "camera.jpg", "--in", "set")
+    assert code == 2
+    assert "expected an index of its 5 images, found one of another state" in err
 
 
 @pytest.mark.shared

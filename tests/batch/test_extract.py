@@ -125,6 +125,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_done(tmp_path):
     assert "cut short" in errors["005.png"]
     assert "No such file" in errors["007.png"]
     assert (result.totals.images, result.totals.errors) == (7, 3)
+    assert (result.done, result.failed) == (7, 3)
     photographs(source, 10)
     assert extract_here(source, out).totals.errors == 0
     assert not (out / "errors.parquet").exists()

@@ -238,6 +238,11 @@ def test_the_least_csv_is_a_log(tmp_path):
     path = tmp_path / "least.csv"
     path.write_text(CSV)
     log = load("auto", path)
+    (tmp_path / "world").mkdir()
+    path.rename(tmp_path / "world" / "log.csv")  # as `saccade simulate world` writes it
+    in_folder = load("auto", tmp_path / "world")
+    np.testing.assert_array_equal(in_folder.observation, log.observation)
+    assert in_folder.name == "world"
     assert log.start.tolist() == [0, 0, 0]
     assert log.control.tolist() == [[0.5, 0, 0.1]]
     np.testing.assert_array_equal(log.control_covariance, [np.diag([0.01, 0.01, 0.001])])
@@ -273,6 +278,10 @@ def test_the_least_csv_is_a_log(tmp_path):
             "line 3: expected the number of a landmark .*under 1e.18.*found",
         ),
         ("0.01,0.0001\n1", '0.01,"0.0001\n1', "line 3|line 6|line 5"),
+        ("7,2.5", "7,-2.5", "line 3: expected a range of 0 m or more, found -2.5"),
+        ("7,2.5", '7,"2,5"', "line 3: .*found '2,5', with a decimal comma"),
+        (CSV, CSV.replace(",", ";"), "line 1: expected commas between cells.*found semicolons"),
+        ("0.01,0.0001\n1", "-0.01,0.0001\n1", "line 3: expected a covariance of range, bearing"),
     ],
 )
 def test_broken_csv_is_named(tmp_path, old, new, message):

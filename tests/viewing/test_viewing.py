@@ -12,8 +12,10 @@ import pytest
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from scipy.stats import chi2
 
+import saccade
 from saccade.errors import ConfigError, OutputError
 from saccade.extras import install_command
 from saccade.types import (
@@ -113,6 +115,17 @@ def test_regions_are_boxes_about_their_centers():
     np.testing.assert_allclose(axes.lines[0].get_xydata(), KEYPOINTS.xy)
 
 
+def test_the_maps_of_a_model_are_drawn_as_they_are():
+    image = np.random.default_rng(0).random((96, 128, 3), np.float32)
+    maps = saccade.attention_saliency(image)
+    titles = [axes.get_title() for axes in attention_figure(image, maps).axes]
+    assert titles[0] == "image"
+    assert {"saliency", "symmetry"} <= set(titles)
+    (axes, *_) = attention_figure(image, maps, saccade.scanpath(maps.saliency, image.shape)).axes
+    faces = [text.get_bbox_patch().get_facecolor() for text in axes.texts]
+    assert [face == (1, 1, 1, 1) for face in faces] == [True] + [False] * (len(faces) - 1)
+
+
 def test_symmetric_pairs_have_a_panel():
     figure = attention_figure(IMAGE, {"saliency": IMAGE[::4, ::4, 0]}, SCANPATH, [PAIRS, PAIRS])
     titles = [axes.get_title() for axes in figure.axes]
@@ -161,7 +174,11 @@ def test_ellipses_have_the_axes_of_the_covariance():
     covariance = tilt @ np.diag([4.0, 1.0]) @ tilt.T
     drive = Trajectory(np.arange(2.0), np.zeros((2, 3)))
     landmarks = LandmarkMap(np.array([7]), np.array([[1.0, 2.0]]), covariance[None])
-    (axes,) = map_figure(drive, landmarks).axes
+    figure = map_figure(drive, landmarks)
+    (axes,) = figure.axes
+    (legend,) = figure.legends
+    handles = dict(zip([t.get_text() for t in legend.texts], legend.legend_handles, strict=True))
+    assert isinstance(handles["3 sigma (99.7 %)"], Patch)
     (ellipses,) = [each for each in axes.collections if isinstance(each, PolyCollection)]
     corners = (ellipses.get_paths()[0].vertices - np.array([1.0, 2.0])) @ tilt
     squared_distance = (corners**2 / [4, 1]).sum(1)
@@ -219,6 +236,11 @@ def test_innovations_are_drawn_against_their_band(rng):
     nis[:7] = np.nan
     drive = Trajectory(time, np.zeros((400, 3)), np.tile(np.diag([4.0, 1.0, 0.25]), (400, 1, 1)))
     over_time, spread, place, heading = innovation_figure(time, nis, 2, 20, (1.4, 2.7), drive).axes
+    assert [axes.get_xlabel() for axes in (over_time, spread, place)] == [
+        "poses since the start",  # the log has no clock
+        "normalized innovation squared",
+        "poses since the start",
+    ]
     dots, mean = over_time.lines
     assert len(dots.get_xdata()) == 393
     np.testing.assert_allclose(mean.get_ydata()[-1], nis[-20:].mean())

@@ -84,6 +84,12 @@ def test_a_run_is_repeated_to_the_bit(drive):
     assert first.descriptors.tobytes() == second.descriptors.tobytes()
 
 
+def test_every_frame_is_read_once(drive):
+    read = []
+    visual.run(changed(drive.until(3), lambda number, frame: read.append(number) or frame))
+    assert sorted(read) == [0, 1, 2]
+
+
 @pytest.mark.parametrize("right", [True, False], ids=["stereo", "one camera"])
 def test_an_interrupted_run_resumes_to_the_same_bits(drive, tmp_path, right):
     def seen(number, frame):

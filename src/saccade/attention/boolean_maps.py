@@ -17,7 +17,7 @@ from saccade.attention.channels import whitened
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import rescale
 from saccade.errors import require, require_ranges, require_types
-from saccade.image import check_image, in_unit_range, without_alpha
+from saccade.image import check_image, in_unit_range
 from saccade.pyramid import FloatMap, resize
 from saccade.types import Image
 
@@ -69,11 +69,6 @@ class BooleanMaps(SaliencyMaps):
     image_shape: tuple[int, int]
     """(H, W) of the image."""
 
-    @property
-    def layers(self) -> dict[str, FloatMap]:
-        """The saliency by name."""
-        return {"saliency": self.saliency}
-
 
 def boolean_saliency(image: Image, config: BooleanConfig | None = None) -> BooleanMaps:
     """Saliency from the regions that are surrounded in thresholded color channels.
@@ -91,7 +86,7 @@ def boolean_saliency(image: Image, config: BooleanConfig | None = None) -> Boole
     Source: Zhang & Sclaroff, *Exploiting surroundedness for saliency detection: a Boolean map
     approach* (TPAMI 2016).
     """
-    pixels = without_alpha(check_image(image))  # (H, W) or (H, W, 3)
+    pixels = check_image(image)  # (H, W) or (H, W, 3)
     config = config or BooleanConfig()
     height, width = pixels.shape[:2]
     scale = min(1.0, config.longer_side / max(height, width))

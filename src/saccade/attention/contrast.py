@@ -104,7 +104,7 @@ def contrast_saliency(
 
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
-    pixels = check_image(image)  # (H, W), (H, W, 3) or (H, W, 4)
+    pixels = check_image(image)  # (H, W) or (H, W, 3)
     shape = pixels.shape[:2]
     config = (config or ContrastConfig()).at_size(shape)
     arithmetic = ARITHMETICS[config.arithmetic](config)

@@ -12,7 +12,7 @@ from saccade.attention.channels import ChannelName, intensity, opponency
 from saccade.attention.contrast_config import ContrastConfig
 from saccade.attention.gabor import gabor_energies, gabor_pair
 from saccade.attention.normalize import normalize
-from saccade.image import as_rgb, without_alpha
+from saccade.image import in_unit_range, repeat_gray
 from saccade.pyramid import FloatMap, deepest_level, halve, level_shape, resize
 from saccade.types import FloatArray
 
@@ -42,10 +42,10 @@ class MirroredArithmetic:
         converted: in 8 bit it is a quarter as large.
         """
         level = finest if self.config.color == "linear" else 0
-        colors = without_alpha(pixels)
+        colors = pixels
         for _ in range(level):
             colors = self.halve(colors)
-        rgb = as_rgb(colors, dtype=self.dtype)  # (h, w, 3)
+        rgb = repeat_gray(in_unit_range(colors, self.dtype))  # (h, w, 3)
         opponents = opponency(rgb, self.config.color, self.config.dark)
         return level, {"intensity": intensity(rgb), **opponents}
 

@@ -19,10 +19,27 @@ KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")
 
 
 class SaliencyMaps:
-    """Base of the results of the models: their representation by size."""
+    """Base of the results of the models: saliency by size, by name and by rank."""
 
     saliency: "npt.NDArray[Any]"
     image_shape: tuple[int, int]
+
+    @property
+    def layers(self) -> "dict[str, npt.NDArray[Any]]":
+        """The maps by name, the saliency first."""
+        return {"saliency": self.saliency}
+
+    @property
+    def ranks(self) -> "Float32Array":
+        """(h, w) in (0, 1): the fraction of cells of lower saliency, equal ones counted half.
+
+        Saliency has no unit and no scale that models and presets share; ranks can be compared.
+        """
+        import numpy as np
+
+        _, position, count = np.unique(self.saliency, return_inverse=True, return_counts=True)
+        fraction = (np.cumsum(count) - count / 2) / self.saliency.size
+        return fraction[position].reshape(self.saliency.shape).astype(np.float32)
 
     def __repr__(self) -> str:
         (h, w), (height, width) = self.saliency.shape, self.image_shape

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from saccade.attention.channels import ChannelName, opponency
 from saccade.attention.mirrored import MirroredArithmetic
 from saccade.attention.normalize import fraction_inside, inhibit_laterally
-from saccade.image import as_rgb
+from saccade.image import in_unit_range, repeat_gray
 from saccade.pyramid import FloatMap
 
 LUMA = (0.298936, 0.587043, 0.114021)
@@ -57,7 +57,7 @@ class SaliencyToolbox2Arithmetic(MirroredArithmetic):
     ) -> tuple[int, dict[ChannelName, FloatMap]]:
         """Level 0, and intensity and opponents there (A.1-A.3)."""
         del finest
-        rgb = whole_levels(as_rgb(pixels, dtype=self.dtype))
+        rgb = whole_levels(repeat_gray(in_unit_range(pixels, self.dtype)))
         opponents = opponency(rgb, self.config.color, self.config.dark)
         return 0, {"intensity": rgb @ np.array(LUMA), **opponents}
 

@@ -28,7 +28,7 @@ from saccade.attention.normalize import rescale, sharpen, smooth
 from saccade.attention.symmetry_2010 import Kootstra2010Pyramid
 from saccade.attention.symmetry_config import SymmetryConfig
 from saccade.errors import ImageError
-from saccade.image import check_image, in_unit_range, without_alpha
+from saccade.image import check_image, in_unit_range
 from saccade.pair_sums import (
     Gradients,
     PairKernel,
@@ -66,11 +66,6 @@ class SymmetryMaps(SaliencyMaps):
     image_shape: tuple[int, int]
     """(H, W) of the image."""
 
-    @property
-    def layers(self) -> dict[str, FloatMap]:
-        """The saliency by name."""
-        return {"saliency": self.saliency}
-
 
 def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> SymmetryMaps:
     """Saliency from local symmetry.
@@ -89,7 +84,7 @@ def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> Sym
     Source: Kootstra, de Boer & Schomaker (2011); the phase weight is that of Reisfeld,
     Wolfson & Yeshurun (1995).
     """
-    pixels = check_image(image)  # (H, W), (H, W, 3) or (H, W, 4)
+    pixels = check_image(image)  # (H, W) or (H, W, 3)
     shape = pixels.shape[:2]
     config = (config or SymmetryConfig()).at_size(shape)
     pyramid = pyramid_of(config)
@@ -183,7 +178,7 @@ class MirroredPyramid:
         The image is halved to the finest level before it is converted: linear channels commute
         with that, and in 8 bit it is a quarter as large.
         """
-        colors = without_alpha(pixels)
+        colors = pixels
         for _ in range(levels[0]):
             colors = halve(colors)
         plane = self.split(in_unit_range(colors))

@@ -51,7 +51,7 @@ class Kootstra2010Pyramid:
         """(h, w, 1) gray by level."""
         gray = in_unit_range(pixels)
         if gray.ndim == 3:
-            gray = cv2.transform(gray[:, :, :3], np.array([SWAPPED_LUMA]))
+            gray = cv2.transform(gray, np.array([SWAPPED_LUMA]))
         plane = np.rint(255 * gray) / np.float32(256)
         planes = {}
         for number in range(levels[-1] + 1):

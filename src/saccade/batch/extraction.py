@@ -44,9 +44,11 @@ class Extraction:
     """Results of a run."""
 
     done: int
-    """Images processed."""
+    """Images processed, without those that failed."""
     unchanged: int
-    """Images done before."""
+    """Images done before, likewise."""
+    failed: int
+    """Images that failed, now or before."""
     totals: Totals
     """Of the data set."""
     complete: bool
@@ -88,7 +90,7 @@ def extract(
         OutputError: it cannot be written, or another run writes to it.
     """
     store = open_store(out)
-    done = unchanged = 0
+    done = unchanged = failed = 0
     lost: list[tuple[str, str]] = []
     error = None
     with store.locked():
@@ -99,8 +101,9 @@ def extract(
         _write_manifest(store, job, source_name, _last_totals(store), complete=False)
         work = partial(extract_shard, job, out, redo=redo)
         for report in engine.run(work, _until(should_stop, shards)):
-            done += report.done
-            unchanged += report.unchanged
+            done += report.done - report.failed_now
+            unchanged += report.unchanged - (report.failed - report.failed_now)
+            failed += report.failed
             lost.extend(report.lost)
             on_report(report)
         complete = not should_stop()
@@ -110,7 +113,7 @@ def extract(
             _write_manifest(store, job, source_name, totals, complete=complete)
         except OutputError as failure:
             totals, error = Totals(errors=len(lost)), str(failure)
-    return Extraction(done, unchanged, totals, complete, error)
+    return Extraction(done, unchanged, failed + len(lost), totals, complete, error)
 
 
 def _until(should_stop: Callable[[], bool], shards: Iterator[Shard]) -> Iterator[Shard]:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.batch.dataset import (
+    MANIFEST,
     ImageKeypoints,
     point_shards,
     read_point_manifest,
@@ -66,7 +67,7 @@ class Index:
         folder: of the data set.
 
     Raises:
-        ConfigError: it has no index, or faiss is not installed.
+        ConfigError: it has no index or one of another state of it, or faiss is not installed.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -83,6 +84,7 @@ class Index:
             raise ConfigError(f"{folder}: expected an index; make one: saccade index") from error
         check_format("index", version, path / IMAGE_FILE, ConfigError)
         _check_index(path, header, self._positions, self._vectors)
+        _check_data_set(folder, header)
         self.what: str = header["what"]
         """Detector of the points."""
         self.settings: dict[str, Any] = header["settings"]
@@ -234,6 +236,7 @@ def build_index(folder: str | Path, max_points: int = 1000) -> dict[str, int]:
             "format": FORMATS["index"],
             "what": what,
             "settings": manifest["configuration"].get("settings", {}),
+            "data_set": _state(manifest),
             "most": max_points,
             "images": images,
             "first": first_rows,
@@ -286,6 +289,23 @@ def _descriptors(shard: list[ImageKeypoints]) -> npt.NDArray[np.uint8]:
     """(n, 128) of all images of a shard."""
     rows = [image.points.descriptors for image in shard]
     return np.concatenate([np.zeros((0, DESCRIPTOR_SIZE), np.uint8), *rows])
+
+
+def _state(manifest: dict[str, Any]) -> dict[str, Any]:
+    """What an index and its data set must agree in."""
+    return {name: manifest.get(name) for name in ("fingerprint", "images", "rows")}
+
+
+def _check_data_set(folder: str | Path, header: dict[str, Any]) -> None:
+    """Refuse an index of a data set that has changed since; a folder may hold the index alone."""
+    if "data_set" not in header or not (Path(folder) / MANIFEST).exists():
+        return
+    indexed, present = header["data_set"], _state(read_point_manifest(LocalStore(str(folder))))
+    if indexed != present:
+        raise ConfigError(
+            f"{folder}: expected an index of its {present['images']} images, found one of another "
+            "state of the data set; make it again: saccade index"
+        )
 
 
 def _check_index(

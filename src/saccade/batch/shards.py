@@ -53,7 +53,9 @@ class ShardReport(NamedTuple):
     rows: int = 0
     """Rows added to the table."""
     failed: int = 0
-    """Images with an error in the record."""
+    """Images with an error in the record, of those processed and those kept."""
+    failed_now: int = 0
+    """Of these, those processed."""
     lost: Sequence[tuple[str, str]] = ()
     """Images whose results could not be written, and why."""
 
@@ -78,8 +80,9 @@ def extract_shard(job: Job, location: str, shard: Shard, redo: bool = False) -> 
         added = _write_shard(job, store, shard, kept, todo)
     except OutputError as error:
         return ShardReport(unchanged=len(kept), lost=[(item.name, str(error)) for item in todo])
-    failed += sum(row["error"] is not None for row in added)
-    return ShardReport(len(todo), len(kept), sum(row["rows"] for row in added), failed)
+    failed_now = sum(row["error"] is not None for row in added)
+    rows = sum(row["rows"] for row in added)
+    return ShardReport(len(todo), len(kept), rows, failed + failed_now, failed_now)
 
 
 def kept_rows(job: Job, record: Sequence[Row], shard: Shard, redo: bool) -> dict[str, Row]:

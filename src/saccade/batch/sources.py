@@ -88,7 +88,11 @@ def _open_local(source: str, every: int) -> Source:
     path = Path(source)
     if path.is_dir():
         with os.scandir(source) as entries:
-            names = [entry.name for entry in entries if _is_image(entry.name)]
+            found = [entry.name for entry in entries]
+        from saccade.image import warn_of_unread
+
+        warn_of_unread(found, source)
+        names = [name for name in found if _is_image(name)]
         return ImageFiles.below(f"{source.rstrip('/')}/", names)
     if not path.exists() and _is_pattern(source):
         root = _root_of_pattern(source)

@@ -174,7 +174,7 @@ def extract(
             f"{others} images were processed by another version; --redo processes them again"
         )
     if not result.complete:
-        done = result.done + result.unchanged
+        done = result.done + result.unchanged + result.failed
         print_message(f"stopped after {done} of {len(images)} images; run it again to resume")
         raise SystemExit(INTERRUPTED)
     if result.totals.errors:
@@ -296,6 +296,7 @@ def _as_row(result: "Extraction", out: str) -> dict[str, Any]:
         "out": out,
         "done": result.done,
         "already_done": result.unchanged,
+        "failed": result.failed,
         **asdict(result.totals),
         "complete": result.complete,
     }

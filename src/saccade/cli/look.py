@@ -47,6 +47,8 @@ def look(
 ) -> None:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
+    Values of different models, presets and images have no common scale.
+
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html);
     for each video a film (NAME.look.mp4) and the saliency of its frames

@@ -3,7 +3,13 @@
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
+
+FILE_SUFFIXES = (
+    *(".bmp", ".csv", ".db", ".eps", ".gif", ".h5", ".html", ".jpeg", ".jpg", ".json", ".mp4"),
+    *(".npz", ".parquet", ".pdf", ".png", ".svg", ".tif", ".tiff", ".toml", ".txt", ".webp"),
+)
+"""Of an output that was meant as a file where a folder is written."""
 
 Images = Annotated[
     list[str], Argument(metavar="IMAGE", help="Images, folders of images, or quoted patterns.")
@@ -12,7 +18,16 @@ LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file or 
 SequencePath = Annotated[
     Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
 ]
-Out = Annotated[Path, Option("--out", "-o", help="Output folder.")]
+
+
+def _folder(path: Path) -> Path:
+    """An output folder, whose name is not that of a file."""
+    if path.suffix.lower() in FILE_SUFFIXES and not path.exists():
+        raise BadParameter(f"expected a folder, found the name of a file: {path}")
+    return path
+
+
+Out = Annotated[Path, Option("--out", "-o", help="Output folder.", callback=_folder)]
 Json = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 Preset = Annotated[
     str | None,

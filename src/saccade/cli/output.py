@@ -2,12 +2,13 @@
 
 import json
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TextIO, TypeVar
 
-from saccade.errors import OutputError, SaccadeError
+from saccade.errors import ImageWarning, OutputError, SaccadeError
 from saccade.files import atomic_write
 
 T = TypeVar("T")
@@ -23,6 +24,26 @@ class Progress(Protocol):
 def print_message(message: str) -> None:
     """Print a message for the user on stderr."""
     print(f"saccade: {message}", file=sys.stderr)
+
+
+def print_image_warnings() -> None:
+    """Print warnings of images as messages; those of libraries stay as they are."""
+    show = warnings.showwarning
+
+    def print_warning(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if issubclass(category, ImageWarning):
+            print_message(str(message))
+        else:
+            show(message, category, filename, lineno, file, line)
+
+    warnings.showwarning = print_warning
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from saccade.cli.options import Config, Json, Out, Seed
 
 
 def drive(
-    out: Out = Path("saccade-drive"),
+    out: Out = Path("saccade-simulated-drive"),
     seed: Seed = 0,
     preset: Annotated[
         str | None, Option("--preset", "-p", help="ring, mono, repeated, mirror, dark or flicker.")

@@ -52,7 +52,8 @@ class Row:
             except ValueError:
                 value = np.inf
             if not abs(value) < LARGEST:
-                raise self.error(f"a finite number under {LARGEST:g}", repr(cell))
+                comma = ", with a decimal comma" * (cell.count(",") == 1)
+                raise self.error(f"a finite number under {LARGEST:g}", f"{cell!r}{comma}")
             values.append(value)
         return values
 

@@ -266,6 +266,7 @@ async def _one_line(_: Request, error: Exception) -> Response:
     return PlainTextResponse(f"{message}\n", status, getattr(error, "headers", None))
 
 
-async def _internal_error(_: Request, error: Exception) -> Response:
-    _logger.error("serve: %s: %s", type(error).__name__, error)
+async def _internal_error(request: Request, error: Exception) -> Response:
+    where = f"{request.method} {request.url.path}"
+    _logger.error("serve: %s: %s: %s", where, type(error).__name__, error)
     return PlainTextResponse("internal error; the terminal shows it\n", 500)

@@ -1,7 +1,7 @@
 """Figures of attention: saliency maps, scanpaths and symmetric pairs."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -22,28 +22,42 @@ MIN_WIDTH, MAX_WIDTH = 0.5, 1.6
 """Line widths in points: of a pair of strength 0, and of the strongest of its point."""
 
 
+class LayeredMaps(Protocol):
+    """What an attention model returns."""
+
+    @property
+    def layers(self) -> Mapping[str, Float32Array]:
+        """The maps by name, the saliency first."""
+        ...
+
+
 def attention_figure(
     image: Float32Array,
-    maps: Mapping[str, Float32Array],
-    path: Scanpath,
+    maps: Mapping[str, Float32Array] | LayeredMaps,
+    path: Scanpath | None = None,
     pairs: Sequence[SymmetricPairs] = (),
 ) -> Figure:
     """The image with its scanpath, each map as a heat map, and the image weighted by the first map.
 
     Args:
         image: (H, W, 3) in [0, 1].
-        maps: by title; each (h, w), the first is the saliency map. Drawn from 0 to its maximum.
-        path: fixations in image pixels, numbered in their order.
+        maps: what a model returns; or by title, each (h, w), the first is the saliency map. Each
+            is drawn from 0 to its own maximum.
+        path: fixations in image pixels, numbered in their order, the first in white; None for the
+            image alone.
         pairs: symmetric pairs of each fixation, drawn in a panel of their own.
     """
+    maps = maps if isinstance(maps, Mapping) else maps.layers
     height, width = image.shape[:2]
     count = 2 + len(maps) + bool(pairs)
     columns = 2 if count <= 4 else 3
     rows = -(-count // columns)
     figure = figure_for(width, height, columns, rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    draw_panel(panels[0], image, f"scanpath, {len(path)} fixations", interpolation="antialiased")
-    draw_scanpath(panels[0], path)
+    title = "image" if path is None else f"scanpath, {len(path)} fixations"
+    draw_panel(panels[0], image, title, interpolation="antialiased")
+    if path is not None:
+        draw_scanpath(panels[0], path)
     extent = (-0.5, width - 0.5, height - 0.5, -0.5)
     options: dict[str, Any] = {"cmap": HEAT, "extent": extent, "interpolation": "bilinear"}
     for axes, (title, values) in zip(panels[1:], maps.items(), strict=False):
@@ -91,7 +105,7 @@ def draw_pairs(
 
 
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:
-    """Fixations numbered in their order, joined by lines."""
+    """Fixations numbered in their order, the first in white, joined by lines."""
     outline = [patheffects.withStroke(linewidth=3, foreground="black")]
     axes.plot(*path.xy.T, color=ORANGE, linewidth=1.5, path_effects=outline)
     for number, (x, y) in enumerate(path.xy, start=1):

@@ -117,7 +117,7 @@ def map_part(
         notes = {
             "states of the map": (len(snapshots), step),
             "intervals in which a landmark was observed": (len(intervals["id"]), interval_step),
-            "innovations": (dots, stride(dots, MAX_DOTS)),
+            "innovations (none where a landmark begins)": (dots, stride(dots, MAX_DOTS)),
         }
         part = Part(with_notes(section, notes), "map", dict(data))
         if len(part.html) <= MAX_PART_LENGTH:

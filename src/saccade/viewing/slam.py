@@ -73,8 +73,10 @@ def map_figure(
     if landmark_truth is not None:
         circle: dict[str, Any] = {"facecolors": "none", "edgecolors": GREEN, "s": 60, "zorder": 4}
         axes.scatter(*landmark_truth.xy.T, **circle, label="true landmarks")
-    axes.add_collection(PolyCollection([*outlines], **ELLIPSE), autolim=False)
-    label = f"{len(landmarks)} landmarks, {ELLIPSE_LABEL}"
+    if len(outlines):
+        ellipses = PolyCollection([*outlines], **ELLIPSE, label=ELLIPSE_LABEL)
+        axes.add_collection(ellipses, autolim=False)
+    label = f"{len(landmarks)} landmarks"
     axes.plot(*landmarks.xy.T, ".", color="black", markersize=4, zorder=5, label=label)
     columns = int(figure.get_figwidth() / 1.85)
     figure.legend(loc="outside lower center", ncols=columns, frameon=False, handlelength=1.6)
@@ -146,7 +148,11 @@ def innovation_figure(
     time, nis = time[used] - start, nis[used]
     figure = Figure(figsize=(10.5, 6.4), layout="constrained", dpi=110)
     grid = figure.add_gridspec(2, 4, height_ratios=(1.3, 1))
-    _draw_nis(figure.add_subplot(grid[0, :3]), time, nis, window, band)
+    clocked = not np.array_equal(trajectory.time, np.arange(len(trajectory)))
+    elapsed_label = "time since the start [s]" if clocked else "poses since the start"
+    nis_axes = figure.add_subplot(grid[0, :3])
+    _draw_nis(nis_axes, time, nis, window, band)
+    nis_axes.set_xlabel(elapsed_label)
     _draw_distribution(figure.add_subplot(grid[0, 3]), nis, dof)
     covariance = np.empty((0, 3, 3)) if trajectory.covariance is None else trajectory.covariance
     position = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1].clip(0))
@@ -160,7 +166,7 @@ def innovation_figure(
         axes.fill_between(elapsed, SIGMAS * sigma, color=ORANGE, alpha=0.3, linewidth=0)
         axes.plot(elapsed, SIGMAS * sigma, color=ORANGE, linewidth=1.0)
         axes.set_ylim(bottom=0)
-        axes.set_xlabel("time since the start")
+        axes.set_xlabel(elapsed_label)
         _finish(axes, title)
     return figure
 
@@ -182,6 +188,7 @@ def _draw_nis(
         axes.plot(time[window - 1 :], mean, color=BLUE, linewidth=1.4, label=f"mean of {window}")
     axes.minorticks_off()
     axes.set_ylim(1e-3, max(30.0, 2 * float(nis.max(initial=1.0))))
+    axes.set_ylabel("NIS (no unit)")
     axes.legend(loc="lower right", ncols=2, frameon=False, fontsize=9)
     _finish(axes, "normalized innovation squared of each observation")
 
@@ -198,6 +205,8 @@ def _draw_distribution(axes: Axes, nis: FloatArray, dof: int) -> None:
     axes.plot(x, density, color=GREEN, linewidth=1.6, label="consistent")
     axes.legend(loc="upper right", frameon=False, fontsize=9)
     axes.set_yticks([])
+    axes.set_xlabel("normalized innovation squared")
+    axes.set_ylabel("density")
     _finish(axes, "their distribution")
 
 

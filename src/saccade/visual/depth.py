@@ -30,8 +30,8 @@ def measures_depth(camera: Camera, frame: Frame) -> bool:
     return camera.baseline > 0 or frame.depth is not None
 
 
-def provides_depth(drive: Drive) -> bool:
-    """Whether the frames of a drive measure depth, judged by the first that can be read.
+def first_frame(drive: Drive) -> dict[int, Frame]:
+    """The first frame of a drive that can be read, by its number; empty if all are blank.
 
     Raises:
         DriveError: no frame can be read.
@@ -44,10 +44,10 @@ def provides_depth(drive: Drive) -> bool:
             first_error = first_error or error
             continue
         if frame.image is not None or frame.tracks is not None:
-            return measures_depth(drive.camera, frame)
+            return {number: frame}
     if first_error is not None:
         raise DriveError(f"{first_error}; no frame of the drive can be used")
-    return False
+    return {}
 
 
 def measure_depth(

@@ -1,7 +1,7 @@
 """Visual front end: reads frames ahead, detects points in them, and tracks points into them."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -58,12 +58,24 @@ class FeatureCache(dict[tuple[str, int, int, int], FrameFeatures]):
 
 
 class FeatureExtractor:
-    """Reads the frames of a drive, and detects points in every `detect_interval`-th."""
+    """Reads the frames of a drive, and detects points in every `detect_interval`-th.
+
+    Args:
+        drive: the frames.
+        config: the settings.
+        cache: features of earlier runs over the same frames.
+        read: frames that have been read, by number; each is used once, then dropped.
+    """
 
     def __init__(
-        self, drive: Drive, config: VisualConfig, cache: FeatureCache | None = None
+        self,
+        drive: Drive,
+        config: VisualConfig,
+        cache: FeatureCache | None = None,
+        read: Mapping[int, Frame] | None = None,
     ) -> None:
         self._drive, self._config, self._cache = drive, config, cache
+        self._read = dict(read or {})
         self._detect_keypoints: Callable[[Image], Keypoints]
         if config.detector == "sift":
             pixels = drive.camera.width * drive.camera.height
@@ -90,7 +102,7 @@ class FeatureExtractor:
     def _extract(self, number: int) -> FrameFeatures:
         start, remarks = perf_counter(), list[str]()
         try:
-            frame = self._drive.load(number)
+            frame = self._read.pop(number, None) or self._drive.load(number)
         except ImageError as error:
             frame, remarks = Frame(float(self._drive.time[number])), [str(error)]
         prepared, detected = prepare_frame(frame, self._drive.camera), None

@@ -21,7 +21,7 @@ from saccade.slam.results import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import IntArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.depth import CameraTrajectory, provides_depth
+from saccade.visual.depth import CameraTrajectory, first_frame, measures_depth
 from saccade.visual.egomotion import Motion, Prior, camera_motion
 from saccade.visual.frontend import FeatureCache, FeatureExtractor, FrameFeatures, Prefetcher, track
 from saccade.visual.ground_scale import GroundTracker
@@ -93,12 +93,14 @@ class Pipeline:
         self, drive: Drive, config: VisualConfig, cache: FeatureCache | None = None
     ) -> None:
         self.drive, self.config = drive, config
-        self.map = VisualMap(drive, config, provides_depth(drive))
+        first = first_frame(drive)
+        has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
+        self.map = VisualMap(drive, config, has_depth)
         self.tracked = TrackedPoints()
         self.log = RunLog(drive)
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
-        self._extract = FeatureExtractor(drive, config, cache)
+        self._extract = FeatureExtractor(drive, config, cache, first)
         self._features = Prefetcher(self._extract, len(drive), config.detect_interval)
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
 

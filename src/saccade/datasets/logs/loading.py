@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.dlr import read_dlr
-from saccade.datasets.logs.log_csv import read_log_csv, write_log_csv
+from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
 from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
@@ -58,9 +58,9 @@ def load(
     """Read a landmark log. An option that is None has the default of its format.
 
     Args:
-        kind: "csv" (see `log_csv`), "g2o" or "isam" (either reads g2o, iSAM, TORO and GTSAM
-            text), "mrclam" (folder or .npz), "victoria-park" (raw .mat, or GTSAM's .txt), "dlr"
-            (.npz), or "auto".
+        kind: "csv" (see `log_csv`; a file, or a folder with log.csv), "g2o" or "isam" (either
+            reads g2o, iSAM, TORO and GTSAM text), "mrclam" (folder or .npz), "victoria-park" (raw
+            .mat, or GTSAM's .txt), "dlr" (.npz), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
         matrix_form: g2o and isam: form of the matrices; detected by default.
@@ -129,7 +129,10 @@ def detect_format(path: Path) -> Kind:
     if path.is_dir():
         if (path / "Barcodes.dat").exists():
             return "mrclam"
-        raise LogError(f"{path}: expected a folder with Barcodes.dat (mrclam), found none")
+        if (path / LOG_FILE).exists():
+            return "csv"
+        expected = f"a folder with Barcodes.dat (mrclam) or {LOG_FILE} (saccade simulate world)"
+        raise LogError(f"{path}: expected {expected}, found none")
     if path.suffix.lower() == ".mat":
         return "victoria-park"
     if path.suffix.lower() == ".npz":

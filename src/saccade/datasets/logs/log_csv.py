@@ -33,6 +33,10 @@ from saccade.datasets.tables import (
 from saccade.errors import LogError
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
+ROUNDING = 1e-9
+"""Eigenvalue of a covariance, as a fraction of the largest, that rounding may make negative."""
+LOG_FILE = "log.csv"
+"""Name of the log in a folder."""
 _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
 _CONTROLS = {"compose": ("forward", "left", "turn"), "drive": ("distance", "turn")}
@@ -81,14 +85,16 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     """Read a log.
 
     Args:
-        path: a table with the columns of the module's docstring, in any order; off-diagonal
-            covariances may be left out.
+        path: a table with the columns of the module's docstring, in any order, or a folder that
+            holds it as log.csv; off-diagonal covariances may be left out.
 
     Raises:
         LogError: no such file, another header, or a row that is neither a pose nor an
             observation; names the line.
     """
-    path = Path(path)
+    source = path = Path(path)
+    if path.is_dir():
+        path = path / LOG_FILE
     rows = read_rows(path, delimiter=",")
     header = next(rows, Row(path, 1, []))
     motion: Literal["drive", "compose"] = "drive" if "distance" in header.cells else "compose"
@@ -111,6 +117,8 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     time = _cells(records, columns, np.arange(len(records)), ("time",))
     require_ascending(time[poses], lambda i: f"{path}, line {records[poses[i]].line}")
     time, pose_time = time[:, 0], time[poses, 0]
+    for k in np.flatnonzero(columns["range"] < 0)[:1].tolist():
+        raise records[k].error("a range of 0 m or more", f"{columns['range'][k]:g}")
     observation_pose = np.cumsum(~is_observation)[observations] - 1
     for k in np.flatnonzero(time[observations] != pose_time[observation_pose])[:1].tolist():
         raise records[int(observations[k])].error(
@@ -118,7 +126,7 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
             f"{time[observations[k]]:g}",
         )
     return LandmarkLog(
-        name=path.stem,
+        name=source.stem,
         start=np.array([np.nan_to_num(columns[name][0]) for name in _START]),
         time=pose_time,
         motion=motion,
@@ -133,6 +141,9 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
 
 def _check_header(header: Row, motion: str) -> None:
     known, names = columns_of(motion), header.cells
+    for sign, found_sign in ((";", "semicolons"), ("\t", "tabs")):
+        if len(names) == 1 and sign in names[0]:
+            raise header.error("commas between cells, and decimal points", found_sign)
     unknown = [name for name in names if name not in known]
     required = ["time", *_CONTROLS[motion], *_OBSERVATION]
     required += [f"cov_{name}_{name}" for name in required[1:]]
@@ -177,7 +188,14 @@ def _covariances(
     """Covariances (len(rows), d, d); the variances are required."""
     _cells(records, columns, rows, tuple(f"cov_{name}_{name}" for name in names))
     entries = np.stack([columns[name][rows] for name in covariance_names(names)], 1)
-    return from_upper_triangle(np.nan_to_num(entries))
+    covariances = from_upper_triangle(np.nan_to_num(entries))
+    values = np.linalg.eigvalsh(covariances)  # ascending
+    for k in np.flatnonzero(values[:, 0] < -ROUNDING * values[:, -1].clip(0))[:1].tolist():
+        raise records[int(rows[k])].error(
+            f"a covariance of {', '.join(names)} (no negative variance)",
+            str(covariances[k].tolist()),
+        )
+    return covariances
 
 
 def _landmarks(header: list[str], records: list[Row], rows: IntArray) -> IntArray:

@@ -270,7 +270,8 @@ def _cartesian_values(log: LandmarkLog, form: MatrixForm) -> FloatArray:
     xy, covariance = to_cartesian(log.observation, log.observation_covariance)
     for k in np.flatnonzero(log.observation[:, 0] < 1e-9)[:1].tolist():
         raise LogError(
-            f"{log.name}, observation {k}: expected a landmark away from the robot, found range 0"
+            f"{log.name}, observation {k}: expected a landmark away from the robot, found range "
+            f"{log.observation[k, 0]:g}"
         )
     return np.hstack([xy, _entries(covariance, form)])
 

@@ -26,7 +26,7 @@ function drawScanpath(context, path, count, scale) {
     const [x, y] = position(i);
     context.beginPath();
     context.arc(x, y, 10, 0, 2 * Math.PI);
-    context.fillStyle = i === count - 1 ? "#fff" : ON_PHOTO.path;
+    context.fillStyle = i === 0 ? "#fff" : ON_PHOTO.path;
     context.fill();
     context.strokeStyle = "#000";
     context.lineWidth = 1.5;
