@@ -218,12 +218,12 @@ class Slam:
     def _complete(self, s: Steps, moves: int, k: int) -> None:
         """Validate and associate the next steps, with so many controls at their end."""
         first, motion, sensor = len(s.time) - moves, *self._noise
-        check_noise("control", s.control[first:], s.U[first:], motion, 0.0)
-        check_noise("observation", s.z[:k], s.R[:k], sensor, MIN_SIGMA)
+        check_noise("control", s.control, s.U, first, first + moves, motion, 0.0)
+        check_noise("observation", s.z, s.R, 0, k, sensor, MIN_SIGMA)
         if s.bias_jacobian.size > 0:
             s.bias_jacobian[:] = bias_jacobian(s.control)
         if self.is_compiled and isinstance(self.associate, KnownIdentity):
-            scan = np.repeat(np.arange(len(s.time)), np.diff(s.edge))
+            scan = np.searchsorted(s.edge, np.arange(k), "right")
             s.landmark[:k] = self.associate.number_ahead(s.identity[:k], scan, len(self.ekf))
         elif self.doubted is not None:
             s.name[:k] = self.doubted.number(s.identity[:k])

@@ -81,8 +81,9 @@ def take_stride(
 ) -> bool:
     """Take the steps before `end`, as far as there is room; see `take_steps`."""
     position, place = s.position.tolist(), None
-    if isinstance(ekf, CompressedSlam):
-        if position[1] < 0 and stride.submaps.are_used(ekf):
+    observations = int(s.edge[end] - s.edge[position[0]])
+    if isinstance(ekf, CompressedSlam) and not stride.submaps.is_small(ekf, observations):
+        if position[1] < 0:
             ekf.spread()
         end, place = stride.submaps.plan(ekf, s, end, names, culling.reach)
     if place is not None:
@@ -93,8 +94,9 @@ def take_stride(
     culling.reserve(len(f.blocks))
     bound = stride.binding(f, ekf.scratch, s, stride.rules, names, culling.counts, evidence, out)
     done = bool(take_steps(bound, end))
-    if s.position.tolist() == position:
-        if position[1] < 0:
+    after = s.position.tolist()
+    if after[1] >= 0 or after == position:  # there was no room for all of a step
+        if after[1] < 0:
             ekf.spread()
         ekf.reserve(_count_new(s))
     stride.submaps.count(s, position[0])

@@ -70,9 +70,12 @@ class Submaps:
         self._bias = self._bias_sigma = np.zeros(0)
         self._needed = 0.0
 
-    def are_used(self, ekf: CompressedSlam) -> bool:
-        """Whether the map is large enough for neighborhoods."""
-        return self._always or len(ekf) >= LARGE
+    def is_small(self, ekf: CompressedSlam, observations: int) -> bool:
+        """Whether the map is too small for neighborhoods, also after so many observations."""
+        if self._always or ekf.neighborhood is not None or len(ekf) + observations >= LARGE:
+            return False
+        self._radius = -1.0
+        return True
 
     def plan(
         self, ekf: CompressedSlam, s: Steps, end: int, names: NameTable, reach: float

@@ -52,12 +52,18 @@ def check_all(name: str, values: FloatArray, covariances: FloatArray) -> None:
 
 
 def check_noise(
-    name: str, values: FloatArray, covariances: FloatArray, factor: float, min_sigma: float
+    name: str,
+    values: FloatArray,
+    covariances: FloatArray,
+    start: int,
+    end: int,
+    factor: float,
+    min_sigma: float,
 ) -> None:
     """Multiply covariances by a factor in place, and `check_all`; see `prepare_noise`."""
-    i = prepare_noise(values, covariances, factor, min_sigma)
+    i = prepare_noise(values, covariances, start, end, factor, min_sigma)
     if i >= 0:
-        _raise_for(i, name, values, covariances)
+        _raise_for(i, name, values[start:], covariances[start:])
 
 
 def _raise_for(i: int, name: str, values: FloatArray, covariances: FloatArray) -> None:
@@ -89,5 +95,5 @@ def as_number(name: str, value: object) -> float:
     """The finite number."""
     number = float(as_array(name, (), value))
     if not isfinite(number):
-        raise LogError(f"{name}: expected a finite number, found {number}")
+        raise LogError(f"{name}: expected finite numbers, found {number}")
     return number
