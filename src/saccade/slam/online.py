@@ -21,7 +21,7 @@ from saccade.slam.custom_steps import take_custom_step
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.odometry_bias import bias_jacobian
-from saccade.slam.filter.validation import MIN_SIGMA, as_array, as_number, check_noise
+from saccade.slam.filter.validation import MIN_SIGMA, as_array, as_names, as_number, check_noise
 from saccade.slam.lost_steps import leave_out, take_lost_step
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
@@ -166,7 +166,7 @@ class Slam:
             s.U[0] = as_array("covariance of the control", (c, c), U)
         s.z[:k] = as_array("observations", (k, 2), z)
         s.R[:k] = as_array("covariances of the observations", (k, 2, 2), R)
-        s.identity[:k] = -1 if names is None else as_array("names", (k,), names)
+        s.identity[:k] = -1 if names is None else as_names(k, names)
         self._complete(s, int(moves), k)
         culled = self.advance(s, 1, out)
         return StepResult(

@@ -1,8 +1,10 @@
 """Validates inputs before the state changes."""
 
 from math import isfinite
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.slam.filter._validation_kernels import LARGEST, first_invalid, prepare_noise
@@ -81,7 +83,7 @@ def check_landmark(landmark: int, count: int) -> None:
         )
 
 
-def as_array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
+def as_array(name: str, shape: tuple[int, ...], value: object) -> npt.NDArray[Any]:
     """The numbers as an array of this shape; None for none."""
     if value is None and 0 in shape:
         return np.empty(shape)
@@ -89,6 +91,14 @@ def as_array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
     if array.shape != shape:
         raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
     return array
+
+
+def as_names(k: int, value: object) -> npt.NDArray[Any]:
+    """The finite numbers (k,)."""
+    names = as_array("names", (k,), value)
+    if names.dtype.kind != "i" and not np.isfinite(names).all():
+        raise LogError(f"names: expected finite numbers, found {names.tolist()}")
+    return names
 
 
 def as_number(name: str, value: object) -> float:
