@@ -58,6 +58,9 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
         fastmath: LLVM's fast-math flags by name, such as "reassoc" or "contract";
             leave out "nnan" and "ninf" wherever a NaN can occur.
 
+    A kernel whose name begins with an underscore is called by kernels only: it has no entry from
+    Python, which takes as long to compile as a small kernel.
+
     Returns:
         A decorator; the compiled function keeps its plain Python body as `.py_func`
         unless Numba's JIT is switched off.
@@ -65,7 +68,7 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
 
     def compile_lazily(function: F) -> F:
         def compiled(*, cache: bool) -> F:
-            dispatcher = numba.njit(
+            dispatcher = numba.njit(  # type: ignore[call-overload]
                 function,
                 cache=cache,
                 nogil=True,
@@ -86,12 +89,12 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
     return compile_lazily
 
 
-class _BoundType(types.StructRef):  # type: ignore[misc]
+class _BoundType(types.StructRef):
     """Numba's type of `Bound`."""
 
 
-structref.register(_BoundType)
-if numba.config.DISABLE_JIT:
+structref.register(_BoundType)  # type: ignore[no-untyped-call]
+if getattr(numba.config, "DISABLE_JIT", False):
 
     class Bound(NamedTuple):
         """Arguments of a kernel."""
@@ -100,7 +103,7 @@ if numba.config.DISABLE_JIT:
 
 else:
 
-    class Bound(structref.StructRefProxy):  # type: ignore[no-redef, misc]
+    class Bound(structref.StructRefProxy):  # type: ignore[no-redef]
         """Arguments of a kernel, unboxed once for many calls; a kernel makes it.
 
         Unboxing dozens of arrays takes as long as a small step of the filter.
@@ -109,7 +112,7 @@ else:
         arguments: tuple[Any, ...]
         """For kernels only."""
 
-    structref.define_proxy(Bound, _BoundType, ["arguments"])
+    structref.define_proxy(Bound, _BoundType, ["arguments"])  # type: ignore[no-untyped-call]
 
 
 def kernel_stamp(function: Callable[..., Any]) -> str:
