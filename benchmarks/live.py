@@ -1,15 +1,21 @@
 """Latency and memory of `slam.Slam` on a robot: odometry a thousand times a second for ten minutes.
 
     OMP_NUM_THREADS=1 uv run python benchmarks/live.py [--minutes 10] [--landmarks 100,500]
+    OMP_NUM_THREADS=1 uv run python benchmarks/live.py --strides [--landmarks 10,100,500]
 
 A robot drives round a course at 2 m/s among landmarks, each within 8 m of it observed forty times a
 second. Time is simulated: steps are taken one after the other, and the time of the processor is
 measured for each, without that of other processes. "Over 1 ms" is the fraction of the steps that
 take longer than the robot has; memory is that of the process, after the first minute and at the
 end.
+
+With `--strides`, the same steps are taken one by one and in one call, as `slam.run` does, in turns
+and by copies of the same filter, which has driven one lap; a scan is observed at every step, twenty
+times a second. What is printed are medians.
 """
 
 import argparse
+import copy
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saccade import slam
+from saccade.slam.strides import new_results
 from saccade.types import FloatArray, IntArray
 
 RATE = 1000
@@ -30,8 +37,10 @@ REACH = 8.0
 """Metres."""
 SPACING = 1.2
 """Metres of the course for each landmark."""
-U = np.diag([0.02, 0.01]) ** 2 * SPEED / RATE
-"""Of a step: 2 cm and 0.01 rad after a metre."""
+U = np.diag([0.02, 0.01]) ** 2
+"""Of a metre: 2 cm and 0.01 rad."""
+COMPARED, ROUNDS = 100, 15
+"""Steps that are taken in both ways, and how often."""
 SIGMA = np.array([0.05, 0.01])
 R = np.diag(SIGMA) ** 2
 
@@ -47,22 +56,24 @@ class Step(NamedTuple):
     names: IntArray | None = None
 
 
-def robot(steps: int, landmarks: int, seed: int = 0) -> Iterator[Step]:
+def robot(
+    steps: int, landmarks: int, rate: int = RATE, interval: int = SCAN_INTERVAL, seed: int = 0
+) -> Iterator[Step]:
     """What a robot passes to `Slam.step`; it starts at the origin with heading 0."""
     rng = np.random.default_rng(seed)
     radius = landmarks * SPACING / (2 * np.pi)
     angle = rng.uniform(0, 2 * np.pi, landmarks)
     away = radius + rng.uniform(1, 5, landmarks) * rng.choice([-1, 1], landmarks)
     world = np.column_stack([away * np.sin(angle), radius - away * np.cos(angle)])
-    control = np.array([SPEED / RATE, SPEED / RATE / radius])
-    noise = np.sqrt(U.diagonal())
+    control = np.array([SPEED / rate, SPEED / rate / radius])
+    noise = np.sqrt(U.diagonal() * SPEED / rate)
     for i in range(steps):
-        turn = SPEED * i / RATE / radius
+        turn = SPEED * i / rate / radius
         pose = np.array([radius * np.sin(turn), radius * (1 - np.cos(turn)), turn])
-        step = Step(i / RATE, None, None)
+        step = Step(i / rate, None, None)
         if i > 0:
-            step = step._replace(control=control + noise * rng.normal(size=2), U=U)
-        if i % SCAN_INTERVAL == 0:
+            step = step._replace(control=control + noise * rng.normal(size=2), U=U * SPEED / rate)
+        if i % interval == 0:
             near = np.flatnonzero(np.hypot(*(world - pose[:2]).T) < REACH)
             z = slam.observe(pose, world[near])[0] + SIGMA * rng.normal(size=(len(near), 2))
             step = step._replace(z=z, R=np.tile(R, (len(z), 1, 1)), names=near)
@@ -87,11 +98,50 @@ def soak(live: slam.Slam, steps: Iterator[Step], count: int) -> tuple[FloatArray
     return seconds, memory
 
 
+def compare(landmarks: int, association: str, rate: int = 20) -> None:
+    """Print the time of a step by itself, and in a stride."""
+    lap = int(landmarks * SPACING / SPEED * rate * 1.1)
+    steps = list(robot(lap + COMPARED, landmarks, rate, 1))
+    start = slam.Slam(slam.EkfConfig(association=association))
+    for step in steps[:lap]:
+        start.step(*step)
+    steps = steps[lap:]
+    scans = [np.concatenate([step[i] for step in steps]) for i in (3, 4, 5)]
+    edge = np.cumsum([0, *(len(step.z) for step in steps)])
+    motion = [np.array([step[i] for step in steps]) for i in (0, 1, 2)]
+    microseconds = []
+    for _ in range(ROUNDS + 1):
+        many, live = copy.deepcopy(start), copy.deepcopy(start)
+        times = [time.thread_time()]
+        prepared = many.prepare(*motion, edge, *scans)
+        many.advance(prepared, COMPARED, new_results(COMPARED, len(scans[0])))
+        times.append(time.thread_time())
+        for step in steps:
+            live.step(*step)
+        times.append(time.thread_time())
+        assert many.ekf.state.tobytes() == live.ekf.state.tobytes()
+        microseconds.append(np.diff(times) / COMPARED * 1e6)
+    in_stride, alone = np.median(microseconds[1:], 0)
+    print(
+        f"{landmarks:9}  {association:11}{len(scans[0]) / COMPARED:12.1f}{in_stride:10.1f}"
+        f"{alone:10.1f}{alone / in_stride:7.2f}",
+        flush=True,
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=int, default=10)
     parser.add_argument("--landmarks", default="100,500")
+    parser.add_argument("--strides", action="store_true", help="compare with steps of a stride")
     options = parser.parse_args()
+    if options.strides:
+        print("                                    microseconds of a step")
+        print("landmarks  association observations in stride     alone  ratio")
+        for landmarks in map(int, options.landmarks.split(",")):
+            for association in ("auto", "known"):
+                compare(landmarks, association)
+        return
     count = options.minutes * 60 * RATE
     settings: dict[str, dict[str, Any]] = {
         "known": {"association": "known"},

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 from saccade.errors import ConfigError
 
@@ -22,7 +22,8 @@ try:
     with warnings.catch_warnings():  # Numba would go on, with its own traceback in a warning
         warnings.filterwarnings("error", "Environment variable", RuntimeWarning)
         import numba
-    from numba.core import event
+    from numba.core import event, types
+    from numba.experimental import structref
     from numba.extending import get_cython_function_address
 except (RuntimeWarning, ValueError) as error:
     given = ", ".join(each for each in os.environ if each.startswith("NUMBA_")) or "Numba"
@@ -57,6 +58,9 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
         fastmath: LLVM's fast-math flags by name, such as "reassoc" or "contract";
             leave out "nnan" and "ninf" wherever a NaN can occur.
 
+    A kernel whose name begins with an underscore is called by kernels only: it has no entry from
+    Python, which takes as long to compile as a small kernel.
+
     Returns:
         A decorator; the compiled function keeps its plain Python body as `.py_func`
         unless Numba's JIT is switched off.
@@ -64,8 +68,14 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
 
     def compile_lazily(function: F) -> F:
         def compiled(*, cache: bool) -> F:
-            dispatcher = numba.njit(
-                function, cache=cache, nogil=True, error_model="numpy", fastmath=set(fastmath)
+            dispatcher = numba.njit(  # type: ignore[call-overload]
+                function,
+                cache=cache,
+                nogil=True,
+                error_model="numpy",
+                fastmath=set(fastmath),
+                no_cpython_wrapper=function.__name__.startswith("_"),
+                no_cfunc_wrapper=True,
             )
             if cache:
                 _stamp_cache(dispatcher, kernel_stamp(function))
@@ -77,6 +87,32 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
             return compiled(cache=False)
 
     return compile_lazily
+
+
+class _BoundType(types.StructRef):
+    """Numba's type of `Bound`."""
+
+
+structref.register(_BoundType)  # type: ignore[no-untyped-call]
+if getattr(numba.config, "DISABLE_JIT", False):
+
+    class Bound(NamedTuple):
+        """Arguments of a kernel."""
+
+        arguments: tuple[Any, ...]
+
+else:
+
+    class Bound(structref.StructRefProxy):  # type: ignore[no-redef]
+        """Arguments of a kernel, unboxed once for many calls; a kernel makes it.
+
+        Unboxing dozens of arrays takes as long as a small step of the filter.
+        """
+
+        arguments: tuple[Any, ...]
+        """For kernels only."""
+
+    structref.define_proxy(Bound, _BoundType, ["arguments"])  # type: ignore[no-untyped-call]
 
 
 def kernel_stamp(function: Callable[..., Any]) -> str:

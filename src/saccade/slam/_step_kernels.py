@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade._jit import kernel
+from saccade._jit import Bound, kernel
 from saccade.slam._recovery_kernels import LostEvidence, LostRule, leaves_out
 from saccade.slam.association._kernels import DROPPED, NEW, Gates, associate_nearest
 from saccade.slam.association._name_kernels import NameGates, associate_named
@@ -39,10 +39,10 @@ class Steps(NamedTuple):
     The scan of step i are the observations edge[i] to edge[i + 1].
     """
 
-    first: int
-    """Number of the first step since the start of the run."""
-    still: int
-    """1 if no control leads to the first step, else 0."""
+    first: IntArray
+    """(1,) number of the first step since the start of the run."""
+    still: IntArray
+    """(1,) 1 if no control leads to the first step, else 0."""
     time: FloatArray
     """(t,)."""
     control: FloatArray
@@ -96,25 +96,35 @@ class Rules(NamedTuple):
 
 
 @kernel()
-def take_steps(
+def bind_steps(
     f: FilterState,
     w: Scratch,
     s: Steps,
-    end: int,
     rules: Rules,
     names: NameTable,
     visibility: VisibilityCounts,
     evidence: LostEvidence,
     out: StepResults,
-) -> None:
-    """Take the steps before `end`, up to one that lacks room, culls, or leaves its scan out."""
-    while s.position[0] < end:
-        if not take_step(f, w, s, rules, names, visibility, evidence, out):
-            return
+) -> Bound:
+    """Bind the arguments of `take_steps`."""
+    return Bound((f, w, s, rules, names, visibility, evidence, out))
 
 
 @kernel()
-def take_step(
+def take_steps(bound: Bound, end: int) -> bool:
+    """Take the steps before `end`, up to one that lacks room, culls, or leaves its scan out.
+
+    Returns whether all of them were taken, and the last one did neither.
+    """
+    f, w, s, rules, names, visibility, evidence, out = bound.arguments
+    while s.position[0] < end:
+        if not _take_step(f, w, s, rules, names, visibility, evidence, out):
+            return False
+    return True
+
+
+@kernel()
+def _take_step(
     f: FilterState,
     w: Scratch,
     s: Steps,
@@ -138,7 +148,7 @@ def take_step(
     if s.position[1] < 0:
         if is_spread_due(f):
             return False
-        if i >= s.still:
+        if i >= s.still[0]:
             predict_by_control(f, w, s.control[i], s.U[i], s.bias_jacobian[i])  # C.5-C.9
         z, R, confirmed = s.z[start:end], s.R[start:end], visibility.confirmed
         if rules.lost.enabled and end > start:

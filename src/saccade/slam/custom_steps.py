@@ -18,7 +18,7 @@ def take_custom_step(slam: "Slam", s: Steps, out: StepResults) -> IntArray:
     ekf, i = slam.ekf, int(s.position[0])
     scan, culled = slice(s.edge[i], s.edge[i + 1]), np.empty(0, np.int64)
     z, R, identity, found = s.z[scan], s.R[scan], s.identity[scan], s.landmark[scan]
-    if i >= s.still:
+    if i >= s.still[0]:
         ekf.predict(s.control[i], s.U[i])  # C.5-C.9
     if len(z) > 0:
         ekf.confirmed = slam.culling.confirmed(len(ekf))

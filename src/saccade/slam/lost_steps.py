@@ -43,8 +43,9 @@ def take_lost_step(slam: "Slam", s: Steps, out: StepResults) -> None:
 def renumber(slam: "Slam", s: Steps) -> None:
     """Number named landmarks ahead anew, after scans that added none."""
     if isinstance(slam.associate, KnownIdentity) and slam.is_compiled:
-        first, mapped = s.edge[s.position[0]], len(slam.ekf)
+        first, end, mapped = s.edge[s.position[0]], s.edge[-1], len(slam.ekf)
         known = slam.associate.number
         slam.associate.number = {name: n for name, n in known.items() if n < mapped}
         scan = np.repeat(np.arange(len(s.time)), np.diff(s.edge))[first:]
-        s.landmark[first:] = slam.associate.number_ahead(s.identity[first:], scan, mapped)
+        identity = s.identity[first:end]
+        s.landmark[first:end] = slam.associate.number_ahead(identity, scan, mapped)

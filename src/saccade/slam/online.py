@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from saccade.errors import require
 from saccade.slam._step_kernels import StepResults, Steps
-from saccade.slam.association._kernels import NEW
 from saccade.slam.association._name_table_kernels import NameTable
 from saccade.slam.association.choice import association_rule
 from saccade.slam.association.doubted import DoubtedIdentity
@@ -20,17 +19,21 @@ from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.custom_steps import take_custom_step
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.validation import as_array, check_all, regularized
+from saccade.slam.filter.odometry_bias import bias_jacobian
+from saccade.slam.filter.validation import MIN_SIGMA, as_array, as_names, as_number, check_noise
 from saccade.slam.lost_steps import leave_out, take_lost_step
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult, check_diverged
-from saccade.slam.strides import new_results, new_stride, take_stride
+from saccade.slam.scan_memory import ScanMemory, new_steps
+from saccade.slam.strides import new_stride, take_stride
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
+NONE = np.empty(0, np.int64)
+"""No landmarks."""
 NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 """For rules that do not doubt names; as of a log without any."""
 
@@ -119,6 +122,8 @@ class Slam:
         self.doubted = self.associate if isinstance(self.associate, DoubtedIdentity) else None
         parts = self.associate, self.culling.rule, self.recovery.rule
         self._stride = new_stride(*parts, adds=adds, submaps=config.submaps == "always")
+        self._scan = ScanMemory()
+        self._noise = config.motion_noise_scale**2, config.sensor_noise_scale**2
 
     def step(
         self,
@@ -148,30 +153,26 @@ class Slam:
             LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
         """
         k, c = 0 if z is None else len(z), self._control_size
-        c = c or (1 if control is None else np.size(control))
-        steps = self.prepare(
-            as_array("time", (1,), time),
-            as_array("control", (0, c) if control is None else (1, c), control),
-            as_array(
-                "covariance of the control",
-                (0 if control is None else 1, c, c),
-                U if control is not None else None,
-            ),
-            np.array([0, k]),
-            as_array("observations", (k, 2), z),
-            as_array("covariances of the observations", (k, 2, 2), R),
-            np.full(k, -1) if names is None else as_array("names", (k,), names).astype(np.int64),
-        )
-        out = new_results(1, k)
-        culled = self.advance(steps, 1, out)
+        moves, c = control is not None, c or (1 if control is None else np.size(control))
+        s, out = self._scan.room_for(k, c, self.ekf.robot_filter.robot_size - 3)
+        s.first[0], s.still[0], s.edge[1] = self.num_steps, not moves, k
+        s.time[0] = as_number("time", time)
+        if moves:
+            s.control[0] = as_array("control", (c,), control)
+            s.U[0] = as_array("covariance of the control", (c, c), U)
+        s.z[:k] = as_array("observations", (k, 2), z)
+        s.R[:k] = as_array("covariances of the observations", (k, 2, 2), R)
+        s.identity[:k] = -1 if names is None else as_names(k, names)
+        self._complete(s, int(moves), k)
+        culled = self.advance(s, 1, out)
         return StepResult(
-            pose=out.pose[0],
-            covariance=out.covariance[0],
-            association=np.maximum(steps.landmark, -1),
-            innovations=out.innovations.value,
-            innovation_covariances=out.innovations.covariance,
-            nis=out.innovations.nis,
-            refused=steps.refused,
+            pose=out.pose[0].copy(),
+            covariance=out.covariance[0].copy(),
+            association=np.maximum(s.landmark[:k], -1),
+            innovations=out.innovations.value[:k].copy(),
+            innovation_covariances=out.innovations.covariance[:k].copy(),
+            nis=out.innovations.nis[:k].copy(),
+            refused=s.refused[:k].copy(),
             culled=culled[0] if culled else np.empty(0, np.int64),
             lost=bool(out.lost[0]),
             hypotheses=self.recovery.hypotheses,
@@ -200,34 +201,28 @@ class Slam:
             R: (k, 2, 2).
             identity: (k,) of the landmarks, -1 where it is unknown.
         """
-        config, still = self.config, len(time) - len(control)
-        U = U * config.motion_noise_scale**2
-        R = regularized(R * config.sensor_noise_scale**2)
-        check_all("control", control, U)
-        check_all("observation", z, R)
-        control = np.concatenate([np.zeros((still, *control.shape[1:])), control])
-        landmark, name = np.full(len(z), NEW), np.full(len(z), -1)
-        if self.is_compiled and isinstance(self.associate, KnownIdentity):
-            scan = np.repeat(np.arange(len(time)), np.diff(edge))
-            landmark = self.associate.number_ahead(identity, scan, len(self.ekf))
-        elif self.doubted is not None:
-            name = self.doubted.number(identity)
-        return Steps(
-            first=self.num_steps,
-            still=still,
-            time=np.array(time, np.float64),
-            control=control,
-            U=np.concatenate([np.zeros((still, *U.shape[1:])), U]),
-            bias_jacobian=self.ekf.bias_jacobian(control),
-            edge=edge,
-            z=np.array(z, np.float64, order="C"),
-            R=np.array(R, order="C"),
-            identity=identity,
-            landmark=landmark,
-            name=name,
-            refused=np.zeros(len(z), np.bool_),
-            position=np.array([0, -1]),
+        t, k, c = len(time), len(z), control.shape[1]
+        still, r = t - len(control), self.ekf.robot_filter.robot_size
+        steps = new_steps(t, k, c, r - 3)._replace(
+            time=np.array(time, np.float64), edge=edge, identity=identity
         )
+        steps.first[0], steps.still[0] = self.num_steps, still
+        steps.control[still:], steps.U[still:], steps.z[:], steps.R[:] = control, U, z, R
+        self._complete(steps, t - still, k)
+        return steps
+
+    def _complete(self, s: Steps, moves: int, k: int) -> None:
+        """Validate and associate the next steps, with so many controls at their end."""
+        first, motion, sensor = len(s.time) - moves, *self._noise
+        check_noise("control", s.control, s.U, first, first + moves, motion, 0.0)
+        check_noise("observation", s.z, s.R, 0, k, sensor, MIN_SIGMA)
+        if s.bias_jacobian.size > 0:
+            s.bias_jacobian[:] = bias_jacobian(s.control)
+        if self.is_compiled and isinstance(self.associate, KnownIdentity):
+            scan = np.searchsorted(s.edge, np.arange(k), "right")
+            s.landmark[:k] = self.associate.number_ahead(s.identity[:k], scan, len(self.ekf))
+        elif self.doubted is not None:
+            s.name[:k] = self.doubted.number(s.identity[:k])
 
     def advance(self, s: Steps, end: int, out: StepResults) -> list[IntArray]:
         """Take the steps before `end`; fills `out` and the association.
@@ -251,8 +246,9 @@ class Slam:
             if len(landmarks) > 0:
                 culled.append(landmarks)
                 self.remove(landmarks, s.landmark)
-        self.num_steps = s.first + end
-        check_diverged(out.pose[start:end], s.first + start)
+        first = int(s.first[0])
+        self.num_steps = first + end
+        check_diverged(out.pose[start:end], first + start)
         return culled
 
     def remove(self, landmarks: IntArray, association: IntArray) -> None:
@@ -270,9 +266,9 @@ class Slam:
 
     def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
         """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
-        take_stride(
-            self.ekf, s, end, self._stride, self.names, self.culling, self.recovery.evidence, out
-        )
+        parts = self.names, self.culling, self.recovery.evidence
+        if take_stride(self.ekf, s, end, self._stride, *parts, out):
+            return NONE
         done = s.position[1] < 0  # else the step is interrupted, and its numbers are still in use
         return self.culling.remove_culled(self.stale if done else np.empty(0, np.int64))
 

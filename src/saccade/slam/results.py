@@ -1,6 +1,7 @@
 """Results of a step, innovations and predicted observations."""
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -82,10 +83,9 @@ def check_diverged(pose: FloatArray, first: int) -> None:
     Raises:
         LogError: names the pose.
     """
-    diverged = ~(np.abs(pose).max(1) < MAX_COORDINATE)
-    if diverged.any():
-        raise LogError(
-            f"pose {first + int(diverged.argmax())}: expected a position within "
-            f"{MAX_COORDINATE:g} m, found that the estimate diverged; observations or controls "
-            "contradict their standard deviations"
-        )
+    for i, (x, y, theta) in enumerate(pose.tolist(), first):
+        if not (abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE and isfinite(theta)):
+            raise LogError(
+                f"pose {i}: expected a position within {MAX_COORDINATE:g} m, found that the "
+                "estimate diverged; observations or controls contradict their standard deviations"
+            )

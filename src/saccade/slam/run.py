@@ -202,7 +202,8 @@ def _steps(slam: Slam, log: LandmarkLog) -> Steps:
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
     scans = edge, log.observation, log.observation_covariance, log.landmark
     steps = slam.prepare(log.time, log.control, log.control_covariance, *scans)
-    return steps._replace(first=max(0, slam.num_steps - 1))  # at the first pose it is already
+    steps.first[0] = max(0, slam.num_steps - 1)  # at the first pose it is already
+    return steps
 
 
 def dead_reckon(

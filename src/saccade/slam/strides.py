@@ -1,19 +1,21 @@
 """Many steps at once in compiled code, in the whole map or in a neighborhood of the robot."""
 
 from math import inf
-from typing import NamedTuple
+from operator import is_not
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from saccade._jit import Bound
 from saccade.slam._recovery_kernels import LostEvidence, LostRule
-from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
+from saccade.slam._step_kernels import Rules, StepResults, Steps, bind_steps, take_steps
 from saccade.slam.association._kernels import NEW, Gates
 from saccade.slam.association._name_kernels import NameGates
 from saccade.slam.association._name_table_kernels import NameTable
 from saccade.slam.association.doubted import DoubtedIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
-from saccade.slam.filter.compressed import CompressedSlam
+from saccade.slam.filter.compressed import CompressedSlam, Neighborhood
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.map_management._kernels import CullingRule
 from saccade.slam.map_management.culling import Culling
@@ -24,11 +26,30 @@ NO_GATES = Gates(inf, inf, False)
 """For rules that are not nearest-neighbor association."""
 
 
+class Binding:
+    """Binds the arguments of `take_steps`, anew where they are others than before."""
+
+    def __init__(self) -> None:
+        self._arguments: tuple[object, ...] = ()
+        self._bound: Bound | None = None
+
+    def __call__(self, *arguments: Any) -> Bound:
+        """The arguments of `bind_steps`, bound."""
+        if self._bound is None or any(map(is_not, arguments, self._arguments)):
+            self._arguments, self._bound = arguments, bind_steps(*arguments)
+        return self._bound
+
+    def __reduce__(self) -> tuple[type["Binding"], tuple[()]]:
+        """A copy binds arrays of its own."""
+        return Binding, ()
+
+
 class Stride(NamedTuple):
     """How steps are taken, and in which part of the map."""
 
     rules: Rules
     submaps: Submaps
+    binding: Binding
 
 
 def new_stride(
@@ -45,7 +66,7 @@ def new_stride(
         lost=lost,
         adds=adds,
     )
-    return Stride(rules, Submaps(submaps, rules))
+    return Stride(rules, Submaps(submaps, rules), Binding())
 
 
 def take_stride(
@@ -57,37 +78,65 @@ def take_stride(
     culling: Culling,
     evidence: LostEvidence,
     out: StepResults,
-) -> None:
+) -> bool:
     """Take the steps before `end`, as far as there is room; see `take_steps`."""
-    i, new, place = int(s.position[0]), 0, None
-    if s.position[1] >= 0:  # it was interrupted; a number that depends on this step alone
-        new = int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW))
-    else:
-        ekf.spread()
-    if isinstance(ekf, CompressedSlam):
+    position, place = s.position.tolist(), None
+    observations = int(s.edge[end] - s.edge[position[0]])
+    if isinstance(ekf, CompressedSlam) and not stride.submaps.is_small(ekf, observations):
+        if position[1] < 0:
+            ekf.spread()
         end, place = stride.submaps.plan(ekf, s, end, names, culling.reach)
-    part = ekf if place is None else place
-    part.reserve(max(new, 1))
-    f, w = part.filter_state, part.scratch
-    mapped, scans = len(ekf), s.landmark[s.edge[i] : s.edge[end]]
-    culling.reserve(mapped + len(f.blocks) - len(part))
-    counts, local_names = culling.counts, names
     if place is not None:
-        scans[:] = place.from_map(scans)
-        place.mark(scans)
-        local_names = read_names(names, place)
-        counts = read_counts(counts, place)
-    take_steps(f, w, s, end, stride.rules, local_names, counts, evidence, out)
-    while place is not None and s.position[0] < end and not counts.culled.any():
-        if not place.flush_if_full():
-            break
-        take_steps(f, w, s, end, stride.rules, local_names, counts, evidence, out)
-    if place is not None:
-        place.mark(scans)
-        scans[:] = place.to_map(scans)
-        write_names(names, local_names, place)
-        write_counts(culling.counts, counts, place)
-    stride.submaps.count(s, i)
+        _take_in_neighborhood(place, s, end, stride, names, culling, evidence, out)
+        stride.submaps.count(s, position[0])
+        return False
+    f = ekf.filter_state
+    culling.reserve(len(f.blocks))
+    bound = stride.binding(f, ekf.scratch, s, stride.rules, names, culling.counts, evidence, out)
+    done = bool(take_steps(bound, end))
+    after = s.position.tolist()
+    if after[1] >= 0 or after == position:  # there was no room for all of a step
+        if after[1] < 0:
+            ekf.spread()
+        ekf.reserve(_count_new(s))
+    stride.submaps.count(s, position[0])
+    return done
+
+
+def _take_in_neighborhood(
+    place: Neighborhood,
+    s: Steps,
+    end: int,
+    stride: Stride,
+    names: NameTable,
+    culling: Culling,
+    evidence: LostEvidence,
+    out: StepResults,
+) -> None:
+    """Take steps in a part of the map, whose landmarks have other numbers there."""
+    mapped, scans = place.mapped, s.landmark[s.edge[s.position[0]] : s.edge[end]]
+    place.reserve(_count_new(s))
+    culling.reserve(mapped + len(place.filter_state.blocks) - len(place))
+    scans[:] = place.from_map(scans)
+    place.mark(scans)
+    local_names, counts = read_names(names, place), read_counts(culling.counts, place)
+    f, w, rules = place.filter_state, place.scratch, stride.rules
+    bound = stride.binding(f, w, s, rules, local_names, counts, evidence, out)
+    take_steps(bound, end)
+    while s.position[0] < end and not counts.culled.any() and place.flush_if_full():
+        take_steps(bound, end)
+    place.mark(scans)
+    scans[:] = place.to_map(scans)
+    write_names(names, local_names, place)
+    write_counts(culling.counts, counts, place)
+
+
+def _count_new(s: Steps) -> int:
+    """Landmarks for which room is needed: those of a step that was interrupted, at least one."""
+    if s.position[1] < 0:
+        return 1
+    i = int(s.position[0])
+    return max(int(np.count_nonzero(s.landmark[s.edge[i] : s.edge[i + 1]] == NEW)), 1)
 
 
 def new_results(t: int, k: int) -> StepResults:

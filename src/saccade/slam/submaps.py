@@ -70,6 +70,13 @@ class Submaps:
         self._bias = self._bias_sigma = np.zeros(0)
         self._needed = 0.0
 
+    def is_small(self, ekf: CompressedSlam, observations: int) -> bool:
+        """Whether the map is too small for neighborhoods, also after so many observations."""
+        if self._always or ekf.neighborhood is not None or len(ekf) + observations >= LARGE:
+            return False
+        self._radius = -1.0
+        return True
+
     def plan(
         self, ekf: CompressedSlam, s: Steps, end: int, names: NameTable, reach: float
     ) -> tuple[int, Neighborhood | None]:
@@ -77,7 +84,6 @@ class Submaps:
 
         The sensor has observed landmarks up to a range of `reach` so far.
         """
-        self._view = max(reach, 0.0) if self._doubts and may_cull(names) else 0.0
         i = int(s.position[0])
         begun = s.position[1] >= 0
         room = LARGE - len(ekf)
@@ -86,6 +92,7 @@ class Submaps:
             if s.edge[end] - s.edge[i] > room:  # it may become large before the end
                 end = max(i + 1, int(np.searchsorted(s.edge, s.edge[i] + room, "right")) - 1)
             return end, None
+        self._view = max(reach, 0.0) if self._doubts and may_cull(names) else 0.0
         if begun and ekf.neighborhood is None and self._radius < 0:
             return i + 1, None
         if not begun and (self._radius < 0 or (ekf.neighborhood is None and not self._in_whole)):

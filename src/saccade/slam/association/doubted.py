@@ -65,13 +65,13 @@ class DoubtedIdentity(Association):
 
     def number(self, identity: IntArray) -> IntArray:
         """Rows (k,) of the table for identities (k,), -1 where unknown; adds those that are new."""
-        names, first, which = np.unique(identity, return_index=True, return_inverse=True)
-        for name in names[np.argsort(first)].tolist():
-            if name >= 0:
-                self._number.setdefault(name, len(self._number))
-        if len(self._number) > len(self.table.landmark):
-            self.table = _grown(self.table, len(self._number))
-        return np.array([self._number.get(name, -1) for name in names.tolist()], np.int64)[which]
+        number = self._number
+        rows = [
+            number.setdefault(name, len(number)) if name >= 0 else -1 for name in identity.tolist()
+        ]
+        if len(number) > len(self.table.landmark):
+            self.table = _grown(self.table, len(number))
+        return np.array(rows, np.int64)
 
     def bind(self, identity: int, landmark: int) -> None:
         """Give an identity that has no landmark the one of another map."""
@@ -93,6 +93,8 @@ class DoubtedIdentity(Association):
     @property
     def stale(self) -> IntArray:
         """(n,) landmarks that are to be removed from the map."""
+        if self.table.counts[STALE] == 0:
+            return np.empty(0, np.int64)
         return np.unique(self.table.stale[self.table.stale >= 0])
 
     def identities(self, landmarks: int) -> IntArray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.slam.association._kernels import DROPPED, NEW
+from saccade.slam.association._kernels import DROPPED
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter.ekf import EkfSlam
@@ -37,16 +37,16 @@ class KnownIdentity(Association):
         Returns:
             (k,) number of the landmark in the map, in the order of first observation, or `DROPPED`.
         """
-        names, first, which = np.unique(identity, return_index=True, return_inverse=True)
-        known = [self.number.get(name, NEW) if name >= 0 else DROPPED for name in names.tolist()]
-        number = np.array(known, np.int64)
-        new = np.flatnonzero(number == NEW)
-        new = new[np.argsort(first[new])]
-        repeated = (number == NEW)[which] & (scan == scan[first[which]])
-        repeated[first] = False
-        number[new] = mapped + np.arange(len(new))
-        self.number.update(zip(names[new].tolist(), number[new].tolist(), strict=True))
-        return np.where(repeated, DROPPED, number[which])
+        first: dict[int, int] = {}  # scan of each new landmark
+        association = []
+        for name, i in zip(identity.tolist(), scan.tolist(), strict=True):
+            if name < 0 or first.get(name) == i:
+                association.append(DROPPED)
+                continue
+            if name not in self.number:
+                self.number[name], first[name] = mapped + len(first), i
+            association.append(self.number[name])
+        return np.array(association, np.int64)
 
     def identities(self, landmarks: int) -> IntArray:
         """(n,) identity of each landmark of a map of n, -1 where it has none."""

@@ -1,6 +1,6 @@
 """Validation of values and covariances."""
 
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -11,6 +11,34 @@ LARGEST = 1e9
 """Metres or radians; larger numbers are invalid, and their squares might overflow."""
 SLACK = 1e-9
 """Rounding tolerance of a covariance, as a fraction of its largest entry."""
+
+
+@kernel()
+def prepare_noise(
+    values: FloatArray,
+    covariances: FloatArray,
+    start: int,
+    end: int,
+    factor: float,
+    min_sigma: float,
+) -> int:
+    """Multiply covariances (k, c, c) from `start` to `end` by a factor, in place.
+
+    Singular ones (2, 2) get the variance of `min_sigma` in every direction if it is positive.
+    Returns the index, from `start` on, of the first invalid one, see `first_invalid`.
+    """
+    c = values.shape[1]
+    for n in range(start, end):
+        C = covariances[n]
+        for i in range(c):
+            for j in range(c):
+                C[i, j] *= factor
+        if min_sigma > 0:
+            smallest = (C[0, 0] + C[1, 1]) / 2 - hypot((C[0, 0] - C[1, 1]) / 2, C[0, 1])
+            if smallest < min_sigma * min_sigma:  # eigenvalue
+                C[0, 0] += min_sigma * min_sigma
+                C[1, 1] += min_sigma * min_sigma
+    return first_invalid(values[start:end], covariances[start:end])
 
 
 @kernel()

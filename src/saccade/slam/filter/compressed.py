@@ -72,6 +72,11 @@ class Neighborhood:
     def __len__(self) -> int:
         return int(self.filter_state.counts[LANDMARKS])
 
+    @property
+    def mapped(self) -> int:
+        """Landmarks of the map."""
+        return len(self) + len(self.rest)
+
     def numbers(self, count: int) -> IntArray:
         """(count,) number in the map of its first landmarks, with those added or to be added."""
         added = len(self.number) + np.arange(count - len(self.inside))
@@ -145,7 +150,7 @@ class CompressedSlam(EkfSlam):
     def __len__(self) -> int:
         if self.neighborhood is None:
             return int(self._whole.counts[LANDMARKS])
-        return len(self.neighborhood) + len(self.neighborhood.rest)
+        return self.neighborhood.mapped
 
     def enter(self, inside: IntArray) -> Neighborhood:
         """Work among these landmarks (k,), ascending, until `leave`."""

@@ -1,9 +1,13 @@
 """Validates inputs before the state changes."""
 
+from math import isfinite
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import LogError
-from saccade.slam.filter._validation_kernels import LARGEST, first_invalid
+from saccade.slam.filter._validation_kernels import LARGEST, first_invalid, prepare_noise
 from saccade.types import FloatArray
 
 MIN_SIGMA = 1e-4
@@ -46,7 +50,25 @@ def check_covariance(name: str, value: FloatArray, size: int) -> FloatArray:
 
 def check_all(name: str, values: FloatArray, covariances: FloatArray) -> None:
     """Raise for the first invalid one of values (k, c) and their covariances (k, c, c)."""
-    i = first_invalid(values, covariances)
+    _raise_for(first_invalid(values, covariances), name, values, covariances)
+
+
+def check_noise(
+    name: str,
+    values: FloatArray,
+    covariances: FloatArray,
+    start: int,
+    end: int,
+    factor: float,
+    min_sigma: float,
+) -> None:
+    """Multiply covariances by a factor in place, and `check_all`; see `prepare_noise`."""
+    i = prepare_noise(values, covariances, start, end, factor, min_sigma)
+    if i >= 0:
+        _raise_for(i, name, values[start:], covariances[start:])
+
+
+def _raise_for(i: int, name: str, values: FloatArray, covariances: FloatArray) -> None:
     if i >= 0:
         check_vector(f"{name} {i}", values[i])
         check_covariance(f"covariance of {name} {i}", covariances[i], values.shape[1])
@@ -61,22 +83,27 @@ def check_landmark(landmark: int, count: int) -> None:
         )
 
 
-def as_array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
-    """The finite numbers as an array of this shape; None for none."""
+def as_array(name: str, shape: tuple[int, ...], value: object) -> npt.NDArray[Any]:
+    """The numbers as an array of this shape; None for none."""
     if value is None and 0 in shape:
         return np.empty(shape)
-    array = np.asarray(np.nan if value is None else value, np.float64)
-    if array.ndim == len(shape) - 1 and shape[0] == 1:
-        array = array[None]
+    array = np.asarray(np.nan if value is None else value)
     if array.shape != shape:
         raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
-    if not np.isfinite(array).all():
-        raise LogError(f"{name}: expected finite numbers, found {array.tolist()}")
     return array
 
 
-def regularized(R: FloatArray) -> FloatArray:
-    """Covariances (k, 2, 2), singular ones with `MIN_SIGMA` in every direction."""
-    a, b, d = R[:, 0, 0], R[:, 0, 1], R[:, 1, 1]
-    smallest = (a + d) / 2 - np.hypot((a - d) / 2, b)  # eigenvalue
-    return R + MIN_SIGMA**2 * (smallest < MIN_SIGMA**2)[:, None, None] * np.eye(2)
+def as_names(k: int, value: object) -> npt.NDArray[Any]:
+    """The finite numbers (k,)."""
+    names = as_array("names", (k,), value)
+    if names.dtype.kind != "i" and not np.isfinite(names).all():
+        raise LogError(f"names: expected finite numbers, found {names.tolist()}")
+    return names
+
+
+def as_number(name: str, value: object) -> float:
+    """The finite number."""
+    number = float(as_array(name, (), value))
+    if not isfinite(number):
+        raise LogError(f"{name}: expected finite numbers, found {number}")
+    return number

@@ -183,6 +183,8 @@ class Culling:
             (k,) all of them.
         """
         counts = self.counts
+        if len(others) == 0 and not counts.culled.any():
+            return others
         culled = np.union1d(np.flatnonzero(counts.culled), others)
         if len(culled) > 0 and len(counts.culled) > 0:
             confirmed = int(counts.confirmed[culled].sum())
