@@ -85,9 +85,7 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        self.ekf: EkfSlam = (
-            EkfSlam if config.submaps == "never" or config.recover else CompressedSlam
-        )(
+        self.ekf: EkfSlam = (EkfSlam if config.submaps == "never" else CompressedSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             motion=motion,

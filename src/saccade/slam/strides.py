@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from saccade.slam._recovery_kernels import LostEvidence, LostRule
+from saccade.slam._recovery_kernels import OUTSIDE, SKIPPED, LostEvidence, LostRule
 from saccade.slam._step_kernels import Rules, StepResults, Steps, take_steps
 from saccade.slam.association._kernels import NEW, Gates
 from saccade.slam.association._name_kernels import NameGates
@@ -77,9 +77,10 @@ def take_stride(
         place.mark(scans)
         local_names = read_names(names, place)
         counts = read_counts(counts, place)
+    evidence.values[OUTSIDE] = mapped - len(part)
     take_steps(f, w, s, end, stride.rules, local_names, counts, evidence, out)
     while place is not None and s.position[0] < end and not counts.culled.any():
-        if not place.flush_if_full():
+        if evidence.values[SKIPPED] or not place.flush_if_full():
             break
         take_steps(f, w, s, end, stride.rules, local_names, counts, evidence, out)
     if place is not None:

@@ -60,7 +60,7 @@ class Submaps:
 
     def __init__(self, always: bool, rules: Rules) -> None:
         self._always = always
-        self._doubts = rules.culling.enabled
+        self._doubts, self._recovers = rules.culling.enabled, rules.lost.enabled
         self._view = 0.0
         gate = rules.gates.new_gate
         self._gate = sqrt(gate) if isfinite(gate) else 0.0
@@ -77,7 +77,8 @@ class Submaps:
 
         The sensor has observed landmarks up to a range of `reach` so far.
         """
-        self._view = max(reach, 0.0) if self._doubts and may_cull(names) else 0.0
+        expects = self._recovers or (self._doubts and may_cull(names))
+        self._view = max(reach, 0.0) if expects else 0.0
         i = int(s.position[0])
         begun = s.position[1] >= 0
         room = LARGE - len(ekf)
@@ -165,7 +166,7 @@ class Submaps:
         reach = s.z[first:last, 0] + self._gate * np.sqrt(s.R[first:last, 0, 0])
         step = np.searchsorted(s.edge, np.arange(first, last), "right") - 1 - start
         np.maximum.at(needed, step, reach)
-        return np.maximum.accumulate(needed) if self._doubts else needed
+        return np.maximum.accumulate(needed) if self._doubts or self._recovers else needed
 
 
 def _named(s: Steps, names: NameTable, start: int, end: int) -> tuple[IntArray, ...]:
