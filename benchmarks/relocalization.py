@@ -5,7 +5,8 @@
 The map is that of a run with known identities; the scans are those of another run, without them. A
 start is correct within three standard deviations or 0.3 m of the true pose, and 0.15 rad. It ends
 after five scans, or when a hypothesis has a probability over .99 ("sure"). A recorded log is run
-without names; its starts are poses with eight or more observations, and right where the filter was.
+without names; its starts are poses with eight or more observations, then those with fewer, and
+right where the filter was.
 """
 
 import argparse
@@ -17,7 +18,7 @@ import numpy as np
 
 from saccade import datasets, slam
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.types import FloatArray, LandmarkLog, LandmarkMap
+from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap
 
 ROBOT = WorldConfig(
     course_length=60, landmarks=60, landmark_spread=6, steps=800, range_limits=(0.5, 8.0)
@@ -83,8 +84,16 @@ def run_recorded(path: Path, starts: int) -> None:
     log = replace(log, landmark=np.full_like(log.landmark, -1))
     result = slam.run(log)
     count = np.bincount(log.observation_pose, minlength=len(log.time))
-    chosen = np.flatnonzero(count[:-50] >= 8)
-    chosen = np.random.default_rng(0).choice(chosen, min(starts, len(chosen)), replace=False)
+    poses = np.flatnonzero(count[:-50])
+    for name, many in ((path.name, True), (f"{path.name[:12]}, under 8", False)):
+        among = poses[(count[poses] >= 8) == many]
+        chosen = np.random.default_rng(0).choice(among, min(starts, len(among)), replace=False)
+        print(f"{len(among)} of {len(poses)} poses with observations:")
+        run_starts(name, log, result, chosen)
+
+
+def run_starts(name: str, log: LandmarkLog, result: slam.SlamResult, chosen: IntArray) -> None:
+    """Starts at some poses (m,) of a recorded log."""
     correct = sure = wrong = scans = 0
     start = time.perf_counter()
     for first in chosen:
@@ -97,7 +106,7 @@ def run_recorded(path: Path, starts: int) -> None:
         correct += right
         sure += found.probability[0] > SURE
         wrong += not right and found.probability[0] > SURE
-    report(path.name, len(chosen), correct, sure, wrong, scans, time.perf_counter() - start)
+    report(name, len(chosen), correct, sure, wrong, scans, time.perf_counter() - start)
 
 
 def is_right(error: FloatArray, covariance: FloatArray) -> bool:

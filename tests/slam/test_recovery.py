@@ -125,3 +125,20 @@ def test_a_small_map_is_never_left():
     wild = dataclasses.replace(log, observation=log.observation[::-1].copy())
     config = slam.EkfConfig(recover=True, association="known")
     assert not slam.run(wild, config).lost.any()
+
+
+def test_one_thing_that_no_landmark_explains_is_not_evidence_in_every_scan():
+    log = kidnapped(3, named=False, jump=0)
+    before = log.observation_pose < STEP
+    standing = np.arange(STEP, STEP + 200, 2)  # as before something that hides all the rest
+    log = dataclasses.replace(
+        log,
+        control=np.where(np.arange(len(log.control))[:, None] < STEP, log.control, 0.0),
+        observation_pose=np.concatenate([log.observation_pose[before], standing]),
+        observation=np.concatenate([log.observation[before], np.tile([1.2, 0.1], (100, 1))]),
+        observation_covariance=np.concatenate(
+            [log.observation_covariance[before], np.tile(1e-4 * np.eye(2), (100, 1, 1))]
+        ),
+        landmark=np.full(before.sum() + 100, -1),
+    )
+    assert not slam.run(log, RECOVER).lost.any()

@@ -63,10 +63,17 @@ def facts(summary: Mapping[str, Any]) -> dict[str, str]:
         for name, (label, text) in LABELS.items()
         if summary.get(name) is not None
     }
+    if summary.get("lost"):
+        shown["lost"] = ", ".join(_interval(*times) for times in summary["lost"])
     if summary["nis_mean"] is not None:
         label, (low, high) = LABELS["nis_mean"][0], summary["nis_band"]
         shown[label] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
     return shown
+
+
+def _interval(lost: float, found: float | None) -> str:
+    """Times in seconds."""
+    return f"from {lost:.1f} s on" if found is None else f"{lost:.1f} to {found:.1f} s"
 
 
 def slam_part(

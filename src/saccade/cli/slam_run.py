@@ -183,6 +183,7 @@ def write_figures(
             truth=log.truth if log.truth is not None and has_headings(log.truth) else None,
             landmark_truth=log.landmark_truth,
             filtered=None if smoothed is None else result.trajectory,
+            lost=result.lost,
         ),
         files["picture"],
     )

@@ -1,6 +1,6 @@
 """Evidence of a scan that the robot is not where the filter believes."""
 
-from math import atan2, exp, floor, hypot, log, log2, pi, sqrt
+from math import atan2, cos, exp, floor, hypot, inf, log, log2, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +21,20 @@ MEMORY = 500.0
 """Expected landmarks in a cell after which its counts are halved, so that they follow changes."""
 WRONG_NAME = 0.05
 """Probability that a named observation is not of its landmark."""
-CAUTION = 4.0
-"""Factor on the covariance of innovations: a filter may be overconfident and still not lost."""
+SCALE_MEMORY = 200.0
+"""Observations over which the normalized innovation squared is averaged."""
 MAX_UNEXPLAINED = 1.5
-"""Largest evidence for every observation that is near no landmark."""
+"""Largest evidence of an observation that no landmark explains."""
+SCAN_MEMORY = 50.0
+"""Scans over which the numbers of unexplained observations and of misses are averaged."""
+RAREST = 0.01
+"""Least number of unexplained observations, and of squared misses, that is expected in a scan."""
+TINY = 1e-9
+"""Evidence of a point that has none yet; 0 is that of a free row."""
+SIGHTINGS = 2.0
+"""Observations of a point that count, however often it is observed."""
+POINTS, EVIDENCE = 32, 2
+"""Unexplained points that are remembered, and the column of their evidence."""
 MAX_EVIDENCE = 3.0
 """Largest evidence of one scan: its misses have common causes."""
 MIN_LANDMARKS = 8
@@ -32,7 +42,7 @@ MIN_LANDMARKS = 8
 LEFT_OUT, PATIENCE = 1.5, 4.0
 """Evidence of a scan from which it is left out of the filter, and the cumulative evidence that this
 takes if the scan has no names: gates protect the filter from most of a single wrong scan."""
-TOTAL, LATEST, REACH, SKIPPED = 0, 1, 2, 3
+TOTAL, LATEST, REACH, SKIPPED, CLUTTER, SCALE, SQUARES, VARIANCE, OUTSIDE = range(9)
 """Indices into `LostEvidence.values`."""
 
 
@@ -55,8 +65,12 @@ class LostEvidence(NamedTuple):
     observed: FloatArray
     """(RANGES, BEARINGS) of these, how many were observed."""
     values: FloatArray
-    """(4,) cumulative evidence, that of the latest scan, metres to the most distant landmark
-    observed, and 1 if the latest scan was left out."""
+    """(9,) cumulative evidence; that of the latest scan; metres to the most distant landmark
+    observed; 1 if the latest scan was left out; means of unexplained observations in a scan, of
+    half the normalized innovation squared, of the square of excess misses in a scan, and of its
+    variance if they were independent; landmarks of the map that are not in the filter state."""
+    points: FloatArray
+    """(POINTS, 3) x, y in metres and the evidence of unexplained points, 0 for free rows."""
 
 
 @kernel()
@@ -72,46 +86,93 @@ def leaves_out(
     """Add the evidence of a scan to the cumulative sum (Page 1954); whether to leave it out.
 
     Of a scan that is not left out, the landmarks that were expected and observed are counted.
-    Only `confirmed` landmarks are expected; of none, all. The association (k,) has the landmarks of
-    named observations; others are negative.
+    Only `confirmed` and named landmarks are expected; of none, all. The association (k,) has the
+    landmarks of named observations; others are negative.
     """
-    N = f.counts[LANDMARKS]
-    evidence.values[LATEST] = evidence.values[SKIPPED] = 0.0
-    if N < MIN_LANDMARKS:
+    N, values = f.counts[LANDMARKS], evidence.values
+    values[LATEST] = values[SKIPPED] = 0.0
+    if N + values[OUTSIDE] < MIN_LANDMARKS:
         return False
     landmark, cell = np.empty(N, np.int64), np.empty((N, 2), np.int64)
-    count = _landmarks_in_view(f, evidence, z, confirmed, landmark, cell)
+    count = _landmarks_in_view(f, evidence, z, confirmed, association, landmark, cell)
     landmark = landmark[:count]
     expected, S = np.empty((count, 2)), np.empty((count, 2, 2))
     predict_observations(f, landmark, expected, S)
-    density = np.empty((len(z), count))
-    _fill_densities(expected, S, z, R, rule.gate, density)
-    reach, out_of_view = evidence.values[REACH], 0
+    density, least = np.empty((len(z), count)), np.empty(len(z))
+    view = 2 * pi * max(values[REACH], z[:, 0].max())
+    _fill_densities(expected, S, z, R, rule.gate, values[SCALE], view, density, least)
     for k in range(len(z)):
-        reach = max(reach, z[k, 0])
         if 0 <= association[k] < N:
-            out_of_view += 1
             for j in range(count):
-                if landmark[j] == association[k]:
-                    out_of_view -= 1
-                else:
+                if landmark[j] != association[k]:
                     density[k, j] = 0.0
-    value = _evidence(evidence, cell, density, landmark, association, 2 * pi * reach)
-    value -= out_of_view * log(WRONG_NAME)
-    values = evidence.values
-    values[LATEST] = min(max(value, -MAX_EVIDENCE), MAX_EVIDENCE)
+    p, owner = np.empty(count), np.full(count, -1)
+    for j in range(count):
+        row, column = cell[j, 0], cell[j, 1]
+        p[j] = evidence.observed[row, column] / (evidence.expected[row, column] + UNTRIED)
+    explained = _explained(density, p, owner)
+    value = _evidence(evidence, density, p, owner, association, N, view)
+    room = np.full(len(z), MAX_UNEXPLAINED)
+    rarity = log((values[CLUTTER] + p.sum()) / values[CLUTTER])
+    for k in range(len(z)):
+        if explained[k]:
+            room[k] = 0.0
+        elif not 0 <= association[k] < N:
+            room[k] = min(rarity, MAX_UNEXPLAINED)
+    values[LATEST] = max(_limited(f, evidence, z, R, rule.gate, room, value), -MAX_EVIDENCE)
     values[TOTAL] = max(values[TOTAL] + values[LATEST], 0.0)
+    if values[TOTAL] == 0.0:
+        evidence.points[:, EVIDENCE] = 0.0
     if values[LATEST] >= LEFT_OUT and (association.max() >= 0 or values[TOTAL] >= PATIENCE):
         values[SKIPPED] = 1.0
         return True
     for j in range(count):
-        observed = False
-        for k in range(len(z)):
-            observed = observed or density[k, j] > 0
-        _count(evidence, cell[j], observed)
-        if observed:
-            values[REACH] = max(values[REACH], expected[j, 0])
+        _count(evidence, cell[j], owner[j] >= 0)
+        if owner[j] >= 0:
+            values[REACH] = max(values[REACH], z[owner[j], 0])
+    _learn(values, p, owner, explained, least)
     return False
+
+
+@kernel()
+def _explained(density: FloatArray, p: FloatArray, owner: IntArray) -> BoolArray:
+    """Fill the observation (c,) of each landmark; returns which observations (k,) have one.
+
+    Each has its likeliest landmark, unless another observation has it that is likelier.
+    """
+    explained = np.zeros(len(density), np.bool_)
+    for k in range(len(density)):
+        best, most = -1, 0.0
+        for j in range(density.shape[1]):
+            if density[k, j] > most:
+                best, most = j, density[k, j]
+        if best < 0 or (owner[best] >= 0 and density[owner[best], best] >= most):
+            continue
+        if owner[best] >= 0:
+            explained[owner[best]] = False
+        owner[best], explained[k] = k, True
+    return explained
+
+
+@kernel()
+def _learn(
+    values: FloatArray, p: FloatArray, owner: IntArray, explained: BoolArray, least: FloatArray
+) -> None:
+    """Learn from a scan how large innovations are, and how many observations are unexplained."""
+    misses, variance = 0.0, 0.0
+    for j in range(len(p)):
+        misses += p[j] - (owner[j] >= 0)
+        variance += p[j] * (1 - p[j])
+    values[SQUARES] += (misses * misses - values[SQUARES]) / SCAN_MEMORY
+    values[VARIANCE] += (variance - values[VARIANCE]) / SCAN_MEMORY
+    for k in range(len(explained)):
+        if explained[k]:
+            values[SCALE] += (least[k] / 2 - values[SCALE]) / SCALE_MEMORY
+    values[SCALE] = max(values[SCALE], 1.0)
+    unexplained = len(explained) - explained.sum()
+    values[CLUTTER] += (unexplained - values[CLUTTER]) / SCAN_MEMORY
+    values[CLUTTER] = max(values[CLUTTER], RAREST)
+    values[SQUARES] = max(values[SQUARES], RAREST)
 
 
 @kernel()
@@ -120,21 +181,28 @@ def _landmarks_in_view(
     evidence: LostEvidence,
     z: FloatArray,
     confirmed: BoolArray,
+    association: IntArray,
     landmark: IntArray,
     cell: IntArray,
 ) -> int:
-    """Fill the landmarks as far away as any observation so far, their cells; returns how many."""
+    """Fill the landmarks that are named, or as far away as any observation so far, and their cells.
+
+    Returns how many.
+    """
     s, r, reach, count = f.state, f.robot_size, evidence.values[REACH], 0
     for k in range(len(z)):
         reach = max(reach, z[k, 0])
     for i in range(f.counts[LANDMARKS]):
-        if len(confirmed) > 0 and not confirmed[i]:
+        is_named = False
+        for k in association:
+            is_named = is_named or k == i
+        if len(confirmed) > 0 and not confirmed[i] and not is_named:
             continue
         dx, dy = s[r + 2 * i] - s[0], s[r + 2 * i + 1] - s[1]
-        if abs(dx) > reach or abs(dy) > reach:
+        if max(abs(dx), abs(dy)) > reach and not is_named:
             continue
         q = hypot(dx, dy)
-        if q > reach:
+        if q > reach and not is_named:
             continue
         landmark[count] = i
         octaves = log2(max(q, SHORTEST) / SHORTEST)
@@ -152,10 +220,14 @@ def _fill_densities(
     z: FloatArray,
     R: FloatArray,
     gate: float,
+    scale: float,
+    view: float,
     density: FloatArray,
+    least: FloatArray,
 ) -> None:
     """Fill the density (k, c) of each observation for each landmark, 0 outside of the gate."""
     for k in range(len(z)):
+        least[k] = inf
         for j in range(len(expected)):
             density[k, j] = 0.0
             v, a = z[k, 0] - expected[j, 0], S[j, 0, 0] + R[k, 0, 0]
@@ -165,42 +237,76 @@ def _fill_densities(
             c, d = S[j, 0, 1] + R[k, 0, 1], S[j, 1, 1] + R[k, 1, 1]
             square = squared_distance(v, w, a, c, d)
             if square <= gate:
-                area = 2 * pi * CAUTION * sqrt(a * d - c * c)
-                density[k, j] = exp(-square / 2 / CAUTION) / area
+                area = min(2 * pi * scale * sqrt(a * d - c * c), view)
+                density[k, j] = exp(-square / 2 / scale) / area
+                least[k] = min(least[k], square)
 
 
 @kernel()
 def _evidence(
     evidence: LostEvidence,
-    cell: IntArray,
     density: FloatArray,
-    landmark: IntArray,
+    p: FloatArray,
+    owner: IntArray,
     association: IntArray,
+    landmarks: int,
     view: float,
 ) -> float:
     """Log likelihood ratio of a lost robot to one that is not, by densities (k, c).
 
-    A robot that is not lost observes a landmark as often as others in its cell, with the density
-    of the filter; a lost one makes the same number of observations anywhere in the view, metres
-    times radians.
+    Each observation of a robot that is not lost is of an expected landmark, with the density of
+    the filter, or of something else, anywhere in the view, metres times radians; in proportion to
+    how many of both there are in a scan. Those of a lost one are anywhere in the view. Missed
+    landmarks count as far as misses were independent so far: what hides one may hide many.
     """
-    total, unexplained = 0.0, 0
+    total, misses, values = 0.0, 0.0, evidence.values
     for k in range(len(density)):
-        explained = False
-        for j in range(density.shape[1]):
-            explained = explained or density[k, j] > 0
-        unexplained += not explained
-    for j in range(density.shape[1]):
-        e, o = evidence.expected[cell[j, 0], cell[j, 1]], evidence.observed[cell[j, 0], cell[j, 1]]
-        p, named, sum_density = o / (e + UNTRIED), False, 0.0
-        for k in range(len(density)):
-            named = named or association[k] == landmark[j]
-            sum_density += density[k, j]
-        if named:
-            total -= log(WRONG_NAME + (1 - WRONG_NAME) * view * sum_density)
+        if 0 <= association[k] < landmarks:
+            value = -log(WRONG_NAME + (1 - WRONG_NAME) * view * density[k].sum())
         else:
-            total -= log(1 - p + p * view / len(density) * sum_density)
-    return min(total, MAX_UNEXPLAINED * unexplained)
+            clutter, known = values[CLUTTER], view * (p * density[k]).sum()
+            value = -log((clutter + known) / (clutter + p.sum()))
+        total += min(value, MAX_UNEXPLAINED)
+    for j in range(len(p)):
+        missed = 1.0 if owner[j] < 0 else 0.0
+        misses -= log(1 - p[j]) * (missed - (1 - p[j]))
+    return total + misses * min(1.0, values[VARIANCE] / values[SQUARES])
+
+
+@kernel()
+def _limited(
+    f: FilterState,
+    evidence: LostEvidence,
+    z: FloatArray,
+    R: FloatArray,
+    gate: float,
+    room: FloatArray,
+    value: float,
+) -> float:
+    """Limit the evidence of a scan by what each of its unexplained points may add (k,).
+
+    A point that is observed again is no new evidence, and a view without any is blocked.
+    """
+    s, points = f.state, evidence.points
+    row = np.empty(len(z), np.int64)
+    for k in np.flatnonzero(room):
+        x, y = s[0] + z[k, 0] * cos(s[2] + z[k, 1]), s[1] + z[k, 0] * sin(s[2] + z[k, 1])
+        variance = R[k, 0, 0] + z[k, 0] * z[k, 0] * R[k, 1, 1]
+        least = inf
+        for i in range(len(points)):
+            square = (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2
+            if points[i, EVIDENCE] > 0 and square < least:
+                row[k], least = i, square
+        if least > 2 * gate * variance:
+            row[k] = points[:, EVIDENCE].argmin()
+            points[row[k], EVIDENCE] = TINY
+        points[row[k], 0], points[row[k], 1] = x, y
+        room[k] = min(room[k], max(SIGHTINGS * room[k] - points[row[k], EVIDENCE], 0.0))
+    limited = min(value, room.sum(), MAX_EVIDENCE)
+    if limited > 0:
+        for k in np.flatnonzero(room):
+            points[row[k], EVIDENCE] += limited * room[k] / room.sum()
+    return limited
 
 
 @kernel()

@@ -58,7 +58,7 @@ class EkfConfig:
     """Association "multiple": hypotheses that are kept at most."""
     recover: bool = False
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
-    pose in it. Not by default: there are false alarms where the noise of a log is too small."""
+    pose in it. Not by default: there are false alarms where names contradict the map."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0

@@ -31,7 +31,9 @@ def take_lost_step(slam: "Slam", s: Steps, out: StepResults) -> None:
         slam.recovery.predict(s.control[i], s.U[i])
     s.landmark[scan] = -1
     if len(z) > 0:
-        slam.recovery.search(z, R, slam.known_landmarks(s.identity[scan]))
+        named = slam.known_landmarks(s.identity[scan])
+        slam.recovery.leaves_out(ekf, z, R, slam.culling.counts.confirmed, named)
+        slam.recovery.search(z, R, named)
         s.landmark[scan] = slam.recovery.resume_if_found(ekf)
     out.lost[i] = slam.recovery.lost
     out.pose[i], out.covariance[i] = ekf.pose, ekf.pose_covariance

@@ -86,7 +86,7 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        whole = config.submaps == "never" or config.recover or config.association == "multiple"
+        whole = config.submaps == "never" or config.association == "multiple"
         self.ekf: EkfSlam = (EkfSlam if whole else CompressedSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),

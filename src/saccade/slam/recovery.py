@@ -10,6 +10,7 @@ import numpy as np
 from saccade.slam._recovery_kernels import (
     BEARINGS,
     LATEST,
+    POINTS,
     RANGES,
     SKIPPED,
     TOTAL,
@@ -25,12 +26,20 @@ from saccade.slam.models import Motion, wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray
 
+VALUES = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 4.0, 10.0, 1.0, 0.0])
+"""Of `LostEvidence` at the start, before anything is learnt."""
 LIMIT = 14.0
 """Cumulative log likelihood ratio from which a robot is lost: five scans of the most evidence."""
+REGAINED = 7.0
+"""Cumulative evidence at which scans agree again with where the robot was believed to be."""
+MAX_SCANS = 20
+"""Scans in a row without evidence against the belief after which a search is given up."""
 FOUND = 0.999
 """Probability from which a hypothesis is right."""
 MIN_MATCHED = 3
 """Observed points that must be landmarks of the map for the robot to be found."""
+SCANS_IN_AGREEMENT = 3
+"""Scans in a row after which one hypothesis must be right for the robot to be found."""
 SAME_POSE = chi_square_gate(3, 0.999)
 """Squared Mahalanobis distance within which the robot is found where it was believed to be."""
 
@@ -49,7 +58,7 @@ class Recovery:
         self.evidence = _new_evidence()
         self._motion = motion
         self._search: Relocalizer | None = None
-        self._landmarks = np.empty(0, np.int64)
+        self._landmarks, self._agreeing, self._scans = np.empty(0, np.int64), 0, 0
         self.hypotheses: PoseHypotheses | None = None
         """Of the pose at the last scan; None for a robot that is not lost."""
 
@@ -76,7 +85,8 @@ class Recovery:
         self._landmarks = np.flatnonzero(confirmed)
         self._search = _search(ekf, self._motion, self._landmarks)
         self._search.propose(ekf.pose)
-        self.evidence.values[[TOTAL, LATEST, SKIPPED]] = 0.0
+        self._agreeing = self._scans = 0
+        self.evidence.values[TOTAL] = self.rule.limit
         return True
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
@@ -106,22 +116,34 @@ class Recovery:
         """
         assert self._search is not None
         assert self.hypotheses is not None
+        values = self.evidence.values
+        values[TOTAL] = min(values[TOTAL], self.rule.limit)
+        self._scans = 0 if self.left_out else self._scans + 1
+        if values[TOTAL] < REGAINED or self._scans > MAX_SCANS:
+            none = np.full(len(self._search.latest), -1)
+            self._end()
+            return none
         found, latest = self.hypotheses, self._search.latest
-        none = np.full(len(latest), -1)
-        if len(found) == 0 or found.probability[0] < FOUND:
-            return none
-        association = found.association[0]
+        association = found.association[0] if len(found) else np.empty(0, np.int64)
+        sure = len(found) > 0 and found.probability[0] >= FOUND
+        sure = sure and np.count_nonzero(association >= 0) >= MIN_MATCHED
+        self._agreeing = self._agreeing + 1 if sure else 0
+        if self._agreeing < SCANS_IN_AGREEMENT:
+            return np.full(len(latest), -1)
         association = np.where(association >= 0, self._landmarks[association], -1)
-        if np.count_nonzero(association >= 0) < MIN_MATCHED:
-            return none
         error = found.pose[0] - ekf.pose
         error[2] = float(wrap(error[2]))
         S = ekf.pose_covariance + found.covariance[0]
         if error @ np.linalg.solve(S, error) > SAME_POSE:
             ekf.reset_pose(found.pose[0], _prior(ekf, found.covariance[0], association))
             ekf.update_scan(*self._search.observations, association)  # C.10-C.14
-        self._search = self.hypotheses = None
+        self._end()
         return np.asarray(association[latest], np.int64)
+
+    def _end(self) -> None:
+        self._search = self.hypotheses = None
+        self.evidence.values[[TOTAL, LATEST, SKIPPED]] = 0.0
+        self.evidence.points[:] = 0.0
 
     def _searched(self, named: IntArray) -> IntArray:
         """Numbers of landmarks (k,) among those that are searched, -1 for others."""
@@ -131,13 +153,18 @@ class Recovery:
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
         search = {} if self._search is None else merge({"search": self._search.to_arrays()})
-        own = {"lost": np.array(self.lost), "landmarks": self._landmarks}
+        own = {
+            "lost": np.array(self.lost),
+            "landmarks": self._landmarks,
+            "scans": np.array([self._agreeing, self._scans]),
+        }
         return {**self.evidence._asdict(), **own, **search}
 
     def from_arrays(self, arrays: Arrays, ekf: EkfSlam) -> None:
         """Restore what `to_arrays` gave, with the filter of the same step."""
         self.evidence = LostEvidence(*(arrays[name] for name in LostEvidence._fields))
         self._landmarks = arrays["landmarks"]
+        self._agreeing, self._scans = arrays["scans"].tolist()
         self._search, self.hypotheses = None, None
         if arrays["lost"]:
             self._search = _search(ekf, self._motion, self._landmarks)
@@ -146,7 +173,7 @@ class Recovery:
 
 def _new_evidence() -> LostEvidence:
     cells = (RANGES, BEARINGS)
-    return LostEvidence(np.zeros(cells), np.zeros(cells), np.zeros(4))
+    return LostEvidence(np.zeros(cells), np.zeros(cells), VALUES.copy(), np.zeros((POINTS, 3)))
 
 
 def _search(ekf: EkfSlam, motion: Motion, landmarks: IntArray) -> Relocalizer:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saccade._jit import Bound
-from saccade.slam._recovery_kernels import LostEvidence, LostRule
+from saccade.slam._recovery_kernels import OUTSIDE, SKIPPED, LostEvidence, LostRule
 from saccade.slam._step_kernels import Rules, StepResults, Steps, bind_steps, take_steps
 from saccade.slam.association._kernels import NEW, Gates
 from saccade.slam.association._name_kernels import NameGates
@@ -92,6 +92,7 @@ def take_stride(
         return False
     f = ekf.filter_state
     culling.reserve(len(f.blocks))
+    evidence.values[OUTSIDE] = 0
     bound = stride.binding(f, ekf.scratch, s, stride.rules, names, culling.counts, evidence, out)
     done = bool(take_steps(bound, end))
     after = s.position.tolist()
@@ -121,9 +122,12 @@ def _take_in_neighborhood(
     place.mark(scans)
     local_names, counts = read_names(names, place), read_counts(culling.counts, place)
     f, w, rules = place.filter_state, place.scratch, stride.rules
+    evidence.values[OUTSIDE] = mapped - len(place)
     bound = stride.binding(f, w, s, rules, local_names, counts, evidence, out)
     take_steps(bound, end)
-    while s.position[0] < end and not counts.culled.any() and place.flush_if_full():
+    while s.position[0] < end and not counts.culled.any() and not evidence.values[SKIPPED]:
+        if not place.flush_if_full():
+            break
         take_steps(bound, end)
     place.mark(scans)
     scans[:] = place.to_map(scans)

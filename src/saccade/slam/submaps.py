@@ -60,7 +60,7 @@ class Submaps:
 
     def __init__(self, always: bool, rules: Rules) -> None:
         self._always = always
-        self._doubts = rules.culling.enabled
+        self._doubts, self._recovers = rules.culling.enabled, rules.lost.enabled
         self._view = 0.0
         gate = rules.gates.new_gate
         self._gate = sqrt(gate) if isfinite(gate) else 0.0
@@ -92,7 +92,8 @@ class Submaps:
             if s.edge[end] - s.edge[i] > room:  # it may become large before the end
                 end = max(i + 1, int(np.searchsorted(s.edge, s.edge[i] + room, "right")) - 1)
             return end, None
-        self._view = max(reach, 0.0) if self._doubts and may_cull(names) else 0.0
+        expects = self._recovers or (self._doubts and may_cull(names))
+        self._view = max(reach, 0.0) if expects else 0.0
         if begun and ekf.neighborhood is None and self._radius < 0:
             return i + 1, None
         if not begun and (self._radius < 0 or (ekf.neighborhood is None and not self._in_whole)):
@@ -172,7 +173,7 @@ class Submaps:
         reach = s.z[first:last, 0] + self._gate * np.sqrt(s.R[first:last, 0, 0])
         step = np.searchsorted(s.edge, np.arange(first, last), "right") - 1 - start
         np.maximum.at(needed, step, reach)
-        return np.maximum.accumulate(needed) if self._doubts else needed
+        return np.maximum.accumulate(needed) if self._doubts or self._recovers else needed
 
 
 def _named(s: Steps, names: NameTable, start: int, end: int) -> tuple[IntArray, ...]:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from saccade.types import THREE_SIGMA_2D, FloatArray, LandmarkMap, Trajectory
+from saccade.types import THREE_SIGMA_2D, BoolArray, FloatArray, LandmarkMap, Trajectory
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, SIGMAS, grid_axes
 
 ELLIPSE_SCALE, ELLIPSE_LABEL = sqrt(THREE_SIGMA_2D), "3 sigma (99.7 %)"
@@ -35,6 +35,7 @@ def map_figure(
     truth: Trajectory | None = None,
     landmark_truth: LandmarkMap | None = None,
     filtered: Trajectory | None = None,
+    lost: BoolArray | None = None,
 ) -> Figure:
     """The map from above; x to the right, y up, in metres.
 
@@ -47,6 +48,7 @@ def map_figure(
         truth: of the trajectory, in the same frame.
         landmark_truth: of the landmarks, in the same frame.
         filtered: the trajectory of the filter, where the estimate is smoothed.
+        lost: (t,) at which poses the robot was lost: where that began and ended is marked.
     """
     outlines = ellipse_outlines(landmarks.xy, landmarks.covariance)
     enclosed = [trajectory.pose[:, :2], landmarks.xy, outlines.reshape(-1, 2)]
@@ -70,6 +72,8 @@ def map_figure(
             axes.plot(*each.pose[:, :2].T, label=label, **style)
     if len(trajectory):
         axes.plot(*trajectory.pose[0, :2], "s", color=RED, markersize=6, label="start", zorder=4)
+    if lost is not None and lost.any():
+        _mark_lost(axes, trajectory, lost)
     if landmark_truth is not None:
         circle: dict[str, Any] = {"facecolors": "none", "edgecolors": GREEN, "s": 60, "zorder": 4}
         axes.scatter(*landmark_truth.xy.T, **circle, label="true landmarks")
@@ -81,6 +85,14 @@ def map_figure(
     columns = int(figure.get_figwidth() / 1.85)
     figure.legend(loc="outside lower center", ncols=columns, frameon=False, handlelength=1.6)
     return figure
+
+
+def _mark_lost(axes: Axes, trajectory: Trajectory, lost: BoolArray) -> None:
+    """Mark the first pose of each time that the robot was lost, and the first one after it."""
+    before = np.concatenate([[False], lost[:-1]])
+    for changed, label, marker in ((lost & ~before, "lost", "x"), (before & ~lost, "found", "+")):
+        style: dict[str, Any] = {"color": RED, "markersize": 9, "mew": 2, "zorder": 6}
+        axes.plot(*trajectory.pose[changed, :2].T, marker, label=label, **style)
 
 
 def ellipse_outlines(
