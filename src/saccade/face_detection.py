@@ -12,7 +12,7 @@ import numpy as np
 
 from saccade.errors import ConfigError
 from saccade.files import check_file, one_line
-from saccade.image import as_gray, check_image, in_unit_range, without_alpha
+from saccade.image import as_gray, check_image, in_unit_range
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,7 +57,7 @@ def find_face_detector(model: Path | None = None) -> "Callable[[Image], FloatArr
         ) from error
 
     def boxes(image: "Image") -> "FloatArray":
-        pixels = without_alpha(check_image(image))
+        pixels = check_image(image)
         scale = min(1.0, LONGER_SIDE / max(pixels.shape[:2]))
         small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         levels = np.rint(in_unit_range(small) * 255).clip(0, 255).astype(np.uint8)

@@ -15,7 +15,7 @@ from saccade.attention.boolean_maps import boolean_saliency
 from saccade.attention.channels import CONSPICUITY
 from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
 from saccade.attention.faces import FaceDetector
-from saccade.image import check_image, in_unit_range, without_alpha
+from saccade.image import check_image, in_unit_range
 from saccade.pyramid import FloatMap, resize
 from saccade.types import FloatArray, Image
 
@@ -160,7 +160,7 @@ def color_maps(image: Image, shape: tuple[int, int]) -> tuple[FloatMap, FloatMap
     """Distance from the mean color in CIE L*a*b*, and likeness to skin; (h, w) of a small image."""
     scale = min(1.0, 200 / max(shape))
     small = max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
-    pixels = resize(in_unit_range(without_alpha(check_image(image))), small)
+    pixels = resize(in_unit_range(check_image(image)), small)
     rgb = np.repeat(pixels[:, :, None], 3, 2) if pixels.ndim == 2 else pixels
     lab = cv2.cvtColor(np.ascontiguousarray(rgb, np.float32), cv2.COLOR_RGB2LAB)
     distance = np.sqrt(((lab - lab.mean((0, 1))) ** 2).sum(2))

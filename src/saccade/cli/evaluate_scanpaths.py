@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from saccade.cli.attention_models import Model, ModelChoice, attention_model, scanpath_network
+from saccade.cli.attention_models import (
+    DEFAULT_MODEL,
+    ModelChoice,
+    attention_model,
+    scanpath_network,
+)
 from saccade.cli.options import Config, Json, Preset, Report, Seed
 
 if TYPE_CHECKING:
@@ -47,7 +52,7 @@ def scanpaths(
     fixations: Annotated[
         Path, Option(help="Fixations as CSV (image, viewer, index, x, y, duration_ms) or a .mat.")
     ],
-    model: ModelChoice = Model.attention,
+    model: ModelChoice = DEFAULT_MODEL,
     preset: Preset = None,
     config: Config = None,
     paths_config: Annotated[
@@ -135,7 +140,7 @@ def scanpaths(
     paths, predicted = summary(path_rows), summary(fixation_rows)
     if out is not None:
         _write(out, path_rows, fixation_rows, degree)
-    title = f"{len(people)} images, {model.value}, {preset or config or 'default settings'}"
+    title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
     similarity = f"{title}: paths of {settings.fixations} fixations, {columns} x {rows} cells"
     tables = [
         Table(similarity, ["", *SIMILARITIES.values()], _cells(paths, SIMILARITIES, degree)),

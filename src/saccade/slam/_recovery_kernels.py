@@ -270,7 +270,7 @@ def _evidence(
     for j in range(len(p)):
         missed = 1.0 if owner[j] < 0 else 0.0
         misses -= log(1 - p[j]) * (missed - (1 - p[j]))
-    return total + misses * min(1.0, values[VARIANCE] / values[SQUARES])
+    return float(total + misses * min(1.0, values[VARIANCE] / values[SQUARES]))
 
 
 @kernel()
@@ -306,7 +306,7 @@ def _limited(
     if limited > 0:
         for k in np.flatnonzero(room):
             points[row[k], EVIDENCE] += limited * room[k] / room.sum()
-    return limited
+    return float(limited)
 
 
 @kernel()

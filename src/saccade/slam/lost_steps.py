@@ -26,7 +26,7 @@ def take_lost_step(slam: "Slam", s: Steps, out: StepResults) -> None:
     ekf, i = slam.ekf, int(s.position[0])
     scan = slice(s.edge[i], s.edge[i + 1])
     z, R = s.z[scan], s.R[scan]
-    if i >= s.still:
+    if i >= s.still[0]:
         ekf.predict(s.control[i], s.U[i])  # C.5-C.9
         slam.recovery.predict(s.control[i], s.U[i])
     s.landmark[scan] = -1

@@ -194,7 +194,7 @@ class MultiHypothesisSlam(Slam):
             for each in self.hypotheses:
                 if i == 0:
                     each.association = np.zeros(0, np.int64)
-                if i >= s.still:
+                if i >= s.still[0]:
                     each.ekf.predict(s.control[i], s.U[i])  # C.5-C.9
             if scan.stop > scan.start:
                 self._observe(s.z[scan], s.R[scan])
@@ -206,8 +206,9 @@ class MultiHypothesisSlam(Slam):
                 culled += [best.culled] if len(best.culled) > 0 else []
             out.pose[i], out.covariance[i] = self.ekf.pose, self.ekf.pose_covariance
             s.position[0] = i + 1
-        self.num_steps = s.first + end
-        check_diverged(out.pose[start:end], s.first + start)
+        first = int(s.first[0])
+        self.num_steps = first + end
+        check_diverged(out.pose[start:end], first + start)
         return culled
 
     def _observe(self, z: FloatArray, R: FloatArray) -> None:
