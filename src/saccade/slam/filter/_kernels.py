@@ -203,7 +203,7 @@ def update(
     for i in range(r):
         add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
     f.counts[DOWNDATES] += 2
-    _retract(f, first, second, V)
+    retract(f, first, second, V)
     f.heading_variance[1] = P[2, 2]
     return float(nis)
 
@@ -324,7 +324,7 @@ def _downdate_blocks(f: FilterState, V: FloatArray) -> None:
 
 
 @kernel(fastmath=("contract",))
-def _retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
+def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
     """Correct the state by the errors first V[0] + second V[1] of eta (C.10).
 
     The invariant filter corrects by the exponential of SE(2).
@@ -353,7 +353,7 @@ def _retract_points(
     by: tuple[float, ...],
     fixed_lever: bool,
 ) -> None:
-    """Correct points s (2 k,) and their heading levers by rows v and w of V, see `_retract`."""
+    """Correct points s (2 k,) and their heading levers by rows v and w of V, see `retract`."""
     first, second, p, q, sine, versine = by
     shape = (len(s) // 2, 2)
     points, lever, x0, x1 = s.reshape(shape), a.reshape(shape), v.reshape(shape), w.reshape(shape)

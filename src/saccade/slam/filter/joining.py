@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saccade.slam.filter._kernels import _retract
+from saccade.slam.filter._kernels import retract
 from saccade.slam.filter._state_kernels import INVARIANT
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import add_rows, flush, state_size, symmetric
@@ -38,6 +38,6 @@ def join_landmarks(ekf: EkfSlam, kept: int, removed: int) -> None:
     V[:, :n] = A @ W
     first, second = A @ (f.state[b : b + 2] - f.state[a : a + 2])
     f.P[:r, :n] -= V[:, :r].T @ V[:, :n]
-    _retract(f, float(first), float(second), V)
+    retract(f, float(first), float(second), V)
     V[:, :r] = 0.0
     add_rows(f, -1.0, V[:, :n])
