@@ -108,11 +108,22 @@ def names_in_code(tree):
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
+def private_kernels(tree):
+    """Kernels named _x that a file uses: they are compiled for other kernels alone."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and is_kernel_file((node.module or "").split(".")[-1]):
+            yield from (name.name for name in node.names if name.name.startswith("_"))
+        elif isinstance(node, ast.Attribute) and node.attr.startswith("_"):
+            if isinstance(node.value, ast.Name) and is_kernel_file(node.value.id):
+                yield node.attr
+
+
 @pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.stem)
 def test_kernels_stand_in_files_of_their_own(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     if not is_kernel_file(path.stem):
         assert not [node.name for node in tree.body if is_kernel(node)], path
+        assert not list(private_kernels(tree)), f"{path}: no Python can call them"
         return
     others = [node.name for node in tree.body if isinstance(node, ast.FunctionDef)]
     assert [node.name for node in tree.body if is_kernel(node)] == others, f"{path}: no kernel"

@@ -74,8 +74,7 @@ def settle_names(
     """Associate the `UNDECIDED` observations `rest`, given the landmark that each is near to.
 
     A first observation of a name is of a new landmark, or of one without a name. A refused one is
-    of the landmark that it is near to, where most of the scan is accepted. After several refused
-    ones at one position the name moves there.
+    not used; after several at one position the name moves there.
     """
     free = f.counts[LANDMARKS]
     for n in range(len(rest)):

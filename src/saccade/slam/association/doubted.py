@@ -28,9 +28,9 @@ class DoubtedIdentity(Association):
 
     An identity is refused if the observation is outside the gate of the landmark that it names.
     It is believed all the same where several names agree with one another against the filter.
-    A refused observation is of the landmark that it is nearest to, if most names of the scan are
-    accepted and it is not ambiguous. Several refused ones at one position move the name there:
-    the landmark has moved, or its first observation had the wrong name.
+    Where the pose is so uncertain that it closes a loop, two names of a scan must agree, or one be
+    repeated. Several refused ones at one position move the name there: the landmark has moved, or
+    its first observation had the wrong name.
     """
 
     gate: float = 0.99999
