@@ -113,8 +113,8 @@ def private_kernels(tree):
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and is_kernel_file((node.module or "").split(".")[-1]):
             yield from (name.name for name in node.names if name.name.startswith("_"))
-        elif isinstance(node, ast.Attribute) and node.attr.startswith("_"):
-            if isinstance(node.value, ast.Name) and is_kernel_file(node.value.id):
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            if node.attr.startswith("_") and is_kernel_file(node.value.id):
                 yield node.attr
 
 
