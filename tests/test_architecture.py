@@ -111,11 +111,13 @@ def names_in_code(tree):
 def private_kernels(tree):
     """Kernels named _x that a file uses: they are compiled for other kernels alone."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and is_kernel_file((node.module or "").split(".")[-1]):
-            yield from (name.name for name in node.names if name.name.startswith("_"))
+        module, names = "", []
+        if isinstance(node, ast.ImportFrom):
+            module, names = node.module or "", [name.name for name in node.names]
         elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            if node.attr.startswith("_") and is_kernel_file(node.value.id):
-                yield node.attr
+            module, names = node.value.id, [node.attr]
+        if is_kernel_file(module.split(".")[-1]):
+            yield from (name for name in names if name.startswith("_"))
 
 
 @pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.stem)
