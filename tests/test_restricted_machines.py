@@ -89,8 +89,12 @@ LIBRARIES = {
     "no-starlette": ("serve",),
 }
 """Commands that go by an optional library, by the environment without it."""
-OFTEN = {"bytes": ("index", "find", "slam"), "full-disk": ("export", "index"), "full": ("config",)}
-"""Commands that once did not withstand an environment."""
+OFTEN = {
+    "bytes": ("index", "find", "slam"),
+    "full-disk": ("export", "index"),
+    "full": ("config", "textbook"),
+}
+"""Commands that once did not withstand an environment, or whose turn does not come."""
 TURNS = [name for name in ENVIRONMENTS if name not in ("bare", *LIBRARIES) and name[:3] != "no-"]
 EACH = 2
 """Commands that each of `TURNS` is tried with, in turn; all where `FUZZ_EXAMPLES` says so."""

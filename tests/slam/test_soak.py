@@ -27,7 +27,7 @@ def recorded(steps, named):
         time=np.array([step.time for step in steps]),
         motion="drive",
         control=np.array([step.control for step in steps[1:]]),
-        control_covariance=np.tile(live.U, (len(steps) - 1, 1, 1)),
+        control_covariance=np.array([step.U for step in steps[1:]]),
         observation_pose=np.concatenate([np.full(len(step.z), i) for i, step in scans]),
         observation=np.concatenate([step.z for _, step in scans]),
         observation_covariance=np.concatenate([step.R for _, step in scans]),

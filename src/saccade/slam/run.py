@@ -12,7 +12,7 @@ from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
-from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, RangeBearing, Sensor
+from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.multiple import MultiHypothesisSlam
 from saccade.slam.online import Slam
 from saccade.slam.snapshots import Recorder
@@ -105,8 +105,6 @@ def run(
             "association: expected nearest, found known, but the log does not name "
             "the landmarks it sees"
         )
-    if type(slam.ekf.sensor) is RangeBearing:
-        _check_ranges(log)
     config, poses = slam.config, len(log.time)
     removed_before = slam.culling.removed
     if motion_of(log, motion or (slam.motion if log.motion == "custom" else None)) != slam.motion:
@@ -188,13 +186,6 @@ def slam_for(
         association=associate,
         odometry_bias=(0.0, 0.0, 0.0) if motion is not None else log.odometry_bias,
     )
-
-
-def _check_ranges(log: LandmarkLog) -> None:
-    for k in np.flatnonzero(log.observation[:, 0] < 0)[:1].tolist():
-        raise LogError(
-            f"observation {k}: expected a range of 0 m or more, found {log.observation[k, 0]:g}"
-        )
 
 
 def _steps(slam: Slam, log: LandmarkLog) -> Steps:

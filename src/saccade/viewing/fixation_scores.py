@@ -10,6 +10,8 @@ from saccade.viewing.style import BLUE, GRAY, grid_axes
 
 COLUMN_WIDTH = 3.5
 """Inches: 89 mm, a single column of most journals."""
+LONGEST = 24
+"""Characters of a model's name for which there is room; of a longer one the end is kept."""
 
 
 class Bar(NamedTuple):
@@ -44,9 +46,13 @@ def fixation_score_figure(
                 axes.plot([low, high], [y, y], color=color, linewidth=1.2)
                 axes.plot([mean], [y], "o", color=color, markersize=3)
         axes.set_title(title, fontsize=7, pad=2)
-        axes.set_yticks(place, models)
+        axes.set_yticks(place, [_shortened(name) for name in models])
         axes.set_ylim(-0.6, len(models) - 0.4)
         axes.tick_params(labelsize=6, length=0)
     for axes in panels.ravel()[len(scores) :]:
         axes.set_axis_off()
     return figure
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= LONGEST else f"...{name[3 - LONGEST :]}"
