@@ -48,12 +48,15 @@ WORLDS = {
 }
 SURE = 0.99
 NEAREST = 12
-"""Landmarks around a true pose by which it is brought into the frame of the map."""
+"""Landmarks around a true pose by which it is brought into the frame of the map; also the poses
+before and after it of which they are."""
 
 
-def in_map(pose: FloatArray, truth: FloatArray, mapped: FloatArray) -> FloatArray:
-    """A true pose in the frame of the map, aligned by the landmarks around it."""
-    near = np.argsort(np.hypot(*(truth - pose[:2]).T))[:NEAREST]
+def in_map(
+    pose: FloatArray, truth: FloatArray, mapped: FloatArray, most: int = NEAREST
+) -> FloatArray:
+    """A pose in the frame of the map, aligned by the nearest of the points (n, 2) `truth`."""
+    near = np.argsort(np.hypot(*(truth - pose[:2]).T))[:most]
     a, b = truth[near] - truth[near].mean(0), mapped[near] - mapped[near].mean(0)
     turn = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     c, s = np.cos(turn), np.sin(turn)
@@ -81,8 +84,8 @@ def localize(
 def run_recorded(path: Path, starts: int) -> None:
     """Starts in the map of a recorded log."""
     log = datasets.load("auto", path)
-    log = replace(log, landmark=np.full_like(log.landmark, -1))
     result = slam.run(log)
+    log = replace(log, landmark=np.full_like(log.landmark, -1))
     count = np.bincount(log.observation_pose, minlength=len(log.time))
     poses = np.flatnonzero(count[:-50])
     for name, many in ((path.name, True), (f"{path.name[:12]}, under 8", False)):
@@ -93,7 +96,11 @@ def run_recorded(path: Path, starts: int) -> None:
 
 
 def run_starts(name: str, log: LandmarkLog, result: slam.SlamResult, chosen: IntArray) -> None:
-    """Starts at some poses (m,) of a recorded log."""
+    """Starts at some poses (m,) of a recorded log, in its last map.
+
+    The right pose is that of the filter, moved as the landmarks observed about then have moved
+    until the end.
+    """
     correct = sure = wrong = scans = 0
     start = time.perf_counter()
     for first in chosen:
@@ -101,7 +108,12 @@ def run_starts(name: str, log: LandmarkLog, result: slam.SlamResult, chosen: Int
         scans += used
         if len(found) == 0:
             continue
-        error = found.pose[0] - result.trajectory.pose[step]
+        used_then = (abs(log.observation_pose - step) <= NEAREST) & (result.association >= 0)
+        pose = result.trajectory.pose[log.observation_pose[used_then]]  # (n, 3)
+        z, mapped = log.observation[used_then], result.map.xy[result.association[used_then]]
+        angle = pose[:, 2] + z[:, 1]
+        points = pose[:, :2] + z[:, :1] * np.stack([np.cos(angle), np.sin(angle)], 1)
+        error = found.pose[0] - in_map(result.trajectory.pose[step], points, mapped, len(points))
         right = is_right(error, found.covariance[0] + result.trajectory.covariance[step])
         correct += right
         sure += found.probability[0] > SURE
