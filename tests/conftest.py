@@ -7,6 +7,7 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
+from hypothesis.internal.conjecture import providers
 
 from saccade.cli import TRACEBACK, main
 from support.encodable_reports import pytest_report_to_serializable  # noqa: F401
@@ -33,6 +34,16 @@ hypothesis.settings.register_profile(
     print_blob=True,
 )
 hypothesis.settings.load_profile("saccade")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure():
+    """Keep derandomized examples free of the constants that Hypothesis finds in local modules.
+
+    Which of them are imported depends on the tests that a worker happened to run before.
+    """
+    if hypothesis.settings.default.derandomize:
+        providers.is_local_module_file = lambda path: False
 
 
 def pytest_collection_modifyitems(items):

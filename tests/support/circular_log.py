@@ -22,7 +22,7 @@ def simulate(rng, motion="compose", steps=300, noise=1.0, reach=8.0):
             seen.append((step, landmark, *(z[landmark] + error)))
         truth.append(move(truth[-1], control)[0])
         controls.append(control + noise * rng.normal(size=size) * np.sqrt(np.diag(U)))
-    seen = np.array(seen)
+    seen = np.array(seen).reshape(-1, 4)
     log = LandmarkLog(
         name="circle",
         start=truth[0],
