@@ -257,7 +257,7 @@ def fit_all(data: FittingData, choice: Choice, config: FittingConfig) -> FittedM
     """The model fitted to all images."""
     weights = fit(data, np.arange(len(data.images)), choice, config)
     viewers = len(np.unique(np.concatenate(list(data.viewers))))
-    return as_model(data, weights, f"{len(data.images)} images, {viewers} viewers")
+    return as_model(data, weights, f"{len(data.images)} images, viewers: {viewers}")
 
 
 def as_model(data: FittingData, weights: FloatArray, fitted_to: str = "") -> FittedModel:

@@ -243,7 +243,7 @@ def spread(f: FilterState) -> None:
     that more error of the heading turns e by minus half of it: to second order, a growth g of its
     variance adds J P J^T g / 4, P the covariance of all e.
 
-    Source: Barfoot & Furgale (2014), equation 55: the fourth-order terms of a compound pose.
+    Source: Barfoot & Furgale (2014): the fourth-order terms of the covariance of a compound pose.
     """
     flush(f)
     n, r, P = state_size(f), f.robot_size, f.P
