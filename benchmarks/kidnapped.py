@@ -112,12 +112,12 @@ def main() -> None:
                     log = kidnapped(WORLDS[name], seed, metres, turned)
                     if not named:
                         log = replace(log, landmark=np.full_like(log.landmark, -1))
-                    result = slam.run(log, slam.EkfConfig(recover=True))
+                    result = slam.run(log)
                     key = seed, turned
                     error = map_error(log, result)
                     if metres == 0:
                         clean[seed, False] = clean[seed, True] = error
-                    plain = slam.run(log, slam.EkfConfig())
+                    plain = slam.run(log, slam.EkfConfig(recover=False))
                     ratio = error / clean.get(key, np.nan)
                     rows.append(
                         (result.lost.any(), recovered(log, result), recovered(log, plain),

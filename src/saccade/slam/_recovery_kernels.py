@@ -42,6 +42,9 @@ MIN_LANDMARKS = 8
 LEFT_OUT, PATIENCE = 1.5, 4.0
 """Evidence of a scan from which it is left out of the filter, and the cumulative evidence that this
 takes if the scan has no names: gates protect the filter from most of a single wrong scan."""
+CONTRADICTIONS = 3
+"""Landmarks named in a scan that must not be where the filter expects them for the scan to be left
+out; of fewer, the doubt of each name takes care."""
 TOTAL, LATEST, REACH, SKIPPED, CLUTTER, SCALE, SQUARES, VARIANCE, OUTSIDE = range(9)
 """Indices into `LostEvidence.values`."""
 
@@ -123,7 +126,13 @@ def leaves_out(
     values[TOTAL] = max(values[TOTAL] + values[LATEST], 0.0)
     if values[TOTAL] == 0.0:
         evidence.points[:, EVIDENCE] = 0.0
-    if values[LATEST] >= LEFT_OUT and (association.max() >= 0 or values[TOTAL] >= PATIENCE):
+    named, contradictions = 0, 0
+    for k in range(len(z)):
+        if 0 <= association[k] < N:
+            named += 1
+            contradictions += density[k].sum() == 0.0
+    enough = contradictions >= CONTRADICTIONS if named > 0 else values[TOTAL] >= PATIENCE
+    if values[LATEST] >= LEFT_OUT and enough:
         values[SKIPPED] = 1.0
         return True
     for j in range(count):

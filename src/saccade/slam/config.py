@@ -56,9 +56,9 @@ class EkfConfig:
     inside its gate; outside, the identity is refused."""
     max_hypotheses: int = 20
     """Association "multiple": hypotheses that are kept at most."""
-    recover: bool = False
+    recover: bool = True
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its
-    pose in it. Not by default: there are false alarms where names contradict the map."""
+    pose in it. Never with "multiple", nor with a custom sensor model."""
     motion_noise_scale: float = 1.0
     """Factor on the standard deviations of the controls."""
     sensor_noise_scale: float = 1.0
@@ -94,8 +94,6 @@ class EkfConfig:
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0 and under 1e6", value)
         require(self.max_hypotheses >= 1, "max_hypotheses", "at least 1", self.max_hypotheses)
-        single = not self.recover or self.association != "multiple"
-        require(single, "recover", 'False with association "multiple"', self.recover)
         modes = ("auto", "always", "never")
         require(self.submaps in modes, "submaps", f"one of {modes}", self.submaps)
         require(self.huber > 0, "huber", "over 0, infinite for never", self.huber)
@@ -118,6 +116,7 @@ class EkfConfig:
         return cls(
             filter="standard",
             association="known",
+            recover=False,
             huber=np.inf,
             estimate_odometry_bias=False,
         )
