@@ -403,7 +403,7 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
     assert {"symmetry", "center and border"} <= {each["group"] for each in found["groups"]}
     assert "learning curve" in Path("m.html").read_text()
     model = saccade.load_model("m.toml")
-    assert model.fitted_to == "4 images, 5 viewers"
+    assert model.fitted_to == "4 images, viewers: 5"
     code, out, _ = run("look", ROCKET, "--model", "m.toml", "--json", "--out", "looked")
     assert code == 0
     saliency = np.load("looked/rocket.look.npz")["saliency"]
