@@ -36,8 +36,26 @@ CLEAN = "clean"
 
 def features(
     pairs: Annotated[
-        Path, Option(help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on.")
-    ],
+        Path | None,
+        Option(metavar="DIR", help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."),
+    ] = None,
+    drive: Annotated[
+        Path | None,
+        Option(
+            metavar="DIR",
+            help="Instead of --pairs: a recording in KITTI's layout with poses.txt, for the "
+            "relative pose of its frames.",
+        ),
+    ] = None,
+    gap: Annotated[
+        list[int] | None,
+        Option(
+            min=1,
+            metavar="N",
+            help="With --drive: frames from the first of a pair to the second; may be repeated.",
+            show_default="1",
+        ),
+    ] = None,
     detector: Annotated[
         list[str] | None,
         Option(
@@ -74,7 +92,7 @@ def features(
     report: Report = None,
     as_json: Json = False,
 ) -> None:
-    """Score detectors and descriptors on image pairs related by a homography.
+    """Score detectors and descriptors on image pairs related by a homography, or by a motion.
 
     Means over the pairs with 95 % bootstrap intervals, and with several detectors the paired
     differences of each from the first.
@@ -83,14 +101,24 @@ def features(
     keypoints where contrast is low; OpenCV and COLMAP keep theirs. A module:callable takes an
     (H, W, 3) image in [0, 1] and returns an object with xy and descriptors, strongest first.
     """
+    from saccade.cli.evaluate_poses import relative_poses
     from saccade.cli.output import print_json, print_table, progress_bar
     from saccade.datasets.homography_pairs import homography_pairs
+    from saccade.errors import ConfigError
     from saccade.evaluation.degradation import Degradation
     from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
     from saccade.evaluation.features import feature_difference, score_detector
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 
+    if drive is not None and (pairs is not None or degrade or report or per_sequence):
+        raise ConfigError("--drive: does not go with --pairs, --degrade, --report, --per-sequence")
+    if drive is not None:
+        detectors = detector or ["sift"], preset, config
+        relative_poses(drive, *detectors, points or [], gap or [1], ratio, as_json)
+        return
+    if pairs is None:
+        raise ConfigError("--pairs: expected a folder of image pairs, or --drive, found neither")
     found = homography_pairs(pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
     degradations = [
@@ -151,12 +179,12 @@ def features(
         ],
     )
     if as_json:
-        detectors = {label: _as_json(result, sequences) for label, result in results.items()}
+        tables = {label: _as_json(result, sequences) for label, result in results.items()}
         minus_first = {
             label: {end: asdict(scores) for end, scores in each._asdict().items()}
             for label, each in differences.items()
         }
-        print_json({"pairs": len(found), "detectors": detectors, "differences": minus_first})
+        print_json({"pairs": len(found), "detectors": tables, "differences": minus_first})
         return
     rows = [
         _row(f"  {name}" if name else label, scores)
