@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from saccade.evaluation.relative_pose import PoseScores
+    from saccade.evaluation.relative_pose import PoseScores, RelativePoseScores
 
 COLUMNS = ["", "pairs", "matches", "rotation [deg]", "direction [deg]", "AUC@1/3/5/10 deg"]
 
@@ -31,7 +31,8 @@ def relative_poses(
 
     drive = load_drive("kitti", path)
     poses = read_kitti_poses(path / "poses.txt", drive.time)
-    rows, results, reference = [], {}, {}
+    rows, results = [], {}
+    reference: dict[tuple[int, int | None], RelativePoseScores] = {}
     for name in detectors:
         kind = CONFIGURATIONS.get(name)
         settings = None if kind is None else load_settings(kind, preset, config)
