@@ -11,7 +11,7 @@ import pytest
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import ConfigError, ImageError
 from saccade.evaluation.detectors import find_detector
-from saccade.evaluation.features import FeatureScores, score_detector
+from saccade.evaluation.features import FeatureScores, feature_difference, score_detector
 from saccade.evaluation.homography import corner_error, inside, project
 from saccade.evaluation.repeatability import Features, PairScores, score_pair
 from saccade.exchange.colmap import import_pycolmap
@@ -89,6 +89,18 @@ def test_means_and_intervals():
     assert result.of("a").mean() == scores(1.5)
 
 
+def test_differences_are_paired():
+    """A difference that every pair shows is certain, however much the pairs differ."""
+
+    def scores(*values):
+        rows = [PairScores(*[value] * 14) for value in values]
+        return FeatureScores([("a", str(i)) for i in range(len(rows))], rows)
+
+    difference = feature_difference(scores(1, 20, 600), scores(2, 21, 601))
+    for end in difference:
+        assert end.auc_5 == pytest.approx(1)
+
+
 def test_an_image_shared_by_pairs_is_detected_in_once(scene):
     """And each number of locations is scored as if it were the only one."""
     (scene / "3.png").write_bytes((scene / "2.png").read_bytes())
@@ -141,6 +153,10 @@ def test_evaluate_features(monkeypatch, capsys, scene):
     result = json.loads(out)
     assert result["pairs"] == 1
     assert list(result["detectors"]) == ["sift", "opencv", f"{__name__}:corners"]
+    assert list(result["differences"]) == ["opencv", f"{__name__}:corners"]
+    gain = result["differences"]["opencv"]["mean"]["mma_3"]
+    means = [result["detectors"][name]["mean"]["mma_3"] for name in ("sift", "opencv")]
+    assert gain == pytest.approx(means[1] - means[0])
     for name, scores in result["detectors"].items():
         assert scores["mean"]["mma_3"] > 0.8, name
         assert scores["sequences"]["noise"] == scores["mean"]
@@ -162,6 +178,14 @@ def test_evaluate_features_names_what_is_wrong(monkeypatch, capsys, scene):
         code, _, err = run(monkeypatch, capsys, *words, name)
         assert code == 2, name
         assert expected in err
+        assert err.strip().count("\n") == 0
+
+
+def test_pairs_or_a_drive_are_scored(monkeypatch, capsys, tmp_path):
+    for words in ([], ["--pairs", tmp_path, "--drive", tmp_path]):
+        code, _, err = run(monkeypatch, capsys, "evaluate", "features", *words)
+        assert code == 2
+        assert "--drive" in err
         assert err.strip().count("\n") == 0
 
 
@@ -188,6 +212,15 @@ def test_of_opencvs_points_the_strongest_are_kept(texture, count):
     assert len(strength) > 2 * count
     strongest = sorted(strength, key=strength.get, reverse=True)[:count]
     assert kept_places("opencv", texture, count) == set(strongest)
+
+
+def test_rootsift_of_opencv_is_rootsift(texture):
+    """Its points are the same, and squared descriptors sum to 1 in OpenCV's proportions."""
+    plain, root = (find_detector(name)(texture) for name in ("opencv", "opencv-root"))
+    np.testing.assert_array_equal(root.xy, plain.xy)
+    expected = cv2.normalize(plain.descriptors[0].astype(np.float64), None, norm_type=cv2.NORM_L1)
+    np.testing.assert_allclose(root.descriptors[0] ** 2, expected.ravel(), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(root.descriptors, axis=1), 1, atol=1e-5)
 
 
 def test_descriptors_stay_with_their_points(texture):

@@ -9,7 +9,7 @@ from typer import Option
 from saccade.cli.options import Config, Json, Preset, Report
 
 if TYPE_CHECKING:
-    from saccade.evaluation.features import FeatureScores
+    from saccade.evaluation.features import FeatureDifference, FeatureScores
     from saccade.evaluation.repeatability import PairScores
 
 SCORES = {
@@ -27,7 +27,8 @@ MEANING = (
     "error: their mean distance. MMA: fraction of the mutual nearest neighbors that are correct "
     "within 1, 3 and 5 px; ratio: the same of those that pass the ratio test. Score: correct "
     "matches over the locations visible in both images. AUC: area under the cumulative curve of "
-    "the corner error of the estimated homography. Higher is better, except for the error."
+    "the corner error of the homography that MAGSAC estimates from the matches that pass the ratio "
+    "test, mean of five draws. Higher is better, except for the error."
 )
 CLEAN = "clean"
 """Value of --degrade for images as they are."""
@@ -35,13 +36,31 @@ CLEAN = "clean"
 
 def features(
     pairs: Annotated[
-        Path, Option(help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on.")
-    ],
+        Path | None,
+        Option(metavar="DIR", help="Folder of sequences with 1.png, 2.png, H_1_2.txt and so on."),
+    ] = None,
+    drive: Annotated[
+        Path | None,
+        Option(
+            metavar="DIR",
+            help="Instead of --pairs: a recording in KITTI's layout with poses.txt, for the "
+            "relative pose of its frames.",
+        ),
+    ] = None,
+    gap: Annotated[
+        list[int] | None,
+        Option(
+            min=1,
+            metavar="N",
+            help="With --drive: frames from the first of a pair to the second; may be repeated.",
+            show_default="1",
+        ),
+    ] = None,
     detector: Annotated[
         list[str] | None,
         Option(
-            help="sift, must, symroid, sift-random, sift-salient, opencv, colmap or "
-            "module:callable; may be repeated.",
+            help="sift, must, symroid, sift-random, sift-salient, opencv, opencv-root (RootSIFT), "
+            "colmap or module:callable; may be repeated.",
             show_default="sift",
         ),
     ] = None,
@@ -73,22 +92,33 @@ def features(
     report: Report = None,
     as_json: Json = False,
 ) -> None:
-    """Score detectors and descriptors on image pairs related by a homography.
+    """Score detectors and descriptors on image pairs related by a homography, or by a motion.
 
-    Means over the pairs with 95 % bootstrap intervals.
+    Means over the pairs with 95 % bootstrap intervals, and with several detectors the paired
+    differences of each from the first.
 
     With --points the detectors of this package have no threshold, so that there are enough
     keypoints where contrast is low; OpenCV and COLMAP keep theirs. A module:callable takes an
     (H, W, 3) image in [0, 1] and returns an object with xy and descriptors, strongest first.
     """
+    from saccade.cli.evaluate_poses import relative_poses
     from saccade.cli.output import print_json, print_table, progress_bar
     from saccade.datasets.homography_pairs import homography_pairs
+    from saccade.errors import ConfigError
     from saccade.evaluation.degradation import Degradation
     from saccade.evaluation.detectors import CONFIGURATIONS, OURS, find_detector
-    from saccade.evaluation.features import score_detector
+    from saccade.evaluation.features import feature_difference, score_detector
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 
+    if drive is not None and (pairs is not None or degrade or report or per_sequence):
+        raise ConfigError("--drive: does not go with --pairs, --degrade, --report, --per-sequence")
+    if drive is not None:
+        detectors = detector or ["sift"], preset, config
+        relative_poses(drive, *detectors, points or [], gap or [1], ratio, as_json)
+        return
+    if pairs is None:
+        raise ConfigError("--pairs: expected a folder of image pairs, or --drive, found neither")
     found = homography_pairs(pairs)
     sequences = list(dict.fromkeys(pair.sequence for pair in found))
     degradations = [
@@ -96,6 +126,8 @@ def features(
     ]
     counts: list[int | None] = [*points] if points else [None]
     results: dict[str, FeatureScores] = {}
+    differences: dict[str, FeatureDifference] = {}
+    reference: dict[tuple[int | None, str], FeatureScores] = {}
     for name in detector or ["sift"]:
         kind = CONFIGURATIONS.get(name)
         settings = None if kind is None else load_settings(kind, preset, config)
@@ -106,7 +138,12 @@ def features(
                 scores = score_detector(detect, found, counts, degradation, ratio, radius, progress)
             for count, result in zip(counts, scores, strict=True):
                 words = [label, f"{count} points" if count else "", str(degradation or "")]
-                results[", ".join(filter(None, words))] = result
+                row = ", ".join(filter(None, words))
+                results[row] = result
+                first = reference.setdefault((count, words[2]), result)
+                if first is not result:
+                    differences[row] = feature_difference(first, result)
+    difference_title = f"Paired difference from {(detector or ['sift'])[0]}"
     title = f"{len(found)} pairs in {len(sequences)} sequences, within {radius:g} px"
     write_tables(
         report,
@@ -124,6 +161,11 @@ def features(
                 MEANING,
                 "detector",
             ),
+            *(
+                [Table(difference_title, COLUMNS, _difference_rows(differences), first="detector")]
+                if differences
+                else []
+            ),
             Table(
                 "Each sequence",
                 COLUMNS,
@@ -137,8 +179,12 @@ def features(
         ],
     )
     if as_json:
-        detectors = {label: _as_json(result, sequences) for label, result in results.items()}
-        print_json({"pairs": len(found), "detectors": detectors})
+        tables = {label: _as_json(result, sequences) for label, result in results.items()}
+        minus_first = {
+            label: {end: asdict(scores) for end, scores in each._asdict().items()}
+            for label, each in differences.items()
+        }
+        print_json({"pairs": len(found), "detectors": tables, "differences": minus_first})
         return
     rows = [
         _row(f"  {name}" if name else label, scores)
@@ -146,6 +192,8 @@ def features(
         for name, scores in _means(result, sequences if per_sequence else [])
     ]
     print_table(title, COLUMNS, rows)
+    if differences:
+        print_table(difference_title, COLUMNS, _difference_rows(differences))
 
 
 def _means(result: "FeatureScores", sequences: list[str]) -> "list[tuple[str | None, PairScores]]":
@@ -159,6 +207,15 @@ def _means(result: "FeatureScores", sequences: list[str]) -> "list[tuple[str | N
     ]
 
 
+def _difference_rows(differences: "dict[str, FeatureDifference]") -> list[list[str]]:
+    """The mean difference of each detector, and the ends of its interval."""
+    return [
+        _row(f"  {name}" if name else label, scores, sign="+")
+        for label, each in differences.items()
+        for name, scores in zip(("", "95 % from", "95 % to"), each, strict=True)
+    ]
+
+
 def _as_json(result: "FeatureScores", sequences: list[str]) -> dict[str, Any]:
     low, high = result.interval()
     return {
@@ -169,9 +226,9 @@ def _as_json(result: "FeatureScores", sequences: list[str]) -> dict[str, Any]:
     }
 
 
-def _row(name: str, scores: "PairScores") -> list[str]:
+def _row(name: str, scores: "PairScores", sign: str = "") -> list[str]:
     cells = [
-        " ".join(f"{getattr(scores, field):.3f}".removeprefix("0") for field in fields)
+        " ".join(f"{getattr(scores, field):{sign}.3f}".replace("0.", ".", 1) for field in fields)
         for fields in SCORES.values()
     ]
-    return [name, f"{scores.keypoints:.0f}", *cells]
+    return [name, f"{scores.keypoints:{sign}.0f}", *cells]

@@ -28,7 +28,7 @@ OURS: dict[str, tuple[Any, Any, dict[str, float]]] = {
 """Class, configuration, and the threshold that passes all but rounding errors."""
 CONFIGURATIONS = {**{name: name for name in OURS}, "sift-random": "sift", "sift-salient": "sift"}
 """Detectors that take a configuration, and its kind."""
-NAMES = (*CONFIGURATIONS, "opencv", "colmap")
+NAMES = (*CONFIGURATIONS, "opencv", "opencv-root", "colmap")
 """All names besides module:callable."""
 ORIENTATIONS = 2
 """Keypoints for each location, about: a location may have several orientations."""
@@ -64,8 +64,8 @@ def find_detector(name: str, settings: Any = None, max_locations: int | None = N
         return _in_random_order(Sift(settings or SiftConfig()))
     if name == "sift-salient":
         return _by_saliency(Sift(settings or SiftConfig()))
-    if name == "opencv":
-        return _opencv()
+    if name in ("opencv", "opencv-root"):
+        return _opencv(root=name == "opencv-root")
     if name == "colmap":
         return _colmap()
     if ":" in name:
@@ -93,8 +93,12 @@ def _by_saliency(sift: Sift) -> Detector:
     return detect
 
 
-def _opencv() -> Detector:
-    """OpenCV's SIFT with its defaults; it returns keypoints by location, hence the sorting."""
+def _opencv(root: bool) -> Detector:
+    """OpenCV's SIFT with its defaults; it returns keypoints by location, hence the sorting.
+
+    Args:
+        root: whether to take the square roots of the L1-normalized descriptors: RootSIFT.
+    """
     sift = cv2.SIFT.create()
 
     def detect(image: Float32Array) -> Any:
@@ -104,7 +108,11 @@ def _opencv() -> Detector:
             return SimpleNamespace(xy=np.zeros((0, 2)), descriptors=np.zeros((0, 128)))
         order = np.argsort([-keypoint.response for keypoint in keypoints], kind="stable")
         xy = np.array([keypoint.pt for keypoint in keypoints])[order]
-        return SimpleNamespace(xy=xy, descriptors=descriptors[order].astype(np.uint8))
+        descriptors = descriptors[order]
+        if root:
+            total = descriptors.sum(axis=1, keepdims=True).clip(1)
+            return SimpleNamespace(xy=xy, descriptors=np.sqrt(descriptors / total))
+        return SimpleNamespace(xy=xy, descriptors=descriptors.astype(np.uint8))
 
     return detect
 

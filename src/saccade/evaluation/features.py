@@ -1,14 +1,16 @@
 """Repeatability and matching of a detector over many image pairs."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import astuple
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from saccade.datasets.homography_pairs import HomographyPair
 from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.detectors import Detector
-from saccade.evaluation.intervals import ScoreSet
+from saccade.evaluation.intervals import ScoreSet, mean_interval
 from saccade.evaluation.repeatability import RADIUS, Features, PairScores, score_pair
 from saccade.image import read_image
 from saccade.types import Float32Array
@@ -23,6 +25,24 @@ class FeatureScores(ScoreSet[tuple[str, str], PairScores]):
         """The pairs of one sequence."""
         chosen = [i for i, (name, _) in enumerate(self.name) if name == sequence]
         return FeatureScores([self.name[i] for i in chosen], [self.scores[i] for i in chosen])
+
+
+class FeatureDifference(NamedTuple):
+    """Mean of the paired differences of two detectors over the pairs, with its interval."""
+
+    mean: PairScores
+    low: PairScores
+    high: PairScores
+
+
+def feature_difference(
+    first: FeatureScores, second: FeatureScores, confidence: float = 0.95
+) -> FeatureDifference:
+    """Bootstrap interval of `second` minus `first`, scored on the same pairs."""
+    rows = zip(first.scores, second.scores, strict=True)
+    table = np.array([np.subtract(astuple(b), astuple(a)) for a, b in rows])  # (pairs, scores)
+    means = table.mean(axis=0), *mean_interval(table, confidence, FeatureScores.seed)
+    return FeatureDifference(*(PairScores(*values.tolist()) for values in means))
 
 
 def score_detector(

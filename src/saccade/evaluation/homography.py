@@ -7,6 +7,8 @@ from saccade.types import BoolArray, FloatArray
 
 INLIER_PX = 2.0
 """Inlier threshold of MAGSAC in pixels."""
+RUNS = 5
+"""Random draws of MAGSAC for each image pair, over which its scores are averaged."""
 
 
 def project(homography: FloatArray, xy: FloatArray) -> FloatArray:
@@ -23,6 +25,18 @@ def inside(xy: FloatArray, shape: tuple[int, int]) -> BoolArray:
     x, y = xy.T
     within: BoolArray = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     return within
+
+
+def corner_errors(
+    first: FloatArray, second: FloatArray, homography: FloatArray, shape: tuple[int, int]
+) -> FloatArray:
+    """(RUNS,) corner errors of homographies estimated from matches in different orders.
+
+    The estimator draws its samples from a fixed sequence of indices, so that each order of the
+    matches is another draw. Arguments as of `corner_error`.
+    """
+    orders = [np.random.default_rng(seed).permutation(len(first)) for seed in range(RUNS)]
+    return np.array([corner_error(first[i], second[i], homography, shape) for i in orders])
 
 
 def corner_error(

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from saccade.evaluation.homography import corner_error, inside, project
+from saccade.evaluation.homography import corner_errors, inside, project
 from saccade.keypoints.matching import nearest_neighbors
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -59,7 +59,8 @@ class PairScores:
     """Matching score: mutual matches correct to the radius, over the locations in the common
     area of the image that has fewer."""
     auc_1: float
-    """Area under the cumulative curve of the homography's corner error, up to 1 px."""
+    """Area under the cumulative curve of the homography's corner error, up to 1 px; the mean of
+    several random draws of the estimator."""
     auc_3: float
     auc_5: float
     auc_10: float
@@ -96,7 +97,7 @@ def score_pair(
     repeated = distance[distance <= radius]
     error, kept, pairs = mutual_matches(first, second, homography, ratio)
     matched = pairs[kept]
-    corners = corner_error(
+    corners = corner_errors(
         first.xy[matched[:, 0]], second.xy[matched[:, 1]], homography, first.shape
     )
     return PairScores(
@@ -110,10 +111,10 @@ def score_pair(
         ratio_3=fraction(error[kept] <= 3),
         ratio_5=fraction(error[kept] <= 5),
         score=float((error <= radius).sum()) / max(min(len(common1), len(common2)), 1),
-        auc_1=max(0.0, 1 - corners / 1),
-        auc_3=max(0.0, 1 - corners / 3),
-        auc_5=max(0.0, 1 - corners / 5),
-        auc_10=max(0.0, 1 - corners / 10),
+        auc_1=mean_precision(corners, 1),
+        auc_3=mean_precision(corners, 3),
+        auc_5=mean_precision(corners, 5),
+        auc_10=mean_precision(corners, 10),
     )
 
 
@@ -150,6 +151,11 @@ def mutual_matches(
     pairs = np.stack([index, nearest[index]], axis=1)
     gap = project(homography, first.xy[pairs[:, 0]]) - second.xy[pairs[:, 1]]
     return np.hypot(*gap.T), (distance < ratio**2 * runner_up)[index], pairs
+
+
+def mean_precision(errors: FloatArray, limit: float) -> float:
+    """Area under the cumulative curve of errors up to a limit, over the limit."""
+    return float(np.maximum(0, 1 - errors / limit).mean())
 
 
 def fraction(mask: BoolArray) -> float:

@@ -1,0 +1,178 @@
+"""Relative pose of two frames of a calibrated recording, estimated from matched keypoints."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
+
+import cv2
+import numpy as np
+
+from saccade.datasets.drives.calibration import camera_matrix
+from saccade.datasets.drives.sidecar_files import Poses
+from saccade.errors import DriveError
+from saccade.evaluation.detectors import Detector
+from saccade.evaluation.homography import RUNS
+from saccade.evaluation.intervals import ScoreSet, mean_interval
+from saccade.evaluation.repeatability import Features, mean_precision
+from saccade.frames import Drive
+from saccade.image import as_gray
+from saccade.keypoints.matching import nearest_neighbors
+from saccade.types import FloatArray
+
+THRESHOLD_PX = 1.0
+"""Inlier threshold of MAGSAC in pixels."""
+FAILED = 180.0
+"""Error in degrees where no pose can be estimated."""
+
+
+@dataclass(frozen=True)
+class PoseScores:
+    """Scores of one pair of frames, or their means over several."""
+
+    matches: float
+    """Number of mutual nearest neighbors that pass the ratio test."""
+    rotation: float
+    """Angle in degrees between estimated and true rotation."""
+    direction: float
+    """Angle in degrees between estimated and true direction of the translation."""
+    auc_1: float
+    """Area under the cumulative curve of the larger of the two angles, up to 1 degree."""
+    auc_3: float
+    auc_5: float
+    auc_10: float
+
+
+class RelativePoseScores(ScoreSet[tuple[int, int], PoseScores]):
+    """Scores of pairs of frames, named by their numbers."""
+
+    seed = 20103
+
+
+def pose_difference(
+    first: RelativePoseScores, second: RelativePoseScores, confidence: float = 0.95
+) -> tuple[PoseScores, PoseScores, PoseScores]:
+    """Mean of `second` minus `first` over the same pairs, and the ends of its interval."""
+    rows = zip(first.scores, second.scores, strict=True)
+    table = np.array([np.subtract(astuple(b), astuple(a)) for a, b in rows])  # (pairs, scores)
+    mean, (low, high) = table.mean(axis=0), mean_interval(table, confidence, first.seed)
+    return PoseScores(*mean.tolist()), PoseScores(*low.tolist()), PoseScores(*high.tolist())
+
+
+def pose_errors(
+    first: FloatArray, second: FloatArray, matrix: FloatArray, truth: FloatArray
+) -> tuple[float, float]:
+    """Angles in degrees of rotation and of direction of an estimated relative pose.
+
+    Args:
+        first: (m, 2) matched points of the first frame in pixels.
+        second: (m, 2) their matches in the second frame.
+        matrix: (3, 3) intrinsics of the camera.
+        truth: (4, 4) from the first camera's frame to the second's.
+
+    Returns:
+        The two angles; `FAILED` where no essential matrix can be estimated. The estimator is
+        OpenCV's USAC with MAGSAC.
+    """
+    if len(first) < 5:
+        return FAILED, FAILED
+    essential, _ = cv2.findEssentialMat(
+        first, second, matrix, method=cv2.USAC_MAGSAC, prob=0.999, threshold=THRESHOLD_PX
+    )
+    if essential is None or essential.shape != (3, 3):
+        return FAILED, FAILED
+    _, rotation, translation, _ = cv2.recoverPose(essential, first, second, matrix)
+    cosine = (np.trace(rotation.T @ truth[:3, :3]) - 1) / 2
+    along = truth[:3, 3] / np.linalg.norm(truth[:3, 3])
+    angles = np.degrees(np.arccos(np.clip([cosine, along @ translation.ravel()], -1, 1)))
+    return float(angles[0]), float(angles[1])
+
+
+def score_relative_poses(
+    detect: Detector,
+    drive: Drive,
+    poses: Poses,
+    counts: Sequence[int | None] = (None,),
+    gaps: Sequence[int] = (1,),
+    ratio: float = 0.8,
+    progress: Callable[[int, int], object] | None = None,
+) -> dict[tuple[int, int | None], RelativePoseScores]:
+    """Score a detector on pairs of frames of a recording whose poses are known.
+
+    Args:
+        detect: the detector, its keypoints in the order in which they are to be kept.
+        drive: n frames with images.
+        poses: (n,) true poses of the camera, x right, y down, z ahead.
+        counts: numbers of locations kept in each image; None keeps all.
+        gaps: numbers of frames from the first of a pair to the second.
+        ratio: threshold of the ratio test.
+        progress: called with the frames done and their number.
+
+    Returns:
+        The scores by gap and count. Pairs without motion are left out, since the translation of
+        these has no direction.
+
+    Raises:
+        DriveError: a frame has no image, or there are not as many poses as frames.
+    """
+    if len(poses.rotation) != len(drive):
+        raise DriveError(
+            f"{drive.name}: expected a true pose of each of {len(drive)} frames, "
+            f"found {len(poses.rotation)}"
+        )
+    matrix = camera_matrix(drive.camera)
+    kept: list[Features] = []
+    names: dict[tuple[int, int | None], list[tuple[int, int]]] = {}
+    scores: dict[tuple[int, int | None], list[PoseScores]] = {}
+    for number in range(len(drive)):
+        kept = [*kept, _features(detect, drive, number)][-max(gaps) - 1 :]
+        for gap in gaps:
+            if gap > number or np.allclose(poses.position[number - gap], poses.position[number]):
+                continue
+            truth = relative_pose(poses, number - gap, number)
+            for count in counts:
+                pair = kept[-1 - gap].strongest(count), kept[-1].strongest(count)
+                names.setdefault((gap, count), []).append((number - gap, number))
+                scores.setdefault((gap, count), []).append(_score(*pair, matrix, truth, ratio))
+        if progress is not None:
+            progress(number + 1, len(drive))
+    return {key: RelativePoseScores(names[key], table) for key, table in scores.items()}
+
+
+def relative_pose(poses: Poses, first: int, second: int) -> FloatArray:
+    """(4, 4) from the camera's frame at the first pose to that at the second."""
+    inverse = poses.rotation[second].T
+    result = np.eye(4)
+    result[:3, :3] = inverse @ poses.rotation[first]
+    result[:3, 3] = inverse @ (poses.position[first] - poses.position[second])
+    return result
+
+
+def _features(detect: Detector, drive: Drive, number: int) -> Features:
+    image = drive.load(number).image
+    if image is None:
+        raise DriveError(f"{drive.name}: expected an image of frame {number}, found none")
+    gray = as_gray(image)
+    keypoints = detect(np.repeat(gray[:, :, None], 3, axis=2))
+    descriptors = np.asarray(keypoints.descriptors)
+    return Features(np.asarray(keypoints.xy, np.float64), descriptors, gray.shape)
+
+
+def _score(
+    first: Features, second: Features, matrix: FloatArray, truth: FloatArray, ratio: float
+) -> PoseScores:
+    pairs = np.zeros((0, 2), np.int64)
+    if len(first.xy) and len(second.xy):
+        nearest, distance, runner_up, back = nearest_neighbors(
+            first.descriptors, second.descriptors
+        )
+        mutual = back[nearest] == np.arange(len(nearest))
+        index = np.flatnonzero(mutual & (distance < ratio**2 * runner_up))
+        pairs = np.stack([index, nearest[index]], axis=1)
+    orders = [pairs[np.random.default_rng(seed).permutation(len(pairs))] for seed in range(RUNS)]
+    angles = np.array(
+        [pose_errors(first.xy[i[:, 0]], second.xy[i[:, 1]], matrix, truth) for i in orders]
+    )
+    worse = angles.max(axis=1)
+    means = angles.mean(axis=0).tolist()
+    return PoseScores(
+        float(len(pairs)), *means, *(mean_precision(worse, limit) for limit in (1, 3, 5, 10))
+    )
