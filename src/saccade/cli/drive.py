@@ -40,6 +40,9 @@ def drive(
     max_landmarks: Annotated[
         int | None, Option(min=1, help="Maximum number of landmarks in the map.")
     ] = None,
+    anyway: Annotated[
+        bool, Option("--anyway", help="Use frames that repeat the frame before as they are.")
+    ] = False,
     film: Film = True,
     checkpoint: CheckpointInterval = 10.0,
     preset: Preset = None,
@@ -62,6 +65,7 @@ def drive(
     from saccade.cli.drive_run import map_drive
     from saccade.cli.output import print_json, print_message, progress_bar
     from saccade.cli.run_output import RunOutput
+    from saccade.diagnostics import drop_repeated
     from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)
@@ -71,12 +75,14 @@ def drive(
     recorded = datasets.load_drive(cast("datasets.DriveKind", kind), sequence)
     if frames is not None:
         recorded = recorded.until(frames)
+    if not anyway:
+        recorded = drop_repeated(recorded)
     for remark in recorded.remarks:
         print_message(remark)
     with progress_bar(recorded.name) as progress:
         output = RunOutput(out, film, checkpoint_interval=checkpoint)
         row = map_drive(recorded, settings, output, progress)
-    for remark in row["remarks"]:
+    for remark in row["remarks"][len(recorded.remarks) :]:
         print_message(remark)
     if as_json:
         print_json(row)

@@ -47,7 +47,7 @@ def map_drive(
     summary = summarize_drive(drive, result)
     row = {
         **summary,
-        "remarks": list(result.remarks),
+        "remarks": [*drive.remarks, *result.remarks],
         "seed": settings.seed,
         "settings": asdict(settings),
     }

@@ -26,6 +26,7 @@ from saccade.diagnostics.recording import (
     check_timestamps,
 )
 from saccade.diagnostics.survey import Survey, survey_drive
+from saccade.diagnostics.truth import check_truth
 from saccade.errors import require
 from saccade.frames import Drive
 
@@ -64,6 +65,9 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
     ]
     odometry, extrinsics = _motion_findings(drive, series, lag)
     findings += odometry + extrinsics
+    agree = all(finding.severity == "note" for finding in odometry + extrinsics)
+    if not extrinsics and all(finding.severity != "error" for finding in odometry):
+        findings += check_truth(drive, survey, agree)
     if not drive.control[:, :2].any():
         what = "there are no translations by odometry to compare the images with"
         advice = "Provide odometry.csv if odometry was recorded"
