@@ -6,6 +6,7 @@ motion odometry measures. The camera's has x to the right, y down and z along th
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -125,6 +126,9 @@ class Drive:
     truth_off_plane: FloatArray | None = None
     """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
     radians, at the poses of `truth`."""
+    scale: Literal["metric", "held", "assumed"] = "metric"
+    """Of a single camera without odometry lengths are in arbitrary units: "held" from step to step
+    by triangulated points, or "assumed" as those of a constant speed."""
     remarks: tuple[str, ...] = ()
     """Repairs made when its files were read, one line each."""
 

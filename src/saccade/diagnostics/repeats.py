@@ -23,7 +23,7 @@ def drop_repeated(drive: Drive) -> Drive:
         first = drive.load(0)
     except ImageError:
         first = Frame(float(drive.time[0]))
-    moves = drive.control.any(1)
+    moves = drive.control.any(1) & (drive.scale == "metric")
     if first.tracks is None:
         return replace(drive, load=_without_repeated_images(drive, np.append(False, moves), first))
     moves = np.asarray(moves | (not drive.control.any()))
