@@ -58,8 +58,8 @@ def _restarted_tracks(drive: Drive, numbers: IntArray) -> Callable[[int], Frame]
             if repeated is not None:
                 keep[repeated] = False
         epoch = int(np.searchsorted(numbers, i, side="right"))
-        id = tracks.id[keep] + epoch * stride
-        return replace(frame, tracks=Tracks(id, tracks.xy[keep], tracks.disparity[keep]))
+        tracks = tracks[keep]
+        return replace(frame, tracks=replace(tracks, id=tracks.id + epoch * stride))
 
     return load
 
