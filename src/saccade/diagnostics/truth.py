@@ -10,7 +10,6 @@ from saccade.diagnostics.motion_series import MIN_STEPS, Fit, Lag, fit, lag_of, 
 from saccade.diagnostics.odometry import MAX_SCALE_ERROR, MIN_CORRELATION, MIN_TURN_RATE
 from saccade.diagnostics.survey import Survey
 from saccade.frames import Drive, steps_between
-from saccade.slam.models import compose
 from saccade.types import FloatArray
 
 MAX_LENGTH_ERROR = 0.05
@@ -140,10 +139,11 @@ def _times(fitted: Fit) -> str:
 def _segments(drive: Drive) -> tuple[FloatArray, FloatArray]:
     """(m, 3) motions over segments of the drive, by odometry and by the truth."""
     assert drive.truth is not None
-    pose = [np.zeros(3)]
-    for control in drive.control:
-        pose.append(compose(pose[-1], control)[0])
+    heading = np.append(0.0, np.cumsum(drive.control[:, 2]))
+    steps = np.exp(1j * heading[:-1]) * (drive.control[:, 0] + 1j * drive.control[:, 1])
+    position = np.append(0.0, np.cumsum(steps))
+    pose = np.stack([position.real, position.imag, heading], 1)
     marks = np.arange(drive.time[0], drive.time[-1], SEGMENT_SECONDS)
     index = np.unique(np.searchsorted(drive.time, marks))
     truth = drive.truth.at(drive.time[index])
-    return steps_between(np.array(pose)[index]), steps_between(truth)
+    return steps_between(pose[index]), steps_between(truth)
