@@ -6,11 +6,13 @@ motion odometry measures. The camera's has x to the right, y down and z along th
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import DriveError, require, require_ranges
-from saccade.types import FloatArray, Image, IntArray, Trajectory, check_arrays
+from saccade.types import BoolArray, FloatArray, Image, IntArray, Trajectory, check_arrays
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """(3, 3) rotation of a camera that faces straight ahead, from its frame into the robot's."""
@@ -66,9 +68,15 @@ class Tracks:
     """(k, 2) positions in the (left) image, in pixels."""
     disparity: FloatArray
     """(k,) stereo disparities in pixels; NaN where unknown."""
+    descriptor: npt.NDArray[np.uint8] | None = None
+    """(k, 128) SIFT descriptors, by which lost points are re-identified; None without."""
 
     def __len__(self) -> int:
         return len(self.id)
+
+    def __getitem__(self, rows: slice | BoolArray) -> "Tracks":
+        descriptor = None if self.descriptor is None else self.descriptor[rows]
+        return Tracks(self.id[rows], self.xy[rows], self.disparity[rows], descriptor)
 
     def __repr__(self) -> str:
         return f"Tracks({len(self)} points)"
@@ -125,6 +133,9 @@ class Drive:
     truth_off_plane: FloatArray | None = None
     """(t, 3) ground truth off the plane, if known: height in meters, pitch (nose up) and roll in
     radians, at the poses of `truth`."""
+    scale: Literal["metric", "held", "assumed"] = "metric"
+    """Of a single camera without odometry lengths are in arbitrary units: "held" from step to step
+    by triangulated points, or "assumed" as those of a constant speed."""
     remarks: tuple[str, ...] = ()
     """Repairs made when its files were read, one line each."""
 

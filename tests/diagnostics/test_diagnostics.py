@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from saccade.datasets import load_drive
-from saccade.diagnostics import check_drive
+from saccade.diagnostics import check_drive, drop_repeated
 from saccade.diagnostics.checks import report_on
 from saccade.diagnostics.survey import chosen_frames, survey_drive
 from saccade.errors import ImageError
-from saccade.frames import Frame
+from saccade.frames import Drive, Frame
+from saccade.types import Trajectory
 from support.winding_drive import FRAMES, winding
 
 
@@ -58,7 +59,12 @@ def jump(drive):
 
 def gap(drive):
     time = drive.time + np.where(np.arange(len(drive)) >= 50, 3.0, 0.0)
-    return replace(drive, time=time)
+    return replace(drive, time=time, truth=Trajectory(time, drive.truth.pose))
+
+
+def truth(drive, scale=(1, 1, 1), seconds=0.0, **changes):
+    pose = Trajectory(drive.truth.time + seconds, drive.truth.pose * scale)
+    return replace(drive, truth=pose, **changes)
 
 
 def other_turns(control):
@@ -86,6 +92,9 @@ DEFECTS = {
         lambda d: replace(d, camera=replace(d.camera, position=np.array([-0.5, -0.1, 1.0]))),
         0.5, 0.1,
     ),
+    "truth length": (lambda d: truth(d, (1 / 1.08, 1 / 1.08, 1)), 1.08, 0.01),
+    "truth turns": (lambda d: truth(d, (1, -1, -1), control=0 * d.control), -1.0, 0.1),
+    "truth clock": (lambda d: truth(d, seconds=0.5, control=0 * d.control), 0.5, 0.11),
     "principal point": (
         lambda d: replace(d, camera=replace(d.camera, width=1280, height=960)), 25, 1,
     ),
@@ -254,3 +263,68 @@ def test_images_of_kitti_are_clean_and_a_wrong_turn_in_them_is_found(shared):
     assert not found(report_on(drive, survey))
     mirrored = replace(drive, control=drive.control * [1, 1, -1])
     assert set(found(report_on(mirrored, survey))) == {"turn sign"}
+
+
+def test_odometry_is_compared_with_the_truth_without_images(drive, survey):
+    blind = replace(survey, rotation=survey.rotation * np.nan)
+    for change, check, value in (
+        ((1 / 1.2, 1 / 1.2, 1), "truth odometry length", 1.2),
+        ((1, 1, 1 / 1.3), "truth odometry turn", 1.3),
+    ):
+        findings = found(report_on(truth(drive, change), blind))
+        assert findings[check].value == pytest.approx(value, abs=0.04)
+
+
+def test_lengths_that_differ_by_8_to_20_percent_are_named(drive):
+    """By a wrong baseline, whatever odometry says, and with lengths that vary."""
+    for factor in (0.8, 0.92, 1.08, 1.2):
+        camera = replace(drive.camera, baseline=factor * drive.camera.baseline)
+        findings = found(check_drive(replace(drive, camera=camera, control=0 * drive.control)))
+        assert set(findings) == {"truth length"}
+        assert findings["truth length"].value == pytest.approx(factor, abs=0.02)
+
+
+def repeating(drive, numbers):
+    """In some frames, tracks repeat the frame before, and go on at other points."""
+
+    def load(i):
+        shift = sum(n <= i for n in numbers)
+        frame = drive.load(i)
+        tracks = replace(frame.tracks, id=(frame.tracks.id + 7 * shift) % 4000)
+        if i in numbers:
+            tracks = load(i - 1).tracks
+        return replace(frame, tracks=tracks)
+
+    return replace(drive, load=load)
+
+
+def test_repeated_tracks_are_dropped_and_begin_anew(drive):
+    numbers = (20, 21, 57, 130)
+    repaired = drop_repeated(repeating(drive, numbers))
+    assert any("4 frames repeat" in remark for remark in repaired.remarks)
+    ids = [set(repaired.load(i).tracks.id.tolist()) for i in range(len(drive))]
+    assert all(not ids[i] for i in numbers)
+    assert not set.union(*ids[:20]) & set.union(*ids[20:57])
+    assert "repeated frames" not in found(check_drive(repaired))
+    assert drop_repeated(drive).load is drive.load
+
+
+def test_repeated_images_are_errors_only_while_odometry_moves():
+    rng = np.random.default_rng(3)
+    images = rng.integers(0, 255, (6, 8, 8)).astype(np.uint8)
+    images[3] = images[2]
+    images[5] = images[4]
+    control = np.tile([0.1, 0.0, 0.0], (5, 1))
+    control[4] = 0
+    still = Drive(
+        "still", winding().camera, np.arange(6.0), control, np.zeros((5, 3, 3)),
+        lambda i: Frame(float(i), images[i]),
+    )  # fmt: skip
+    repaired = drop_repeated(still)
+    for order in (range(6), (3, 0, 5, 2)):
+        for i in order:
+            if i == 3:
+                with pytest.raises(ImageError, match="frame 3: its image repeats"):
+                    repaired.load(i)
+            else:
+                np.testing.assert_array_equal(repaired.load(i).image, images[i])

@@ -40,6 +40,16 @@ def drive(
     max_landmarks: Annotated[
         int | None, Option(min=1, help="Maximum number of landmarks in the map.")
     ] = None,
+    intrinsics: Annotated[
+        str | None,
+        Option(metavar="FX,FY,CX,CY", help="Camera of images without a calibration, in pixels."),
+    ] = None,
+    baseline: Annotated[
+        float | None, Option(min=1e-6, help="Metres between the cameras of such a stereo pair.")
+    ] = None,
+    anyway: Annotated[
+        bool, Option("--anyway", help="Use frames that repeat the frame before as they are.")
+    ] = False,
     film: Film = True,
     checkpoint: CheckpointInterval = 10.0,
     preset: Preset = None,
@@ -62,26 +72,46 @@ def drive(
     from saccade.cli.drive_run import map_drive
     from saccade.cli.output import print_json, print_message, progress_bar
     from saccade.cli.run_output import RunOutput
+    from saccade.datasets.drives.bare import CameraOptions
+    from saccade.diagnostics import drop_repeated
     from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)
     given = {"detector": detector, "selection": selection, "max_landmarks": max_landmarks}
     settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     kind = "auto" if kind is None else kind
-    recorded = datasets.load_drive(cast("datasets.DriveKind", kind), sequence)
+    camera = CameraOptions(parse_intrinsics(intrinsics), baseline)
+    recorded = datasets.load_drive(cast("datasets.DriveKind", kind), sequence, camera)
     if frames is not None:
         recorded = recorded.until(frames)
+    if not anyway:
+        recorded = drop_repeated(recorded)
     for remark in recorded.remarks:
         print_message(remark)
     with progress_bar(recorded.name) as progress:
         output = RunOutput(out, film, checkpoint_interval=checkpoint)
         row = map_drive(recorded, settings, output, progress)
-    for remark in row["remarks"]:
+    for remark in row["remarks"][len(recorded.remarks) :]:
         print_message(remark)
     if as_json:
         print_json(row)
     else:
         print_summary(row, f"{recorded.name} -> {out}")
+
+
+def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | None:
+    """The four numbers of `--intrinsics`."""
+    from saccade.errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        fx, fy, cx, cy = (float(value) for value in text.split(","))
+    except ValueError as error:
+        raise ConfigError(
+            f"--intrinsics: expected four numbers fx,fy,cx,cy in pixels, found {text!r}"
+        ) from error
+    return fx, fy, cx, cy
 
 
 def print_summary(row: dict[str, Any], title: str) -> None:

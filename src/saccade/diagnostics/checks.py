@@ -1,6 +1,7 @@
 """Runs all checks of a drive."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from saccade.diagnostics.recording import (
     check_timestamps,
 )
 from saccade.diagnostics.survey import Survey, survey_drive
+from saccade.diagnostics.truth import check_truth
 from saccade.errors import require
 from saccade.frames import Drive
 
@@ -54,6 +56,8 @@ def check_drive(
 
 def report_on(drive: Drive, survey: Survey) -> CheckReport:
     """Check a drive that was surveyed."""
+    if drive.scale != "metric":  # its controls are an assumption, no odometry
+        drive = replace(drive, control=0 * drive.control)
     series, lag = series_of(drive, survey), lag_of(drive, survey)
     findings = [
         *check_images(drive, survey),
@@ -64,6 +68,9 @@ def report_on(drive: Drive, survey: Survey) -> CheckReport:
     ]
     odometry, extrinsics = _motion_findings(drive, series, lag)
     findings += odometry + extrinsics
+    agree = all(finding.severity == "note" for finding in odometry + extrinsics)
+    if not extrinsics and all(finding.severity != "error" for finding in odometry):
+        findings += check_truth(drive, survey, agree)
     if not drive.control[:, :2].any():
         what = "there are no translations by odometry to compare the images with"
         advice = "Provide odometry.csv if odometry was recorded"

@@ -9,7 +9,7 @@ import numpy as np
 
 from saccade.diagnostics.camera_motion import FramePoints, match_points, motion_between, points_of
 from saccade.errors import ImageError
-from saccade.frames import Camera, Drive, Frame
+from saccade.frames import Camera, Drive, Frame, Tracks
 from saccade.types import BoolArray, FloatArray, Image, IntArray
 from saccade.visual.optical_flow import ByteArray, PreparedFrame, gray_bytes
 
@@ -161,9 +161,19 @@ def _is_copy(previous: PreparedFrame, current: PreparedFrame) -> bool:
     """Whether most tracks, or the images, are equal to the bit."""
     before, now = previous.frame.tracks, current.frame.tracks
     if before is not None and now is not None:
-        _, i, j = np.intersect1d(before.id, now.id, return_indices=True)
-        equal = (before.xy[i] == now.xy[j]).all(1)
-        return len(i) >= MIN_COMMON_TRACKS and bool(equal.mean() > MAX_EQUAL)
+        return repeated_observations(before, now) is not None
     if previous.left is None or current.left is None:
         return False
     return bool(current.left.std() > 0 and np.array_equal(previous.left, current.left))
+
+
+def repeated_observations(before: Tracks, now: Tracks) -> IntArray | None:
+    """Indices in `now` of observations equal to those of the frame before to the bit.
+
+    None unless most common tracks are equal: the frame is no copy.
+    """
+    _, i, j = np.intersect1d(before.id, now.id, return_indices=True)
+    equal = (before.xy[i] == now.xy[j]).all(1)
+    if len(i) < MIN_COMMON_TRACKS or equal.mean() <= MAX_EQUAL:
+        return None
+    return np.asarray(j[equal], np.int64)

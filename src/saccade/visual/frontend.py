@@ -117,7 +117,9 @@ class FeatureExtractor:
         tracks, camera = prepared.frame.tracks, self._drive.camera
         if tracks is not None:
             points, track = Keypoints.at(tracks.xy, 1.0), tracks.id
-            descriptors = np.zeros((len(tracks), 128), np.uint8)
+            descriptors = tracks.descriptor
+            if descriptors is None:
+                descriptors = np.zeros((len(tracks), 128), np.uint8)
             depth = depth_of(camera, tracks.disparity)
         elif prepared.left is not None:
             points = self._detect_keypoints(prepared.left)

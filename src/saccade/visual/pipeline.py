@@ -30,6 +30,7 @@ from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.tables import TrackedPoints
+from saccade.visual.unknown_scale import keep_scale
 from saccade.visual.visual_map import VisualMap
 
 
@@ -164,11 +165,13 @@ class Pipeline:
 
     def _track(self, frame: PreparedFrame, expected: Prior) -> Motion | None:
         """Track points into the frame, and estimate the egomotion."""
-        camera, config = self.drive.camera, self.config
+        camera, config, before = self.drive.camera, self.config, self.tracked
         with self.log.timed("track"):
             self.tracked, motion = track(
                 camera, self._previous, frame, self.tracked, expected, config
             )
+        if motion is not None and self.drive.scale == "held":
+            motion = keep_scale(camera, before, self.tracked, motion)
         self.log.add_motion(expected[0], motion)
         if motion is None or self.map.has_depth:
             return motion

@@ -1,6 +1,6 @@
 """Drives from a folder of images, or from a video, with a calibration beside it.
 
-    camera.toml              see `calibration`; required
+    camera.toml              see `calibration`; without it the camera is guessed, see `bare`
     the images               in the folder or its subfolder images/: sorted by the numbers in
                              their names, or by name; or the video, in the folder of the rest
     right/, depth/           optional, with the names of the images; not with a video
@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from saccade.datasets.drives.bare import BareCamera, CameraOptions, bare_camera, image_folders
 from saccade.datasets.drives.calibration import CAMERA_FILE, read_calibration
 from saccade.datasets.drives.frames import (
     FrameTimes,
@@ -22,6 +23,7 @@ from saccade.datasets.drives.frames import (
     are_numbered,
     frame_loader,
     image_files,
+    image_size,
     list_images,
 )
 from saccade.datasets.drives.sidecar_files import assemble_drive
@@ -30,31 +32,47 @@ from saccade.errors import DriveError
 from saccade.frames import Drive
 from saccade.video import VideoFrames
 
+ASSUMED_SPEED = 1.0
+"""Units per second of a single camera without odometry."""
+ASSUMED_TURN = 0.2
+"""Standard deviation of its turn from frame to frame, in radians."""
+_NO_SCALE = "the scale is unknown, since a single camera without odometry measures no lengths: "
+HELD_SCALE = _NO_SCALE + "metres are units, of which it moves one a second in the first step"
+ASSUMED_SCALE = _NO_SCALE + "metres are units, and a constant speed of one a second is assumed"
 
-def read_folder_drive(path: Path) -> Drive:
+
+def read_folder_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     """A drive from a folder of images."""
-    folder = path / "images" if (path / "images").is_dir() else path
-    calibration = read_calibration(path / CAMERA_FILE)
+    folder, right = image_folders(path)
     images = list_images(folder)
     if are_numbered(images):
         images.sort(key=lambda image: int(image.stem))
+    calibration, remark, is_guess = _calibration(path, images[0], None, options)
+    remarks = tuple(filter(None, [remark]))
+    if right is not None and calibration.camera.baseline == 0:
+        remarks += (f"{right}: not used, since the baseline is unknown; --baseline gives it",)
+        right = None
     frames = _frame_times(path, len(images), calibration.rate)
+    frames = replace(frames, remarks=frames.remarks + remarks)
     left = [images[i] for i in frames.index.tolist()]
     load = frame_loader(
         calibration,
         frames.time,
         left=image_files(left),
-        right=image_files(_same_names(path / "right", left)),
+        right=image_files(_same_names(right, left)),
         depth=image_files(_same_names(path / "depth", left), calibration.depth_unit),
     )
-    return assemble_drive(path.resolve().name, path, calibration, frames, load)
+    drive = assemble_drive(path.resolve().name, path, calibration, frames, load)
+    return drive if (path / "depth").is_dir() else assume_speed(drive, is_guess)
 
 
-def read_video_drive(path: Path) -> Drive:
+def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     """A drive from a video."""
-    calibration = read_calibration(path.parent / CAMERA_FILE)
     video = VideoFrames(path)
+    height, width = video[0].shape[:2]
+    calibration, remark, is_guess = _calibration(path.parent, None, (width, height), options)
     frames = _frame_times(path.parent, len(video), video.rate)
+    frames = replace(frames, remarks=(*frames.remarks, *filter(None, [remark])))
     if video.declared > len(video):
         remark = (
             f"{path}: {video.declared} frames are announced, {len(video)} can be decoded: "
@@ -67,7 +85,42 @@ def read_video_drive(path: Path) -> Drive:
         return SourceImage(video[number], f"{path}, frame {number}")
 
     load = frame_loader(calibration, frames.time, left=read)
-    return assemble_drive(path.stem, path.parent, calibration, frames, load)
+    return assume_speed(assemble_drive(path.stem, path.parent, calibration, frames, load), is_guess)
+
+
+def assume_speed(drive: Drive, is_guess: bool = False) -> Drive:
+    """A drive of one camera without odometry, with an assumed speed: one unit in a second.
+
+    Where the focal length is a guess, in all steps: its error makes a scale that is held from step
+    to step drift; else in the first.
+    """
+    if drive.camera.baseline > 0 or drive.control.any() or len(drive) < 2:
+        return drive
+    step = ASSUMED_SPEED * np.diff(drive.time)
+    sigma = np.stack([step / 2, step / 2, np.full(len(step), ASSUMED_TURN)], 1)
+    return replace(
+        drive,
+        control=np.stack([step, 0 * step, 0 * step], 1),
+        control_covariance=np.square(sigma)[:, :, None] * np.eye(3),
+        scale="assumed" if is_guess else "held",
+        remarks=(*drive.remarks, ASSUMED_SCALE if is_guess else HELD_SCALE),
+    )
+
+
+def _calibration(
+    folder: Path, image: Path | None, size: tuple[int, int] | None, options: CameraOptions | None
+) -> BareCamera:
+    """The calibration of camera.toml, or that of a bare folder with a remark about it."""
+    file, options = folder / CAMERA_FILE, options or CameraOptions()
+    if file.exists():
+        if options != CameraOptions():
+            raise DriveError(f"{file}: gives the camera; expected no --intrinsics or --baseline")
+        return BareCamera(read_calibration(file))
+    if size is None:
+        assert image is not None
+        size = image_size(image)
+    camera = bare_camera(folder, size, image, options)
+    return camera._replace(remark=f"{folder}: {camera.remark}")
 
 
 def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:
@@ -82,7 +135,7 @@ def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:
     return FrameTimes.sort(recorded[:count], str(path))
 
 
-def _same_names(folder: Path, images: list[Path]) -> list[Path | None]:
+def _same_names(folder: Path | None, images: list[Path]) -> list[Path | None]:
     """For each image the one of a folder with the same name; None where there is none."""
-    others = {path.stem: path for path in list_images(folder)} if folder.is_dir() else {}
+    others = {path.stem: path for path in list_images(folder)} if folder and folder.is_dir() else {}
     return [others.get(image.stem) for image in images]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, TypeAlias, cast, get_args
 
+from saccade.datasets.drives.bare import CameraOptions, has_images
 from saccade.datasets.drives.calibration import CAMERA_FILE
 from saccade.datasets.drives.euroc import read_euroc_drive
 from saccade.datasets.drives.folder import read_folder_drive, read_video_drive
@@ -11,6 +12,7 @@ from saccade.datasets.drives.kitti import PAIRS, read_kitti_drive
 from saccade.datasets.drives.rosbag import read_rosbag_drive
 from saccade.datasets.drives.tracks import TRACK_FILES, read_tracks_drive
 from saccade.datasets.drives.tum_rgbd import read_tum_drive
+from saccade.datasets.tables import read_rows
 from saccade.errors import DriveError, ImageError, LogError, require
 from saccade.frames import Drive
 from saccade.video import is_video
@@ -25,19 +27,23 @@ _READERS: dict[DriveKind, Callable[[Path], Drive]] = {
     "euroc": read_euroc_drive,
     "rosbag": read_rosbag_drive,
     "tracks": read_tracks_drive,
+}
+_BARE_READERS: dict[DriveKind, Callable[[Path, CameraOptions], Drive]] = {
     "folder": read_folder_drive,
     "video": read_video_drive,
 }
 
 
-def load_drive(kind: DriveKind, path: str | Path) -> Drive:
+def load_drive(kind: DriveKind, path: str | Path, camera: CameraOptions | None = None) -> Drive:
     """Open a camera drive; its images are read on demand.
 
     Args:
         kind: "kitti", "tum-rgbd", "euroc", "rosbag" (ROS 1 and 2), "tracks" (point
-            tracks), "folder" or "video" (with a camera.toml), or "auto". The module of each in
+            tracks), "folder" or "video" (whose camera is guessed without a camera.toml), or
+            "auto". The module of each in
             `saccade.datasets.drives` lists its files.
         path: the folder or file.
+        camera: intrinsics and baseline of images without a calibration.
 
     Raises:
         DriveError: a file is missing, broken, or not of this layout; one line that names it.
@@ -49,7 +55,15 @@ def load_drive(kind: DriveKind, path: str | Path) -> Drive:
         raise DriveError(f"{path}: expected a camera drive, found no such file or folder")
     if kind == "auto":
         kind = detect_layout(path)
+    camera = camera or CameraOptions()
     try:
+        if kind in _BARE_READERS:
+            return _BARE_READERS[kind](path, camera)
+        if camera != CameraOptions():
+            raise DriveError(
+                f"{path}: has the calibration of its layout ({kind}); expected no --intrinsics or "
+                "--baseline"
+            )
         return _READERS[kind](path)
     except (ImageError, LogError) as error:
         raise DriveError(str(error)) from error
@@ -68,9 +82,9 @@ def detect_layout(path: Path) -> DriveKind:
             raise DriveError(f"{path}: expected a folder, a video, a .bag or an .npz, found none")
         return cast("DriveKind", kind)
     marks: tuple[tuple[DriveKind, tuple[str, ...]], ...] = (
-        ("kitti", tuple(left for left, _ in PAIRS)),
+        ("kitti", tuple(left for left, _ in PAIRS if _is_kitti(path))),
         ("tum-rgbd", ("rgb.txt",)),
-        ("euroc", ("mav0", "cam0")),
+        ("euroc", ("mav0", "cam0/sensor.yaml", "cam0/data.csv")),
         ("rosbag", ("metadata.yaml",)),
         ("tracks", TRACK_FILES),
         ("folder", (CAMERA_FILE,)),
@@ -78,5 +92,15 @@ def detect_layout(path: Path) -> DriveKind:
     for kind, names in marks:
         if any((path / name).exists() for name in names):
             return kind
-    expected = ", ".join(f"{names[0]} ({kind})" for kind, names in marks)
+    if has_images(path):
+        return "folder"
+    expected = ", ".join(f"{names[0]} ({kind})" for kind, names in marks if names)
     raise DriveError(f"{path}: expected one of {expected}; found none of them")
+
+
+def _is_kitti(path: Path) -> bool:
+    """Whether a folder has KITTI's times or a calib.txt with names; or no images at all."""
+    if (path / "times.txt").exists() or (path / CAMERA_FILE).exists() or not has_images(path):
+        return True
+    calib = path / "calib.txt"
+    return calib.exists() and any(row.cells[0].startswith("P") for row in read_rows(calib))

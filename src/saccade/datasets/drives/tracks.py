@@ -2,7 +2,8 @@
 
     stereo_tracks_clean.npz  or stereo_tracks.npz, or any file given by name:
                              frame (k,), ascending; track (k,) identity of the point;
-                             uvlr (k, 4) pixels: u left, v left, u right, v right
+                             uvlr (k, 4) pixels: u left, v left, u right, v right;
+                             descriptors (k, 128) uint8, optional: SIFT descriptors
     calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `read_extrinsics`)
     times.txt                seconds, one line a frame; later frames are dropped
 
@@ -48,8 +49,7 @@ def read_tracks_drive(path: Path) -> Drive:
 
     def load(i: int) -> Frame:
         rows = slice(int(begin[i]), int(end[i]))
-        observed = Tracks(tracks.id[rows], tracks.xy[rows], tracks.disparity[rows])
-        return Frame(float(time[i]), tracks=observed)
+        return Frame(float(time[i]), tracks=tracks[rows])
 
     name = f"{folder.resolve().name}/{file.stem}"
     return assemble_drive(name, folder, calibration, frames, load)
@@ -65,9 +65,17 @@ def _read_tracks(file: Path) -> tuple[IntArray, Tracks]:
             f"{file}: expected as many frames and tracks as rows of uvlr, "
             f"found {len(frame)}, {len(track)} and {len(uvlr)}"
         )
+    descriptors = None
+    if "descriptors" in archive:
+        descriptors = archive.array("descriptors", (len(frame), 128), "u")
+        if descriptors.dtype != np.uint8:
+            raise DriveError(f"{file}: descriptors: expected uint8, found {descriptors.dtype}")
     order = np.argsort(frame, kind="stable")
+    if descriptors is not None:
+        descriptors = descriptors[order]
     uvlr = uvlr[order].astype(np.float64)
-    tracks = Tracks(track[order].astype(np.int64), uvlr[:, :2], uvlr[:, 0] - uvlr[:, 2])
+    id, disparity = track[order].astype(np.int64), uvlr[:, 0] - uvlr[:, 2]
+    tracks = Tracks(id, uvlr[:, :2], disparity, descriptors)
     return frame[order].astype(np.int64), tracks
 
 
