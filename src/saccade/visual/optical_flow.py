@@ -25,6 +25,9 @@ MAX_FORWARD_BACKWARD_ERROR = 0.5
 """Pixels between a point and where it is after tracking forward and backward."""
 MAX_ROW_OFFSET = 1.0
 """Pixels between the rows of a point in the two images of a rectified rig."""
+MIN_BRIGHTNESS_CHANGE = 0.05
+"""Relative change of the mean gray level from which an image is rescaled before tracking into it:
+lamps flicker, cameras adapt. Tracking tolerates less than that."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 
 
@@ -118,6 +121,14 @@ def track_points(
     error = np.hypot(*(returned - origin).T)
     ok = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error < MAX_FORWARD_BACKWARD_ERROR)
     return np.asarray(tracked, np.float32), np.asarray(ok)
+
+
+def match_brightness(image: ByteArray, reference: ByteArray) -> ByteArray:
+    """An image (H, W) scaled to the mean gray level of a reference, if the two differ much."""
+    gain = reference.mean() / max(float(image.mean()), 1.0)
+    if abs(gain - 1) < MIN_BRIGHTNESS_CHANGE:
+        return image
+    return np.asarray(cv2.convertScaleAbs(image, alpha=float(gain)), np.uint8)
 
 
 def track_disparities(

@@ -70,7 +70,8 @@ def _expected_in_view(
     border = -camera.fx * np.tan(slack.clip(0, 1.5))
     inside = is_inside(camera, xy, np.maximum(border, -camera.width))
     inside &= r < config.range_limits[1] + 3 * np.sqrt(S[:, 0, 0])
-    inside[landmarks.rows(tracked.landmark)] = False
+    rows = landmarks.rows(tracked.landmark)
+    inside[rows[rows >= 0]] = False
     return np.flatnonzero(inside)
 
 
