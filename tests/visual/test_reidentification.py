@@ -100,6 +100,6 @@ def test_points_that_are_no_landmarks_hide_none(rng):
     assert usable.all()
     visual_map.initialize(observations, points.descriptor, 0)
     elsewhere = TrackedPoints.zeros(3, landmark=np.full(3, -1))
-    index, rows, missed = reidentify(points, visual_map, elsewhere, drive.camera, config)
-    assert index.tolist() == rows.tolist() == [0, 1, 2, 3, 4, 5]
-    assert len(missed) == 0
+    found = reidentify(points, visual_map, elsewhere, drive.camera, config)
+    assert found.points.tolist() == found.rows.tolist() == [0, 1, 2, 3, 4, 5]
+    assert len(found.missed) == found.elsewhere == 0

@@ -103,7 +103,9 @@ def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
 
 def write_figure(out: Path, drive: Drive, result: VisualResult) -> dict[str, Path]:
     """Write a figure of the map; returns the file."""
-    figure = map_figure(result.trajectory, result.map, result.odometry, truth=drive.truth)
+    figure = map_figure(
+        result.trajectory, result.map, result.odometry, truth=drive.truth, lost=result.lost
+    )
     save_figure(figure, out / "map.png")
     return {"picture": out / "map.png"}
 

@@ -43,6 +43,8 @@ class Recorder:
         observed: IntArray,
         confirmed: BoolArray | None = None,
         hypotheses: PoseHypotheses | None = None,
+        covariance: FloatArray | None = None,
+        lost: bool = False,
     ) -> None:
         """Record a pose.
 
@@ -55,6 +57,8 @@ class Recorder:
             confirmed: (N,) the landmarks of the filter that are shown, where a snapshot is due; all
                 by default.
             hypotheses: of the pose of a lost robot.
+            covariance: (3, 3) of the pose; by default that of the filter.
+            lost: whether the robot is lost, even without hypotheses.
         """
         self._path.append(ekf.pose)
         self._observed.update(observed[observed >= 0].tolist())
@@ -69,12 +73,13 @@ class Recorder:
             MapSnapshot(
                 step=step,
                 path=np.array(self._path),
-                covariance=ekf.pose_covariance,
+                covariance=ekf.pose_covariance if covariance is None else covariance,
                 landmarks=ekf.landmarks[shown],
                 landmark_covariance=ekf.landmark_covariances[shown],
                 ids=ekf.ids[shown],
                 observed=np.flatnonzero(was_observed[shown]),
                 hypotheses=rows,
+                lost=lost or hypotheses is not None,
             )
         )
         self._path, self._observed = [], set()
@@ -97,5 +102,9 @@ class Recorder:
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         saved: list[dict[str, Any]] = [select(arrays, str(i)) for i in range(int(arrays["count"]))]
-        self.snapshots = [MapSnapshot(**{**each, "step": int(each["step"])}) for each in saved]
+        scalars = {"step": int, "lost": bool}
+        self.snapshots = [
+            MapSnapshot(**{**each, **{name: kind(each[name]) for name, kind in scalars.items()}})
+            for each in saved
+        ]
         self._path, self._observed = list(arrays["path"]), set(arrays["observed"].tolist())
