@@ -270,8 +270,6 @@ class MapSnapshot:
     """(n,) number of landmarks initialized before each: the same in every snapshot."""
     hypotheses: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
     """(h, 4) x, y, heading and probability of the hypotheses of a lost robot's pose."""
-    lost: bool = False
-    """Whether the robot was lost."""
 
     def __repr__(self) -> str:
         return f"MapSnapshot(pose {self.step}, {len(self.landmarks)} landmarks)"

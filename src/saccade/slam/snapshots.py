@@ -44,7 +44,6 @@ class Recorder:
         confirmed: BoolArray | None = None,
         hypotheses: PoseHypotheses | None = None,
         covariance: FloatArray | None = None,
-        lost: bool = False,
     ) -> None:
         """Record a pose.
 
@@ -58,7 +57,6 @@ class Recorder:
                 by default.
             hypotheses: of the pose of a lost robot.
             covariance: (3, 3) of the pose; by default that of the filter.
-            lost: whether the robot is lost, even without hypotheses.
         """
         self._path.append(ekf.pose)
         self._observed.update(observed[observed >= 0].tolist())
@@ -79,7 +77,6 @@ class Recorder:
                 ids=ekf.ids[shown],
                 observed=np.flatnonzero(was_observed[shown]),
                 hypotheses=rows,
-                lost=lost or hypotheses is not None,
             )
         )
         self._path, self._observed = [], set()
@@ -102,9 +99,5 @@ class Recorder:
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         saved: list[dict[str, Any]] = [select(arrays, str(i)) for i in range(int(arrays["count"]))]
-        scalars = {"step": int, "lost": bool}
-        self.snapshots = [
-            MapSnapshot(**{**each, **{name: kind(each[name]) for name, kind in scalars.items()}})
-            for each in saved
-        ]
+        self.snapshots = [MapSnapshot(**{**each, "step": int(each["step"])}) for each in saved]
         self._path, self._observed = list(arrays["path"]), set(arrays["observed"].tolist())

@@ -76,7 +76,6 @@ def run(
                     *(number, len(drive), pipeline.map.ekf, rows),
                     hypotheses=pipeline.recovery.hypotheses,
                     covariance=pipeline.pose_covariance,
-                    lost=pipeline.recovery.lost,
                 )
             if checkpoint is not None:
                 checkpoint.save(number + 1, parts)

@@ -45,8 +45,7 @@ class Recovery:
         self._map, self._config = visual_map, config
         self.test = LostTest(config.acceleration_sigma)
         self._search: Relocalizer | None = None
-        self.hypotheses: PoseHypotheses | None = None
-        """Of the pose, at the last detection; None for a robot that is not lost."""
+        self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
         self._blind = 0.0  # seconds without sight and motion
         self._agreeing = 0
         self._first_doubtful = 0  # id of the first landmark initialized since there is evidence
@@ -56,6 +55,17 @@ class Recovery:
     def lost(self) -> bool:
         """Whether the robot is lost."""
         return self._search is not None
+
+    @property
+    def hypotheses(self) -> PoseHypotheses | None:
+        """Of the pose of a lost robot; that of the filter, with probability 0, if there are none.
+
+        None for a robot that is not lost.
+        """
+        if not self.lost or (self._hypotheses is not None and len(self._hypotheses)):
+            return self._hypotheses
+        pose, covariance = self._map.ekf.pose[None], self._map.ekf.pose_covariance[None]
+        return PoseHypotheses(pose, covariance, np.zeros(1), np.empty((1, 0), np.int64))
 
     @property
     def doubt(self) -> FloatArray:
@@ -92,6 +102,7 @@ class Recovery:
         inliers = 0 if motion is None else int(motion.inliers.sum())
         continued = test.add_motion(image, odometry, measured, seconds, points, inliers)
         self._blind = self._blind + seconds if blind else 0.0 if continued else self._blind
+        self._hypotheses = None
         if self._search is not None:
             step = steps_between(np.stack([previous, self._map.ekf.pose]))[0]
             self._search.predict(step, (odometry if measured is None else measured)[1])
@@ -123,10 +134,9 @@ class Recovery:
         index, rows = pairs.T
         keep = usable[index] & has_same_height(observations[index], landmarks.height[rows])
         index, rows = index[keep], rows[keep]
-        self.hypotheses = self._search.add(
-            observations.z[index], observations.covariance[index], rows
-        )
-        return self._resume_if_found(self.hypotheses)
+        found = self._search.add(observations.z[index], observations.covariance[index], rows)
+        self._hypotheses = found
+        return self._resume_if_found(found)
 
     def _measured(self, motion: Motion | None, seconds: float) -> Prior | None:
         """A motion by the camera with all its errors."""
@@ -151,7 +161,7 @@ class Recovery:
         self._search.propose(ekf.pose)
 
     def _end(self) -> None:
-        self._search = self.hypotheses = None
+        self._search = self._hypotheses = None
         self._blind = 0.0
         self.test.reset()
 
@@ -188,7 +198,7 @@ class Recovery:
         restore_attributes(self, own)
         restore_attributes(self.test, select(arrays, "test"))
         search = select(arrays, "search")
-        self._search, self.hypotheses = None, None
+        self._search, self._hypotheses = None, None
         if search:
             self._search = _search(self._map.ekf)
             self._search.from_arrays(search)
