@@ -9,8 +9,9 @@ back, while odometry reports nothing of it: at once, or during twelve black fram
 reports no motion. Or it is turned, by 35 or 90 degrees, and turns back by 9 degrees a frame. Each
 time it drives on for 100 frames. It has noticed if it is lost in one of the frames from the first
 black one to the tenth that sees the new place. It is recovered if, 50 frames after it sees its
-course again, it is not lost, and the true position is within 0.5 m and in the 99.7 % ellipse or
-within 0.2 m. It is sure and wrong if it is neither at the end.
+course again, it is not lost, and the true position is in the 99.7 % ellipse or within 0.2 m, and
+within 0.5 m or twice the error before. It is sure and wrong if the true position at the end is
+neither in the ellipse nor within 0.2 m.
 
 Undisturbed: whether it was ever lost, and the fraction of the frames in the 99.7 % ellipse. The
 frames of each drive are rendered once, and kept in a folder.
@@ -219,7 +220,8 @@ def judge(each: Kidnapping, result: visual.VisualResult) -> tuple[bool, bool, bo
     right = np.append(True, inside) | (distance < 0.2)
     noticed = result.lost[each.last + 1 : each.seen + SOON + 1].any()
     later = min(each.back + LATER, len(each.drive) - 1)
-    recovered = right[later] and distance[later] < 0.5 and not result.lost[later]
+    near = distance[later] < max(0.5, 2 * distance[each.last])
+    recovered = right[later] and near and not result.lost[later]
     return bool(noticed), bool(recovered), not right[-1]
 
 

@@ -18,14 +18,14 @@ from saccade.types import Float32Array, FloatArray
 from saccade.visual.egomotion import Prior
 from saccade.visual.optical_flow import ByteArray
 
-LIMIT = 5.0
+LIMIT = 4.0
 """Evidence from which the robot is lost."""
 MAX_EVIDENCE = 6.0
 """Largest evidence of one answer."""
-CONFLICT = 36.0
-"""Normalized innovation squared of a motion (3 degrees of freedom) beyond which two contradict each
-other. In undisturbed drives the smaller of the two, to odometry and to the last motion, is under 9;
-after a jump of 0.3 m it is over 100."""
+ORDINARY_NIS = 9.0
+"""Normalized innovation squared of a motion (3 degrees of freedom) up to which it is no evidence:
+the smaller of two, to odometry and to the last motion. In undisturbed drives it stays below, after
+a jump of 0.3 m it is over 100."""
 MIN_POINTS = 20
 """Tracked points from which it is evidence that no motion is found."""
 RARELY = 0.5, 100.0
@@ -140,12 +140,12 @@ class LostTest:
         view = None if image is None else _reduced(image)
         deviation = self._deviation(view)
         continued = deviation <= ORDINARY
-        if motion is not None and self._contradicts(odometry, motion, seconds):
-            continued = False
-            self.evidence += MAX_EVIDENCE
-        elif inliers >= MIN_POINTS:
-            continued = True
-            self._learn(view)
+        contradiction = self._evidence_of_motion(odometry, motion, seconds)
+        self.evidence += contradiction
+        if inliers >= MIN_POINTS:
+            continued = contradiction == 0.0
+            if continued:
+                self._learn(view)
         elif view is None and self.is_standing(odometry[0]):
             self.blind += BLIND
             self.evidence += BLIND
@@ -158,7 +158,8 @@ class LostTest:
             self.failures += motion is None
         if continued:
             self.evidence -= self.blind
-            self.evidence *= 1.0 if self.is_lost else FORGETTING
+            verified = inliers >= MIN_POINTS and not self.is_lost
+            self.evidence *= FORGETTING if verified else 1.0
         if view is not None:
             self.view, self.travel, self.blind = view, 0.0, 0.0
         return continued
@@ -176,14 +177,15 @@ class LostTest:
             missing = float(counts.found == 0)
             self.without += (missing - self.without) / LANDMARK_MEMORY
 
-    def _contradicts(self, odometry: Prior, motion: Prior, seconds: float) -> bool:
-        """Whether a motion contradicts both odometry and the last motion."""
+    def _evidence_of_motion(self, odometry: Prior, motion: Prior | None, seconds: float) -> float:
+        """Evidence of a motion that contradicts both odometry and the last motion."""
+        if motion is None or not np.isfinite(self.velocity).all():
+            return 0.0
         speed, turn_rate = self.acceleration_sigma
         change = np.diag(np.square(np.array([speed, speed, turn_rate]) * seconds**2))
         last = self.velocity * seconds, motion[1] + change
-        if not np.isfinite(last[0]).all():
-            return False
-        return _nis(motion, odometry) > CONFLICT and _nis(motion, last) > CONFLICT
+        excess = min(_nis(motion, odometry), _nis(motion, last)) - ORDINARY_NIS
+        return min(max(excess, 0.0) / 2, MAX_EVIDENCE)
 
     def _evidence_of_view(self, deviation: float, failed: bool, points: int) -> float:
         """Evidence of a view that deviates from the last, by whether a motion was found."""

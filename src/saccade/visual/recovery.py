@@ -29,6 +29,9 @@ odometry believes to stand: it may be carried."""
 FOUND, MIN_MATCHED, SCANS_IN_AGREEMENT = 0.999, 5, 2
 """Probability of a hypothesis from which it is right, landmarks that must agree with it, and frames
 with detections in a row in which both must hold."""
+PRIOR_WEIGHT, MIN_HEADING_SIGMA = 9.0, 0.03
+"""Of the prior of a pose that is found, relative to its covariance: the observations that follow
+dominate it, but it is narrow enough that they are linear; and the heading's, in radians."""
 SAME_POSE = chi_square_gate(3, 0.999)
 """Squared Mahalanobis distance within which the robot is found where it was believed to be."""
 
@@ -216,6 +219,6 @@ def _prior(ekf: EkfSlam, found: PoseHypotheses) -> FloatArray:
     The update that follows gives the pose its covariance with the map.
     """
     used = found.association[0][found.association[0] >= 0]
-    position = ekf.landmark_covariances[used].trace(axis1=1, axis2=2).max()
-    wide = 100 * (found.covariance[0] + np.diag([position, position, 0.0]))
-    return np.asarray(wide + np.diag([0.0, 0.0, 0.1]))
+    position = ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
+    wide = found.covariance[0] + np.diag([position, position, MIN_HEADING_SIGMA**2])
+    return np.asarray(PRIOR_WEIGHT * wide)
