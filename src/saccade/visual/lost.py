@@ -110,9 +110,9 @@ class LostTest:
         self.evidence = self.missed = self.blind = self.travel = 0.0
         self.view, self.velocity = np.zeros((0, 0), np.float32), np.full(3, np.nan)
 
-    def is_standing(self, odometry: FloatArray) -> bool:
-        """Whether the robot stands by odometry (3,), which it usually does not."""
-        return _travel(odometry) < STANDING * self.mean_travel
+    def is_standing(self, control: FloatArray) -> bool:
+        """Whether the robot stands by a control (3,), which it usually does not."""
+        return _travel(control) < STANDING * self.mean_travel
 
     def add_motion(
         self,
@@ -178,8 +178,11 @@ class LostTest:
             self.without += (missing - self.without) / LANDMARK_MEMORY
 
     def _evidence_of_motion(self, odometry: Prior, motion: Prior | None, seconds: float) -> float:
-        """Evidence of a motion that contradicts both odometry and the last motion."""
-        if motion is None or not np.isfinite(self.velocity).all():
+        """Evidence of a motion that contradicts both odometry and the last motion.
+
+        A camera that does not move was not carried: the wheels slip, or the frame is a copy.
+        """
+        if motion is None or not np.isfinite(self.velocity).all() or self.is_standing(motion[0]):
             return 0.0
         speed, turn_rate = self.acceleration_sigma
         change = np.diag(np.square(np.array([speed, speed, turn_rate]) * seconds**2))

@@ -23,7 +23,7 @@ MIN_LANDMARKS = 8
 """Landmarks of a map in which a robot may be lost; in a smaller one it cannot be found again."""
 MIN_DOUBT = 1.0
 """Least standard deviation of the position of a lost robot, in metres."""
-CARRYING_SPEED = 0.5, 0.5
+CARRYING_SPEED = 1.0, 1.0
 """Standard deviations of speed (m/s) and turn rate (rad/s) of a robot that sees nothing and that
 odometry believes to stand: it may be carried."""
 FOUND, MIN_MATCHED, SCANS_IN_AGREEMENT = 0.999, 5, 2
