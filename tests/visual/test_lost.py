@@ -10,12 +10,14 @@ import pytest
 from saccade import datasets, visual
 from saccade.evaluation.drives import score_drive, summarize_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
+from saccade.frames import Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint
 from saccade.slam.consistency import normalized_squared
 from saccade.types import THREE_SIGMA_2D, Trajectory
 from saccade.visual import VisualConfig
 from saccade.visual.lost import LIMIT, LandmarkCounts, LostTest
+from saccade.visual.optical_flow import PreparedFrame
 from support.interrupted_run import interrupt_at
 
 FRAMES = 64
@@ -174,29 +176,33 @@ def scenery(rng):
     return cv2.resize(rng.integers(0, 256, (8, 10)).astype(np.uint8), (80, 60))
 
 
+def seen(image):
+    return PreparedFrame(Frame(0.0), image)
+
+
 def driven(rng, frames=30):
     """A test that has seen so many frames of a steady drive, and its last image."""
     test, image = LostTest((2.0, 0.5)), scenery(rng)
     for _ in range(frames):
         image = np.roll(image, 1, axis=1)
-        assert test.add_motion(image, (STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
+        assert test.add_motion(seen(image), (STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
     assert test.evidence == 0.0
     return test, image
 
 
 def test_wheels_that_slip_are_no_evidence_while_the_camera_moves_as_before(rng):
     test, image = driven(rng)
-    test.add_motion(image, (10 * STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
+    test.add_motion(seen(image), (10 * STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
     assert test.evidence == 0.0
-    test.add_motion(image, (STEP, SMALL), (10 * STEP, SMALL), 0.1, 100, 90)
+    test.add_motion(seen(image), (STEP, SMALL), (10 * STEP, SMALL), 0.1, 100, 90)
     assert test.is_lost
 
 
 def test_a_view_that_resembles_the_last_one_is_no_evidence(rng):
     test, image = driven(rng)
-    test.add_motion(np.roll(image, 1, axis=1), (STEP, SMALL), None, 0.1, 100, 0)
+    test.add_motion(seen(np.roll(image, 1, axis=1)), (STEP, SMALL), None, 0.1, 100, 0)
     assert test.evidence == 0.0
-    test.add_motion(scenery(rng), (STEP, SMALL), None, 0.1, 100, 0)
+    test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 100, 0)
     assert test.is_lost
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.egomotion import Prior
-from saccade.visual.optical_flow import ByteArray
+from saccade.visual.optical_flow import ByteArray, PreparedFrame
 
 LIMIT = 4.0
 """Evidence from which the robot is lost."""
@@ -116,7 +116,7 @@ class LostTest:
 
     def add_motion(
         self,
-        image: ByteArray | None,
+        frame: PreparedFrame,
         odometry: Prior,
         motion: Prior | None,
         seconds: float,
@@ -126,7 +126,7 @@ class LostTest:
         """Add the evidence of the motion to a frame.
 
         Args:
-            image: (H, W) gray levels of the frame; None where there is none, or a blank one.
+            frame: the frame.
             odometry: control (3,) since the last frame, and its covariance (3, 3).
             motion: the same by the camera; None where it found none.
             seconds: since the last frame.
@@ -137,7 +137,7 @@ class LostTest:
             Whether the frame continues the last one that was not blank.
         """
         self.travel += _travel(odometry[0])
-        view = None if image is None else _reduced(image)
+        view = None if frame.left is None else _reduced(frame.left)
         deviation = self._deviation(view)
         continued = deviation <= ORDINARY
         contradiction = self._evidence_of_motion(odometry, motion, seconds)
@@ -146,7 +146,7 @@ class LostTest:
             continued = contradiction == 0.0
             if continued:
                 self._learn(view)
-        elif view is None and self.is_standing(odometry[0]):
+        elif frame.is_blank and self.is_standing(odometry[0]):
             self.blind += BLIND
             self.evidence += BLIND
         elif deviation > ORDINARY:
@@ -160,8 +160,10 @@ class LostTest:
             self.evidence -= self.blind
             verified = inliers >= MIN_POINTS and not self.is_lost
             self.evidence *= FORGETTING if verified else 1.0
+        if view is not None or motion is not None:
+            self.travel = self.blind = 0.0
         if view is not None:
-            self.view, self.travel, self.blind = view, 0.0, 0.0
+            self.view = view
         return continued
 
     def add_landmarks(self, counts: LandmarkCounts) -> None:
@@ -197,14 +199,14 @@ class LostTest:
         return min(by_view + failure, MAX_EVIDENCE)
 
     def _learn(self, view: Float32Array | None) -> None:
-        """Learn how much successive views differ in frames whose motion is known."""
+        """Learn how far the robot usually moves, and how much successive views differ then."""
+        self.views = min(self.views + 1, VIEW_MEMORY)
+        self.mean_travel += (self.travel - self.mean_travel) / self.views
         if view is None or self.view.shape != view.shape:
             return
-        self.views = min(self.views + 1, VIEW_MEMORY)
         deviation = _difference(self.view, view) - self.difference
         self.difference += deviation / self.views
         self.difference_variance += (deviation**2 - self.difference_variance) / VIEW_MEMORY
-        self.mean_travel += (self.travel - self.mean_travel) / self.views
 
     def _deviation(self, view: Float32Array | None) -> float:
         """Standard deviations by which the difference of a view from the last exceeds the mean.

@@ -100,10 +100,9 @@ class Recovery:
         odometry = self._map.odometry(seconds)
         if test.evidence == 0.0:
             self._first_doubtful = self._map.next_id
-        image = frame.left
         blind = frame.is_blank and test.is_standing(odometry[0])
         inliers = 0 if motion is None else int(motion.inliers.sum())
-        continued = test.add_motion(image, odometry, measured, seconds, points, inliers)
+        continued = test.add_motion(frame, odometry, measured, seconds, points, inliers)
         self._blind = self._blind + seconds if blind else 0.0 if continued else self._blind
         self._hypotheses = None
         if self._search is not None:
