@@ -4,10 +4,8 @@ import numpy as np
 
 from saccade.frames import steps_between
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
-from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.hypotheses import PoseHypotheses
-from saccade.slam.models import wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
@@ -32,8 +30,6 @@ with detections in a row in which both must hold."""
 PRIOR_WEIGHT, MIN_HEADING_SIGMA = 9.0, 0.03
 """Of the prior of a pose that is found, relative to its covariance: the observations that follow
 dominate it, but it is narrow enough that they are linear; and the heading's, in radians."""
-SAME_POSE = chi_square_gate(3, 0.999)
-"""Squared Mahalanobis distance within which the robot is found where it was believed to be."""
 
 
 class Recovery:
@@ -176,14 +172,10 @@ class Recovery:
         self._agreeing = self._agreeing + 1 if sure else 0
         if self._agreeing < SCANS_IN_AGREEMENT:
             return False
-        ekf, pose, covariance = self._map.ekf, found.pose[0], found.covariance[0]
-        error = pose - ekf.pose
-        error[2] = float(wrap(error[2]))
-        if error @ np.linalg.solve(ekf.pose_covariance + covariance, error) > SAME_POSE:
-            ekf.reset_pose(pose, _prior(ekf, found))
-            z, R = self._search.observations
-            known = association >= 0
-            ekf.update_scan(z[known], R[known], association[known])  # C.10-C.14
+        ekf, known = self._map.ekf, association >= 0
+        z, R = self._search.observations
+        ekf.reset_pose(found.pose[0], _prior(ekf, found))
+        ekf.update_scan(z[known], R[known], association[known])  # C.10-C.14
         self._end()
         return True
 
