@@ -43,15 +43,15 @@ STANDING = 0.1
 """Fraction of its usual motion within which a robot stands, as odometry believes."""
 BLIND = 0.7
 """Evidence of a frame in which a standing robot sees nothing: it may be carried."""
-FORGETTING = 0.97
-"""Factor of the evidence in a frame whose motion is as expected."""
+FORGETTING, NEGLIGIBLE = 0.97, 0.1
+"""Factor of the evidence in a frame whose motion is as expected, and below what it is none."""
 RADIUS = 2.0
 """Metres; a turn changes the view as much as this times as long a distance."""
 MIN_EXPECTED, MIN_FOUND = 5, 4
 """Lost landmarks that must be expected in view to count a detection; and those that agree on the
 believed pose which refute that the robot is lost."""
-LANDMARK_MEMORY = 30.0
-"""Detections over which the fraction without a re-identification is averaged."""
+LANDMARK_MEMORY, RAREST = 30.0, 0.01
+"""Detections over which the fraction without a re-identification is averaged, and its least."""
 MAX_MISSED = 3.0
 """Largest evidence of landmarks that are missed: what hides one hides many."""
 MIN_ELSEWHERE, ELSEWHERE = 6, 2.5
@@ -160,6 +160,7 @@ class LostTest:
             self.evidence -= self.blind
             verified = inliers >= MIN_POINTS and not self.is_lost
             self.evidence *= FORGETTING if verified else 1.0
+            self.evidence = self.evidence if self.evidence > NEGLIGIBLE else 0.0
         if view is not None or motion is not None:
             self.travel = self.blind = 0.0
         if view is not None:
@@ -173,7 +174,7 @@ class LostTest:
         elif counts.elsewhere >= MIN_ELSEWHERE and counts.elsewhere > 2 * counts.found:
             self.evidence += ELSEWHERE
         elif counts.found == 0 and counts.expected >= MIN_EXPECTED and self.evidence > 0:
-            missed = min(-log(self.without), MAX_MISSED - self.missed)
+            missed = min(-log(max(self.without, RAREST)), MAX_MISSED - self.missed)
             self.evidence, self.missed = self.evidence + missed, self.missed + missed
         if counts.expected >= MIN_EXPECTED:
             missing = float(counts.found == 0)
