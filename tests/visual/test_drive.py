@@ -10,7 +10,7 @@ import pytest
 from saccade import datasets, visual
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.evaluation.drives import correct_associations, score_drive
+from saccade.evaluation.drives import correct_associations, score_drive, summarize_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
@@ -47,6 +47,8 @@ def test_the_map_corrects_odometry(drive, mapped):
     assert ours.end_m < 0.05
     assert ours.inside_3sigma > 0.95
     assert np.isnan(odometry.inside_3sigma)
+    assert not mapped.lost.any()
+    assert summarize_drive(drive, mapped)["lost"] == []
 
 
 def test_reidentified_landmarks_are_the_same(drive, mapped):
