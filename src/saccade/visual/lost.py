@@ -27,7 +27,8 @@ ORDINARY_NIS = 9.0
 the smaller of two, to odometry and to the last motion. In undisturbed drives it stays below, after
 a jump of 0.3 m it is over 100."""
 MIN_POINTS = 20
-"""Tracked points from which it is evidence that no motion is found."""
+"""Tracked points from which it is evidence that no motion is found; and which, with half of all,
+must agree on a motion so that the view need not be compared."""
 RARELY = 0.5, 100.0
 """Failures and attempts with which the counts begin."""
 VIEW_WIDTH, MIN_VIEW_HEIGHT, VIEW_SHIFT = 40, 12, 2
@@ -142,7 +143,8 @@ class LostTest:
         continued = deviation <= ORDINARY
         contradiction = self._evidence_of_motion(odometry, motion, seconds)
         self.evidence += contradiction
-        if inliers >= MIN_POINTS:
+        verified = inliers >= max(MIN_POINTS, points / 2)
+        if verified:
             continued = contradiction == 0.0
             if continued:
                 self._learn(view)
@@ -158,8 +160,7 @@ class LostTest:
             self.failures += motion is None
         if continued:
             self.evidence -= self.blind
-            verified = inliers >= MIN_POINTS and not self.is_lost
-            self.evidence *= FORGETTING if verified else 1.0
+            self.evidence *= FORGETTING if verified and not self.is_lost else 1.0
             self.evidence = self.evidence if self.evidence > NEGLIGIBLE else 0.0
         if view is not None or motion is not None:
             self.travel = self.blind = 0.0
