@@ -215,6 +215,8 @@ def test_missed_landmarks_add_to_other_evidence_and_found_ones_refute_it(rng):
     assert test.evidence == 0.0
     test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=9))
     test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=9))
-    assert test.evidence >= LIMIT
+    assert 0 < test.evidence < LIMIT
+    test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 10, 0)
+    assert test.is_lost
     test.add_landmarks(LandmarkCounts(expected=20, found=8, elsewhere=0))
     assert test.evidence == 0.0

@@ -54,7 +54,8 @@ believed pose which refute that the robot is lost."""
 LANDMARK_MEMORY, RAREST = 30.0, 0.01
 """Detections over which the fraction without a re-identification is averaged, and its least."""
 MAX_MISSED = 3.0
-"""Largest evidence of landmarks that are missed: what hides one hides many."""
+"""Largest evidence of landmarks, less than makes lost: what hides one hides many, and those that
+agree on another pose may show that the filter is overconfident."""
 MIN_ELSEWHERE, ELSEWHERE = 6, 2.5
 """Landmarks that agree on a pose outside of all gates, and the evidence of such a frame."""
 
@@ -161,7 +162,8 @@ class LostTest:
         if continued:
             self.evidence -= self.blind
             self.evidence *= FORGETTING if verified and not self.is_lost else 1.0
-            self.evidence = self.evidence if self.evidence > NEGLIGIBLE else 0.0
+            if self.evidence < NEGLIGIBLE:
+                self.evidence = self.missed = 0.0
         if view is not None or motion is not None:
             self.travel = self.blind = 0.0
         if view is not None:
@@ -173,13 +175,17 @@ class LostTest:
         if counts.found >= MIN_FOUND and counts.found > counts.elsewhere:
             self.evidence = self.missed = self.blind = 0.0
         elif counts.elsewhere >= MIN_ELSEWHERE and counts.elsewhere > 2 * counts.found:
-            self.evidence += ELSEWHERE
+            self._add_missed(ELSEWHERE)
         elif counts.found == 0 and counts.expected >= MIN_EXPECTED and self.evidence > 0:
-            missed = min(-log(max(self.without, RAREST)), MAX_MISSED - self.missed)
-            self.evidence, self.missed = self.evidence + missed, self.missed + missed
+            self._add_missed(-log(max(self.without, RAREST)))
         if counts.expected >= MIN_EXPECTED:
             missing = float(counts.found == 0)
             self.without += (missing - self.without) / LANDMARK_MEMORY
+
+    def _add_missed(self, evidence: float) -> None:
+        """Add evidence of landmarks, which are not enough by themselves."""
+        added = min(evidence, MAX_MISSED - self.missed)
+        self.evidence, self.missed = self.evidence + added, self.missed + added
 
     def _evidence_of_motion(self, odometry: Prior, motion: Prior | None, seconds: float) -> float:
         """Evidence of a motion that contradicts both odometry and the last motion.
