@@ -274,7 +274,7 @@ def recordings(folders: Sequence[Path]) -> Iterator[Drive]:
         drive = load_drive("auto", folder)
         yield replace(drive, name=folder.name)
         yield replace(out_and_back(drive, OutAndBackConfig()), name=f"{folder.name}, out and back")
-        for file in sorted(folder.glob("*.npz")):
+        for file in sorted(folder.glob("*tracks*.npz")):
             yield replace(load_drive("auto", file), name=file.stem)
 
 
