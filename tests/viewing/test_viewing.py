@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -225,6 +226,18 @@ def test_a_film_does_not_crop_earlier_ellipses():
     first = next(map_frames(_growing_map(-4.0, early=0.36), np.arange(10.0)))
     orange = (np.abs(first[80:] - 255 * np.array(to_rgb(ORANGE))) < 12).all(2)
     assert 80 + orange.nonzero()[0].max() < 0.92 * 720 - 2
+
+
+def test_a_film_says_when_the_robot_is_lost():
+    snapshots = _growing_map()
+    snapshots[1] = replace(snapshots[1], hypotheses=np.zeros((1, 4)))
+    red = 255 * np.array(to_rgb(RED))
+    first, last = (
+        (np.abs(frame[80:100, 90:140] - red) < 40).all(2).sum()
+        for frame in list(map_frames(snapshots, np.arange(10.0)))[:2]
+    )
+    assert first == 0
+    assert last > 20
 
 
 def test_a_drive_without_snapshots_has_no_frames():

@@ -10,7 +10,7 @@ import pytest
 from saccade import datasets, visual
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
-from saccade.evaluation.drives import correct_associations, score_drive
+from saccade.evaluation.drives import correct_associations, score_drive, summarize_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
@@ -47,6 +47,8 @@ def test_the_map_corrects_odometry(drive, mapped):
     assert ours.end_m < 0.05
     assert ours.inside_3sigma > 0.95
     assert np.isnan(odometry.inside_3sigma)
+    assert not mapped.lost.any()
+    assert summarize_drive(drive, mapped)["lost"] == []
 
 
 def test_reidentified_landmarks_are_the_same(drive, mapped):
@@ -152,6 +154,23 @@ def test_a_hand_over_the_lens_adds_no_error(drive, rng):
 
     result = visual.run(changed(drive, covered))
     assert score_drive(result.trajectory, drive.truth).ate_m < 0.1
+
+
+def test_lamps_that_flicker_change_nothing_but_the_last_digits(drive, mapped):
+    gain = np.exp(0.25 * np.random.default_rng(5).standard_normal(len(drive)))
+
+    def lit(number, frame):
+        left, right = (
+            cv2.convertScaleAbs(each, alpha=0.6 * gain[number])
+            for each in (frame.image, frame.right)
+        )
+        return replace(frame, image=left, right=right)
+
+    result = visual.run(changed(drive, lit))
+    assert np.isfinite(result.off_plane[1:]).all()
+    ours, steady = (score_drive(each.trajectory, drive.truth) for each in (result, mapped))
+    assert ours.ate_m < steady.ate_m + 0.01
+    assert ours.inside_3sigma > 0.95
 
 
 def test_odometry_that_jumps_is_rejected(drive):

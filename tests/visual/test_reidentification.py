@@ -6,8 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from saccade.evaluation.drives import correct_associations
+from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam.consistency import chi_square_gate
-from saccade.visual.reidentification import consistent_layout, consistent_subset
+from saccade.visual.config import VisualConfig
+from saccade.visual.reidentification import consistent_layout, consistent_subset, reidentify
+from saccade.visual.tables import TrackedPoints
+from saccade.visual.visual_map import VisualMap
 
 GATE = 0.99
 
@@ -77,3 +81,25 @@ def test_a_place_may_be_off_along_the_line_of_sight_alone(aside, right):
     sigma = np.array([[0.2, 0.002], [0.2, 0.002]])
     found = correct_associations(np.array([0, 1]), np.array([7, 7]), z, sigma, np.zeros((2, 3)))
     assert found.tolist() == [True, right]
+
+
+def test_points_that_are_no_landmarks_hide_none(rng):
+    """Every lost landmark in view is found, whatever else is tracked."""
+    drive, config = simulate_drive(DriveConfig(frames=2)), VisualConfig()
+    xy = rng.uniform(60, 180, (6, 2)).astype(np.float32)
+    points = TrackedPoints.zeros(
+        6,
+        xy=xy,
+        depth=np.linspace(2, 4, 6),
+        depth_sigma=np.full(6, 0.02),
+        landmark=np.full(6, -1),
+        descriptor=rng.integers(0, 256, (6, 128), np.uint8),
+    )
+    visual_map = VisualMap(drive, config, has_depth=True)
+    observations, usable = visual_map.observe(points)
+    assert usable.all()
+    visual_map.initialize(observations, points.descriptor, 0)
+    elsewhere = TrackedPoints.zeros(3, landmark=np.full(3, -1))
+    found = reidentify(points, visual_map, elsewhere, drive.camera, config)
+    assert found.points.tolist() == found.rows.tolist() == [0, 1, 2, 3, 4, 5]
+    assert len(found.missed) == found.elsewhere == 0

@@ -117,6 +117,7 @@ def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | No
 def print_summary(row: dict[str, Any], title: str) -> None:
     """Print the figures of a drive as tables."""
     from saccade.cli.output import print_table
+    from saccade.cli.slam_report import lost_text
 
     if row["ate_m"] is not None:
         trajectories = {"SLAM": row, "odometry": row["odometry"]}
@@ -144,6 +145,8 @@ def print_summary(row: dict[str, Any], title: str) -> None:
         "ms per frame": f"{row['ms_per_frame']:.1f}",
         **{f"  {step}": f"{value:.1f}" for step, value in row["ms"].items()},
     }
+    if row["lost"]:
+        facts["lost"] = lost_text(row["lost"])
     if row["association_precision"] is not None:
         facts["association precision"] = f"{row['association_precision']:.1%}"
     print_table("" if row["ate_m"] is not None else title, ["", ""], facts.items())

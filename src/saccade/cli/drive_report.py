@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.cli.slam_report import averaging_window
+from saccade.cli.slam_report import averaging_window, lost_text
 from saccade.errors import ImageError
 from saccade.frames import Drive
 from saccade.slam.consistency import chi_square_band, normalized_squared
@@ -62,6 +62,8 @@ def _facts(summary: Mapping[str, Any]) -> dict[str, str]:
     """The figures of a drive, formatted, with their labels."""
     shown = {name: str(summary[name]) for name in ("frames", "landmarks", "observations")}
     shown["re-identifications"] = str(summary["reidentified"])
+    if summary["lost"]:
+        shown["lost"] = lost_text(summary["lost"])
     if summary["ate_m"] is not None:
         shown["ATE"] = f"{summary['ate_m']:.3f} m"
         shown["ATE of odometry"] = f"{summary['odometry']['ate_m']:.3f} m"

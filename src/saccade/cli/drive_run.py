@@ -104,11 +104,13 @@ def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
 
 def write_figure(out: Path, drive: Drive, result: VisualResult) -> dict[str, Path]:
     """Write a figure of the map; returns the file."""
-    figure = map_figure(result.trajectory, result.map, result.odometry, truth=drive.truth)
+    figure = map_figure(
+        result.trajectory, result.map, result.odometry, truth=drive.truth, lost=result.lost
+    )
     if drive.scale != "metric":
-        for axes in figure.axes[:1]:
-            axes.set_xlabel("x in units (the scale is unknown)")
-            axes.set_ylabel("y in units")
+        axes = figure.axes[0]
+        axes.set_xlabel("x in units (the scale is unknown)")
+        axes.set_ylabel("y in units")
     save_figure(figure, out / "map.png")
     return {"picture": out / "map.png"}
 

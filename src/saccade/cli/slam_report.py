@@ -64,11 +64,16 @@ def facts(summary: Mapping[str, Any]) -> dict[str, str]:
         if summary.get(name) is not None
     }
     if summary.get("lost"):
-        shown["lost"] = ", ".join(_interval(*times) for times in summary["lost"])
+        shown["lost"] = lost_text(summary["lost"])
     if summary["nis_mean"] is not None:
         label, (low, high) = LABELS["nis_mean"][0], summary["nis_band"]
         shown[label] += f"; {low:.2f} to {high:.2f} in 95 % of consistent filters"
     return shown
+
+
+def lost_text(times: Sequence[tuple[float, float | None]]) -> str:
+    """When a robot was lost, in words."""
+    return ", ".join(_interval(*each) for each in times)
 
 
 def _interval(lost: float, found: float | None) -> str:

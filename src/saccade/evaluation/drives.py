@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from saccade.evaluation.slam_runs import lost_times
 from saccade.evaluation.trajectory import none_if_nan, position_rmse
 from saccade.frames import Drive, steps_between
 from saccade.slam.consistency import normalized_squared
@@ -116,6 +117,7 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
         "observations": len(observed),
         "reidentified": int(reidentified.sum()),
         "missed": result.missed,
+        "lost": lost_times(result.trajectory.time - result.trajectory.time[0], result.lost),
         "ms_per_frame": 1000 * float(result.frame_seconds.mean()),
         "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},
     }

@@ -7,7 +7,7 @@ import numpy as np
 from saccade.evaluation.trajectory import landmark_rmse, none_if_nan, position_rmse
 from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.run import MAX_NONLINEARITY
-from saccade.types import LandmarkLog, Trajectory
+from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
 
 GPS_INLIERS = 0.9
 """Fraction of the GPS positions that count; the others may be multipath reflections."""
@@ -34,7 +34,7 @@ def summarize_run(
         "landmarks": len(result.map),
         "landmarks_culled": result.removed,
         **_odometry_end(log, result),
-        "lost": lost_times(result),
+        "lost": lost_times(result.trajectory.time, result.lost),
         "odometry_bias": bias,
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
@@ -77,14 +77,19 @@ def _doubt(result: SlamResult) -> str:
     )
 
 
-def lost_times(result: SlamResult) -> list[list[float | None]]:
-    """The times at which the robot was lost and found again; None where it was not."""
-    if result.lost is None:
+def lost_times(time: FloatArray, lost: BoolArray | None) -> list[list[float | None]]:
+    """The times at which a robot was lost and found again; None where it was not.
+
+    Args:
+        time: (t,) of the poses.
+        lost: (t,) whether it was lost there; None where that was not tested.
+    """
+    if lost is None:
         return []
-    change = np.diff(np.concatenate([[False], result.lost, [False]]).astype(np.int64))
-    time = [*result.trajectory.time.tolist(), None]
+    change = np.diff(np.concatenate([[False], lost, [False]]).astype(np.int64))
+    times = [*time.tolist(), None]
     starts, ends = np.flatnonzero(change > 0).tolist(), np.flatnonzero(change < 0).tolist()
-    return [[time[a], time[b]] for a, b in zip(starts, ends, strict=True)]
+    return [[times[a], times[b]] for a, b in zip(starts, ends, strict=True)]
 
 
 def has_headings(truth: Trajectory) -> bool:

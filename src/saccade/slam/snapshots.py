@@ -43,6 +43,7 @@ class Recorder:
         observed: IntArray,
         confirmed: BoolArray | None = None,
         hypotheses: PoseHypotheses | None = None,
+        covariance: FloatArray | None = None,
     ) -> None:
         """Record a pose.
 
@@ -55,6 +56,7 @@ class Recorder:
             confirmed: (N,) the landmarks of the filter that are shown, where a snapshot is due; all
                 by default.
             hypotheses: of the pose of a lost robot.
+            covariance: (3, 3) of the pose; by default that of the filter.
         """
         self._path.append(ekf.pose)
         self._observed.update(observed[observed >= 0].tolist())
@@ -69,7 +71,7 @@ class Recorder:
             MapSnapshot(
                 step=step,
                 path=np.array(self._path),
-                covariance=ekf.pose_covariance,
+                covariance=ekf.pose_covariance if covariance is None else covariance,
                 landmarks=ekf.landmarks[shown],
                 landmark_covariance=ekf.landmark_covariances[shown],
                 ids=ekf.ids[shown],

@@ -246,6 +246,9 @@ class _MapCanvas:
         for column, label in enumerate(labels):
             xy = (0.06 * WIDTH + 120 * column, 0.04 * HEIGHT)
             ImageDraw.Draw(image).text(xy, label, font=self.font, fill="#333333", anchor="lm")
+        if len(snapshot.hypotheses):
+            xy = (0.06 * WIDTH + 20, 0.12 * HEIGHT)
+            ImageDraw.Draw(image).text(xy, "lost", font=self.font, fill=RED, anchor="lm")
         return np.asarray(image)
 
     def _draw_ellipses(

@@ -92,6 +92,9 @@ class VisualConfig:
     acceleration_sigma: tuple[float, float] = (2.0, 0.5)
     """Standard deviations of the change of speed (m/s) and turn rate (rad/s) in a second, of the
     constant-velocity prediction that is fused with odometry."""
+    recover: bool = True
+    """Whether a robot that is not where the filter believes it to be is noticed, and found again in
+    the map."""
     huber: float = 2.0
     """Threshold of the Huber weight, as the root of the normalized innovation squared."""
     seed: int = 0

@@ -23,7 +23,13 @@ from saccade.visual.camera import is_inside
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
 from saccade.visual.egomotion import Motion, Prior, correspondences_of, estimate_motion
-from saccade.visual.optical_flow import ByteArray, PreparedFrame, prepare_frame, track_points
+from saccade.visual.optical_flow import (
+    ByteArray,
+    PreparedFrame,
+    match_brightness,
+    prepare_frame,
+    track_points,
+)
 from saccade.visual.tables import TrackedPoints
 
 T = TypeVar("T")
@@ -205,7 +211,7 @@ def track(
 
     Returns:
         The inliers of the motion in `current`, with their depths where it measures them, and
-        the motion. Where no motion is found: all points that were tracked, and None.
+        the motion. Where no motion is found: no points, since nothing verifies them, and None.
     """
     if current.frame.tracks is not None:
         tracks = current.frame.tracks
@@ -213,7 +219,8 @@ def track(
         tracked, xy = tracked[old], tracks.xy[new].astype(np.float32)
         depth = depth_of(camera, tracks.disparity[new])
     elif current.left is not None and previous.left is not None:
-        xy, ok = track_points(previous.left, current.left, tracked.xy)
+        image = match_brightness(current.left, previous.left)
+        xy, ok = track_points(previous.left, image, tracked.xy)
         ok &= is_inside(camera, xy, BORDER)
         tracked, xy = tracked[ok], xy[ok]
         depth = measure_depth(camera, current, xy, config, tracked.depth)
@@ -224,5 +231,7 @@ def track(
     previous_depth = tracked.depth if has_depth else np.full(len(tracked), np.nan)
     points = correspondences_of(tracked.xy, xy, previous_depth, tracked.depth_sigma, depth, sigma)
     motion = estimate_motion(camera, points, config.pixel_sigma, None if has_depth else prior)
+    if motion is None:
+        return TrackedPoints(), None
     moved = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)
-    return (moved if motion is None else moved[motion.inliers]), motion
+    return moved[motion.inliers], motion

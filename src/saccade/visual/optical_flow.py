@@ -25,6 +25,10 @@ MAX_FORWARD_BACKWARD_ERROR = 0.5
 """Pixels between a point and where it is after tracking forward and backward."""
 MAX_ROW_OFFSET = 1.0
 """Pixels between the rows of a point in the two images of a rectified rig."""
+MIN_BRIGHTNESS_CHANGE, BRIGHTNESS_BLOCKS = 0.05, (32, 24)
+"""Relative change of brightness from which an image is rescaled before tracking into it: lamps
+flicker, cameras adapt, and tracking tolerates little more; and the numbers of blocks across and
+down, whose median change it is, so that bright objects at the edge do not count."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 
 
@@ -118,6 +122,18 @@ def track_points(
     error = np.hypot(*(returned - origin).T)
     ok = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error < MAX_FORWARD_BACKWARD_ERROR)
     return np.asarray(tracked, np.float32), np.asarray(ok)
+
+
+def match_brightness(image: ByteArray, reference: ByteArray) -> ByteArray:
+    """An image (H, W) scaled to the brightness of a reference, if the two differ much."""
+    blocks = [
+        cv2.resize(each, BRIGHTNESS_BLOCKS, interpolation=cv2.INTER_AREA).astype(np.float32)
+        for each in (reference, image)
+    ]
+    gain = float(np.median((blocks[0] + 1) / (blocks[1] + 1)))
+    if abs(gain - 1) < MIN_BRIGHTNESS_CHANGE:
+        return image
+    return np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
 
 
 def track_disparities(

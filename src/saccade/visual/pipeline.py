@@ -19,13 +19,15 @@ from saccade.slam.checkpoint import (
 )
 from saccade.slam.results import PredictedObservations
 from saccade.slam.snapshots import Recorder
-from saccade.types import IntArray
+from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import CameraTrajectory, first_frame, measures_depth
 from saccade.visual.egomotion import Motion, Prior, camera_motion
 from saccade.visual.frontend import FeatureCache, FeatureExtractor, FrameFeatures, Prefetcher, track
 from saccade.visual.ground_scale import GroundTracker
+from saccade.visual.lost import LandmarkCounts
 from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.recovery import Recovery
 from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
@@ -71,7 +73,11 @@ def run(
             if recorder is not None:
                 tracked = pipeline.tracked.landmarks.landmark
                 rows = pipeline.map.landmarks.rows(tracked)
-                recorder.add(number, len(drive), pipeline.map.ekf, rows)
+                recorder.add(
+                    *(number, len(drive), pipeline.map.ekf, rows),
+                    hypotheses=pipeline.recovery.hypotheses,
+                    covariance=pipeline.pose_covariance,
+                )
             if checkpoint is not None:
                 checkpoint.save(number + 1, parts)
             if progress is not None:
@@ -97,6 +103,7 @@ class Pipeline:
         first = first_frame(drive)
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
         self.map = VisualMap(drive, config, has_depth)
+        self.recovery = Recovery(self.map, config)
         self.tracked = TrackedPoints()
         self.log = RunLog(drive)
         self._camera_trajectory = CameraTrajectory()
@@ -115,22 +122,36 @@ class Pipeline:
         """Process a frame: detect, track, predict, update, associate, attend, initialize."""
         start, previous_pose = perf_counter(), self.map.ekf.pose
         features = self._detect(number)
-        frame, detected = features.frame, features.detected
+        frame, detected, found = features.frame, features.detected, False
         if number > 0:
-            expected = self.map.predict_motion(number)
+            expected, points = self.map.predict_motion(number), len(self.tracked)
             motion = self._track(frame, expected)
             self._predict(number, expected, motion)
+            seconds = float(self.drive.time[number] - self.drive.time[number - 1])
+            if self.recovery.add_motion(frame, motion, seconds, points, previous_pose):
+                self.tracked = self.tracked.without_landmarks()
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
-        if detected is not None:
+        if detected is not None and self.recovery.lost:
+            found = self._relocalize(detected)
+            self._extend_tracks(detected, TrackedPoints())
+        elif detected is not None:
             detected, reidentified = self._associate(frame, detected)
             self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self._extend_tracks(detected, reidentified)
-            chosen = self._attend(number, frame)
-            self._initialize(number, chosen)
-        self.map.update_motion_prior(number, previous_pose, len(self.tracked))
-        self.log.add_pose(self.map.ekf.pose, self.map.pose_covariance, perf_counter() - start)
+            if not self.recovery.lost:
+                chosen = self._attend(number, frame)
+                self._initialize(number, chosen)
+        if not found:
+            self.map.update_motion_prior(number, previous_pose, len(self.tracked))
+        seconds = perf_counter() - start
+        self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, self.recovery.lost)
         if not frame.is_blank:
             self._previous, self.log.last_visible = frame, number
+
+    @property
+    def pose_covariance(self) -> FloatArray:
+        """(3, 3) of the pose, with the doubt whether the robot is lost."""
+        return self.map.pose_covariance + self.recovery.doubt
 
     def result(self) -> VisualResult:
         """The result of the frames so far."""
@@ -141,6 +162,7 @@ class Pipeline:
         return merge(
             {
                 "map": self.map.to_arrays(),
+                "recovery": self.recovery.to_arrays(),
                 "log": self.log.to_arrays(),
                 "tracked": attribute_arrays(self.tracked),
                 "camera_trajectory": attribute_arrays(self._camera_trajectory),
@@ -150,6 +172,7 @@ class Pipeline:
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
         self.map.from_arrays(select(arrays, "map"))
+        self.recovery.from_arrays(select(arrays, "recovery"))
         self.log.from_arrays(select(arrays, "log"))
         self.tracked = TrackedPoints(**select(arrays, "tracked"))
         restore_attributes(self._camera_trajectory, select(arrays, "camera_trajectory"))
@@ -217,14 +240,23 @@ class Pipeline:
             if config.counts_rematches and frame.left is not None:
                 self.tracked = count_rematches(self.tracked, detected, config.ratio)
             detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
-            index, rows, missed = reidentify(
-                detected, self.map, self.tracked, self.drive.camera, config
-            )
-            landmarks.missed[missed] += 1
-            self.log.missed += len(missed)
-            flags = np.ones(len(rows), np.bool_)
-            reidentified = replace(detected[index], landmark=landmarks.id[rows], reidentified=flags)
+            found = reidentify(detected, self.map, self.tracked, self.drive.camera, config)
+            count = len(found.rows)
+            expected = count + len(found.missed)
+            landmark = landmarks.id[found.rows]
+            if self.recovery.add_landmarks(LandmarkCounts(expected, count, found.elsewhere)):
+                self.tracked = self.tracked.without_landmarks()
+                return detected, TrackedPoints()
+            landmarks.missed[found.missed] += 1
+            self.log.missed += len(found.missed)
+            flags = np.ones(count, np.bool_)
+            reidentified = replace(detected[found.points], landmark=landmark, reidentified=flags)
         return detected, reidentified
+
+    def _relocalize(self, detected: TrackedPoints) -> bool:
+        """Search a lost robot by the points whose depth is known; whether it was found."""
+        with self.log.timed("relocalize"):
+            return self.recovery.search(detected if self.map.has_depth else self.tracked)
 
     def _extend_tracks(self, detected: TrackedPoints, reidentified: TrackedPoints) -> None:
         """Start tracks of re-identified landmarks and of the strongest new detections."""

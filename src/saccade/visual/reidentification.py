@@ -1,6 +1,7 @@
 """Re-identification of lost landmarks: by descriptor, validation gate, and joint consistency."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,34 +26,49 @@ MIN_CONSISTENT = 4
 """Landmarks that must agree on one pose; all where there are fewer."""
 
 
+class Reidentification(NamedTuple):
+    """Lost landmarks among the detected points of a frame."""
+
+    points: IntArray
+    """(m,) indices of the points."""
+    rows: IntArray
+    """(m,) rows of their landmarks."""
+    missed: IntArray
+    """Rows of landmarks that were expected in view, neither tracked nor found."""
+    elsewhere: int
+    """Landmarks outside of their gates that agree on another pose."""
+
+
 def reidentify(
     points: TrackedPoints,
     visual_map: VisualMap,
     tracked: TrackedPoints,
     camera: Camera,
     config: VisualConfig,
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Find lost landmarks among k detected points.
-
-    Returns:
-        Indices of points (m,) and the rows of their landmarks (m,); and the rows of landmarks
-        that were expected in view, neither tracked nor found.
-    """
+) -> Reidentification:
+    """Find lost landmarks among k detected points."""
     landmarks, lost = visual_map.landmarks, _expected_in_view(visual_map, tracked, camera, config)
     if len(lost) == 0 or len(points) == 0:
-        return (np.zeros(0, np.int64),) * 3
+        none = np.zeros(0, np.int64)
+        return Reidentification(none, none, none, 0)
     pairs = descriptor_matches(points.keypoints, landmarks.descriptor[lost], config.ratio)
     index, rows = pairs[:, 0], lost[pairs[:, 1]]
     expected = visual_map.predict_observations(rows)
     observations, usable = visual_map.observe(points[index], expected)
-    keep = usable & within_gate(observations, expected, landmarks.height[rows], config.gate)
+    same_height = usable & has_same_height(observations, landmarks.height[rows])
+    keep = same_height & within_gate(observations, expected, config.gate)
+    tolerance, elsewhere = BEARING_TOLERANCE, 0
+    if visual_map.has_depth:  # without, the ranges are those of the believed pose
+        tolerance = POSITION_TOLERANCE
+        layout = visual_map.ekf.landmarks[rows[same_height]]
+        agree = consistent_layout(observations.z[same_height], layout, tolerance)
+        elsewhere = int((agree & ~keep[same_height]).sum())
     index, rows, observations = index[keep], rows[keep], observations[keep]
-    tolerance = POSITION_TOLERANCE if visual_map.has_depth else BEARING_TOLERANCE
     keep = consistent_layout(observations.z, visual_map.ekf.landmarks[rows], tolerance)
     index, rows, observations = index[keep], rows[keep], observations[keep]
     keep = consistent_subset(*visual_map.joint_innovation(rows, observations), config.gate)
     index, rows = index[keep], rows[keep]
-    return index, rows, lost[~np.isin(lost, rows)]
+    return Reidentification(index, rows, lost[~np.isin(lost, rows)], elsewhere)
 
 
 def _expected_in_view(
@@ -70,7 +86,8 @@ def _expected_in_view(
     border = -camera.fx * np.tan(slack.clip(0, 1.5))
     inside = is_inside(camera, xy, np.maximum(border, -camera.width))
     inside &= r < config.range_limits[1] + 3 * np.sqrt(S[:, 0, 0])
-    inside[landmarks.rows(tracked.landmark)] = False
+    rows = landmarks.rows(tracked.landmark)
+    inside[rows[rows >= 0]] = False
     return np.flatnonzero(inside)
 
 
@@ -80,19 +97,20 @@ def descriptor_matches(points: Keypoints, descriptors: ByteArray, ratio: float) 
     return match(points, replace(landmarks, descriptors=descriptors), ratio=ratio)
 
 
-def within_gate(
-    observations: RangeBearings, expected: PredictedObservations, height: FloatArray, gate: float
-) -> BoolArray:
-    """(m,) whether observations pass the Mahalanobis gate, and agree with heights (m,) in metres.
+def has_same_height(observations: RangeBearings, height: FloatArray) -> BoolArray:
+    """(m,) whether observations agree with heights (m,) in metres."""
+    tolerance = HEIGHT_TOLERANCE * observations.z[:, 0] + HEIGHT_TOLERANCE
+    return np.asarray(np.abs(observations.height - height) < tolerance)
 
-    A correct association passes the former with probability `gate`.
-    """
+
+def within_gate(
+    observations: RangeBearings, expected: PredictedObservations, gate: float
+) -> BoolArray:
+    """(m,) whether observations pass the gate: correct ones do with that probability."""
     v = observations.z - expected.z
     v[:, 1] = wrap(v[:, 1])
     d = normalized_squared(v, expected.covariance + observations.covariance)
-    tolerance = HEIGHT_TOLERANCE * observations.z[:, 0] + HEIGHT_TOLERANCE
-    same_height = np.abs(observations.height - height) < tolerance
-    return np.asarray((d < chi_square_gate(2, gate)) & same_height)
+    return np.asarray(d < chi_square_gate(2, gate))
 
 
 def consistent_layout(

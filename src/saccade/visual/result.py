@@ -11,7 +11,7 @@ import numpy as np
 from saccade.frames import Drive
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
-from saccade.types import FloatArray, IntArray, LandmarkMap, Trajectory
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
 from saccade.visual.egomotion import Motion
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.optical_flow import ByteArray
@@ -85,6 +85,8 @@ class VisualResult:
     """Computation time by step; "read" and "detect" run in parallel to the others."""
     frame_seconds: FloatArray
     """(n,) computation time of each frame."""
+    lost: BoolArray
+    """(n,) whether the robot knew that it was lost, after each frame."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
 
@@ -105,6 +107,7 @@ class RunLog:
     _frame_seconds: list[float] = field(default_factory=list)
     _pose: list[FloatArray] = field(default_factory=list)
     _covariance: list[FloatArray] = field(default_factory=list)
+    _lost: list[bool] = field(default_factory=list)
     _observations: list[LandmarkObservations] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -157,8 +160,11 @@ class RunLog:
         self._visual_pose.append(compose(self._visual_pose[-1], control)[0])
         self._off_plane.append(np.full(3, np.nan) if motion is None else motion.off_plane)
 
-    def add_pose(self, pose: FloatArray, covariance: FloatArray, seconds: float) -> None:
-        """Log the pose at a frame after all updates, and the time the frame took."""
+    def add_pose(
+        self, pose: FloatArray, covariance: FloatArray, seconds: float, lost: bool
+    ) -> None:
+        """Log the pose at a frame after all updates, the time the frame took, and if it is lost."""
+        self._lost.append(lost)
         self._frame_seconds.append(seconds)
         self._pose.append(pose)
         self._covariance.append(covariance)
@@ -185,6 +191,7 @@ class RunLog:
             missed=self.missed,
             seconds=dict(self.seconds),
             frame_seconds=np.array(self._frame_seconds),
+            lost=np.array(self._lost, np.bool_),
             remarks=(*self.remarks[:MAX_REMARKS], *others, *visual_map.planarity.remarks()),
         )
 

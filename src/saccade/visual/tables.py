@@ -85,6 +85,11 @@ class TrackedPoints(Table):
         """Those that are landmarks."""
         return self[self.is_landmark]
 
+    def without_landmarks(self) -> "TrackedPoints":
+        """All points, none of them a landmark."""
+        none = np.zeros(len(self), np.bool_)
+        return replace(self, landmark=np.full(len(self), -1), reidentified=none)
+
     @property
     def keypoints(self) -> Keypoints:
         """Current positions, with responses and descriptors of the first frame."""

@@ -90,6 +90,22 @@ class VisualMap:
         learned = {"odometry_scale": self.scale, "turn_rate_bias": self._turn_bias}
         return {"tilt": self.planarity, "prior": self._motion_prior, **learned}
 
+    @property
+    def next_id(self) -> int:
+        """Id of the next landmark."""
+        return self._next_id
+
+    def odometry(self, seconds: float) -> Prior:
+        """The control (3,) of odometry to the last frame, corrected, with all errors it may have.
+
+        Args:
+            seconds: duration of the step.
+        """
+        control, covariance = self._odometry
+        scale_sigma = self.scale.sigma if self.has_depth else 0.0
+        systematic = odometry_error_covariance(control, seconds, scale_sigma, self._turn_bias)
+        return control, covariance + systematic
+
     def predict_motion(self, number: int) -> Prior:
         """The control expected to lead to a frame after the first.
 
@@ -268,9 +284,12 @@ class VisualMap:
         """Remove the least useful landmarks beyond `max_landmarks`, but none that is tracked."""
         surplus = len(self.landmarks) - self._config.max_landmarks
         if surplus > 0:
-            rows = self.landmarks.least_useful(surplus, tracked, number)
-            self.ekf.remove(rows)
-            self.landmarks = self.landmarks[np.delete(np.arange(len(self.landmarks)), rows)]
+            self.remove(self.landmarks.least_useful(surplus, tracked, number))
+
+    def remove(self, rows: IntArray) -> None:
+        """Remove landmarks by their rows, ascending."""
+        self.ekf.remove(rows)
+        self.landmarks = self.landmarks[np.delete(np.arange(len(self.landmarks)), rows)]
 
     def _covariance(self, observations: RangeBearings, count: int) -> FloatArray:
         """(k, 2, 2) including the error that `count` observations of a frame share.

@@ -1,0 +1,302 @@
+"""Lost on a camera drive: kidnappings, and drives that are not disturbed.
+
+    uv run python benchmarks/lost_drives.py [--seeds 100 101] [--presets ring dark] [--keep FOLDER]
+    uv run python benchmarks/lost_drives.py --undisturbed --presets dark flicker --seeds 100 101 102
+    uv run python benchmarks/lost_drives.py --recordings kitti07 kitti_stereo_60m
+
+In the second lap of a simulated drive the robot is carried along its course, 0.3 to 5 m ahead or
+back, while odometry reports nothing of it: at once, or during twelve black frames in which it
+reports no motion. Or it is turned, by 35 or 90 degrees, and turns back by 9 degrees a frame. Each
+time it drives on for 100 frames. It has noticed if it is lost in one of the frames from the first
+black one to the tenth that sees the new place. It is recovered if, 50 frames after it sees its
+course again, it is not lost, and the true position is in the 99.7 % ellipse or within 0.2 m, and
+within 0.5 m or twice the error before. It is sure and wrong if the true position at the end is
+neither in the ellipse nor within 0.2 m.
+
+Undisturbed: whether it was ever lost, and the fraction of the frames in the 99.7 % ellipse. The
+frames of each drive are rendered once, and kept in a folder.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import gettempdir
+
+import numpy as np
+
+from saccade import visual
+from saccade.datasets import load_drive
+from saccade.evaluation.drives import score_drive
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
+from saccade.frames import Drive, Frame
+from saccade.simulation import DriveConfig, simulate_drive
+from saccade.simulation.rendering import Illumination, render
+from saccade.simulation.scene import ring_scene
+from saccade.slam.consistency import normalized_squared
+from saccade.types import THREE_SIGMA_2D, FloatArray, Trajectory
+from saccade.visual.pipeline import Pipeline
+
+PRESETS = ("ring", "mono", "repeated", "mirror", "dark", "flicker")
+KIDNAPPINGS = (
+    *(("black", 0.5), ("jump", 0.35), ("turn", 35.0), ("black", 1.5), ("jump", 1.2)),
+    *(("turn", -90.0), ("black", 3.5), ("jump", -2.5), ("jump", 5.0)),
+)
+"""Kinds, and metres along the course or degrees."""
+FIRST, LAST = 306, 430
+"""Frames between which a robot is kidnapped."""
+AFTER, SOON, LATER = 100, 10, 50
+"""Frames that it drives on, in which it must notice, and after which it must be recovered."""
+BLACK, TURN_RATE = 12, 9.0
+"""Black frames, and degrees a frame by which a turned robot turns back."""
+
+
+class Source:
+    """A simulated drive whose frames are kept in a file, and views from other poses."""
+
+    def __init__(self, preset: str, seed: int, folder: Path) -> None:
+        self.config, self.seed = getattr(DriveConfig, preset)(), seed
+        drive, self.has_right = simulate_drive(self.config, seed), self.config.baseline is not None
+        file = folder / f"{'ring' if preset == 'mono' else preset}-{seed}.npy"
+        if not file.exists():
+            self._render_all(file, replace(self.config, baseline=DriveConfig.baseline))
+        self._images = np.load(file, mmap_mode="r")
+        self.drive = replace(drive, name=f"{preset} {seed}", load=self._load)
+        _, _, self._light_seed, _ = np.random.SeedSequence(seed).spawn(4)
+        self._scene: object = None
+
+    def _render_all(self, file: Path, config: DriveConfig) -> None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        drive = simulate_drive(config, self.seed)
+        frames = [drive.load(i) for i in range(len(drive))]
+        np.save(file, np.array([[each.image, each.right] for each in frames]))
+
+    def _load(self, i: int) -> Frame:
+        left, right = np.array(self._images[i])
+        return Frame(float(self.drive.time[i]), left, right if self.has_right else None)
+
+    def view(self, pose: FloatArray, i: int) -> Frame:
+        """The frame from a pose (3,) in the light of frame i."""
+        seeds, camera = np.random.SeedSequence(self.seed).spawn(4), self.config.camera
+        if self._scene is None:
+            self._scene = ring_scene(self.config, seeds[0])
+            self._light = Illumination.sample(self.config.light, camera, self.drive.time, seeds[2])
+        left, right = (
+            self._light.apply(render(self._scene, camera, pose, side), i, int(side))
+            for side in (False, True)
+        )
+        return Frame(0.0, left, right if self.has_right else None)
+
+
+@dataclass
+class Course:
+    """Poses, increments and frames of a robot that is kidnapped."""
+
+    source: Source
+    pose: list[FloatArray] = field(default_factory=list)
+    control: list[FloatArray] = field(default_factory=list)
+    covariance: list[FloatArray] = field(default_factory=list)
+    load: list[Callable[[], Frame]] = field(default_factory=list)
+
+    def follow(self, first: int, end: int) -> None:
+        """Drive on as the recorded one; the first frame is reached by the increment before it."""
+        drive = self.source.drive
+        for i in range(first, min(end, len(drive))):
+            step = max(i - 1, 0)
+            self.add(i, drive.truth.pose[i], drive.control[step], drive.control_covariance[step])
+
+    def add(
+        self,
+        i: int,
+        pose: FloatArray,
+        control: FloatArray,
+        covariance: FloatArray,
+        load: Callable[[], Frame] | None = None,
+    ) -> None:
+        """A frame at a pose (3,), by default frame i of the drive."""
+        self.pose.append(pose)
+        self.control.append(control)
+        self.covariance.append(covariance)
+        self.load.append(load or (lambda: self.source.drive.load(i)))
+
+    def drive(self, name: str) -> Drive:
+        """The drive."""
+        time = self.source.drive.time[0] + 0.1 * np.arange(len(self.pose))
+        return replace(
+            self.source.drive,
+            name=name,
+            time=time,
+            control=np.array(self.control[1:]),
+            control_covariance=np.array(self.covariance[1:]),
+            load=lambda i: replace(self.load[i](), time=float(time[i])),
+            truth=Trajectory(time, np.array(self.pose)),
+        )
+
+
+@dataclass(frozen=True)
+class Kidnapping:
+    """A drive, and the frames at which it happens."""
+
+    drive: Drive
+    last: int
+    """The last frame before."""
+    seen: int
+    """The first that sees the new place."""
+    back: int
+    """The first on the course."""
+
+
+def kidnap(source: Source, kind: str, amount: float, last: int) -> Kidnapping:
+    """Kidnap the robot after a frame: metres along the course, or degrees."""
+    truth, course = source.drive.truth, Course(source)
+    assert truth is not None
+    pose = truth.pose
+    course.follow(0, last + 1)
+    step = float(np.hypot(*np.diff(pose[:, :2], axis=0).T).mean())
+    control, covariance = source.drive.control[last], source.drive.control_covariance[last]
+    still, nothing = np.zeros(3), np.zeros((3, 3))
+    following, seen = last + 1, last + 1
+    if kind == "black":
+        camera = source.drive.camera
+        black = np.zeros((camera.height, camera.width), np.uint8)
+        frame, moved = Frame(0.0, black, black if source.has_right else None), round(amount / step)
+        for i in range(BLACK):
+            place = pose[last + round(moved * (i + 1) / (BLACK + 1))]
+            course.add(0, place, still, nothing, lambda: frame)
+        following, seen = last + moved, last + BLACK + 1
+        course.add(following, pose[following], still, nothing)
+    elif kind == "jump":
+        following += round(amount / step)
+        course.add(following, pose[following], control, covariance)
+    else:
+        turns = np.radians(np.linspace(amount, 0, int(np.ceil(abs(amount) / TURN_RATE)) + 1))
+        for number, turn in enumerate(turns.tolist()):
+            turned = pose[following] + [0, 0, turn]
+            back = np.array([0, 0, turns[number] - turns[number - 1]])
+            course.add(
+                following,
+                turned,
+                control if number == 0 else back,
+                covariance if number == 0 else nothing,
+                lambda turned=turned: source.view(turned, following),
+            )
+    back = len(course.pose) - 1
+    course.follow(following + 1, following + 1 + AFTER)
+    name = f"{source.drive.name}, {kind} {amount:g}"
+    return Kidnapping(course.drive(name), last, seen, back)
+
+
+def kidnappings(source: Source) -> Iterator[tuple[Kidnapping, visual.VisualResult]]:
+    """All kinds of kidnapping at random frames, each with its result.
+
+    The undisturbed frames before are processed once.
+    """
+    rng = np.random.default_rng([source.seed, *map(ord, source.drive.name)])
+    last = np.sort(rng.integers(FIRST, LAST, len(KIDNAPPINGS)))
+    kinds = rng.permutation(len(KIDNAPPINGS))
+    with Pipeline(source.drive, visual.VisualConfig()) as before:
+        done = 0
+        for number, kind in zip(last.tolist(), kinds.tolist(), strict=True):
+            for frame in range(done, number + 1):
+                before.step(frame)
+            done = number + 1
+            each = kidnap(source, *KIDNAPPINGS[kind], number)
+            state = {name: array.copy() for name, array in before.to_arrays().items()}
+            with Pipeline(each.drive, visual.VisualConfig()) as pipeline:
+                pipeline.from_arrays(state)
+                for i in range(done, len(each.drive)):
+                    pipeline.step(i)
+                yield each, pipeline.result()
+
+
+def judge(each: Kidnapping, result: visual.VisualResult) -> tuple[bool, bool, bool]:
+    """Whether the robot noticed, was recovered, and was sure and wrong at the end."""
+    truth, estimate = each.drive.truth, result.trajectory
+    assert truth is not None
+    assert estimate.covariance is not None
+    error = (estimate.pose - truth.pose)[:, :2]
+    distance = np.hypot(*error.T)
+    inside = normalized_squared(error[1:], estimate.covariance[1:, :2, :2]) < THREE_SIGMA_2D
+    right = np.append(True, inside) | (distance < 0.2)
+    noticed = result.lost[each.last + 1 : each.seen + SOON + 1].any()
+    later = min(each.back + LATER, len(each.drive) - 1)
+    near = distance[later] < max(0.5, 2 * distance[each.last])
+    recovered = right[later] and near and not result.lost[later]
+    return bool(noticed), bool(recovered), not right[-1]
+
+
+def report_kidnappings(presets: Sequence[str], seeds: Sequence[int], folder: Path) -> None:
+    """A row for each preset, and one for all."""
+    print("preset     seeds  kidnapped  noticed  recovered  sure and wrong")
+    everything = []
+    for preset in presets:
+        rows = []
+        for seed in seeds:
+            for each, result in kidnappings(Source(preset, seed, folder)):
+                rows.append(judge(each, result))
+                if rows[-1] != (True, True, False):
+                    print("    ", each.drive.name, "frame", each.last, *rows[-1])
+        everything += rows
+        _print_row(preset, len(seeds), rows)
+    _print_row("all", len(seeds), everything)
+
+
+def _print_row(name: str, seeds: int, rows: Sequence[tuple[bool, bool, bool]]) -> None:
+    noticed, recovered, wrong = np.sum(rows, 0)
+    print(
+        f"{name:9}{seeds:7}{len(rows):11}{noticed:9}{recovered:11}{wrong:16}"
+        f"    {noticed / len(rows):.1%}, {recovered / len(rows):.1%}",
+        flush=True,
+    )
+
+
+def report_undisturbed(drives: Iterator[Drive]) -> None:
+    """A row for each drive, and how many were ever lost."""
+    print("drive                      lost   ATE    unaligned  inside 3 sigma")
+    rows = []
+    for drive in drives:
+        result = visual.run(drive)
+        score = score_drive(result.trajectory, drive.truth)
+        rows.append((result.lost.any(), score.inside_3sigma))
+        print(
+            f"{drive.name:26} {int(result.lost.sum()):4}{score.ate_m:7.3f}"
+            f"{score.ate_unaligned_m:10.3f}{score.inside_3sigma:12.3f}",
+            flush=True,
+        )
+    lost, inside = np.transpose(rows)
+    print(f"{len(rows)} drives, {int(lost.sum())} ever lost; inside: {inside.mean():.3f}, "
+          f"at least {inside.min():.3f}")  # fmt: skip
+
+
+def recordings(folders: Sequence[Path]) -> Iterator[Drive]:
+    """The drives of folders with all of their tracks, and each out and back."""
+    for folder in folders:
+        drive = load_drive("auto", folder)
+        yield replace(drive, name=folder.name)
+        yield replace(out_and_back(drive, OutAndBackConfig()), name=f"{folder.name}, out and back")
+        for file in sorted(folder.glob("*tracks*.npz")):
+            yield replace(load_drive("auto", file), name=file.stem)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101])
+    parser.add_argument("--presets", nargs="+", default=list(PRESETS), choices=PRESETS)
+    parser.add_argument("--undisturbed", action="store_true")
+    parser.add_argument("--recordings", type=Path, nargs="+")
+    parser.add_argument("--keep", type=Path, default=Path(gettempdir()) / "saccade-lost-drives")
+    given = parser.parse_args()
+    if given.recordings:
+        report_undisturbed(recordings(given.recordings))
+    elif given.undisturbed:
+        report_undisturbed(
+            Source(preset, seed, given.keep).drive
+            for preset in given.presets
+            for seed in given.seeds
+        )
+    else:
+        report_kidnappings(given.presets, given.seeds, given.keep)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,253 @@
+"""Whether the robot is lost: evidence that it is not where the filter believes it to be.
+
+Three questions are asked of every frame: whether the camera moved as odometry says, or else as it
+moved before; where no motion was found, whether the view resembles the last one; and, where points
+are detected, whether landmarks that are expected in view are found, or agree on another pose. The
+answers are log likelihood ratios of a robot that was moved to one that was not, learnt from the
+drive so far, and their sum is one test (CUSUM, Page 1954).
+"""
+
+from dataclasses import dataclass, field
+from math import log, nan
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from saccade.types import Float32Array, FloatArray
+from saccade.visual.egomotion import Prior
+from saccade.visual.optical_flow import ByteArray, PreparedFrame
+
+LIMIT = 4.0
+"""Evidence from which the robot is lost."""
+MAX_EVIDENCE = 6.0
+"""Largest evidence of one answer."""
+ORDINARY_NIS = 9.0
+"""Normalized innovation squared of a motion (3 degrees of freedom) up to which it is no evidence:
+the smaller of two, to odometry and to the last motion. In undisturbed drives it stays below, after
+a jump of 0.3 m it is over 100."""
+MIN_POINTS = 20
+"""Tracked points from which it is evidence that no motion is found; and which, with half of all,
+must agree on a motion so that the view need not be compared."""
+RARELY = 0.5, 100.0
+"""Failures and attempts with which the counts begin."""
+VIEW_WIDTH, MIN_VIEW_HEIGHT, VIEW_SHIFT = 40, 12, 2
+"""Pixels of the reduced image by which views are compared, and by how much it may be shifted."""
+VIEW_MEMORY = 50.0
+"""Frames over which the difference of successive views is averaged."""
+VIEW_SPREAD, MIN_VIEW_SPREAD = 0.6, 0.3
+"""Standard deviation of the logarithm of that difference, at the start and at least."""
+ORDINARY, VIEW_OFFSET = 1.5, 2.0
+"""Standard deviations up to which a view continues the last one; and what is subtracted from half
+of their square, so that usual differences are no evidence."""
+STANDING = 0.1
+"""Fraction of its usual motion within which a robot stands, as odometry believes."""
+BLIND = 0.7
+"""Evidence of a frame in which a standing robot sees nothing: it may be carried."""
+FORGETTING, NEGLIGIBLE = 0.97, 0.1
+"""Factor of the evidence in a frame whose motion is as expected, and below what it is none."""
+RADIUS = 2.0
+"""Metres; a turn changes the view as much as this times as long a distance."""
+MIN_EXPECTED, MIN_FOUND = 5, 4
+"""Lost landmarks that must be expected in view to count a detection; and those that agree on the
+believed pose which refute that the robot is lost."""
+LANDMARK_MEMORY, RAREST = 30.0, 0.01
+"""Detections over which the fraction without a re-identification is averaged, and its least."""
+MAX_MISSED = 3.0
+"""Largest evidence of landmarks, less than makes lost: what hides one hides many, and those that
+agree on another pose may show that the filter is overconfident."""
+MIN_ELSEWHERE, ELSEWHERE = 6, 2.5
+"""Landmarks that agree on a pose outside of all gates, and the evidence of such a frame."""
+
+
+class LandmarkCounts(NamedTuple):
+    """Lost landmarks in a frame in which points are detected."""
+
+    expected: int
+    """Expected in view."""
+    found: int
+    """Re-identified."""
+    elsewhere: int
+    """That agree on another pose than the believed one."""
+
+
+@dataclass
+class LostTest:
+    """Cumulative evidence that the robot is not where the filter believes it to be."""
+
+    acceleration_sigma: tuple[float, float]
+    """Standard deviations of the change of speed (m/s) and turn rate (rad/s) in a second."""
+    evidence: float = 0.0
+    """Cumulative log likelihood ratio."""
+    missed: float = 0.0
+    """The part of it that missed landmarks contribute."""
+    view: Float32Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    """(h, w) of the last frame that was not blank."""
+    velocity: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    """(3,) last motion of the camera by its duration; NaN before the first."""
+    blind: float = 0.0
+    """The part of the evidence that comes from seeing nothing."""
+    travel: float = 0.0
+    """Metres since that view, by odometry; a turn counts `RADIUS` times."""
+    mean_travel: float = 0.0
+    """Of one frame."""
+    difference: float = -2.5
+    """Mean of the logarithm of one minus the correlation of successive views."""
+    difference_variance: float = VIEW_SPREAD**2
+    views: float = 1.0
+    """Frames in these means."""
+    failures: float = RARELY[0]
+    attempts: float = RARELY[1]
+    """Frames in which no motion was found of enough points, of all frames with enough."""
+    without: float = 0.5
+    """Fraction of detections without a re-identification."""
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the evidence suffices."""
+        return self.evidence >= LIMIT
+
+    def reset(self) -> None:
+        """Forget the evidence, and what was seen and how the robot moved before."""
+        self.evidence = self.missed = self.blind = self.travel = 0.0
+        self.view, self.velocity = np.zeros((0, 0), np.float32), np.full(3, np.nan)
+
+    def is_standing(self, control: FloatArray) -> bool:
+        """Whether the robot stands by a control (3,), which it usually does not."""
+        return _travel(control) < STANDING * self.mean_travel
+
+    def add_motion(
+        self,
+        frame: PreparedFrame,
+        odometry: Prior,
+        motion: Prior | None,
+        seconds: float,
+        points: int,
+        inliers: int,
+    ) -> bool:
+        """Add the evidence of the motion to a frame.
+
+        Args:
+            frame: the frame.
+            odometry: control (3,) since the last frame, and its covariance (3, 3).
+            motion: the same by the camera; None where it found none.
+            seconds: since the last frame.
+            points: number of points that were tracked in the last frame.
+            inliers: number of them that agree on the motion.
+
+        Returns:
+            Whether the frame continues the last one that was not blank.
+        """
+        self.travel += _travel(odometry[0])
+        view = None if frame.left is None else _reduced(frame.left)
+        deviation = self._deviation(view)
+        continued = deviation <= ORDINARY
+        contradiction = self._evidence_of_motion(odometry, motion, seconds)
+        self.evidence += contradiction
+        verified = inliers >= max(MIN_POINTS, points / 2)
+        if verified:
+            continued = contradiction == 0.0
+            if continued:
+                self._learn(view)
+        elif frame.is_blank and self.is_standing(odometry[0]):
+            self.blind += BLIND
+            self.evidence += BLIND
+        elif deviation > ORDINARY:
+            self.evidence += self._evidence_of_view(deviation, motion is None, points)
+        if motion is not None and seconds > 0:
+            self.velocity = motion[0] / seconds
+        if points >= MIN_POINTS:
+            self.attempts += 1
+            self.failures += motion is None
+        if continued:
+            self.evidence -= self.blind
+            self.evidence *= FORGETTING if verified and not self.is_lost else 1.0
+            if self.evidence < NEGLIGIBLE:
+                self.evidence = self.missed = 0.0
+        if view is not None or motion is not None:
+            self.travel = self.blind = 0.0
+        if view is not None:
+            self.view = view
+        return continued
+
+    def add_landmarks(self, counts: LandmarkCounts) -> None:
+        """Add the evidence of the landmarks expected in a frame."""
+        if counts.found >= MIN_FOUND and counts.found > counts.elsewhere:
+            self.evidence = self.missed = self.blind = 0.0
+        elif counts.elsewhere >= MIN_ELSEWHERE and counts.elsewhere > 2 * counts.found:
+            self._add_missed(ELSEWHERE)
+        elif counts.found == 0 and counts.expected >= MIN_EXPECTED and self.evidence > 0:
+            self._add_missed(-log(max(self.without, RAREST)))
+        if counts.expected >= MIN_EXPECTED:
+            missing = float(counts.found == 0)
+            self.without += (missing - self.without) / LANDMARK_MEMORY
+
+    def _add_missed(self, evidence: float) -> None:
+        """Add evidence of landmarks, which are not enough by themselves."""
+        added = min(evidence, MAX_MISSED - self.missed)
+        self.evidence, self.missed = self.evidence + added, self.missed + added
+
+    def _evidence_of_motion(self, odometry: Prior, motion: Prior | None, seconds: float) -> float:
+        """Evidence of a motion that contradicts both odometry and the last motion.
+
+        A camera that does not move was not carried: the wheels slip, or the frame is a copy.
+        """
+        if motion is None or not np.isfinite(self.velocity).all() or self.is_standing(motion[0]):
+            return 0.0
+        speed, turn_rate = self.acceleration_sigma
+        change = np.diag(np.square(np.array([speed, speed, turn_rate]) * seconds**2))
+        last = self.velocity * seconds, motion[1] + change
+        excess = min(_nis(motion, odometry), _nis(motion, last)) - ORDINARY_NIS
+        return min(max(excess, 0.0) / 2, MAX_EVIDENCE)
+
+    def _evidence_of_view(self, deviation: float, failed: bool, points: int) -> float:
+        """Evidence of a view that deviates from the last, by whether a motion was found."""
+        by_view = max(deviation**2 / 2 - VIEW_OFFSET, 0.0)
+        failure = -log(self.failures / self.attempts) if failed and points >= MIN_POINTS else 0.0
+        return min(by_view + failure, MAX_EVIDENCE)
+
+    def _learn(self, view: Float32Array | None) -> None:
+        """Learn how far the robot usually moves, and how much successive views differ then."""
+        self.views = min(self.views + 1, VIEW_MEMORY)
+        self.mean_travel += (self.travel - self.mean_travel) / self.views
+        if view is None or self.view.shape != view.shape:
+            return
+        deviation = _difference(self.view, view) - self.difference
+        self.difference += deviation / self.views
+        self.difference_variance += (deviation**2 - self.difference_variance) / VIEW_MEMORY
+
+    def _deviation(self, view: Float32Array | None) -> float:
+        """Standard deviations by which the difference of a view from the last exceeds the mean.
+
+        NaN where one of them is missing.
+        """
+        if view is None or self.view.shape != view.shape:
+            return nan
+        usual = log(max(self.travel / max(self.mean_travel, 1e-6), 1.0))
+        spread = max(float(np.sqrt(self.difference_variance)), MIN_VIEW_SPREAD)
+        return (_difference(self.view, view) - self.difference - usual) / spread
+
+
+def _travel(control: FloatArray) -> float:
+    """Metres of a control (3,); a turn counts `RADIUS` times."""
+    return float(np.hypot(control[0], control[1])) + RADIUS * abs(float(control[2]))
+
+
+def _nis(first: Prior, second: Prior) -> float:
+    """Normalized squared difference of two controls (3,) with covariances (3, 3)."""
+    v = first[0] - second[0]
+    return float(v @ np.linalg.solve(first[1] + second[1] + 1e-9 * np.eye(3), v))
+
+
+def _reduced(image: ByteArray) -> Float32Array:
+    """(h, w) gray levels of a small image."""
+    height, width = image.shape
+    size = VIEW_WIDTH, max(round(VIEW_WIDTH * height / width), MIN_VIEW_HEIGHT)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _difference(first: Float32Array, second: Float32Array) -> float:
+    """Log of one minus the best correlation of two views, one of them shifted."""
+    inner = slice(VIEW_SHIFT, -VIEW_SHIFT)
+    correlation = cv2.matchTemplate(second, first[inner, inner], cv2.TM_CCOEFF_NORMED)
+    return log(max(1.0 - float(correlation.max()), 1e-3))

@@ -1,0 +1,215 @@
+"""Recovery of a lost robot: its doubt about the pose, and the search for it in the map."""
+
+import numpy as np
+
+from saccade.frames import steps_between
+from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.hypotheses import PoseHypotheses
+from saccade.slam.relocalization import Relocalizer
+from saccade.types import FloatArray
+from saccade.visual.config import VisualConfig
+from saccade.visual.egomotion import Motion, Prior
+from saccade.visual.lost import LandmarkCounts, LostTest
+from saccade.visual.motion_prior import camera_error_covariance
+from saccade.visual.optical_flow import PreparedFrame
+from saccade.visual.reidentification import descriptor_matches, has_same_height
+from saccade.visual.tables import TrackedPoints
+from saccade.visual.visual_map import VisualMap
+
+MIN_LANDMARKS = 8
+"""Landmarks of a map in which a robot may be lost; in a smaller one it cannot be found again."""
+MIN_DOUBT = 1.0
+"""Least standard deviation of the position of a lost robot, in metres."""
+CARRYING_SPEED = 1.0, 1.0
+"""Standard deviations of speed (m/s) and turn rate (rad/s) of a robot that sees nothing and that
+odometry believes to stand: it may be carried."""
+FOUND, MIN_MATCHED, SCANS_IN_AGREEMENT = 0.999, 5, 2
+"""Probability of a hypothesis from which it is right, landmarks that must agree with it, and frames
+with detections in a row in which both must hold."""
+PRIOR_WEIGHT, MIN_HEADING_SIGMA = 9.0, 0.03
+"""Of the prior of a pose that is found, relative to its covariance: the observations that follow
+dominate it, but it is narrow enough that they are linear; and the heading's, in radians."""
+
+
+class Recovery:
+    """Whether the robot is lost, and the search for it.
+
+    Args:
+        visual_map: the map, which is kept as it is while the robot is lost.
+        config: the settings.
+    """
+
+    def __init__(self, visual_map: VisualMap, config: VisualConfig) -> None:
+        self._map, self._config = visual_map, config
+        self.test = LostTest(config.acceleration_sigma)
+        self._search: Relocalizer | None = None
+        self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
+        self._blind = 0.0  # seconds without sight and motion
+        self._agreeing = 0
+        self._first_doubtful = 0  # id of the first landmark initialized since there is evidence
+        self._extent = 0.0  # metres, of the map of a lost robot
+
+    @property
+    def lost(self) -> bool:
+        """Whether the robot is lost."""
+        return self._search is not None
+
+    @property
+    def hypotheses(self) -> PoseHypotheses | None:
+        """Of the pose of a lost robot; that of the filter, with probability 0, if there are none.
+
+        None for a robot that is not lost.
+        """
+        if not self.lost or (self._hypotheses is not None and len(self._hypotheses)):
+            return self._hypotheses
+        pose, covariance = self._map.ekf.pose[None], self._map.ekf.pose_covariance[None]
+        return PoseHypotheses(pose, covariance, np.zeros(1), np.empty((1, 0), np.int64))
+
+    @property
+    def doubt(self) -> FloatArray:
+        """(3, 3) covariance of the pose beside that of the filter."""
+        speed, turn_rate = CARRYING_SPEED
+        position, heading = speed * self._blind, min(turn_rate * self._blind, np.pi / 3**0.5)
+        if self.lost:
+            position, heading = max(position, self._extent, MIN_DOUBT), np.pi / 3**0.5
+        return np.diag(np.square([position, position, heading]))
+
+    def add_motion(
+        self,
+        frame: PreparedFrame,
+        motion: Motion | None,
+        seconds: float,
+        points: int,
+        previous: FloatArray,
+    ) -> bool:
+        """Test the motion to a frame, after the prediction; returns whether the robot is lost.
+
+        Args:
+            frame: the frame.
+            motion: by the camera.
+            seconds: since the last frame.
+            points: number of points tracked in the last frame.
+            previous: (3,) pose at the last frame.
+        """
+        test, measured = self.test, self._measured(motion, seconds)
+        odometry = self._map.odometry(seconds)
+        if test.evidence == 0.0:
+            self._first_doubtful = self._map.next_id
+        blind = frame.is_blank and test.is_standing(odometry[0])
+        inliers = 0 if motion is None else int(motion.inliers.sum())
+        continued = test.add_motion(frame, odometry, measured, seconds, points, inliers)
+        self._blind = self._blind + seconds if blind else 0.0 if continued else self._blind
+        self._hypotheses = None
+        if self._search is not None:
+            step = steps_between(np.stack([previous, self._map.ekf.pose]))[0]
+            self._search.predict(step, (odometry if measured is None else measured)[1])
+            if not test.is_lost:
+                self._end()
+        else:
+            self._begin_if_lost()
+        return self.lost
+
+    def add_landmarks(self, counts: LandmarkCounts) -> bool:
+        """Test the landmarks in a frame with detections; returns whether the robot is lost."""
+        if self.test.evidence == 0.0:
+            self._first_doubtful = self._map.next_id
+        self.test.add_landmarks(counts)
+        if self.test.evidence == 0.0:
+            self._blind = 0.0
+        self._begin_if_lost()
+        return self.lost
+
+    def search(self, points: TrackedPoints) -> bool:
+        """Search a lost robot by k points of known depth; returns whether it was found.
+
+        Points name the landmarks that their descriptors match.
+        """
+        assert self._search is not None
+        landmarks = self._map.landmarks
+        observations, usable = self._map.observe(points)
+        pairs = descriptor_matches(points.keypoints, landmarks.descriptor, self._config.ratio)
+        index, rows = pairs.T
+        keep = usable[index] & has_same_height(observations[index], landmarks.height[rows])
+        index, rows = index[keep], rows[keep]
+        found = self._search.add(observations.z[index], observations.covariance[index], rows)
+        self._hypotheses = found
+        return self._resume_if_found(found)
+
+    def _measured(self, motion: Motion | None, seconds: float) -> Prior | None:
+        """A motion by the camera with all its errors."""
+        if motion is None:
+            return None
+        tilt = self._map.planarity.tilt
+        return motion.control, camera_error_covariance(motion, seconds, self._config, tilt)
+
+    def _begin_if_lost(self) -> None:
+        """Begin to search; the map is kept without what was added since there is evidence."""
+        if not self.test.is_lost or not self._config.recover:
+            return
+        ids = self._map.landmarks.id
+        if np.count_nonzero(ids < self._first_doubtful) < MIN_LANDMARKS:
+            self.test.reset()
+            return
+        self._map.remove(np.flatnonzero(ids >= self._first_doubtful))
+        ekf = self._map.ekf
+        places = np.vstack([ekf.landmarks, ekf.pose[:2]])
+        self._extent = float(np.ptp(places, axis=0).max()) / 2
+        self._search, self._agreeing = _search(ekf), 0
+        self._search.propose(ekf.pose)
+
+    def _end(self) -> None:
+        self._search = self._hypotheses = None
+        self._blind = 0.0
+        self.test.reset()
+
+    def _resume_if_found(self, found: PoseHypotheses) -> bool:
+        """Reset the pose and end the search if one hypothesis is left."""
+        assert self._search is not None
+        association = found.association[0] if len(found) else np.empty(0, np.int64)
+        sure = len(found) > 0 and found.probability[0] >= FOUND
+        sure = sure and np.count_nonzero(association >= 0) >= MIN_MATCHED
+        self._agreeing = self._agreeing + 1 if sure else 0
+        if self._agreeing < SCANS_IN_AGREEMENT:
+            return False
+        ekf, known = self._map.ekf, association >= 0
+        z, R = self._search.observations
+        ekf.reset_pose(found.pose[0], _prior(ekf, found))
+        ekf.update_scan(z[known], R[known], association[known])  # C.10-C.14
+        self._end()
+        return True
+
+    def to_arrays(self) -> Arrays:
+        """The state as named arrays, for a checkpoint."""
+        parts = {"test": attribute_arrays(self.test)}
+        if self._search is not None:
+            parts["search"] = self._search.to_arrays()
+        return attribute_arrays(self) | merge(parts)
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore the state from the arrays of `to_arrays`, with the map of the same frame."""
+        own = {name: array for name, array in arrays.items() if "." not in name}
+        restore_attributes(self, own)
+        restore_attributes(self.test, select(arrays, "test"))
+        search = select(arrays, "search")
+        self._search, self._hypotheses = None, None
+        if search:
+            self._search = _search(self._map.ekf)
+            self._search.from_arrays(search)
+
+
+def _search(ekf: EkfSlam) -> Relocalizer:
+    """A search among all landmarks of a filter."""
+    r = len(ekf.robot_state)
+    return Relocalizer(ekf.landmarks, ekf.covariance[r:, r:])
+
+
+def _prior(ekf: EkfSlam, found: PoseHypotheses) -> FloatArray:
+    """(3, 3) covariance that is wide beside a hypothesis and the landmarks it is based on.
+
+    The update that follows gives the pose its covariance with the map.
+    """
+    used = found.association[0][found.association[0] >= 0]
+    position = ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
+    wide = found.covariance[0] + np.diag([position, position, MIN_HEADING_SIGMA**2])
+    return np.asarray(PRIOR_WEIGHT * wide)

@@ -1,0 +1,222 @@
+"""A robot that is carried away notices that it is lost, says so, and is found in its map."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade import datasets, visual
+from saccade.evaluation.drives import score_drive
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
+from saccade.frames import Frame
+from saccade.simulation import DriveConfig, simulate_drive
+from saccade.slam import Checkpoint
+from saccade.slam.consistency import normalized_squared
+from saccade.types import THREE_SIGMA_2D, Trajectory
+from saccade.visual import VisualConfig
+from saccade.visual.lost import LIMIT, LandmarkCounts, LostTest
+from saccade.visual.optical_flow import PreparedFrame
+from support.interrupted_run import interrupt_at
+
+FRAMES = 64
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """Out and back along the first meters of the ring; its images are rendered once."""
+    made = out_and_back(simulate_drive(DriveConfig(frames=FRAMES)), OutAndBackConfig(FRAMES))
+    pictures = [made.load(number) for number in range(len(made))]
+    return replace(made, load=pictures.__getitem__)
+
+
+def kidnapped(drive, kept, carried=0, blind=0):
+    """The `kept` frames of a drive; odometry knows nothing of those left out.
+
+    The last `carried` steps before the gap, and so many black frames in place of the last `blind`
+    of those before it, are unknown to odometry, too.
+    """
+    kept = np.asarray(kept)
+    gap = int(np.flatnonzero(np.diff(kept) != 1)[0]) if (np.diff(kept) != 1).any() else len(kept)
+    control = drive.control[kept[:-1]].copy()
+    control[gap - carried : gap + (carried > 0)] = 0.0
+    time = drive.time[: len(kept)]
+
+    def load(number):
+        frame = drive.load(int(kept[number]))
+        if gap - blind < number <= gap:
+            black = np.zeros_like(frame.image)
+            frame = replace(frame, image=black, right=black)
+        return replace(frame, time=float(time[number]))
+
+    return gap + 1, replace(
+        drive,
+        time=time,
+        control=control,
+        control_covariance=drive.control_covariance[kept[:-1]],
+        load=load,
+        truth=Trajectory(time, drive.truth.pose[kept]),
+    )
+
+
+def error_at_the_end(result, drive):
+    return score_drive(result.trajectory, drive.truth).end_m
+
+
+JUMP = [*range(40), *range(50, FRAMES)]
+
+
+@pytest.fixture(scope="module")
+def carried(drive):
+    """The first frame after the robot was carried away on its way back, the drive, its result."""
+    after, moved = kidnapped(drive, JUMP)
+    return after, moved, visual.run(moved)
+
+
+def test_a_robot_that_was_carried_away_is_found_in_its_map(drive, carried):
+    after, moved, result = carried
+    distance = np.hypot(*(drive.truth.pose[50] - drive.truth.pose[40])[:2])
+    assert distance > 1.5
+    assert not result.lost[:after].any()
+    assert result.lost[after]
+    assert not result.lost[-1]
+    assert error_at_the_end(result, moved) < 0.1
+    sigma = np.sqrt(result.trajectory.covariance[:, 0, 0])
+    assert 3 * sigma[after] > distance > 10 * sigma[after - 1]
+    assert sigma[-1] < 0.1
+
+
+def test_a_robot_that_was_carried_in_the_dark_is_found(drive):
+    after, moved = kidnapped(drive, [*range(44), *range(54, FRAMES)], carried=8, blind=8)
+    result = visual.run(moved)
+    assert result.lost[after]
+    assert not result.lost[-1]
+    assert error_at_the_end(result, moved) < 0.1
+    sigma = np.sqrt(result.trajectory.covariance[:, 0, 0])
+    assert (np.diff(sigma[after - 8 : after]) > 0).all()  # from the first black frame on
+
+
+def test_a_robot_that_stands_in_the_dark_goes_on_where_it_stood(drive):
+    kept = [*range(44), *([43] * 11), *range(44, FRAMES)]
+    control = np.insert(drive.control, [43], np.zeros((11, 3)), axis=0)
+    covariance = np.insert(drive.control_covariance, [43], np.zeros((11, 3, 3)), axis=0)
+    time = 0.1 * np.arange(len(kept))
+
+    def load(number):
+        frame = replace(drive.load(kept[number]), time=float(time[number]))
+        black = np.zeros_like(frame.image)
+        return replace(frame, image=black, right=black) if 44 <= number < 54 else frame
+
+    stood = replace(
+        drive,
+        time=time,
+        control=control,
+        control_covariance=covariance,
+        load=load,
+        truth=Trajectory(time, drive.truth.pose[kept]),
+    )
+    result = visual.run(stood)
+    assert result.lost[53]
+    assert not result.lost[54:].any()
+    assert error_at_the_end(result, stood) < 0.1
+    assert score_drive(result.trajectory, stood.truth).inside_3sigma == 1.0
+
+
+def test_a_robot_in_an_unknown_place_stays_lost_and_keeps_its_map():
+    ring = simulate_drive(DriveConfig(frames=130))
+    after, moved = kidnapped(ring, [*range(24), *range(110, 130)])
+    result = visual.run(moved)
+    assert result.lost[after:].all()
+    assert result.map.xy[:, 0].max() < 8  # nothing was added beyond the first corner
+    error = (result.trajectory.pose - moved.truth.pose)[-1:, :2]
+    inside = normalized_squared(error, result.trajectory.covariance[-1:, :2, :2])
+    assert np.hypot(*error[0]) > 5
+    assert inside[0] < THREE_SIGMA_2D
+
+
+def test_an_interrupted_search_resumes_to_the_same_bits(carried, tmp_path):
+    after, moved, whole = carried
+    kept = Checkpoint(tmp_path / "c.npz", 0)
+    with pytest.raises(KeyboardInterrupt):
+        visual.run(moved, None, interrupt_at(after + 1), checkpoint=kept)
+    kept = Checkpoint(tmp_path / "c.npz", 0)
+    resumed = visual.run(moved, checkpoint=kept)
+    assert kept.resumed == after + 1
+    assert whole.lost.tolist() == resumed.lost.tolist()
+    for one, two in (
+        (whole.trajectory.pose, resumed.trajectory.pose),
+        (whole.trajectory.covariance, resumed.trajectory.covariance),
+        (whole.map.covariance, resumed.map.covariance),
+    ):
+        assert one.tobytes() == two.tobytes()
+
+
+def test_the_times_at_which_it_was_lost_are_reported(carried, run, tmp_path):
+    after, moved, _ = carried
+    datasets.save_drive(tmp_path / "carried", moved)
+    code, out, _ = run("drive", tmp_path / "carried", "--no-film", "--out", tmp_path / "out")
+    assert code == 0
+    (times,) = json.loads((tmp_path / "out" / "run.json").read_text())["lost"]
+    assert times[0] == pytest.approx(moved.time[after])
+    assert times[0] < times[1] < times[0] + 1
+    assert f"{times[0]:.1f} to {times[1]:.1f} s" in out
+    assert f"{times[0]:.1f} to {times[1]:.1f} s" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_robot_that_shall_not_recover_is_never_lost(carried):
+    after, moved, _ = carried
+    assert not visual.run(moved.until(after + 4), VisualConfig(recover=False)).lost.any()
+
+
+STEP = np.array([0.1, 0.0, 0.0])
+SMALL = np.diag([1e-4, 1e-4, 1e-4])
+
+
+def scenery(rng):
+    """An image (60, 80) with structures of a few pixels and more."""
+    return cv2.resize(rng.integers(0, 256, (8, 10)).astype(np.uint8), (80, 60))
+
+
+def seen(image):
+    return PreparedFrame(Frame(0.0), image)
+
+
+def driven(rng, frames=30):
+    """A test that has seen so many frames of a steady drive, and its last image."""
+    test, image = LostTest((2.0, 0.5)), scenery(rng)
+    for _ in range(frames):
+        image = np.roll(image, 1, axis=1)
+        assert test.add_motion(seen(image), (STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
+    assert test.evidence == 0.0
+    return test, image
+
+
+def test_wheels_that_slip_are_no_evidence_while_the_camera_moves_as_before(rng):
+    test, image = driven(rng)
+    test.add_motion(seen(image), (10 * STEP, SMALL), (STEP, SMALL), 0.1, 100, 90)
+    assert test.evidence == 0.0
+    test.add_motion(seen(image), (STEP, SMALL), (10 * STEP, SMALL), 0.1, 100, 90)
+    assert test.is_lost
+
+
+def test_a_view_that_resembles_the_last_one_is_no_evidence(rng):
+    test, image = driven(rng)
+    test.add_motion(seen(np.roll(image, 1, axis=1)), (STEP, SMALL), None, 0.1, 100, 0)
+    assert test.evidence == 0.0
+    test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 100, 0)
+    assert test.is_lost
+
+
+def test_missed_landmarks_add_to_other_evidence_and_found_ones_refute_it(rng):
+    test, _ = driven(rng)
+    for _ in range(100):
+        test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=0))
+    assert test.evidence == 0.0
+    test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=9))
+    test.add_landmarks(LandmarkCounts(expected=20, found=0, elsewhere=9))
+    assert 0 < test.evidence < LIMIT
+    test.add_motion(seen(scenery(rng)), (STEP, SMALL), None, 0.1, 10, 0)
+    assert test.is_lost
+    test.add_landmarks(LandmarkCounts(expected=20, found=8, elsewhere=0))
+    assert test.evidence == 0.0
