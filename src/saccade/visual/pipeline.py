@@ -31,6 +31,7 @@ from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.visual_map import VisualMap
+from saccade.visual.window import SlidingWindow
 
 
 def run(
@@ -100,6 +101,7 @@ class Pipeline:
         self.log = RunLog(drive)
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
+        self._window = SlidingWindow(drive.camera, config) if has_depth and config.window > 2 else None
         self._extract = FeatureExtractor(drive, config, cache, first)
         self._features = Prefetcher(self._extract, len(drive), config.detect_interval)
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
@@ -117,13 +119,16 @@ class Pipeline:
         frame, detected = features.frame, features.detected
         if number > 0:
             expected = self.map.predict_motion(number)
+            before = self.tracked
             motion = self._track(frame, expected)
-            self._predict(number, expected, motion)
+            adjusted = self._adjust(number, before, expected, motion)
+            self._predict(number, expected, motion, adjusted)
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
         if detected is not None:
             detected, reidentified = self._associate(frame, detected)
             self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self._extend_tracks(detected, reidentified)
+        if detected is not None and number % self.config.detect_interval == 0:
             chosen = self._attend(number, frame)
             self._initialize(number, chosen)
         self.map.update_motion_prior(number, previous_pose, len(self.tracked))
@@ -180,11 +185,27 @@ class Pipeline:
                     motion = self.map.apply_ground_distance(motion, distance)
         return motion
 
-    def _predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
+    def _adjust(
+        self, number: int, before: TrackedPoints, expected: Prior, motion: Motion | None
+    ) -> Prior | None:
+        """Adjust the window with the points of a frame, some of them tracked from `before`."""
+        if self._window is None:
+            return None
+        pose = camera_motion(self.drive.camera, expected[0])
+        if motion is not None:
+            pose = motion.rotation, motion.translation
+        current = self.tracked if motion is not None else TrackedPoints()
+        with self.log.timed("adjust"):
+            seconds = float(self.drive.time[number] - self.drive.time[number - 1])
+            return self._window.add(before, current, pose, self.map.odometry, seconds)
+
+    def _predict(
+        self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None
+    ) -> None:
         """Predict the pose; with a single camera, also triangulate the tracked points."""
         camera, trajectory = self.drive.camera, self._camera_trajectory
         with self.log.timed("predict"):
-            self.map.predict(number, expected, motion)
+            self.map.predict(number, expected, motion, adjusted)
         if motion is None:
             trajectory.append(*camera_motion(camera, expected[0]))
             return

@@ -104,7 +104,14 @@ class VisualMap:
             return self._odometry
         return self._motion_prior.predict(*self._odometry, seconds)
 
-    def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
+    @property
+    def odometry(self) -> Prior:
+        """Control and covariance of the last step by odometry, with its systematic errors."""
+        return self._odometry
+
+    def predict(
+        self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None = None
+    ) -> None:
         """Predict the pose of a frame after the first, by odometry and the camera's motion.
 
         The motion prior would add little to these, and lag behind an accelerating robot. Without
@@ -128,6 +135,12 @@ class VisualMap:
                 if distance > MIN_STEP:
                     self.scale.update(float(np.hypot(*motion.control[:2])) / distance)
                 control = fuse(control, (self._odometry[0], self._odometry[1] + systematic))
+        if adjusted is not None:
+            covariance = adjusted[1] + systematic
+            if motion is not None:
+                inflated = motion._replace(control=adjusted[0], covariance=adjusted[1])
+                covariance = camera_error_covariance(inflated, seconds, self._config, tilt)
+            control = adjusted[0], covariance
         self.ekf.predict(*control)
 
     def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:

@@ -1,0 +1,175 @@
+"""Compiled loops of the sliding window: normal equations of poses, with the points eliminated."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from saccade._jit import kernel
+
+if TYPE_CHECKING:
+    from saccade.types import FloatArray, IntArray
+    from saccade.visual.camera import Intrinsics
+
+MIN_DEPTH_RATIO = 0.05
+"""Least depth in a frame as a fraction of that in the reference frame; nearer observations are
+ignored."""
+DAMPING = 1e-9
+"""Added to the information of a point in every coordinate."""
+
+
+@kernel()
+def eliminate_points(
+    observed: "FloatArray",
+    sigma: "FloatArray",
+    reference: "IntArray",
+    intrinsics: "Intrinsics",
+    poses: "tuple[FloatArray, FloatArray]",
+    references: "tuple[FloatArray, FloatArray]",
+    kernel_width: float,
+    points: "FloatArray",
+    information: "FloatArray",
+    gradient: "FloatArray",
+    gain: "FloatArray",
+    offset: "FloatArray",
+    squared_residual: "FloatArray",
+) -> None:
+    """Add k points observed in n frames to the normal equations of the poses.
+
+    A point (x, y, h) is the ray (x, y, 1) and the inverse depth h in the frame in which it was
+    first observed, at the pose it had before the iterations (`references`): the residuals of an
+    observation then depend on one pose alone. Points are eliminated by the Schur complement.
+
+    Args:
+        observed: (k, n, 3) pixels and inverse depth in 1 / metres, NaN where not measured.
+        sigma: (k, n, 3) their standard deviations.
+        reference: (k,) number of the frame in which each was first observed.
+        intrinsics: of the camera.
+        poses: (n, 3, 3) and (n, 3) `CameraPose`s of the frames, from a common frame.
+        references: the same before the iterations.
+        kernel_width: width of the robust kernel, in standard deviations.
+        points: (k, 3).
+        information: (6 n, 6 n) by rotation vector and translation of each pose, added to.
+        gradient: (6 n,), added to.
+        gain: (k, 3, 6 n) overwritten: a change p of the poses changes the points by
+            `offset` - `gain` p.
+        offset: (k, 3) overwritten.
+        squared_residual: (k, n) overwritten by the normalized squares, NaN where not observed.
+    """
+    fx, fy, cx, cy = intrinsics
+    R, t = poses
+    R0, t0 = references
+    k, n = squared_residual.shape
+    A, P = np.empty((3, 3)), np.zeros((3, 3))
+    J, D = np.empty((3, 6)), np.empty((3, 3))
+    b, q, residual = np.empty(3), np.empty(3), np.empty(3)
+    cross, seen = np.empty((n, 6, 3)), np.empty(n, np.int64)
+    H, g = np.empty((3, 3)), np.empty(3)
+    for i in range(k):
+        a = reference[i]
+        x, y, h = points[i, 0], points[i, 1], points[i, 2]
+        H[:] = 0.0
+        g[:] = 0.0
+        for c in range(3):
+            H[c, c] = DAMPING
+        count = 0
+        for j in range(n):
+            squared_residual[i, j] = np.nan
+            if not np.isfinite(observed[i, j, 0]):
+                continue
+            for r in range(3):
+                for c in range(3):
+                    A[r, c] = (
+                        R[j, r, 0] * R0[a, c, 0]
+                        + R[j, r, 1] * R0[a, c, 1]
+                        + R[j, r, 2] * R0[a, c, 2]
+                    )
+            for r in range(3):
+                b[r] = t[j, r] - A[r, 0] * t0[a, 0] - A[r, 1] * t0[a, 1] - A[r, 2] * t0[a, 2]
+                q[r] = A[r, 0] * x + A[r, 1] * y + A[r, 2] + h * b[r]
+            if q[2] <= MIN_DEPTH_RATIO:
+                continue
+            u, v, w = q[0] / q[2], q[1] / q[2], h / q[2]
+            measured = np.isfinite(observed[i, j, 2])
+            residual[0] = (observed[i, j, 0] - fx * u - cx) / sigma[i, j, 0]
+            residual[1] = (observed[i, j, 1] - fy * v - cy) / sigma[i, j, 1]
+            residual[2] = (observed[i, j, 2] - w) / sigma[i, j, 2] if measured else 0.0
+            s0, s1 = fx / q[2] / sigma[i, j, 0], fy / q[2] / sigma[i, j, 1]
+            s2 = 1 / q[2] / sigma[i, j, 2] if measured else 0.0
+            P[0, 0], P[0, 2], P[1, 1], P[1, 2], P[2, 2] = s0, -u * s0, s1, -v * s1, -w * s2
+            px, py, pz = q[0] - h * t[j, 0], q[1] - h * t[j, 1], q[2] - h * t[j, 2]
+            square = 0.0
+            for r in range(3):
+                J[r, 0] = P[r, 2] * py - P[r, 1] * pz
+                J[r, 1] = P[r, 0] * pz - P[r, 2] * px
+                J[r, 2] = P[r, 1] * px - P[r, 0] * py
+                for c in range(3):
+                    J[r, 3 + c] = h * P[r, c]
+                D[r, 0] = P[r, 0] * A[0, 0] + P[r, 1] * A[1, 0] + P[r, 2] * A[2, 0]
+                D[r, 1] = P[r, 0] * A[0, 1] + P[r, 1] * A[1, 1] + P[r, 2] * A[2, 1]
+                D[r, 2] = P[r, 0] * b[0] + P[r, 1] * b[1] + P[r, 2] * b[2]
+                square += residual[r] * residual[r]
+            D[2, 2] += s2
+            squared_residual[i, j] = square
+            root = 1 / (1 + square / (kernel_width * kernel_width))
+            robust = root * root  # Geman & McClure (1987)
+            for r in range(6):
+                gradient[6 * j + r] += robust * (
+                    J[0, r] * residual[0] + J[1, r] * residual[1] + J[2, r] * residual[2]
+                )
+                for c in range(6):
+                    information[6 * j + r, 6 * j + c] += robust * (
+                        J[0, r] * J[0, c] + J[1, r] * J[1, c] + J[2, r] * J[2, c]
+                    )
+                for c in range(3):
+                    cross[count, r, c] = robust * (
+                        J[0, r] * D[0, c] + J[1, r] * D[1, c] + J[2, r] * D[2, c]
+                    )
+            for r in range(3):
+                g[r] += robust * (
+                    D[0, r] * residual[0] + D[1, r] * residual[1] + D[2, r] * residual[2]
+                )
+                for c in range(3):
+                    H[r, c] += robust * (
+                        D[0, r] * D[0, c] + D[1, r] * D[1, c] + D[2, r] * D[2, c]
+                    )
+            seen[count] = j
+            count += 1
+        gain[i] = 0.0
+        invert3(H, A)
+        for r in range(3):
+            offset[i, r] = A[r, 0] * g[0] + A[r, 1] * g[1] + A[r, 2] * g[2]
+        for m in range(count):
+            j = seen[m]
+            for r in range(3):
+                for c in range(6):
+                    gain[i, r, 6 * j + c] = (
+                        A[r, 0] * cross[m, c, 0]
+                        + A[r, 1] * cross[m, c, 1]
+                        + A[r, 2] * cross[m, c, 2]
+                    )
+        for m in range(count):
+            j = seen[m]
+            for r in range(6):
+                c0, c1, c2 = cross[m, r, 0], cross[m, r, 1], cross[m, r, 2]
+                gradient[6 * j + r] -= c0 * offset[i, 0] + c1 * offset[i, 1] + c2 * offset[i, 2]
+                for o in range(count):
+                    e = 6 * seen[o]
+                    for c in range(6):
+                        information[6 * j + r, e + c] -= (
+                            c0 * gain[i, 0, e + c] + c1 * gain[i, 1, e + c] + c2 * gain[i, 2, e + c]
+                        )
+
+
+@kernel()
+def invert3(H: "FloatArray", inverse: "FloatArray") -> None:
+    """Inverse of a symmetric positive definite (3, 3) matrix."""
+    a, b, c = H[0, 0], H[0, 1], H[0, 2]
+    d, e, f = H[1, 1], H[1, 2], H[2, 2]
+    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = 1 / (a * p + b * q + c * r)
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = p * scale, (a * f - c * c) * scale, (
+        a * d - b * b
+    ) * scale
+    inverse[0, 1] = inverse[1, 0] = q * scale
+    inverse[0, 2] = inverse[2, 0] = r * scale
+    inverse[1, 2] = inverse[2, 1] = (b * c - a * e) * scale
