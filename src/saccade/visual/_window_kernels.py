@@ -25,6 +25,7 @@ def eliminate_points(
     intrinsics: "Intrinsics",
     poses: "tuple[FloatArray, FloatArray]",
     references: "tuple[FloatArray, FloatArray]",
+    disparity_scale: float,
     kernel_width: float,
     points: "FloatArray",
     information: "FloatArray",
@@ -46,11 +47,13 @@ def eliminate_points(
         intrinsics: of the camera.
         poses: (n, 3, 3) and (n, 3) `CameraPose`s of the frames, from a common frame.
         references: the same before the iterations.
+        disparity_scale: inverse depth of a disparity of one pixel; 0 without a stereo rig.
         kernel_width: width of the robust kernel, in standard deviations.
         points: (k, 3).
-        information: (6 n, 6 n) by rotation vector and translation of each pose, added to.
-        gradient: (6 n,), added to.
-        gain: (k, 3, 6 n) overwritten: a change p of the poses changes the points by
+        information: (6 n + 4, 6 n + 4) by rotation vector and translation of each pose and by the
+            errors of the calibration (see `SelfCalibration`), added to.
+        gradient: (6 n + 4,), added to.
+        gain: (k, 3, 6 n + 4) overwritten: a change p of these changes the points by
             `offset` - `gain` p.
         offset: (k, 3) overwritten.
         squared_residual: (k, n) overwritten by the normalized squares, NaN where not observed.
@@ -59,19 +62,24 @@ def eliminate_points(
     R, t = poses
     R0, t0 = references
     k, n = squared_residual.shape
-    A, P = np.empty((3, 3)), np.zeros((3, 3))
-    J, D = np.empty((3, 6)), np.empty((3, 3))
+    m = 4
+    A, P, inverse = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
+    J, D = np.zeros((3, 6 + m)), np.empty((3, 3))
     b, q, residual = np.empty(3), np.empty(3), np.empty(3)
-    cross, seen = np.empty((n, 6, 3)), np.empty(n, np.int64)
+    cross, columns = np.empty((6 * n + m, 3)), np.empty(6 * n + m, np.int64)
+    block = np.empty(6 + m, np.int64)
     H, g = np.empty((3, 3)), np.empty(3)
+    for c in range(m):
+        columns[c] = block[6 + c] = 6 * n + c
     for i in range(k):
         a = reference[i]
         x, y, h = points[i, 0], points[i, 1], points[i, 2]
         H[:] = 0.0
         g[:] = 0.0
+        cross[:m] = 0.0
         for c in range(3):
             H[c, c] = DAMPING
-        count = 0
+        count = m
         for j in range(n):
             squared_residual[i, j] = np.nan
             if not np.isfinite(observed[i, j, 0]):
@@ -104,60 +112,53 @@ def eliminate_points(
                 J[r, 2] = P[r, 1] * px - P[r, 0] * py
                 for c in range(3):
                     J[r, 3 + c] = h * P[r, c]
-                D[r, 0] = P[r, 0] * A[0, 0] + P[r, 1] * A[1, 0] + P[r, 2] * A[2, 0]
-                D[r, 1] = P[r, 0] * A[0, 1] + P[r, 1] * A[1, 1] + P[r, 2] * A[2, 1]
+                    D[r, c] = P[r, 0] * A[0, c] + P[r, 1] * A[1, c] + P[r, 2] * A[2, c]
                 D[r, 2] = P[r, 0] * b[0] + P[r, 1] * b[1] + P[r, 2] * b[2]
                 square += residual[r] * residual[r]
             D[2, 2] += s2
+            # the errors are those of the prediction: noise in the point would favor small images
+            f0, f1, radius = fx * u / sigma[i, j, 0], fy * v / sigma[i, j, 1], u * u + v * v
+            J[0, 6], J[1, 6], J[0, 7], J[1, 7] = f0, f1, -f0 * radius, -f1 * radius
+            if measured:
+                J[2, 8] = -disparity_scale / sigma[i, j, 2]
+                J[2, 9] = u * J[2, 8]
+            else:
+                J[2, 8] = J[2, 9] = 0.0
             squared_residual[i, j] = square
             root = 1 / (1 + square / (kernel_width * kernel_width))
             robust = root * root  # Geman & McClure (1987)
-            for r in range(6):
-                gradient[6 * j + r] += robust * (
-                    J[0, r] * residual[0] + J[1, r] * residual[1] + J[2, r] * residual[2]
-                )
-                for c in range(6):
-                    information[6 * j + r, 6 * j + c] += robust * (
-                        J[0, r] * J[0, c] + J[1, r] * J[1, c] + J[2, r] * J[2, c]
-                    )
+            for c in range(6):
+                columns[count + c] = block[c] = 6 * j + c
+                cross[count + c] = 0.0
+            for r in range(6 + m):
+                row = count + r if r < 6 else r - 6
+                j0, j1, j2 = robust * J[0, r], robust * J[1, r], robust * J[2, r]
+                gradient[block[r]] += j0 * residual[0] + j1 * residual[1] + j2 * residual[2]
+                for c in range(6 + m):
+                    information[block[r], block[c]] += j0 * J[0, c] + j1 * J[1, c] + j2 * J[2, c]
                 for c in range(3):
-                    cross[count, r, c] = robust * (
-                        J[0, r] * D[0, c] + J[1, r] * D[1, c] + J[2, r] * D[2, c]
-                    )
+                    cross[row, c] += j0 * D[0, c] + j1 * D[1, c] + j2 * D[2, c]
             for r in range(3):
-                g[r] += robust * (
-                    D[0, r] * residual[0] + D[1, r] * residual[1] + D[2, r] * residual[2]
-                )
+                d0, d1, d2 = robust * D[0, r], robust * D[1, r], robust * D[2, r]
+                g[r] += d0 * residual[0] + d1 * residual[1] + d2 * residual[2]
                 for c in range(3):
-                    H[r, c] += robust * (
-                        D[0, r] * D[0, c] + D[1, r] * D[1, c] + D[2, r] * D[2, c]
-                    )
-            seen[count] = j
-            count += 1
+                    H[r, c] += d0 * D[0, c] + d1 * D[1, c] + d2 * D[2, c]
+            count += 6
+        invert3(H, inverse)
         gain[i] = 0.0
-        invert3(H, A)
         for r in range(3):
-            offset[i, r] = A[r, 0] * g[0] + A[r, 1] * g[1] + A[r, 2] * g[2]
-        for m in range(count):
-            j = seen[m]
-            for r in range(3):
-                for c in range(6):
-                    gain[i, r, 6 * j + c] = (
-                        A[r, 0] * cross[m, c, 0]
-                        + A[r, 1] * cross[m, c, 1]
-                        + A[r, 2] * cross[m, c, 2]
-                    )
-        for m in range(count):
-            j = seen[m]
-            for r in range(6):
-                c0, c1, c2 = cross[m, r, 0], cross[m, r, 1], cross[m, r, 2]
-                gradient[6 * j + r] -= c0 * offset[i, 0] + c1 * offset[i, 1] + c2 * offset[i, 2]
-                for o in range(count):
-                    e = 6 * seen[o]
-                    for c in range(6):
-                        information[6 * j + r, e + c] -= (
-                            c0 * gain[i, 0, e + c] + c1 * gain[i, 1, e + c] + c2 * gain[i, 2, e + c]
-                        )
+            i0, i1, i2 = inverse[r, 0], inverse[r, 1], inverse[r, 2]
+            offset[i, r] = i0 * g[0] + i1 * g[1] + i2 * g[2]
+            for c in range(count):
+                gain[i, r, columns[c]] = i0 * cross[c, 0] + i1 * cross[c, 1] + i2 * cross[c, 2]
+        for r in range(count):
+            row, c0, c1, c2 = columns[r], cross[r, 0], cross[r, 1], cross[r, 2]
+            gradient[row] -= c0 * offset[i, 0] + c1 * offset[i, 1] + c2 * offset[i, 2]
+            for c in range(count):
+                e = columns[c]
+                information[row, e] -= (
+                    c0 * gain[i, 0, e] + c1 * gain[i, 1, e] + c2 * gain[i, 2, e]
+                )
 
 
 @kernel()

@@ -23,6 +23,7 @@ from saccade.visual.egomotion import (
     robot_motion,
     robot_motion_jacobian,
 )
+from saccade.visual.self_calibration import PARAMETERS, SelfCalibration
 from saccade.visual.tables import TrackedPoints
 
 KERNEL_WIDTH = 2.0
@@ -63,6 +64,7 @@ class SlidingWindow:
         self._point = np.zeros((0, 4))  # homogeneous, in the frame of the poses
         self._observed, self._sigma = np.zeros((0, 1, 3)), np.zeros((0, 1, 3))
         self._steps: list[Step] = []
+        self.calibration = SelfCalibration(camera)
 
     def add(
         self,
@@ -158,28 +160,37 @@ class SlidingWindow:
         world = self._point[rows]
         local = (R0[reference] @ world[:, :3, None])[:, :, 0] + world[:, 3:] * t0[reference]
         points = np.c_[local[:, :2], world[:, 3]] / local[:, 2:]
-        gain, offset = np.empty((len(rows), 3, 6 * n)), np.empty((len(rows), 3))
+        size = 6 * n + PARAMETERS
+        gain, offset = np.empty((len(rows), 3, size)), np.empty((len(rows), 3))
         squared = np.empty((len(rows), n))
+        bf = self._camera.fx * self._camera.baseline
+        disparity_scale = 1 / bf if bf > 0 else 0.0
+        corrected = self.calibration.correct(observed)
+        poses = slice(6, 6 * n)
         for _ in range(ITERATIONS):
-            information, gradient = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
+            information, gradient = np.zeros((size, size)), np.zeros(size)
             eliminate_points(
-                *(observed, sigma, reference, Intrinsics.of(self._camera)),
-                *((self._rotation, self._translation), (R0, t0), KERNEL_WIDTH, points),
-                *(information, gradient, gain, offset, squared),
+                *(corrected, sigma, reference, Intrinsics.of(self._camera)),
+                *((self._rotation, self._translation), (R0, t0), disparity_scale, KERNEL_WIDTH),
+                *(points, information, gradient, gain, offset, squared),
             )
             self._add_factors(information, gradient)
-            change = np.zeros(6 * n)
-            change[6:] = np.linalg.solve(information[6:, 6:], gradient[6:])
+            change = np.zeros(size)
+            change[poses] = np.linalg.solve(information[poses, poses], gradient[poses])
             points += offset - gain @ change
             points[:, 2] = points[:, 2].clip(0.0, 10.0)
             for j in range(1, n):
                 p = change[6 * j : 6 * j + 6]
                 self._rotation[j] = cv2.Rodrigues(p[:3])[0] @ self._rotation[j]
                 self._translation[j] += p[3:]
+        cross = information[6 * n :, poses]
+        solved = np.linalg.solve(information[poses, poses], cross.T)
+        total = information[6 * n :, 6 * n :] - cross @ solved
+        self.calibration.update(total / self._config.window, (gradient[6 * n :] - gradient[poses] @ solved) / self._config.window)
         ray = np.c_[points[:, :2], np.ones(len(rows))]
         world = ((ray - points[:, 2:] * t0[reference])[:, None] @ R0[reference])[:, 0]
         self._point[rows] = np.c_[world, points[:, 2]]
-        return information[6:, 6:]
+        return information[poses, poses]
 
     def _add_factors(self, information: FloatArray, gradient: FloatArray) -> None:
         """Add odometry, and that motion changes little from step to step."""

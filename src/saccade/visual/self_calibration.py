@@ -1,0 +1,58 @@
+"""Self-calibration: errors of the camera's calibration that the points themselves reveal.
+
+Over a window of frames a point is seen at many places of the image and at many depths; an error of
+the calibration leaves residuals there that no motion explains.
+"""
+
+import numpy as np
+
+from saccade.frames import Camera
+from saccade.types import FloatArray
+
+PARAMETERS = 4
+"""Focal length, radial distortion, offset of the disparity, and its slope along the row."""
+SIGMA = (0.01, 0.02, 0.3, 0.3)
+"""Standard deviations before the first frame: of the focal length as a fraction of it, of the
+distortion at the radius of a focal length, and of the disparity in pixels at the center and over a
+focal length."""
+
+
+class SelfCalibration:
+    """Constant errors of a calibration, estimated from all windows so far.
+
+    Args:
+        camera: the calibration.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._information = np.diag(1 / np.square(SIGMA))
+        self._vector = np.zeros(PARAMETERS)
+
+    @property
+    def error(self) -> FloatArray:
+        """(4,) estimated errors."""
+        return np.linalg.solve(self._information, self._vector)
+
+    def correct(self, observed: FloatArray) -> FloatArray:
+        """Observations (..., 3) of pixels and inverse depths, without the estimated errors."""
+        return np.asarray(observed + self.jacobian(observed) @ self.error)
+
+    def jacobian(self, observed: FloatArray) -> FloatArray:
+        """(..., 3, 4) derivatives of corrected observations (..., 3) by the parameters."""
+        camera = self._camera
+        center = np.array([camera.cx, camera.cy])
+        offset = observed[..., :2] - center
+        ray = offset / (camera.fx, camera.fy)
+        J = np.zeros((*observed.shape, PARAMETERS))
+        J[..., :2, 0] = -offset
+        J[..., :2, 1] = offset * np.square(ray).sum(-1, keepdims=True)
+        if camera.baseline > 0:
+            J[..., 2, 2] = 1 / (camera.fx * camera.baseline)
+            J[..., 2, 3] = ray[..., 0] / (camera.fx * camera.baseline)
+        return J
+
+    def update(self, information: FloatArray, gradient: FloatArray) -> None:
+        """Add the normal equations (4, 4), (4,) of corrections, about the current estimate."""
+        self._vector = self._vector + information @ self.error + gradient
+        self._information = self._information + information
