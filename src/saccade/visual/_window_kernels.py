@@ -50,10 +50,10 @@ def eliminate_points(
         disparity_scale: inverse depth of a disparity of one pixel; 0 without a stereo rig.
         kernel_width: width of the robust kernel, in standard deviations.
         points: (k, 3).
-        information: (6 n + 4, 6 n + 4) by rotation vector and translation of each pose and by the
+        information: (6 n + 2, 6 n + 2) by rotation vector and translation of each pose and by the
             errors of the calibration (see `SelfCalibration`), added to.
-        gradient: (6 n + 4,), added to.
-        gain: (k, 3, 6 n + 4) overwritten: a change p of these changes the points by
+        gradient: (6 n + 2,), added to.
+        gain: (k, 3, 6 n + 2) overwritten: a change p of these changes the points by
             `offset` - `gain` p.
         offset: (k, 3) overwritten.
         squared_residual: (k, n) overwritten by the normalized squares, NaN where not observed.
@@ -62,7 +62,7 @@ def eliminate_points(
     R, t = poses
     R0, t0 = references
     k, n = squared_residual.shape
-    m = 4
+    m = 2
     A, P, inverse = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
     J, D = np.zeros((3, 6 + m)), np.empty((3, 3))
     b, q, residual = np.empty(3), np.empty(3), np.empty(3)
@@ -116,14 +116,13 @@ def eliminate_points(
                 D[r, 2] = P[r, 0] * b[0] + P[r, 1] * b[1] + P[r, 2] * b[2]
                 square += residual[r] * residual[r]
             D[2, 2] += s2
-            # the errors are those of the prediction: noise in the point would favor small images
-            f0, f1, radius = fx * u / sigma[i, j, 0], fy * v / sigma[i, j, 1], u * u + v * v
-            J[0, 6], J[1, 6], J[0, 7], J[1, 7] = f0, f1, -f0 * radius, -f1 * radius
-            if measured:
-                J[2, 8] = -disparity_scale / sigma[i, j, 2]
-                J[2, 9] = u * J[2, 8]
-            else:
-                J[2, 8] = J[2, 9] = 0.0
+            # taken at the predicted pixel: noise of the observed one would bias them
+            radius = u * u + v * v
+            J[0, 6] = -fx * u * radius / sigma[i, j, 0]
+            J[1, 6] = -fy * v * radius / sigma[i, j, 1]
+            stereo = measured and disparity_scale > 0
+            J[2, 6] = -w * (3 * u * u + v * v) / sigma[i, j, 2] if stereo else 0.0
+            J[2, 7] = -u * disparity_scale / sigma[i, j, 2] if stereo else 0.0
             squared_residual[i, j] = square
             root = 1 / (1 + square / (kernel_width * kernel_width))
             robust = root * root  # Geman & McClure (1987)

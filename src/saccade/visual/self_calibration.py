@@ -9,12 +9,12 @@ import numpy as np
 from saccade.frames import Camera
 from saccade.types import FloatArray
 
-PARAMETERS = 4
-"""Focal length, radial distortion, offset of the disparity, and its slope along the row."""
-SIGMA = (0.01, 0.02, 0.3, 0.3)
-"""Standard deviations before the first frame: of the focal length as a fraction of it, of the
-distortion at the radius of a focal length, and of the disparity in pixels at the center and over a
-focal length."""
+PARAMETERS = 2
+"""Radial distortion, and slope of the disparity along a row."""
+SIGMA = (0.02, 0.3)
+"""Standard deviations before the first frame: of the distortion at the radius of a focal length,
+as a fraction of that; and of the disparity there, in pixels: by how much the focal lengths of the
+two cameras differ."""
 
 
 class SelfCalibration:
@@ -31,7 +31,7 @@ class SelfCalibration:
 
     @property
     def error(self) -> FloatArray:
-        """(4,) estimated errors."""
+        """(2,) estimated errors."""
         return np.linalg.solve(self._information, self._vector)
 
     def correct(self, observed: FloatArray) -> FloatArray:
@@ -39,20 +39,20 @@ class SelfCalibration:
         return np.asarray(observed + self.jacobian(observed) @ self.error)
 
     def jacobian(self, observed: FloatArray) -> FloatArray:
-        """(..., 3, 4) derivatives of corrected observations (..., 3) by the parameters."""
+        """(..., 3, 2) derivatives of corrected observations (..., 3) by the parameters."""
         camera = self._camera
         center = np.array([camera.cx, camera.cy])
         offset = observed[..., :2] - center
         ray = offset / (camera.fx, camera.fy)
+        squared = np.square(ray)
         J = np.zeros((*observed.shape, PARAMETERS))
-        J[..., :2, 0] = -offset
-        J[..., :2, 1] = offset * np.square(ray).sum(-1, keepdims=True)
+        J[..., :2, 0] = offset * squared.sum(-1, keepdims=True)
         if camera.baseline > 0:
-            J[..., 2, 2] = 1 / (camera.fx * camera.baseline)
-            J[..., 2, 3] = ray[..., 0] / (camera.fx * camera.baseline)
+            J[..., 2, 0] = observed[..., 2] * (3 * squared[..., 0] + squared[..., 1])
+            J[..., 2, 1] = ray[..., 0] / (camera.fx * camera.baseline)
         return J
 
     def update(self, information: FloatArray, gradient: FloatArray) -> None:
-        """Add the normal equations (4, 4), (4,) of corrections, about the current estimate."""
+        """Add the normal equations (2, 2), (2,) of corrections, about the current estimate."""
         self._vector = self._vector + information @ self.error + gradient
         self._information = self._information + information

@@ -69,6 +69,7 @@ class VisualMap:
             variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
         )
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
+        self._step_seconds = 0.0
         speed_sigma, turn_rate_sigma = config.acceleration_sigma
         self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
 
@@ -99,6 +100,7 @@ class VisualMap:
         drive, seconds = self._drive, self._seconds(number)
         control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
         control = self._turn_bias.corrected(control, seconds)
+        self._step_seconds = seconds
         self._odometry = control, drive.control_covariance[number - 1]
         if not self.has_depth:
             return self._odometry
@@ -106,8 +108,12 @@ class VisualMap:
 
     @property
     def odometry(self) -> Prior:
-        """Control and covariance of the last step by odometry, with its systematic errors."""
-        return self._odometry
+        """The last step by odometry; its covariance includes the systematic errors that remain."""
+        control, covariance = self._odometry
+        systematic = odometry_error_covariance(
+            control, self._step_seconds, self.scale.sigma, self._turn_bias
+        )
+        return control, covariance + systematic
 
     def predict(
         self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None = None
