@@ -13,8 +13,11 @@ if TYPE_CHECKING:
 MIN_DEPTH_RATIO = 0.05
 """Least depth in a frame as a fraction of that in the reference frame; nearer observations are
 ignored."""
-DAMPING = 1e-9
-"""Added to the information of a point in every coordinate."""
+DAMPING = 1.0
+"""Added to the information of a point in every coordinate (Levenberg): far less than that of an
+observation, it keeps a point without parallax or depth where it is."""
+PARAMETERS = 2
+"""Errors of the calibration, see `SelfCalibration`."""
 
 
 @kernel()
@@ -62,7 +65,7 @@ def eliminate_points(
     R, t = poses
     R0, t0 = references
     k, n = squared_residual.shape
-    m = 2
+    m = PARAMETERS
     A, P, inverse = np.empty((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
     J, D = np.zeros((3, 6 + m)), np.empty((3, 3))
     b, q, residual = np.empty(3), np.empty(3), np.empty(3)
@@ -155,9 +158,7 @@ def eliminate_points(
             gradient[row] -= c0 * offset[i, 0] + c1 * offset[i, 1] + c2 * offset[i, 2]
             for c in range(count):
                 e = columns[c]
-                information[row, e] -= (
-                    c0 * gain[i, 0, e] + c1 * gain[i, 1, e] + c2 * gain[i, 2, e]
-                )
+                information[row, e] -= c0 * gain[i, 0, e] + c1 * gain[i, 1, e] + c2 * gain[i, 2, e]
 
 
 @kernel()
@@ -167,9 +168,11 @@ def invert3(H: "FloatArray", inverse: "FloatArray") -> None:
     d, e, f = H[1, 1], H[1, 2], H[2, 2]
     p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
     scale = 1 / (a * p + b * q + c * r)
-    inverse[0, 0], inverse[1, 1], inverse[2, 2] = p * scale, (a * f - c * c) * scale, (
-        a * d - b * b
-    ) * scale
+    inverse[0, 0], inverse[1, 1], inverse[2, 2] = (
+        p * scale,
+        (a * f - c * c) * scale,
+        (a * d - b * b) * scale,
+    )
     inverse[0, 1] = inverse[1, 0] = q * scale
     inverse[0, 2] = inverse[2, 0] = r * scale
     inverse[1, 2] = inverse[2, 1] = (b * c - a * e) * scale

@@ -101,7 +101,8 @@ class Pipeline:
         self.log = RunLog(drive)
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
-        self._window = SlidingWindow(drive.camera, config) if has_depth and config.window > 2 else None
+        adjusts = has_depth and config.window > 2
+        self._window = SlidingWindow(drive.camera, config) if adjusts else None
         self._extract = FeatureExtractor(drive, config, cache, first)
         self._features = Prefetcher(self._extract, len(drive), config.detect_interval)
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
@@ -142,14 +143,15 @@ class Pipeline:
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
-        return merge(
-            {
-                "map": self.map.to_arrays(),
-                "log": self.log.to_arrays(),
-                "tracked": attribute_arrays(self.tracked),
-                "camera_trajectory": attribute_arrays(self._camera_trajectory),
-            }
-        )
+        parts = {
+            "map": self.map.to_arrays(),
+            "log": self.log.to_arrays(),
+            "tracked": attribute_arrays(self.tracked),
+            "camera_trajectory": attribute_arrays(self._camera_trajectory),
+        }
+        if self._window is not None:
+            parts["window"] = self._window.to_arrays()
+        return merge(parts)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
@@ -157,6 +159,8 @@ class Pipeline:
         self.log.from_arrays(select(arrays, "log"))
         self.tracked = TrackedPoints(**select(arrays, "tracked"))
         restore_attributes(self._camera_trajectory, select(arrays, "camera_trajectory"))
+        if self._window is not None:
+            self._window.from_arrays(select(arrays, "window"))
         if self.log.last_visible is not None:
             self._previous = self._extract(self.log.last_visible).frame
 

@@ -1,7 +1,8 @@
 """Self-calibration: errors of the camera's calibration that the points themselves reveal.
 
 Over a window of frames a point is seen at many places of the image and at many depths; an error of
-the calibration leaves residuals there that no motion explains.
+the calibration leaves residuals there that no motion explains. The focal length is no part of it:
+over a small window it can hardly be told from the distortion.
 """
 
 import numpy as np
@@ -9,8 +10,6 @@ import numpy as np
 from saccade.frames import Camera
 from saccade.types import FloatArray
 
-PARAMETERS = 2
-"""Radial distortion, and slope of the disparity along a row."""
 SIGMA = (0.02, 0.3)
 """Standard deviations before the first frame: of the distortion at the radius of a focal length,
 as a fraction of that; and of the disparity there, in pixels: by how much the focal lengths of the
@@ -27,7 +26,7 @@ class SelfCalibration:
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
         self._information = np.diag(1 / np.square(SIGMA))
-        self._vector = np.zeros(PARAMETERS)
+        self._vector = np.zeros(len(SIGMA))
 
     @property
     def error(self) -> FloatArray:
@@ -45,7 +44,7 @@ class SelfCalibration:
         offset = observed[..., :2] - center
         ray = offset / (camera.fx, camera.fy)
         squared = np.square(ray)
-        J = np.zeros((*observed.shape, PARAMETERS))
+        J = np.zeros((*observed.shape, len(SIGMA)))
         J[..., :2, 0] = offset * squared.sum(-1, keepdims=True)
         if camera.baseline > 0:
             J[..., 2, 0] = observed[..., 2] * (3 * squared[..., 0] + squared[..., 1])

@@ -21,6 +21,7 @@ from saccade.visual.motion_prior import (
     Planarity,
     TurnRateBias,
     camera_error_covariance,
+    correlation_factor,
     fuse,
     odometry_error_covariance,
 )
@@ -118,10 +119,13 @@ class VisualMap:
     def predict(
         self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None = None
     ) -> None:
-        """Predict the pose of a frame after the first, by odometry and the camera's motion.
+        """Predict the pose of a frame after the first.
 
-        The motion prior would add little to these, and lag behind an accelerating robot. Without
-        a motion by the camera, `expected` is used: the result of `predict_motion`.
+        Args:
+            number: of the frame.
+            expected: result of `predict_motion`, used where there is nothing else.
+            motion: egomotion by the camera, if any.
+            adjusted: control and covariance by the sliding window, which includes odometry.
         """
         seconds = self._seconds(number)
         systematic = odometry_error_covariance(
@@ -131,22 +135,22 @@ class VisualMap:
         if motion is not None:
             self.planarity.update(motion.off_plane, seconds)
             tilt = self.planarity.tilt
+            if adjusted is not None:
+                motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
             covariance = camera_error_covariance(motion, seconds, self._config, tilt)
             control = motion.control, covariance
             difference = float(self._drive.control[number - 1, 2] - motion.control[2])
             variance = self._drive.control_covariance[number - 1, 2, 2] + control[1][2, 2]
             self._turn_bias.update(difference, seconds, float(variance))
-            if not motion.includes_prior:
+            if self.has_depth:
                 distance = float(np.hypot(*self._odometry[0][:2]))
                 if distance > MIN_STEP:
                     self.scale.update(float(np.hypot(*motion.control[:2])) / distance)
-                control = fuse(control, (self._odometry[0], self._odometry[1] + systematic))
-        if adjusted is not None:
-            covariance = adjusted[1] + systematic
-            if motion is not None:
-                inflated = motion._replace(control=adjusted[0], covariance=adjusted[1])
-                covariance = camera_error_covariance(inflated, seconds, self._config, tilt)
-            control = adjusted[0], covariance
+                if adjusted is None:
+                    odometry = self._odometry[0], self._odometry[1] + systematic
+                    control = fuse(control, odometry)
+        elif adjusted is not None:
+            control = adjusted[0], adjusted[1] + systematic
         self.ekf.predict(*control)
 
     def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
@@ -244,6 +248,8 @@ class VisualMap:
         rows = self.landmarks.rows(points.landmark)
         if len(rows):
             R = self._covariance(observations, int(reidentified.sum()))
+            if number > 0:  # observations of a track share the error of its first one
+                R = R * correlation_factor(self._seconds(number), self._config)
             self.ekf.update_scan(observations.z[reidentified], R[reidentified], rows[reidentified])
             landmarks = self.landmarks
             landmarks.observations[rows] += 1
