@@ -61,7 +61,7 @@ class VisualConfig:
     """Maximum number of points detected in a frame."""
     max_tracks: int = 200
     """Maximum number of points tracked at a time: landmarks, and others for the egomotion."""
-    window: int = 10
+    window: int = 6
     """Number of frames whose poses and points are adjusted together; 2 estimates each motion from
     the last frame alone."""
     min_spacing: float = 12.0

@@ -31,7 +31,7 @@ class SelfCalibration:
     @property
     def error(self) -> FloatArray:
         """(2,) estimated errors."""
-        return np.linalg.solve(self._information, self._vector)
+        return np.asarray(np.linalg.solve(self._information, self._vector))
 
     def correct(self, observed: FloatArray) -> FloatArray:
         """Observations (..., 3) of pixels and inverse depths, without the estimated errors."""

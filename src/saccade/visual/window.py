@@ -33,7 +33,7 @@ from saccade.visual.tables import TrackedPoints
 
 KERNEL_WIDTH = 2.0
 """Width of the robust kernel of an observation, in standard deviations."""
-ITERATIONS = 4
+ITERATIONS = 2
 """Of Gauss-Newton after each frame; the poses start where the last frame left them."""
 FACTOR_WIDTH = 3.0
 """Width of the robust kernel of odometry and of changes of motion, in standard deviations."""
