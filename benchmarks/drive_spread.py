@@ -13,21 +13,21 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
+import cv2
 import numpy as np
 
 from saccade import datasets, visual
 from saccade.evaluation.drives import score_drive
 from saccade.frames import Drive
 from saccade.slam.models import compose
-from saccade.types import FloatArray, Trajectory
+from saccade.types import Trajectory
+from saccade.visual.camera import Intrinsics, directions
 from saccade.visual.depth import depth_of
-from saccade.visual.egomotion import (
-    correspondences_of,
-    ransac_motion,
-    robot_motion,
-)
+from saccade.visual.egomotion import robot_motion
 
 BUDGETS = ("max_tracks", "max_tracked", "max_landmarks", "max_points", "new_per_frame", "window")
+MIN_POINTS = 6
+"""Points from which the peer estimates a motion."""
 
 
 def variations() -> list[tuple[str, visual.VisualConfig]]:
@@ -42,6 +42,7 @@ def variations() -> list[tuple[str, visual.VisualConfig]]:
 
 def peer(drive: Drive) -> Trajectory:
     """OpenCV's stereo PnP from each frame to the next."""
+    K = Intrinsics.of(drive.camera).matrix
     control, pose, last = np.zeros(3), [drive.start], drive.load(0).tracks
     for number in range(1, len(drive)):
         tracks = drive.load(number).tracks
@@ -49,11 +50,18 @@ def peer(drive: Drive) -> Trajectory:
         assert last is not None
         _, old, new = np.intersect1d(last.id, tracks.id, return_indices=True)
         depth = depth_of(drive.camera, last.disparity[old])
-        unknown: FloatArray = np.full(len(old), np.nan)
-        xy = last.xy[old].astype(np.float32), tracks.xy[new].astype(np.float32)
-        points = correspondences_of(*xy, depth, 0.01 * depth, unknown, unknown)
-        motion = ransac_motion(drive.camera, points) if len(old) else None
-        control = control if motion is None else robot_motion(drive.camera, *motion)[0]
+        known = np.isfinite(depth)
+        xyz = directions(drive.camera, last.xy[old])[known] * depth[known, None]
+        xy = tracks.xy[new][known]
+        if len(xy) >= MIN_POINTS:
+            ok, *motion, inliers = cv2.solvePnPRansac(
+                xyz, xy, K, None, reprojectionError=1.5, iterationsCount=200
+            )
+            if ok and inliers is not None and len(inliers) >= MIN_POINTS:
+                some = inliers.ravel()
+                motion = cv2.solvePnPRefineLM(xyz[some], xy[some], K, None, *motion)
+                R, t = cv2.Rodrigues(motion[0])[0], np.ravel(motion[1])
+                control = robot_motion(drive.camera, np.asarray(R, np.float64), t)[0]
         pose.append(compose(pose[-1], control)[0])
         last = tracks
     return Trajectory(drive.time, np.array(pose))

@@ -107,7 +107,7 @@ def estimate_motion(
     """
     if len(points.previous) < MIN_INLIERS:
         return None
-    initial = ransac_motion(camera, points) if prior is None else camera_motion(camera, prior[0])
+    initial = _ransac_motion(camera, points) if prior is None else camera_motion(camera, prior[0])
     if initial is None:
         return None
     R, t = initial
@@ -178,7 +178,7 @@ def _prior_information(camera: Camera, covariance: FloatArray, R: FloatArray) ->
     return np.asarray(J.T @ np.linalg.solve(total, J))
 
 
-def ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None:
+def _ransac_motion(camera: Camera, points: Correspondences) -> CameraPose | None:
     """Initial motion from the points of known depth."""
     known = points.inverse_depth_sigma < MAX_RELATIVE_SIGMA * points.inverse_depth
     if known.sum() < MIN_INLIERS:
