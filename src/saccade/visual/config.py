@@ -22,6 +22,7 @@ DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
 
 _RANGES: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("new_per_frame", "max_landmarks", "detect_interval", "max_points"), (1, 1e5)),
+    "window": (2, 1000),
     **dict.fromkeys(("max_tracked", "max_tracks"), (4, 1e5)),
     **dict.fromkeys(("min_spacing", "pixel_sigma", "disparity_sigma", "huber"), (1e-9, 1e6)),
     **dict.fromkeys(("relative_depth_sigma", "relative_height_sigma"), (1e-9, 1e6)),
@@ -60,6 +61,9 @@ class VisualConfig:
     """Maximum number of points detected in a frame."""
     max_tracks: int = 200
     """Maximum number of points tracked at a time: landmarks, and others for the egomotion."""
+    window: int = 6
+    """Number of frames whose poses and points are adjusted together; 2 estimates each motion from
+    the last frame alone."""
     min_spacing: float = 12.0
     """Pixels between tracked points."""
     range_limits: tuple[float, float] = (0.3, 100.0)

@@ -34,6 +34,8 @@ from saccade.visual.tables import TrackedPoints
 
 T = TypeVar("T")
 
+MAX_DETECTIONS = 2**20
+"""More points than are ever detected in a frame: the ids of points are a multiple of it and on."""
 BORDER = 8
 """Pixels at the edge of the image in which no point is tracked."""
 MAX_UPSAMPLED = 320_000
@@ -113,7 +115,7 @@ class FeatureExtractor:
             frame, remarks = Frame(float(self._drive.time[number])), [str(error)]
         prepared, detected = prepare_frame(frame, self._drive.camera), None
         read = perf_counter()
-        if number % self._config.detect_interval == 0:
+        if frame.tracks is not None or number % self._config.detect_interval == 0:
             detected = self._detect(prepared, number)
         seconds = {"read": read - start, "detect": perf_counter() - read}
         return FrameFeatures(prepared, detected, remarks, seconds)
@@ -141,6 +143,7 @@ class FeatureExtractor:
             depth=depth,
             depth_sigma=depth_sigma(camera, depth, self._config),
             landmark=np.full(len(points), -1),
+            id=MAX_DETECTIONS * number + np.arange(len(points)),
             track=track,
             first_frame=np.full(len(points), number),
             first_xy=points.xy,

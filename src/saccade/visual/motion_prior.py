@@ -198,18 +198,25 @@ def odometry_error_covariance(
     )
 
 
+def correlation_factor(seconds: float, config: VisualConfig) -> float:
+    """Variance that errors with correlation time T accumulate, over that of independent ones.
+
+    Sampled every dt it is (1 + r) / (1 - r), r = exp(-dt / T).
+    """
+    decay = float(np.exp(-seconds / config.correlation_time))
+    return (1 + decay) / (1 - min(decay, 1 - 1e-6))
+
+
 def camera_error_covariance(
     motion: Motion, seconds: float, config: VisualConfig, tilt: float
 ) -> FloatArray:
     """(3, 3) covariance of a motion by the camera, inflated for errors correlated in time.
 
-    Successive frames observe the same points. Errors with correlation time T, sampled every dt,
-    accumulate as independent ones of (1 + r) / (1 - r) times the variance, r = exp(-dt / T).
-    Calibration errors are constant over `CONSTANT_DISTANCE` and `CONSTANT_TURN`. The motion of a
-    robot tilted by `tilt` radians is cos(tilt) times as long on the ground.
+    Successive frames observe the same points (see `correlation_factor`). Calibration errors are
+    constant over `CONSTANT_DISTANCE` and `CONSTANT_TURN`. The motion of a robot tilted by `tilt`
+    radians is cos(tilt) times as long on the ground.
     """
-    decay = np.exp(-seconds / config.correlation_time)
-    factor = np.sqrt((1 + decay) / (1 - min(decay, 1 - 1e-6)))
+    factor = np.sqrt(correlation_factor(seconds, config))
     inflation = np.diag([1.0, 1.0, factor]) if motion.includes_prior else factor * np.eye(3)
     distance, turn = config.relative_motion_sigma
     distance, turn = np.hypot((0.0 if motion.includes_prior else distance, turn), 1 - np.cos(tilt))

@@ -34,6 +34,7 @@ from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.tables import TrackedPoints
 from saccade.visual.unknown_scale import keep_scale
 from saccade.visual.visual_map import VisualMap
+from saccade.visual.window import SlidingWindow
 
 
 def run(
@@ -108,6 +109,8 @@ class Pipeline:
         self.log = RunLog(drive)
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
+        adjusts = has_depth and config.window > 2
+        self._window = SlidingWindow(drive.camera, config) if adjusts else None
         self._extract = FeatureExtractor(drive, config, cache, first)
         self._features = Prefetcher(self._extract, len(drive), config.detect_interval)
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
@@ -124,11 +127,12 @@ class Pipeline:
         features = self._detect(number)
         frame, detected, found = features.frame, features.detected, False
         if number > 0:
-            expected, points = self.map.predict_motion(number), len(self.tracked)
+            expected, before = self.map.predict_motion(number), self.tracked
             motion = self._track(frame, expected)
-            self._predict(number, expected, motion)
+            adjusted = self._adjust(number, before, expected, motion)
+            self._predict(number, expected, motion, adjusted)
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            if self.recovery.add_motion(frame, motion, seconds, points, previous_pose):
+            if self.recovery.add_motion(frame, motion, seconds, len(before), previous_pose):
                 self.tracked = self.tracked.without_landmarks()
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
         if detected is not None and self.recovery.lost:
@@ -138,9 +142,9 @@ class Pipeline:
             detected, reidentified = self._associate(frame, detected)
             self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self._extend_tracks(detected, reidentified)
-            if not self.recovery.lost:
-                chosen = self._attend(number, frame)
-                self._initialize(number, chosen)
+        if number % self.config.detect_interval == 0 and not self.recovery.lost:
+            chosen = self._attend(number, frame)
+            self._initialize(number, chosen)
         if not found:
             self.map.update_motion_prior(number, previous_pose, len(self.tracked))
         seconds = perf_counter() - start
@@ -159,15 +163,16 @@ class Pipeline:
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
-        return merge(
-            {
-                "map": self.map.to_arrays(),
-                "recovery": self.recovery.to_arrays(),
-                "log": self.log.to_arrays(),
-                "tracked": attribute_arrays(self.tracked),
-                "camera_trajectory": attribute_arrays(self._camera_trajectory),
-            }
-        )
+        parts = {
+            "map": self.map.to_arrays(),
+            "recovery": self.recovery.to_arrays(),
+            "log": self.log.to_arrays(),
+            "tracked": attribute_arrays(self.tracked),
+            "camera_trajectory": attribute_arrays(self._camera_trajectory),
+        }
+        if self._window is not None:
+            parts["window"] = self._window.to_arrays()
+        return merge(parts)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
@@ -176,6 +181,8 @@ class Pipeline:
         self.log.from_arrays(select(arrays, "log"))
         self.tracked = TrackedPoints(**select(arrays, "tracked"))
         restore_attributes(self._camera_trajectory, select(arrays, "camera_trajectory"))
+        if self._window is not None:
+            self._window.from_arrays(select(arrays, "window"))
         if self.log.last_visible is not None:
             self._previous = self._extract(self.log.last_visible).frame
 
@@ -206,11 +213,27 @@ class Pipeline:
                     motion = self.map.apply_ground_distance(motion, distance)
         return motion
 
-    def _predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
+    def _adjust(
+        self, number: int, before: TrackedPoints, expected: Prior, motion: Motion | None
+    ) -> Prior | None:
+        """Adjust the window with the points of a frame, some of them tracked from `before`."""
+        if self._window is None:
+            return None
+        pose = camera_motion(self.drive.camera, expected[0])
+        if motion is not None:
+            pose = motion.rotation, motion.translation
+        current = self.tracked if motion is not None else TrackedPoints()
+        with self.log.timed("adjust"):
+            seconds = float(self.drive.time[number] - self.drive.time[number - 1])
+            return self._window.add(before, current, pose, self.map.odometry, seconds)
+
+    def _predict(
+        self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None
+    ) -> None:
         """Predict the pose; with a single camera, also triangulate the tracked points."""
         camera, trajectory = self.drive.camera, self._camera_trajectory
         with self.log.timed("predict"):
-            self.map.predict(number, expected, motion)
+            self.map.predict(number, expected, motion, adjusted)
         if motion is None:
             trajectory.append(*camera_motion(camera, expected[0]))
             return

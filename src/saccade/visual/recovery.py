@@ -93,7 +93,7 @@ class Recovery:
             previous: (3,) pose at the last frame.
         """
         test, measured = self.test, self._measured(motion, seconds)
-        odometry = self._map.odometry(seconds)
+        odometry = self._map.odometry
         if test.evidence == 0.0:
             self._first_doubtful = self._map.next_id
         blind = frame.is_blank and test.is_standing(odometry[0])

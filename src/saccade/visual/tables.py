@@ -58,6 +58,8 @@ class TrackedPoints(Table):
     """(k,) metres."""
     landmark: IntArray = column(dtype=np.int64)
     """(k,) landmark ids, -1 where the point is no landmark."""
+    id: IntArray = column(dtype=np.int64)
+    """(k,) ids of the points, another one for each detection."""
     track: IntArray = column(dtype=np.int64)
     """(k,) track ids of the drive, -1 where it has none."""
     first_frame: IntArray = column(dtype=np.int64)

@@ -21,6 +21,7 @@ from saccade.visual.motion_prior import (
     Planarity,
     TurnRateBias,
     camera_error_covariance,
+    correlation_factor,
     fuse,
     odometry_error_covariance,
 )
@@ -69,6 +70,7 @@ class VisualMap:
             variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
         )
         self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
+        self._step_seconds = 0.0
         speed_sigma, turn_rate_sigma = config.acceleration_sigma
         self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
 
@@ -95,17 +97,6 @@ class VisualMap:
         """Id of the next landmark."""
         return self._next_id
 
-    def odometry(self, seconds: float) -> Prior:
-        """The control (3,) of odometry to the last frame, corrected, with all errors it may have.
-
-        Args:
-            seconds: duration of the step.
-        """
-        control, covariance = self._odometry
-        scale_sigma = self.scale.sigma if self.has_depth else 0.0
-        systematic = odometry_error_covariance(control, seconds, scale_sigma, self._turn_bias)
-        return control, covariance + systematic
-
     def predict_motion(self, number: int) -> Prior:
         """The control expected to lead to a frame after the first.
 
@@ -115,16 +106,32 @@ class VisualMap:
         drive, seconds = self._drive, self._seconds(number)
         control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
         control = self._turn_bias.corrected(control, seconds)
+        self._step_seconds = seconds
         self._odometry = control, drive.control_covariance[number - 1]
         if not self.has_depth:
             return self._odometry
         return self._motion_prior.predict(*self._odometry, seconds)
 
-    def predict(self, number: int, expected: Prior, motion: Motion | None) -> None:
-        """Predict the pose of a frame after the first, by odometry and the camera's motion.
+    @property
+    def odometry(self) -> Prior:
+        """The last step by odometry; its covariance includes the systematic errors that remain."""
+        control, covariance = self._odometry
+        scale_sigma = self.scale.sigma if self.has_depth else 0.0
+        systematic = odometry_error_covariance(
+            control, self._step_seconds, scale_sigma, self._turn_bias
+        )
+        return control, covariance + systematic
 
-        The motion prior would add little to these, and lag behind an accelerating robot. Without
-        a motion by the camera, `expected` is used: the result of `predict_motion`.
+    def predict(
+        self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None = None
+    ) -> None:
+        """Predict the pose of a frame after the first.
+
+        Args:
+            number: of the frame.
+            expected: result of `predict_motion`, used where there is nothing else.
+            motion: egomotion by the camera, if any.
+            adjusted: control and covariance by the sliding window, which includes odometry.
         """
         seconds = self._seconds(number)
         systematic = odometry_error_covariance(
@@ -134,16 +141,22 @@ class VisualMap:
         if motion is not None:
             self.planarity.update(motion.off_plane, seconds)
             tilt = self.planarity.tilt
+            if adjusted is not None:
+                motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
             covariance = camera_error_covariance(motion, seconds, self._config, tilt)
             control = motion.control, covariance
             difference = float(self._drive.control[number - 1, 2] - motion.control[2])
             variance = self._drive.control_covariance[number - 1, 2, 2] + control[1][2, 2]
             self._turn_bias.update(difference, seconds, float(variance))
-            if not motion.includes_prior:
+            if self.has_depth:
                 distance = float(np.hypot(*self._odometry[0][:2]))
                 if distance > MIN_STEP:
                     self.scale.update(float(np.hypot(*motion.control[:2])) / distance)
-                control = fuse(control, (self._odometry[0], self._odometry[1] + systematic))
+                if adjusted is None:
+                    odometry = self._odometry[0], self._odometry[1] + systematic
+                    control = fuse(control, odometry)
+        elif adjusted is not None:
+            control = adjusted[0], adjusted[1] + systematic
         self.ekf.predict(*control)
 
     def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
@@ -241,6 +254,8 @@ class VisualMap:
         rows = self.landmarks.rows(points.landmark)
         if len(rows):
             R = self._covariance(observations, int(reidentified.sum()))
+            if number > 0:  # observations of a track share the error of its first one
+                R = R * correlation_factor(self._seconds(number), self._config)
             self.ekf.update_scan(observations.z[reidentified], R[reidentified], rows[reidentified])
             landmarks = self.landmarks
             landmarks.observations[rows] += 1

@@ -1,0 +1,104 @@
+"""The sliding window, on points whose places and motions are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saccade.frames import AHEAD, Camera
+from saccade.visual import VisualConfig
+from saccade.visual.camera import to_pixels
+from saccade.visual.egomotion import camera_motion
+from saccade.visual.tables import TrackedPoints
+from saccade.visual.window import SlidingWindow
+
+CAMERA = Camera(1226, 370, 700.0, 700.0, 600.0, 180.0, 0.54, np.array([0.5, 0.0, 1.6]), AHEAD)
+CONTROL = np.array([0.8, 0.0, 0.02])
+ODOMETRY = CONTROL, np.diag([0.2, 0.2, 0.1]) ** 2
+
+
+def observed(camera, pose, world, ids, rng, pixel=0.0, disparity=0.0, distortion=0.0):
+    """The points (k, 3) in the frame of the world that a robot at a pose (3,) sees."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    xy, depth = to_pixels(camera, (world - [*pose[:2], 0]) @ rotation)
+    ok = (depth > 3) & (np.abs(xy - [613, 185]) < [600, 180]).all(1)
+    xy, depth = xy[ok], depth[ok]
+    bf = camera.fx * camera.baseline
+    right = xy - np.stack([bf / depth, 0 * depth], 1)
+    center = np.array([camera.cx, camera.cy])
+    for each in (xy, right):  # both lenses distort alike
+        radius = np.square((each - center) / camera.fx).sum(1, keepdims=True)
+        each += distortion * radius * (each - center)
+    d = xy[:, 0] - right[:, 0] + disparity * rng.standard_normal(len(xy))
+    xy += pixel * rng.standard_normal(xy.shape)
+    depth = bf / d
+    return TrackedPoints.zeros(
+        len(xy),
+        xy=xy.astype(np.float32),
+        depth=depth,
+        depth_sigma=depth**2 * 0.4 / bf,
+        id=ids[ok],
+    )
+
+
+def drive(steps, seed=0, gaps=(), acceleration=0.0, camera=CAMERA, config=None, **errors):
+    """Controls (steps, 3) and covariances of a window on a curve; and the window."""
+    rng = np.random.default_rng(seed)
+    world = rng.uniform([-60, -60, -1], [60, 60, 5], (1500, 3))
+    window = SlidingWindow(camera, config or VisualConfig())
+    pose, ids = np.zeros(3), np.arange(len(world))
+    last, controls, covariances = observed(camera, pose, world, ids, rng, **errors), [], []
+    for i in range(steps):
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        turn = CONTROL[2] + acceleration * i
+        pose = pose + np.array([c * CONTROL[0], s * CONTROL[0], turn])
+        ids = ids + len(world) * (i in gaps)
+        now = observed(camera, pose, world, ids, rng, **errors)
+        common = now[np.isin(now.id, last.id)]
+        odometry = CONTROL * (1.05, 1, 0.5), ODOMETRY[1]  # poor
+        initial = camera_motion(camera, odometry[0])
+        control, covariance = window.add(last, common, initial, odometry, 0.1)
+        controls.append(control)
+        covariances.append(covariance)
+        last = now
+    return np.array(controls), np.array(covariances), window
+
+
+@pytest.mark.parametrize("baseline", [0.54, 0.2])
+def test_without_noise_the_motion_is_exact(baseline):
+    controls, _, _ = drive(14, camera=replace(CAMERA, baseline=baseline))
+    np.testing.assert_allclose(controls[3:].mean(0), CONTROL, atol=2e-3)
+
+
+def test_a_step_without_points_is_mended_by_those_around_it():
+    turned = CONTROL[2] + 0.004 * np.arange(14)
+    error = (drive(14, gaps=(9,), acceleration=0.004)[0][:, 2] - turned).cumsum()
+    assert abs(error[9] - error[8]) > 2e-3  # what odometry and the last motion make of it
+    assert abs(error[12] - error[8]) < 0.5 * abs(error[9] - error[8])
+
+
+def test_a_window_has_less_error_than_pairs_of_frames():
+    def error(window):
+        config = VisualConfig(window=window)
+        ends = [
+            drive(12, seed, pixel=0.5, disparity=0.4, config=config)[0][2:].sum(0) - 10 * CONTROL
+            for seed in range(4)
+        ]
+        return np.sqrt(np.square(ends).mean(0))
+
+    assert error(10)[0] < 0.8 * error(2)[0]
+
+
+def test_the_covariance_of_a_step_is_that_of_its_errors():
+    controls, covariances, _ = drive(60, pixel=0.5, disparity=0.4)
+    error = controls[10:] - CONTROL
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariances[10:]), error)
+    assert 0.3 * 3 < squared.mean() < 3 * 3  # pixels of both frames, not one, err
+
+
+@pytest.mark.parametrize("distortion", [0.0, 0.03])
+def test_the_distortion_of_the_lens_is_found(distortion):
+    _, _, window = drive(40, pixel=0.3, disparity=0.2, distortion=distortion)
+    assert window.calibration.error[0] == pytest.approx(-distortion, abs=6e-3)
+    assert abs(window.calibration.error[1]) < 0.2
