@@ -132,6 +132,7 @@ def estimate_motion(
     control, off_plane = robot_motion(camera, R, t)
     J = robot_motion_jacobian(camera, R, t)[:3]
     covariance = J @ np.linalg.inv(information) @ J.T
+    covariance = (covariance + covariance.T) / 2
     return Motion(control, off_plane, covariance, inliers, R, t, prior is not None)
 
 

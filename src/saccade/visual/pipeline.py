@@ -123,7 +123,7 @@ class Pipeline:
 
     def step(self, number: int) -> None:
         """Process a frame: detect, track, predict, update, associate, attend, initialize."""
-        start, previous_pose = perf_counter(), self.map.ekf.pose
+        start, previous_pose, was_lost = perf_counter(), self.map.ekf.pose, self.recovery.lost
         features = self._detect(number)
         frame, detected, found = features.frame, features.detected, False
         if number > 0:
@@ -145,6 +145,8 @@ class Pipeline:
         if number % self.config.detect_interval == 0 and not self.recovery.lost:
             chosen = self._attend(number, frame)
             self._initialize(number, chosen)
+        if self._window is not None and self.recovery.lost != was_lost:
+            self._window.restart()
         if not found:
             self.map.update_motion_prior(number, previous_pose, len(self.tracked))
         seconds = perf_counter() - start

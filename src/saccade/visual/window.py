@@ -7,6 +7,7 @@ and after it. The first pose of the window is fixed.
 
 import cv2
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from saccade.frames import Camera
 from saccade.slam.checkpoint import (
@@ -58,13 +59,17 @@ class SlidingWindow:
         self._camera, self._config = camera, config
         speed, turn_rate = config.acceleration_sigma
         self._acceleration = np.array([speed, speed / 4, turn_rate, *OFF_PLANE_ACCELERATION_SIGMA])
+        self.calibration = SelfCalibration(camera)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all frames but the last: after a gap, no earlier motion tells of the next one."""
         self._rotation, self._translation = np.eye(3)[None], np.zeros((1, 3))
         self._id: IntArray = np.zeros(0, np.int64)
         self._point = np.zeros((0, 4))  # homogeneous, in the frame of the poses
         self._observed, self._sigma = np.zeros((0, 1, 3)), np.zeros((0, 1, 3))
         self._odometry, self._seconds = np.zeros((0, 3)), np.zeros(0)
         self._information = np.zeros((0, 6, 6))
-        self.calibration = SelfCalibration(camera)
 
     def add(
         self,
@@ -224,11 +229,11 @@ class SlidingWindow:
 
     def _step_covariance(self, information: FloatArray) -> FloatArray:
         """(3, 3) of the control of the last step."""
-        covariance = np.zeros((12, 12))
-        inverse = np.linalg.inv(information)[-12:, -12:]
-        covariance[-len(inverse) :, -len(inverse) :] = inverse
-        J = self._step(len(self._seconds) - 1)[1][:3]
-        return np.asarray(J @ covariance @ J.T)
+        J = self._step(len(self._seconds) - 1)[1][:3, -min(len(information), 12) :]
+        right = np.zeros((len(information), 3))
+        right[-J.shape[1] :] = J.T
+        root = solve_triangular(np.linalg.cholesky(information), right, lower=True)
+        return np.asarray(root.T @ root)
 
 
 def relative_pose(first: CameraPose, second: CameraPose) -> CameraPose:
