@@ -36,7 +36,7 @@ COMMANDS = {
     "slam": "{in}/log.csv --no-film -o out",
     "check": "{in}/drive",
     "convert": "{in}/log.csv log.g2o",
-    "drive": "{in}/drive --no-film --frames 3 -o out",
+    "drive": "{in}/drive --no-film --frames 3 -o out --save-tracks tracks",
     "serve": "--no-browser --port {port}",
     "demo": "--out {in}/log.csv",
     "evaluate fixations": "--images {in}/seen --fixations {in}/seen/fixations.csv",

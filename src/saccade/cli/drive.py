@@ -50,6 +50,10 @@ def drive(
     anyway: Annotated[
         bool, Option("--anyway", help="Use frames that repeat the frame before as they are.")
     ] = False,
+    save_tracks: Annotated[
+        Path | None,
+        Option(metavar="FOLDER", help="Also write the tracked points, as a drive of tracks."),
+    ] = None,
     film: Film = True,
     checkpoint: CheckpointInterval = 10.0,
     preset: Preset = None,
@@ -90,7 +94,7 @@ def drive(
         print_message(remark)
     with progress_bar(recorded.name) as progress:
         output = RunOutput(out, film, checkpoint_interval=checkpoint)
-        row = map_drive(recorded, settings, output, progress)
+        row = map_drive(recorded, settings, output, progress, save_tracks)
     for remark in row["remarks"][len(recorded.remarks) :]:
         print_message(remark)
     if as_json:

@@ -13,7 +13,8 @@ from saccade.cli.drive_report import drive_part, image_loader
 from saccade.cli.output import Progress, resumable, write_arrays
 from saccade.cli.run_output import RunOutput, write_film, write_run
 from saccade.cli.slam_run import pose_table
-from saccade.datasets import write_landmarks, write_table, write_tum
+from saccade.datasets import save_drive, write_landmarks, write_table, write_tum
+from saccade.datasets.drives.writing import require_writable
 from saccade.evaluation.drives import summarize_drive
 from saccade.formats import FORMATS
 from saccade.frames import Drive
@@ -27,9 +28,20 @@ LEAD = "The trajectory of a robot and the map of its landmarks, from camera fram
 
 
 def map_drive(
-    drive: Drive, settings: VisualConfig, output: RunOutput, progress: Progress
+    drive: Drive,
+    settings: VisualConfig,
+    output: RunOutput,
+    progress: Progress,
+    save_tracks: Path | None = None,
 ) -> dict[str, Any]:
-    """Map a drive, write the results, and return the content of run.json."""
+    """Map a drive, write the results, and return the content of run.json.
+
+    The tracked points are written to a folder `save_tracks`.
+    """
+    tracks = None
+    if save_tracks is not None:
+        require_writable(save_tracks, drive)
+        tracks = visual.TrackRecorder()
     out, recorder = output.folder, Recorder(output.snapshots)
     checkpoint = Checkpoint(out / "checkpoint.npz", output.checkpoint_interval)
 
@@ -37,7 +49,9 @@ def map_drive(
         progress(done, total, "map")
 
     with resumable(checkpoint.path), visual.dedicated_process():
-        result = visual.run(drive, settings, report, recorder=recorder, checkpoint=checkpoint)
+        result = visual.run(
+            drive, settings, report, recorder=recorder, checkpoint=checkpoint, tracks=tracks
+        )
     snapshots = recorder.snapshots
     files = write_tables(out, result) | write_figure(out, drive, result)
     if output.film:
@@ -59,6 +73,8 @@ def map_drive(
         files,
         row,
     )
+    if save_tracks is not None and tracks is not None:
+        save_drive(save_tracks, tracks.drive(drive))
     checkpoint.remove()
     return row
 

@@ -1,7 +1,7 @@
 """Reads and writes recorded data, in the data types of `saccade.types` and `saccade.frames`."""
 
-from saccade.datasets.drives.kitti import save_drive
 from saccade.datasets.drives.loading import DriveKind, load_drive
+from saccade.datasets.drives.writing import save_drive
 from saccade.datasets.logs.conversions import OdometryNoise
 from saccade.datasets.logs.loading import Format, Kind, load, save
 from saccade.datasets.tables import symmetric_columns, write_landmarks, write_table, write_tum

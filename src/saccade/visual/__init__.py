@@ -4,12 +4,14 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.frontend import FeatureCache, dedicated_process
 from saccade.visual.pipeline import Pipeline, run
 from saccade.visual.result import LandmarkObservations, ObservationKind, VisualResult
+from saccade.visual.track_recorder import TrackRecorder
 
 __all__ = [
     "FeatureCache",
     "LandmarkObservations",
     "ObservationKind",
     "Pipeline",
+    "TrackRecorder",
     "VisualConfig",
     "VisualResult",
     "dedicated_process",

@@ -32,6 +32,7 @@ from saccade.visual.reidentification import count_rematches, reidentify
 from saccade.visual.result import ObservationKind, RunLog, VisualResult
 from saccade.visual.selection import saliency_at, select_landmarks
 from saccade.visual.tables import TrackedPoints
+from saccade.visual.track_recorder import TrackRecorder
 from saccade.visual.unknown_scale import keep_scale
 from saccade.visual.visual_map import VisualMap
 from saccade.visual.window import SlidingWindow
@@ -45,6 +46,7 @@ def run(
     recorder: Recorder | None = None,
     cache: FeatureCache | None = None,
     checkpoint: Checkpoint | None = None,
+    tracks: TrackRecorder | None = None,
 ) -> VisualResult:
     """Run visual SLAM on a drive.
 
@@ -55,6 +57,7 @@ def run(
         recorder: takes snapshots of the map while it grows.
         cache: features of earlier runs over the same frames.
         checkpoint: saves the state of the run; an interrupted run resumes from it.
+        tracks: records the tracked points.
 
     Returns:
         Trajectory, map and observations.
@@ -67,10 +70,16 @@ def run(
         first = 0
         if checkpoint is not None:
             data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
-            parts: dict[str, Stateful | None] = {"pipeline": pipeline, "recorder": recorder}
-            first = checkpoint.resume((config, data), parts)
+            parts: dict[str, Stateful | None] = {
+                "pipeline": pipeline,
+                "recorder": recorder,
+                "tracks": tracks,
+            }
+            first = checkpoint.resume((config, data, tracks is not None), parts)
         for number in range(first, len(drive)):
             pipeline.step(number)
+            if tracks is not None:
+                tracks.add(pipeline.tracked, pipeline.detected)
             if recorder is not None:
                 tracked = pipeline.tracked.landmarks.landmark
                 rows = pipeline.map.landmarks.rows(tracked)
@@ -106,6 +115,8 @@ class Pipeline:
         self.map = VisualMap(drive, config, has_depth)
         self.recovery = Recovery(self.map, config)
         self.tracked = TrackedPoints()
+        self.detected: TrackedPoints | None = None
+        """The points detected in the last frame; None where none were."""
         self.log = RunLog(drive)
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
@@ -126,6 +137,7 @@ class Pipeline:
         start, previous_pose, was_lost = perf_counter(), self.map.ekf.pose, self.recovery.lost
         features = self._detect(number)
         frame, detected, found = features.frame, features.detected, False
+        self.detected = detected
         if number > 0:
             expected, before = self.map.predict_motion(number), self.tracked
             motion = self._track(frame, expected)
@@ -135,14 +147,18 @@ class Pipeline:
             if self.recovery.add_motion(frame, motion, seconds, len(before), previous_pose):
                 self.tracked = self.tracked.without_landmarks()
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
-        if detected is not None and self.recovery.lost:
-            found = self._relocalize(detected)
-            self._extend_tracks(detected, TrackedPoints())
-        elif detected is not None:
-            detected, reidentified = self._associate(frame, detected)
-            self._update(number, ObservationKind.REIDENTIFIED, reidentified)
+        scheduled = number % self.config.detect_interval == 0
+        if detected is not None:
+            reidentified, described = TrackedPoints(), detected
+            if frame.frame.tracks is not None:
+                described = detected[np.flatnonzero(detected.descriptor.any(1))]
+            if len(described) and self.recovery.lost:
+                found = self._relocalize(described)
+            elif len(described):
+                reidentified = self._associate(described)
+                self._update(number, ObservationKind.REIDENTIFIED, reidentified)
             self._extend_tracks(detected, reidentified)
-        if number % self.config.detect_interval == 0 and not self.recovery.lost:
+        if scheduled and not self.recovery.lost:
             chosen = self._attend(number, frame)
             self._initialize(number, chosen)
         if self._window is not None and self.recovery.lost != was_lost:
@@ -256,13 +272,11 @@ class Pipeline:
             innovation = self.map.update(points, observations, expected, number)
         self.log.add_observations(number, kind, points, observations, innovation)
 
-    def _associate(
-        self, frame: PreparedFrame, detected: TrackedPoints
-    ) -> tuple[TrackedPoints, TrackedPoints]:
-        """Re-identify lost landmarks; returns the new detections, and those re-identified."""
+    def _associate(self, detected: TrackedPoints) -> TrackedPoints:
+        """Re-identify lost landmarks; returns the points that are."""
         config, landmarks = self.config, self.map.landmarks
         with self.log.timed("associate"):
-            if config.counts_rematches and frame.left is not None:
+            if config.counts_rematches:
                 self.tracked = count_rematches(self.tracked, detected, config.ratio)
             detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
             found = reidentify(detected, self.map, self.tracked, self.drive.camera, config)
@@ -271,12 +285,11 @@ class Pipeline:
             landmark = landmarks.id[found.rows]
             if self.recovery.add_landmarks(LandmarkCounts(expected, count, found.elsewhere)):
                 self.tracked = self.tracked.without_landmarks()
-                return detected, TrackedPoints()
+                return TrackedPoints()
             landmarks.missed[found.missed] += 1
             self.log.missed += len(found.missed)
             flags = np.ones(count, np.bool_)
-            reidentified = replace(detected[found.points], landmark=landmark, reidentified=flags)
-        return detected, reidentified
+            return replace(detected[found.points], landmark=landmark, reidentified=flags)
 
     def _relocalize(self, detected: TrackedPoints) -> bool:
         """Search a lost robot by the points whose depth is known; whether it was found."""

@@ -2,9 +2,11 @@
 
     stereo_tracks_clean.npz  or stereo_tracks.npz, or any file given by name:
                              frame (k,), ascending; track (k,) identity of the point;
-                             uvlr (k, 4) pixels: u left, v left, u right, v right;
+                             uvlr (k, 4) pixels: u left, v left, u right, v right; u right is u
+                             left where the depth is unknown;
                              descriptors (k, 128) uint8, optional: SIFT descriptors
-    calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `read_extrinsics`)
+    calib.npz                K (3, 3), b the baseline in metres, cam_T_imu (see `read_extrinsics`);
+                             or camera.toml, see `calibration`
     times.txt                seconds, one line a frame; later frames are dropped
 
 and odometry and ground truth as in `sidecar_files`.
@@ -14,11 +16,17 @@ its observation of the frame before: the point continues as another track, and t
 the two frames is lost. The clean file has such observations removed and the tracks split.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.drives.calibration import Calibration, pinhole
+from saccade.datasets.drives.calibration import (
+    CAMERA_FILE,
+    Calibration,
+    pinhole,
+    read_calibration,
+)
 from saccade.datasets.drives.frames import FrameTimes, image_size, list_images
 from saccade.datasets.drives.kitti import read_extrinsics
 from saccade.datasets.drives.sidecar_files import assemble_drive
@@ -42,7 +50,10 @@ def read_tracks_drive(path: Path) -> Drive:
     if len(recorded) == 0:
         raise DriveError(f"{folder / 'times.txt'}: expected times of frames, found none")
     frames = FrameTimes.sort(recorded, str(folder / "times.txt"))
-    calibration = Calibration(_camera(folder, tracks.xy))
+    if (folder / CAMERA_FILE).exists():
+        calibration = read_calibration(folder / CAMERA_FILE)
+    else:
+        calibration = Calibration(_camera(folder, tracks.xy))
     time = frames.time
     begin = np.searchsorted(frame_of, frames.index)
     end = np.searchsorted(frame_of, frames.index, side="right")
@@ -77,6 +88,21 @@ def _read_tracks(file: Path) -> tuple[IntArray, Tracks]:
     id, disparity = track[order].astype(np.int64), uvlr[:, 0] - uvlr[:, 2]
     tracks = Tracks(id, uvlr[:, :2], disparity, descriptors)
     return frame[order].astype(np.int64), tracks
+
+
+def write_tracks(file: Path, tracks: Sequence[Tracks]) -> None:
+    """Write the tracks of successive frames."""
+    disparity = np.concatenate([each.disparity for each in tracks])
+    u, v = np.concatenate([each.xy for each in tracks]).T
+    arrays = {
+        "frame": np.repeat(np.arange(len(tracks)), [len(each) for each in tracks]),
+        "track": np.concatenate([each.id for each in tracks]),
+        "uvlr": np.column_stack([u, v, u - np.nan_to_num(disparity), v]),
+    }
+    descriptors = [each.descriptor for each in tracks if each.descriptor is not None]
+    if len(descriptors) == len(tracks):
+        arrays["descriptors"] = np.concatenate(descriptors)
+    np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def _camera(folder: Path, xy: FloatArray) -> Camera:

@@ -1,0 +1,166 @@
+"""Writes drives as folders that can be read again."""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from saccade.datasets.drives.calibration import (
+    CAMERA_FILE,
+    Calibration,
+    camera_matrix,
+    write_calibration,
+)
+from saccade.datasets.drives.odometry import OdometryIncrements, write_increments
+from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
+from saccade.datasets.tables import write_tum
+from saccade.errors import DriveError, OutputError
+from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.types import Image
+
+DRIVE_FILES = (
+    *("calib.txt", CAMERA_FILE, "times.txt", "odometry.csv", "groundtruth.tum"),
+    *("image_0", "image_1", "depth", TRACK_FILES[-1]),
+)
+"""Files of an earlier drive, which may be replaced."""
+
+
+def save_drive(
+    path: str | Path, drive: Drive, progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Write a drive as a folder in KITTI's layout, or that of tracks, with odometry and truth.
+
+    The folder is written atomically; one of an earlier drive is replaced.
+
+    Args:
+        path: the folder.
+        drive: with images, or with tracks and no images.
+        progress: called with the number of frames written, and of all.
+
+    Raises:
+        DriveError: a frame has neither, or the scale of the drive is unknown.
+        ImageError: a frame cannot be read.
+        OutputError: the folder cannot be written, or holds other files than those of a drive.
+    """
+    path = Path(path)
+    require_writable(path, drive)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=".saccade-", dir=path.parent))
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    try:
+        _write(temporary / "new", drive, progress)
+        _exchange(path, temporary / "new", temporary / "old")
+    except OutputError as error:
+        raise OutputError(str(error).replace(str(temporary / "new"), str(path))) from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def require_writable(path: Path, drive: Drive) -> None:
+    """Check that a drive can be written to a folder.
+
+    Raises:
+        DriveError: the scale of the drive is unknown.
+        OutputError: the folder cannot be read, or holds other files than those of a drive.
+    """
+    if drive.scale != "metric":
+        raise DriveError(
+            f"{drive.name}: expected odometry and a calibration to write, found a drive whose "
+            "scale is unknown"
+        )
+    try:
+        names = {file.name for file in path.iterdir()} if path.exists() else set()
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    for name in sorted(names - set(DRIVE_FILES))[:1]:
+        raise OutputError(f"{path}: expected a new or empty folder, found {name!r} in it")
+
+
+def _exchange(path: Path, new: Path, old: Path) -> None:
+    """Replace a folder that may exist by the new one; on failure restore it."""
+    if path.exists():
+        path.replace(old)
+    try:
+        new.replace(path)
+    except OSError:
+        if old.exists():
+            old.replace(path)
+        raise
+
+
+def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | None) -> None:
+    folder.mkdir()
+    calibration = Calibration(
+        drive.camera,
+        odometry_bias=drive.odometry_bias,
+        start=(float(drive.start[0]), float(drive.start[1]), float(drive.start[2])),
+    )
+    write_calibration(folder / CAMERA_FILE, calibration)
+    np.savetxt(folder / "times.txt", drive.time, fmt="%.9f")
+    write_increments(
+        folder / "odometry.csv", OdometryIncrements(drive.control, drive.control_covariance)
+    )
+    if drive.truth is not None:
+        write_tum(folder / "groundtruth.tum", drive.truth)
+    tracks = list[Tracks]()
+    for i in range(len(drive)):
+        frame = drive.load(i)
+        if frame.image is not None:
+            _write_images(folder, i, frame, calibration.depth_unit)
+        elif frame.tracks is not None:
+            tracks.append(frame.tracks)
+        if len(tracks) != (0 if frame.image is not None else i + 1):
+            raise DriveError(f"{drive.name}, frame {i}: expected an image to write, found none")
+        if progress is not None:
+            progress(i + 1, len(drive))
+    if tracks:
+        write_tracks(folder / TRACK_FILES[-1], tracks)
+    else:
+        (folder / "calib.txt").write_text(_projections(drive.camera), encoding="utf-8")
+
+
+def _write_images(folder: Path, number: int, frame: Frame, depth_unit: float) -> None:
+    """Write the images of a frame."""
+    depth = _depth_steps(frame, depth_unit)
+    for name, image in (("image_0", frame.image), ("image_1", frame.right), ("depth", depth)):
+        if image is not None:
+            _write_png(folder / name / f"{number:06d}.png", image)
+
+
+def _projections(camera: Camera) -> str:
+    """P0 to P3 as KITTI writes them; P2 and P3 are the same cameras as P0 and P1."""
+    left = np.column_stack([camera_matrix(camera), np.zeros(3)])
+    right = left.copy()
+    right[0, 3] = -camera.fx * camera.baseline
+    return "".join(
+        f"P{i}: {' '.join(f'{value:.12e}' for value in P.ravel())}\n"
+        for i, P in enumerate((left, right, left, right))
+    )
+
+
+def _depth_steps(frame: Frame, unit: float) -> Image | None:
+    """Depth as a 16-bit image; 0 where it is unknown or out of range."""
+    if frame.depth is None:
+        return None
+    steps = np.rint(np.nan_to_num(frame.depth, nan=0.0, posinf=0.0) / unit)
+    return np.where((steps > 0) & (steps < 1 << 16), steps, 0).astype(np.uint16)
+
+
+def _write_png(path: Path, image: Image) -> None:
+    path.parent.mkdir(exist_ok=True)
+    pixels = image
+    if image.dtype.kind == "f":
+        pixels = np.rint(image.clip(0, 1) * 255).astype(np.uint8)
+    if pixels.ndim == 3:
+        pixels = cv2.cvtColor(np.ascontiguousarray(pixels[:, :, :3]), cv2.COLOR_RGB2BGR)
+    encoded, data = cv2.imencode(".png", pixels)
+    if not encoded:
+        raise OutputError(f"{path}: cannot be written: the image cannot be encoded")
+    path.write_bytes(data.tobytes())

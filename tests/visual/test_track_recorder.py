@@ -1,0 +1,74 @@
+"""Tracks that a run records are a drive of their own, without images."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saccade import datasets, visual
+from saccade.errors import DriveError, OutputError
+from saccade.evaluation.drives import score_drive
+from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
+from saccade.frames import Frame
+from saccade.simulation import DriveConfig, simulate_drive
+from saccade.slam import Checkpoint
+from saccade.visual.track_recorder import DEPTH_BASELINE
+from support.interrupted_run import interrupt_at
+from support.small_drive import small_drive
+
+FRAMES = 40
+
+
+@pytest.fixture(scope="module")
+def drive():
+    made = out_and_back(simulate_drive(DriveConfig(frames=FRAMES)), OutAndBackConfig(FRAMES))
+    pictures = [made.load(number) for number in range(len(made))]
+    return replace(made, load=pictures.__getitem__)
+
+
+def test_recorded_tracks_close_the_same_loop(drive, tmp_path):
+    kept = Checkpoint(tmp_path / "c.npz", 0)
+    with pytest.raises(KeyboardInterrupt):
+        visual.run(drive, None, interrupt_at(17), checkpoint=kept, tracks=visual.TrackRecorder())
+    recorder = visual.TrackRecorder()
+    by_images = visual.run(drive, checkpoint=Checkpoint(tmp_path / "c.npz", 0), tracks=recorder)
+    datasets.save_drive(tmp_path / "tracks", recorder.drive(drive))
+    loaded = datasets.load_drive("auto", tmp_path / "tracks")
+    assert len(loaded) == FRAMES
+    assert loaded.load(8).image is None
+    by_tracks = visual.run(loaded)
+    error = [score_drive(r.trajectory, drive.truth).ate_m for r in (by_images, by_tracks)]
+    assert error[1] < 1.2 * error[0] + 0.005
+    for result in (by_images, by_tracks):
+        assert (result.observations.kind == 2).sum() > 20
+
+
+def test_depths_become_disparities(drive):
+    def load(number):
+        frame = drive.load(number)
+        return Frame(frame.time, frame.image, depth=np.full(frame.image.shape[:2], 4.0))
+
+    camera = replace(drive.camera, baseline=0.0)
+    for baseline, frames in ((DEPTH_BASELINE, load), (0.0, lambda i: replace(load(i), depth=None))):
+        recorder = visual.TrackRecorder()
+        seen = replace(drive, camera=camera, load=frames).until(3)
+        visual.run(seen, tracks=recorder)
+        made = recorder.drive(seen)
+        assert made.camera.baseline == baseline
+        disparity = made.load(1).tracks.disparity
+        assert len(disparity) > 20
+        expected = camera.fx * baseline / 4 if baseline else np.nan
+        np.testing.assert_allclose(disparity, expected)
+
+
+def test_what_cannot_be_written_is_refused_before_the_run(run, tmp_path):
+    assert run("simulate", "drive", "--frames", 3, "--out", "ring")[0] == 0
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.md").write_text("mine")
+    code, _, err = run("drive", "ring", "--no-film", "--save-tracks", "mine")
+    assert code == 1
+    assert "mine: expected a new or empty folder, found 'notes.md' in it" in err
+    with pytest.raises(DriveError, match="whose scale is unknown"):
+        datasets.save_drive(tmp_path / "bare", replace(small_drive(), scale="assumed"))
+    with pytest.raises(OutputError):
+        datasets.save_drive(tmp_path / "mine", small_drive())
