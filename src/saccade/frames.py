@@ -138,6 +138,8 @@ class Drive:
     by triangulated points, or "assumed" as those of a constant speed."""
     remarks: tuple[str, ...] = ()
     """Repairs made when its files were read, one line each."""
+    assumptions: tuple[str, ...] = ()
+    """What was assumed of its camera and its motion, which the files do not tell, one line each."""
 
     def __post_init__(self) -> None:
         n = len(self.time)

@@ -8,9 +8,8 @@ import pytest
 from PIL import Image as Pillow
 
 from saccade import visual
-from saccade.cli.drive import parse_intrinsics
 from saccade.datasets import load_drive
-from saccade.datasets.drives.bare import CameraOptions, read_intrinsics
+from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics, read_intrinsics
 from saccade.datasets.drives.folder import assume_speed
 from saccade.errors import ConfigError, DriveError
 from saccade.simulation import DriveConfig, simulate_drive
@@ -32,8 +31,8 @@ def test_the_camera_of_bare_images_is_guessed_and_said(tmp_path):
     camera = drive.camera
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (96, 96, 39.5, 29.5)
     assert drive.scale == "assumed"
-    assert "guessed a focal length of 96 px" in drive.remarks[0]
-    assert "the scale is unknown" in drive.remarks[1]
+    assert "guessed a focal length of 96 px" in drive.assumptions[0]
+    assert "the scale is unknown" in drive.assumptions[1]
 
 
 def test_exif_and_given_intrinsics_replace_the_guess(tmp_path):
@@ -58,7 +57,7 @@ def test_pairs_of_folders_have_many_names(tmp_path, names):
     assert drive.scale == "metric"
     left = load_drive("auto", tmp_path)
     assert left.load(2).right is None
-    assert any("--baseline" in remark for remark in left.remarks)
+    assert any("--baseline" in remark for remark in left.assumptions)
 
 
 @pytest.mark.parametrize(

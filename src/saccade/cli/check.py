@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 from typer import Option
 
-from saccade.cli.options import Json, SequenceFormat, SequencePath
+from saccade.cli.options import Baseline, Intrinsics, Json, SequenceFormat, SequencePath
 
 if TYPE_CHECKING:
     from saccade.diagnostics import CheckReport
@@ -17,6 +17,8 @@ def check(
     frames: Annotated[
         int, Option(min=40, help="Frames to inspect, spread over a longer drive.")
     ] = 300,
+    intrinsics: Intrinsics = None,
+    baseline: Baseline = None,
     as_json: Json = False,
 ) -> None:
     """Check a camera drive for errors before it is mapped.
@@ -29,10 +31,12 @@ def check(
     """
     from saccade import datasets
     from saccade.cli.output import print_json, progress_bar
+    from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
     from saccade.diagnostics import check_drive
 
     kind = "auto" if kind is None else kind
-    drive = datasets.load_drive(cast("datasets.DriveKind", kind), sequence)
+    camera = CameraOptions(parse_intrinsics(intrinsics), baseline)
+    drive = datasets.load_drive(cast("datasets.DriveKind", kind), sequence, camera)
     with progress_bar("checking") as update:
         report = check_drive(drive, frames, update)
     if as_json:

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from typer import Option
 
 from saccade.cli.options import (
+    Baseline,
     CheckpointInterval,
     Config,
     Film,
+    Intrinsics,
     Json,
     Out,
     Preset,
@@ -40,13 +42,8 @@ def drive(
     max_landmarks: Annotated[
         int | None, Option(min=1, help="Maximum number of landmarks in the map.")
     ] = None,
-    intrinsics: Annotated[
-        str | None,
-        Option(metavar="FX,FY,CX,CY", help="Camera of images without a calibration, in pixels."),
-    ] = None,
-    baseline: Annotated[
-        float | None, Option(min=1e-6, help="Metres between the cameras of such a stereo pair.")
-    ] = None,
+    intrinsics: Intrinsics = None,
+    baseline: Baseline = None,
     anyway: Annotated[
         bool, Option("--anyway", help="Use frames that repeat the frame before as they are.")
     ] = False,
@@ -76,7 +73,7 @@ def drive(
     from saccade.cli.drive_run import map_drive
     from saccade.cli.output import print_json, print_message, progress_bar
     from saccade.cli.run_output import RunOutput
-    from saccade.datasets.drives.bare import CameraOptions
+    from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
     from saccade.diagnostics import drop_repeated
     from saccade.settings import load_settings
 
@@ -90,32 +87,18 @@ def drive(
         recorded = recorded.until(frames)
     if not anyway:
         recorded = drop_repeated(recorded)
-    for remark in recorded.remarks:
+    known = (*recorded.remarks, *recorded.assumptions)
+    for remark in known:
         print_message(remark)
     with progress_bar(recorded.name) as progress:
         output = RunOutput(out, film, checkpoint_interval=checkpoint)
         row = map_drive(recorded, settings, output, progress, save_tracks)
-    for remark in row["remarks"][len(recorded.remarks) :]:
+    for remark in row["remarks"][len(known) :]:
         print_message(remark)
     if as_json:
         print_json(row)
     else:
         print_summary(row, f"{recorded.name} -> {out}")
-
-
-def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | None:
-    """The four numbers of `--intrinsics`."""
-    from saccade.errors import ConfigError
-
-    if text is None:
-        return None
-    try:
-        fx, fy, cx, cy = (float(value) for value in text.split(","))
-    except ValueError as error:
-        raise ConfigError(
-            f"--intrinsics: expected four numbers fx,fy,cx,cy in pixels, found {text!r}"
-        ) from error
-    return fx, fy, cx, cy
 
 
 def print_summary(row: dict[str, Any], title: str) -> None:

@@ -62,7 +62,7 @@ def map_drive(
     row = {
         **summary,
         "scale": drive.scale,
-        "remarks": [*drive.remarks, *result.remarks],
+        "remarks": [*drive.remarks, *drive.assumptions, *result.remarks],
         "seed": settings.seed,
         "settings": asdict(settings),
     }

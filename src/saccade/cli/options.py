@@ -18,6 +18,13 @@ LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file or 
 SequencePath = Annotated[
     Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
 ]
+Intrinsics = Annotated[
+    str | None,
+    Option(metavar="FX,FY,CX,CY", help="Camera of images without a calibration, in pixels."),
+]
+Baseline = Annotated[
+    float | None, Option(min=1e-6, help="Metres between the cameras of such a stereo pair.")
+]
 
 
 def _folder(path: Path) -> Path:

@@ -14,7 +14,7 @@ from PIL import Image as Pillow
 
 from saccade.datasets.drives.calibration import CAMERA_FILE, Calibration
 from saccade.datasets.tables import read_rows
-from saccade.errors import DriveError
+from saccade.errors import ConfigError, DriveError
 from saccade.files import IMAGE_SUFFIXES
 from saccade.frames import Camera
 from saccade.types import FloatArray
@@ -46,6 +46,23 @@ class CameraOptions(NamedTuple):
     """fx, fy, cx, cy in pixels."""
     baseline: float | None = None
     """Metres between the cameras of a pair."""
+
+
+def parse_intrinsics(text: str | None) -> tuple[float, float, float, float] | None:
+    """The four numbers of `--intrinsics`.
+
+    Raises:
+        ConfigError: the text is no such numbers.
+    """
+    if text is None:
+        return None
+    try:
+        fx, fy, cx, cy = (float(value) for value in text.split(","))
+    except ValueError as error:
+        raise ConfigError(
+            f"--intrinsics: expected four numbers fx,fy,cx,cy in pixels, found {text!r}"
+        ) from error
+    return fx, fy, cx, cy
 
 
 class BareCamera(NamedTuple):

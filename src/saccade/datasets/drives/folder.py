@@ -48,12 +48,11 @@ def read_folder_drive(path: Path, options: CameraOptions | None = None) -> Drive
     if are_numbered(images):
         images.sort(key=lambda image: int(image.stem))
     calibration, remark, is_guess = _calibration(path, images[0], None, options)
-    remarks = tuple(filter(None, [remark]))
+    assumptions = tuple(filter(None, [remark]))
     if right is not None and calibration.camera.baseline == 0:
-        remarks += (f"{right}: not used, since the baseline is unknown; --baseline gives it",)
+        assumptions += (f"{right}: not used, since the baseline is unknown; --baseline gives it",)
         right = None
     frames = _frame_times(path, len(images), calibration.rate)
-    frames = replace(frames, remarks=frames.remarks + remarks)
     left = [images[i] for i in frames.index.tolist()]
     load = frame_loader(
         calibration,
@@ -63,6 +62,7 @@ def read_folder_drive(path: Path, options: CameraOptions | None = None) -> Drive
         depth=image_files(_same_names(path / "depth", left), calibration.depth_unit),
     )
     drive = assemble_drive(path.resolve().name, path, calibration, frames, load)
+    drive = replace(drive, assumptions=assumptions)
     return drive if (path / "depth").is_dir() else assume_speed(drive, is_guess)
 
 
@@ -72,7 +72,7 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     height, width = video[0].shape[:2]
     calibration, remark, is_guess = _calibration(path.parent, None, (width, height), options)
     frames = _frame_times(path.parent, len(video), video.rate)
-    frames = replace(frames, remarks=(*frames.remarks, *filter(None, [remark])))
+    assumptions = tuple(filter(None, [remark]))
     if video.declared > len(video):
         remark = (
             f"{path}: {video.declared} frames are announced, {len(video)} can be decoded: "
@@ -85,7 +85,8 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
         return SourceImage(video[number], f"{path}, frame {number}")
 
     load = frame_loader(calibration, frames.time, left=read)
-    return assume_speed(assemble_drive(path.stem, path.parent, calibration, frames, load), is_guess)
+    drive = assemble_drive(path.stem, path.parent, calibration, frames, load)
+    return assume_speed(replace(drive, assumptions=assumptions), is_guess)
 
 
 def assume_speed(drive: Drive, is_guess: bool = False) -> Drive:
@@ -103,7 +104,7 @@ def assume_speed(drive: Drive, is_guess: bool = False) -> Drive:
         control=np.stack([step, 0 * step, 0 * step], 1),
         control_covariance=np.square(sigma)[:, :, None] * np.eye(3),
         scale="assumed" if is_guess else "held",
-        remarks=(*drive.remarks, ASSUMED_SCALE if is_guess else HELD_SCALE),
+        assumptions=(*drive.assumptions, ASSUMED_SCALE if is_guess else HELD_SCALE),
     )
 
 
