@@ -78,7 +78,7 @@ def _drive():
     return Trajectory(time, pose, spread), snapshots
 
 
-def _map_page(name="a map"):
+def _map_page(name="a map", lost=()):
     estimate, snapshots = _drive()
     rng = np.random.default_rng(2)
     k = 200
@@ -104,6 +104,7 @@ def _map_page(name="a map"):
         ),
         [*charts, *uncertainty_charts(estimate, estimate)],
         image_at=lambda step: picture if step % 2 == 0 else None,
+        lost=lost,
     )
     return report_page(name, name, [part])
 
@@ -141,6 +142,17 @@ def test_a_map_is_scrubbed_and_played(opened):
     page.get_by_role("button", name="Play").click()
     page.wait_for_selector(".part[data-step='11']")
     page.wait_for_selector("button[aria-label=Play]")
+
+
+def test_a_map_shows_where_the_robot_was_lost(opened):
+    page = opened(_map_page(lost=[[2.0, 4.0], [9.0, None]]))
+    now = page.locator("output")
+    for step, lost in ((1, False), (2, True), (3, True), (4, False), (8, False), (10, True)):
+        _scrub(page, step)
+        assert now.inner_text().endswith("lost") == lost
+    shown = _pixels(page)
+    page.get_by_label("lost").uncheck()
+    assert _pixels(page) != shown
 
 
 def test_a_click_on_a_landmark_shows_when_it_was_seen(opened):

@@ -44,6 +44,7 @@ def drive_part(
         ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind),
         [*_innovations(result), *uncertainty_charts(result.trajectory, drive.truth)],
         image_at=image_loader(drive),
+        lost=summary["lost"],
     )
 
 

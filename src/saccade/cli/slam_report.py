@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from saccade.evaluation.slam_runs import has_headings
+from saccade.evaluation.slam_runs import has_headings, lost_times
 from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.consistency import chi_square_band
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, MapSnapshot
@@ -115,6 +115,7 @@ def slam_part(
         [*charts, *uncertainty_charts(result.trajectory, truth)],
         log.landmark_truth,
         loaded=loaded,
+        lost=lost_times(result.trajectory, result.lost),
     )
 
 

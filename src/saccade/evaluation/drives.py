@@ -117,7 +117,7 @@ def summarize_drive(drive: Drive, result: VisualResult) -> dict[str, Any]:
         "observations": len(observed),
         "reidentified": int(reidentified.sum()),
         "missed": result.missed,
-        "lost": lost_times(result.trajectory.time - result.trajectory.time[0], result.lost),
+        "lost": lost_times(result.trajectory, result.lost),
         "ms_per_frame": 1000 * float(result.frame_seconds.mean()),
         "ms": {step: 1000 * seconds / n for step, seconds in result.seconds.items()},
     }

@@ -7,7 +7,7 @@ import numpy as np
 from saccade.evaluation.trajectory import landmark_rmse, none_if_nan, position_rmse
 from saccade.slam import SlamResult, SmoothResult
 from saccade.slam.run import MAX_NONLINEARITY
-from saccade.types import BoolArray, FloatArray, LandmarkLog, Trajectory
+from saccade.types import BoolArray, LandmarkLog, Trajectory
 
 GPS_INLIERS = 0.9
 """Fraction of the GPS positions that count; the others may be multipath reflections."""
@@ -34,7 +34,7 @@ def summarize_run(
         "landmarks": len(result.map),
         "landmarks_culled": result.removed,
         **_odometry_end(log, result),
-        "lost": lost_times(result.trajectory.time, result.lost),
+        "lost": lost_times(result.trajectory, result.lost),
         "odometry_bias": bias,
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
@@ -77,17 +77,17 @@ def _doubt(result: SlamResult) -> str:
     )
 
 
-def lost_times(time: FloatArray, lost: BoolArray | None) -> list[list[float | None]]:
-    """The times at which a robot was lost and found again; None where it was not.
+def lost_times(trajectory: Trajectory, lost: BoolArray | None) -> list[list[float | None]]:
+    """Seconds since the first pose at which a robot was lost and found again; None if it was not.
 
     Args:
-        time: (t,) of the poses.
+        trajectory: (t) poses.
         lost: (t,) whether it was lost there; None where that was not tested.
     """
-    if lost is None:
+    if lost is None or len(trajectory) == 0:
         return []
     change = np.diff(np.concatenate([[False], lost, [False]]).astype(np.int64))
-    times = [*time.tolist(), None]
+    times = [*(trajectory.time - trajectory.time[0]).tolist(), None]
     starts, ends = np.flatnonzero(change > 0).tolist(), np.flatnonzero(change < 0).tolist()
     return [[times[a], times[b]] for a, b in zip(starts, ends, strict=True)]
 

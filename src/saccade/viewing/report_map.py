@@ -74,6 +74,7 @@ def map_part(
     landmark_truth: LandmarkMap | None = None,
     image_at: Callable[[int], Image | None] | None = None,
     loaded: int = 0,
+    lost: Sequence[Sequence[float | None]] = (),
 ) -> Part:
     """Trajectories and the map over time.
 
@@ -86,14 +87,18 @@ def map_part(
         landmark_truth: true positions of the landmarks, in the same frame.
         image_at: gives the camera image at a pose, or None.
         loaded: landmarks with a smaller id are of a map that was loaded.
+        lost: seconds since the first pose at which the robot was lost and found again, None for
+            never.
     """
     time = trajectories["estimate"].time
     start = float(time[0])
     time = time - start
+    last = float(time[-1])
     data: dict[str, Any] = {
         "ellipse_scale": ELLIPSE_SCALE,
         "ellipse_label": ELLIPSE_LABEL,
         "loaded": loaded,
+        "lost": [[begin, last if end is None else end] for begin, end in lost],
         "trajectories": [_trajectory(*each, start) for each in trajectories.items()],
         "charts": [_chart(chart, start) for chart in charts],
     }

@@ -4,6 +4,7 @@
 const TRAJECTORIES = {
   estimate: ["blue", 2, [], "line"], odometry: ["gray", 1.25, [5, 4], "dashed"],
   truth: ["green", 4, [], "thick"], smoothed: ["ink", 1.25, [], "thin"],
+  lost: ["red", 2.5, [], "line"],
 };
 const KINDS = [["new", "orange"], ["tracked", "green"], ["re-identified", "red"]];
 const MAX_BUTTONS = 40;
@@ -71,6 +72,14 @@ function boundsOf(data, snapshots) {
     add(x, y);
   }
   return box;
+}
+
+/** The part of the estimate between two times, for which the robot was lost. */
+function lostPart(estimate, [begin, end]) {
+  const from = lowerBound(estimate.time, begin - 1e-4), to = lowerBound(estimate.time, end + 1e-4);
+  return {
+    name: "lost", time: estimate.time.slice(from, to), xy: estimate.xy.slice(2 * from, 2 * to),
+  };
 }
 
 function drawTrajectory(context, view, trajectory, time, colors) {
@@ -197,7 +206,7 @@ function loadImages(data, loaded) {
 
 kinds.map = (element, data) => {
   const snapshots = new Snapshots(data.snapshots, data.loaded);
-  const shown = { ellipses: true, observed: true, true: true };
+  const shown = { ellipses: true, observed: true, true: true, lost: true };
   for (const trajectory of data.trajectories) shown[trajectory.name] = true;
   let number = snapshots.length - 1;
   let id = -1; // of the chosen landmark
@@ -211,6 +220,8 @@ kinds.map = (element, data) => {
   const ground = plane(canvas, boundsOf(data, snapshots), draw, chooseAt);
   const play = player("Time", snapshots.length, () => period, show);
   const charts = data.charts.map((each) => chart(each, (time) => showTime(time)));
+  const estimate = data.trajectories.find((each) => each.name === "estimate");
+  const lost = data.lost.map((each) => lostPart(estimate, each));
   const images = loadImages(data, () => drawCamera());
   const camera = images.length ? imageCanvas(images[0], "Camera image") : null;
   const detail = make("div", { class: "detail", "aria-live": "polite" });
@@ -224,6 +235,7 @@ kinds.map = (element, data) => {
     for (const trajectory of [...data.trajectories].reverse()) {
       if (shown[trajectory.name]) drawTrajectory(context, view, trajectory, time, colors);
     }
+    if (shown.lost) for (const each of lost) drawTrajectory(context, view, each, time, colors);
     if (data.truth && shown.true) {
       context.strokeStyle = colors.green;
       context.lineWidth = 1.5;
@@ -254,7 +266,8 @@ kinds.map = (element, data) => {
     number = next;
     const time = data.snapshots.time[number];
     const count = data.snapshots.count[number];
-    play.set(number, `${short(time, 1)} s · ${count} landmark${count === 1 ? "" : "s"}`);
+    const isLost = data.lost.some(([begin, end]) => begin <= time && time < end);
+    play.set(number, `${short(time, 1)} s · ${count} landmark${count === 1 ? "" : "s"}${isLost ? " · lost" : ""}`);
     for (const each of charts) each.mark(time);
     ground.redraw();
     drawCamera();
@@ -340,6 +353,7 @@ kinds.map = (element, data) => {
     toggle(data.ellipse_label, "orange", true, redrawn("ellipses"), "ring"),
     toggle("observed", "green", true, redrawn("observed"), "thin"),
   ];
+  if (lost.length) layers.push(toggle("lost", "red", true, redrawn("lost"), "line"));
   if (data.truth) layers.push(toggle("true landmarks", "green", true, redrawn("true"), "ring"));
   const zooms = make("div", { class: "zooms" },
     ...[["+", "Zoom in", () => ground.zoom(1.4)], ["−", "Zoom out", () => ground.zoom(1 / 1.4)],
