@@ -3,7 +3,6 @@
 import numpy as np
 
 from saccade.frames import Camera
-from saccade.types import FloatArray
 from saccade.visual.camera import directions
 from saccade.visual.egomotion import Motion, robot_motion
 from saccade.visual.tables import TrackedPoints
@@ -25,7 +24,7 @@ def keep_scale(
     median counts, by the parallax of a step. Unchanged where too few points have a depth.
     """
     known = before.depth_sigma < MAX_DEPTH_SIGMA * before.depth
-    _, i, j = np.intersect1d(_keys(before[known]), _keys(after), return_indices=True)
+    _, i, j = np.intersect1d(before.id[known], after.id, return_indices=True)
     if len(i) < MIN_POINTS:
         return motion
     points, depth = before[known].xy[i].astype(np.float64), before[known].depth[i]
@@ -42,9 +41,3 @@ def keep_scale(
     translation = motion.translation * np.clip(median, *LIMITS)
     control, off_plane = robot_motion(camera, motion.rotation, translation)
     return motion._replace(control=control, off_plane=off_plane, translation=translation)
-
-
-def _keys(points: TrackedPoints) -> FloatArray:
-    """(k,) complex; the same for the same point in any frame."""
-    xy = points.first_xy.astype(np.float64)
-    return np.asarray(xy[:, 0] + 65536.0 * points.first_frame + 1j * xy[:, 1])
