@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from saccade.evaluation.relative_pose import PoseScores, RelativePoseScores
 
-COLUMNS = ["", "pairs", "matches", "rotation [deg]", "direction [deg]", "AUC@1/3/5/10 deg"]
+COLUMNS = ["", "pairs", "matches", "rot. dir. [deg]", "AUC@1/3/5/10"]
 
 
 def relative_poses(
@@ -74,5 +74,5 @@ WORDS = {
 def _row(name: str, pairs: str, scores: "PoseScores") -> list[str]:
     fields = (scores.auc_1, scores.auc_3, scores.auc_5, scores.auc_10)
     areas = " ".join(f"{value:.3f}".replace("0.", ".", 1) for value in fields)
-    angles = [f"{scores.rotation:.3f}", f"{scores.direction:.2f}"]
-    return [name, pairs, f"{scores.matches:.0f}", *angles, areas]
+    angles = f"{scores.rotation:.3f} {scores.direction:.2f}"
+    return [name, pairs, f"{scores.matches:.0f}", angles, areas]
