@@ -21,6 +21,7 @@ SETTINGS = {
     "`first_octave=0`": {"first_octave": 0},
     "`upright=True`": {"upright": True},
     "`max_keypoints=1000`": {"max_keypoints": 1000},
+    '`max_keypoints=1000, ranking="response"`': {"max_keypoints": 1000, "ranking": "response"},
     "`max_keypoints=1000, spread=True`": {"max_keypoints": 1000, "spread": True},
 }
 SCORES = ("repeatability", "mma_3", "ratio_3", "auc_5")

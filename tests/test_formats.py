@@ -3,6 +3,7 @@
 import ast
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -53,7 +54,8 @@ def test_logs_of_the_first_release(name):
 
 
 def test_settings_of_the_first_release():
-    assert load_settings("sift", path=FIRST / "sift.toml") == SiftConfig.lowe2004()
+    expected = replace(SiftConfig.lowe2004(), ranking="snr")  # which it did not have: the default
+    assert load_settings("sift", path=FIRST / "sift.toml") == expected
     assert read_calibration(FIRST / "camera.toml").camera.baseline == 0.2
 
 
@@ -62,10 +64,12 @@ def test_an_extraction_and_an_index_of_the_first_release(run, tmp_path):
     index = Index(tmp_path / "extracted")
     assert index.images == ["disk.png"]
     assert len(index.points_of(0)) >= 1
-    code, out, err = run(
-        *("extract", FIRST / "photos", "--what", "sift", "--out", "extracted"),
-        *("--workers", "1", "--json"),
-    )
+    words = ("extract", FIRST / "photos", "--what", "sift", "--out", "extracted", "--workers", "1")
+    code, _, err = run(*words)
+    assert code == 2
+    assert "settings.ranking" in err  # its points are in another order
+    (tmp_path / "first.toml").write_text('ranking = "response"\n')
+    code, out, err = run(*words, "--config", "first.toml", "--json")
     assert code == 0, err
     assert json.loads(out)["already_done"] == 1
 

@@ -28,7 +28,7 @@ THREE_SIGMA_2D = 11.829
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Keypoints:
-    """Interest points of one image, strongest response first unless a detector says otherwise."""
+    """Interest points of one image, the strongest first unless a detector says otherwise."""
 
     xy: Float32Array
     """(n, 2) position in image pixels."""

@@ -9,12 +9,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from saccade import Keypoints, exchange, slam
+from saccade import Keypoints, Sift, SiftConfig, exchange, slam
 from saccade.datasets import load, load_drive, save, save_drive
-from saccade.datasets.drives.sidecar_files import read_tum_poses
+from saccade.datasets.drives.sidecar_files import read_kitti_poses, read_tum_poses
 from saccade.datasets.fixations import read_fixations
 from saccade.datasets.homography_pairs import homography_pairs
 from saccade.errors import SaccadeError
+from saccade.evaluation.relative_pose import score_relative_poses
 from saccade.frames import Camera, Drive, Frame
 from saccade.image import read_image, read_stored
 from saccade.types import LandmarkLog, Trajectory
@@ -149,6 +150,18 @@ def _drive(make: Callable[[Path], object], file: str, where: str = ".") -> Targe
 
 def _kitti(folder: Path) -> None:
     save_drive(folder, a_drive())
+
+
+def _kitti_poses(folder: Path) -> None:
+    _kitti(folder)
+    rows = [f"1 0 0 0 0 1 0 0 0 0 1 {0.1 * i:.1f}" for i in range(4)]
+    (folder / "poses.txt").write_text("\n".join(rows))
+
+
+def _relative_poses(folder: Path) -> object:
+    drive = load_drive("kitti", folder)
+    poses = read_kitti_poses(folder / "poses.txt", drive.time)
+    return score_relative_poses(Sift(SiftConfig(max_keypoints=20)), drive, poses)
 
 
 def _tum(folder: Path) -> None:
@@ -487,6 +500,7 @@ TARGETS = {
     "video": Target(_video, "film.mp4", _read_video),
     "kitti-calib": _drive(_kitti, "calib.txt"),
     "kitti-odometry": _drive(_kitti, "odometry.csv"),
+    "kitti-poses": Target(_kitti_poses, "poses.txt", _relative_poses),
     "tum-list": _drive(_tum, "rgb.txt"),
     "tum-truth": _drive(_tum, "groundtruth.txt"),
     "camera-toml": _drive(_folder, "camera.toml"),

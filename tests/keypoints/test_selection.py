@@ -58,6 +58,10 @@ def photo():
     return cv2.imread(ROCKET)
 
 
+def strength(points, config):
+    return points.response * points.size if config.ranking == "snr" else points.response
+
+
 @pytest.mark.parametrize("preset", UNBIASED)
 @pytest.mark.parametrize("spread", [False, True])
 def test_the_number_is_exact(photo, preset, spread):
@@ -68,7 +72,7 @@ def test_the_number_is_exact(photo, preset, spread):
             photo
         )
         assert len(chosen) == min(count, every)
-        assert (np.diff(chosen.response) <= 0).all()
+        assert (np.diff(strength(chosen, config)) <= 0).all()
 
 
 @pytest.mark.parametrize("count", [50, 150])
@@ -86,6 +90,19 @@ def test_spread_points_cover_the_image(photo, count):
     assert gaps[1] < 0.9 * gaps[0]
     assert cells[1] > 1.15 * cells[0]
     assert found[1].response[0] == found[0].response[0]
+
+
+def test_of_noise_no_octave_is_stronger_than_another(rng):
+    """Its |D| falls as 1 / sigma, so that the signal-to-noise ratio is that of each scale."""
+    noise = rng.normal(0.5, 0.1, (512, 512)).clip(0, 1)
+    points = Sift(SiftConfig(contrast_threshold=0.0))(noise, describe=False)
+    octaves = [points.octave == number for number in (-1, 0, 1)]
+    assert min(octave.sum() for octave in octaves) > 30
+    response = [np.median(points.response[octave]) for octave in octaves]
+    ratio = [np.median((points.response * points.size)[octave]) for octave in octaves]
+    print(f"\n|D| {np.round(response, 4)}, |D| sigma {np.round(ratio, 3)}")
+    assert max(response) > 5 * min(response)
+    assert max(ratio) < 1.2 * min(ratio)
 
 
 def test_with_room_for_all_spread_changes_nothing(photo):

@@ -162,7 +162,10 @@ def test_the_strongest_are_the_first(rng, count):
     image = texture(rng, (120, 120))
     every = Sift()(image)
     assert len(every) > 50
-    assert (np.diff(every.response) <= 0).all()
+    assert (np.diff(every.response * every.size) <= 0).all()
+    by_response = Sift(SiftConfig(ranking="response"))(image)
+    assert (np.diff(by_response.response) <= 0).all()
+    assert set(map(tuple, by_response.xy)) == set(map(tuple, every.xy))
     few = Sift(SiftConfig(max_keypoints=count))(image)
     assert_same(few, every[:count])
 
@@ -180,10 +183,10 @@ def test_equal_points_are_ordered_by_row_column_size_and_angle(rng):
         np.ones(n, np.float32),
     )
     shuffled = points.take(rng.permutation(n))
-    ordered = shuffled.take(strongest(shuffled, space))
+    ordered = shuffled.take(strongest(shuffled, space, SiftConfig(ranking="response")))
     for field, expected in zip(ordered, points, strict=True):
         np.testing.assert_array_equal(field, expected)
-    assert len(strongest(points, space, 7)) == 7
+    assert len(strongest(points, space, SiftConfig(max_keypoints=7))) == 7
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -43,6 +43,7 @@ COMMANDS = {
     "fit": "--images {in}/seen --fixations {in}/seen/fixations.csv --folds 2 --no-people",
     "evaluate scanpaths": "--images {in}/seen --fixations {in}/seen/people.csv --samples 2 -o out",
     "evaluate features": "--pairs {in}/pairs --points 20",
+    "evaluate features --drive": "{in}/kitti --points 20",
     "evaluate places": "{in}/photos --lap 2",
     "evaluate selection": "--budget 1 --criterion strength --seeds 1 --frames 8 -o out",
     "evaluate consistency": "--config {in}/world.toml --runs 1",
@@ -53,7 +54,8 @@ COMMANDS = {
     "textbook": "{in}/log.csv -o out",
     "config": "sift",
 }
-"""Every command with words that have it do some of its work soon; {port} is taken."""
+"""Every command, or one with an option that has it do other work, with words that have it do some
+of its work soon; {port} is taken."""
 EXITS = {"find": 1, "check": 1, "demo": 1, "serve": 2}
 """Exit codes that are not 0 where nothing is amiss with the environment."""
 TRACEBACK_EXIT = 99
@@ -72,7 +74,12 @@ def all_commands(group=None, *names):
 def make_inputs(folder):
     """What the words name."""
     TARGETS["log-csv"].make(folder)
-    for name, target in (("seen", "fixations"), ("pairs", "homography"), ("drive", "folder-times")):
+    for name, target in (
+        ("seen", "fixations"),
+        ("pairs", "homography"),
+        ("drive", "folder-times"),
+        ("kitti", "kitti-poses"),
+    ):
         (folder / name).mkdir()
         TARGETS[target].make(folder / name)
     for name in "bcd":

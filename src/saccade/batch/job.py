@@ -8,19 +8,25 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import saccade
 from saccade.errors import require
+from saccade.keypoints.descriptor_config import DescriptorConfig
+from saccade.keypoints.sift_config import SiftConfig
 
 What: TypeAlias = Literal["saliency", "contrast", "symmetry", "scanpath", "sift", "must", "symroid"]
 MapFormat: TypeAlias = Literal["zarr", "png"]
 
 POINTS = ("sift", "must", "symroid")
 MAPS = ("saliency", "contrast", "symmetry")
-ADDED_SETTINGS = {
-    "SiftConfig": ("orientation_bins", "descriptor_dtype"),
-    "MustConfig": ("descriptor",),
-    "SymRoidConfig": ("descriptor",),
+ADDED_SETTINGS: dict[str, dict[str, Any]] = {
+    "SiftConfig": {
+        "orientation_bins": SiftConfig().orientation_bins,
+        "descriptor_dtype": SiftConfig().descriptor_dtype,
+        "ranking": "response",
+    },
+    "MustConfig": {"descriptor": DescriptorConfig()},
+    "SymRoidConfig": {"descriptor": DescriptorConfig()},
 }
-"""Settings that release 0.1 did not have. At their defaults they are left out of the description
-of a job, so that data sets of that release keep their fingerprint."""
+"""Settings that release 0.1 did not have, and the values by which it worked. At these they are left
+out of the description of a job, so that data sets of that release keep their fingerprint."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +60,9 @@ class Job:
 
     def describe(self) -> dict[str, Any]:
         """All that the result depends on but the version, for JSON."""
-        settings, default = asdict(self.settings), type(self.settings)()
-        for name in ADDED_SETTINGS.get(type(self.settings).__name__, ()):
-            if getattr(self.settings, name) == getattr(default, name):
+        settings = asdict(self.settings)
+        for name, value in ADDED_SETTINGS.get(type(self.settings).__name__, {}).items():
+            if getattr(self.settings, name) == value:
                 del settings[name]
         description: dict[str, Any] = {"what": self.what, "settings": settings}
         if self.what == "scanpath":

@@ -1,5 +1,6 @@
 """`saccade evaluate features`: repeatability and matching on image pairs."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 SCORES = {
     "rep.": ("repeatability",),
-    "error [px]": ("localization",),
+    "error": ("localization",),
     "MMA@1/3/5": ("mma_1", "mma_3", "mma_5"),
     "ratio@1/3/5": ("ratio_1", "ratio_3", "ratio_5"),
     "score": ("score",),
@@ -22,9 +23,14 @@ SCORES = {
 }
 """Columns of the table, and their scores."""
 COLUMNS = ["", "points", *SCORES]
+PRINTED = (
+    ("", "points", "rep.", "error", "AUC@1/3/5/10"),
+    ("", "MMA@1/3/5", "ratio@1/3/5", "score"),
+)
+"""Columns of the two tables that are printed, which fit into 80 characters."""
 MEANING = (
     "Rep.: repeatability, the fraction of the locations visible in both images that both detect; "
-    "error: their mean distance. MMA: fraction of the mutual nearest neighbors that are correct "
+    "error: their mean distance in px. MMA: fraction of the mutual nearest neighbors correct "
     "within 1, 3 and 5 px; ratio: the same of those that pass the ratio test. Score: correct "
     "matches over the locations visible in both images. AUC: area under the cumulative curve of "
     "the corner error of the homography that MAGSAC estimates from the matches that pass the ratio "
@@ -102,7 +108,7 @@ def features(
     (H, W, 3) image in [0, 1] and returns an object with xy and descriptors, strongest first.
     """
     from saccade.cli.evaluate_poses import relative_poses
-    from saccade.cli.output import print_json, print_table, progress_bar
+    from saccade.cli.output import print_json, progress_bar
     from saccade.datasets.homography_pairs import homography_pairs
     from saccade.errors import ConfigError
     from saccade.evaluation.degradation import Degradation
@@ -191,9 +197,18 @@ def features(
         for label, result in results.items()
         for name, scores in _means(result, sequences if per_sequence else [])
     ]
-    print_table(title, COLUMNS, rows)
+    _print(title, rows)
     if differences:
-        print_table(difference_title, COLUMNS, _difference_rows(differences))
+        _print(difference_title, _difference_rows(differences))
+
+
+def _print(title: str, rows: Sequence[Sequence[str]]) -> None:
+    """Print rows of `COLUMNS` as the tables of `PRINTED`."""
+    from saccade.cli.output import print_table
+
+    for names in PRINTED:
+        places = [COLUMNS.index(name) for name in names]
+        print_table(title, names, [[row[i] for i in places] for row in rows])
 
 
 def _means(result: "FeatureScores", sequences: list[str]) -> "list[tuple[str | None, PairScores]]":

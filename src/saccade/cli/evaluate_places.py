@@ -39,7 +39,7 @@ def places(
     from saccade.visual.loop_detection import LoopDetectionConfig
 
     paths = sorted((path for each in images for path in find_images(each)), key=_number)
-    sift = Sift(SiftConfig(max_keypoints=points, spread=True))
+    sift = Sift(SiftConfig(max_keypoints=points, ranking="response", spread=True))
     frames = (sift(read_image(path)) for path in tracked(paths, "recognizing", len(paths)))
     scores = score_places(frames, lap, LoopDetectionConfig(min_inliers=min_inliers))
     row = {

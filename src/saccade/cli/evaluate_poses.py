@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from saccade.evaluation.relative_pose import PoseScores, RelativePoseScores
 
-COLUMNS = ["", "pairs", "matches", "rotation [deg]", "direction [deg]", "AUC@1/3/5/10 deg"]
+ANGLES = ["", "pairs", "matches", "rotation", "direction"]
+AREAS = ["", "AUC@1/3/5/10"]
 
 
 def relative_poses(
@@ -58,13 +59,15 @@ def relative_poses(
     if as_json:
         print_json({"frames": len(drive), "detectors": results})
         return
-    print_table(f"{drive.name}: relative pose of {len(drive)} frames", COLUMNS, rows)
+    title = f"{drive.name}: relative pose of {len(drive)} frames, degrees"
+    print_table(title, ANGLES, [row[:-1] for row in rows])
+    print_table(title, AREAS, [[row[0], row[-1]] for row in rows])
 
 
 WORDS = {
     "low": "95 % from",
     "high": "95 % to",
-    "difference": "minus the first detector",
+    "difference": "minus the first",
     "difference_low": "95 % from",
     "difference_high": "95 % to",
 }

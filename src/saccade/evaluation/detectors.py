@@ -41,8 +41,8 @@ SEED = 2010
 def find_detector(name: str, settings: Any = None, max_locations: int | None = None) -> Detector:
     """The detector of a name.
 
-    Keypoints are ordered by descending response, COLMAP's by descending scale, those of a
-    callable as it returns them.
+    Keypoints are ordered by descending strength: SIFT's as `SiftConfig.ranking` has it, OpenCV's,
+    MUST's and SymRoID's by response, COLMAP's by scale, those of a callable as it returns them.
 
     Args:
         name: one of `NAMES`, or module:callable.

@@ -60,8 +60,9 @@ class ScaleSpaceDetector(ABC):
 
         Returns:
             The keypoints, strongest first; of equally strong ones the upper left first. The
-            response is that at the extremum: |D| of SIFT, the symmetry of MUST. A flat image, or
-            one of a few pixels, has none.
+            response is that at the extremum: |D| of SIFT, the symmetry of MUST; SIFT's strongest
+            are those of the largest product with the scale, see `SiftConfig.ranking`. A flat
+            image, or one of a few pixels, has none.
 
         Raises:
             ImageError: not an image, empty, not finite, outside [0, 1], or the mask does
@@ -85,7 +86,7 @@ class ScaleSpaceDetector(ABC):
                 points = points.inside(inside, space)
             if not config.upright:
                 points, _ = oriented(points, space, config, threads)  # B.11-B.12
-            points = points.take(strongest(points, space, config.max_keypoints, config.spread))
+            points = points.take(strongest(points, space, config))
             keypoints = points.keypoints(space, config.first_octave)
             if not describe:
                 return keypoints
@@ -121,12 +122,13 @@ def oriented(
     return points.take(index)._replace(angle=angle), index
 
 
-def strongest(
-    points: Points, space: ScaleSpace, max_points: int | None = None, spread: bool = False
-) -> IntArray:
-    """Indices of the points to keep, by falling response, then row, column, size and angle."""
+def strongest(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArray:
+    """Indices of the points to keep, by falling strength, then row, column, size and angle."""
     xy, sigma = points.image_coordinates(space)
-    order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -points.response))
-    if spread and max_points is not None:
-        order = order[spread_out(xy[order], points.response[order], max_points)]
-    return order[:max_points]
+    strength = points.response
+    if config.ranking == "snr":
+        strength = (strength * sigma).astype(np.float32)
+    order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -strength))
+    if config.spread and config.max_keypoints is not None:
+        order = order[spread_out(xy[order], strength[order], config.max_keypoints)]
+    return order[: config.max_keypoints]

@@ -85,5 +85,6 @@ class MustConfig:
             max_orientations=self.max_orientations,
             upright=self.upright,
             max_keypoints=self.max_keypoints,
+            ranking="response",
             spread=self.spread,
         )

@@ -39,6 +39,10 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
     """Give every keypoint the angle 0."""
     max_keypoints: int | None = None
     """Number of keypoints to keep, the strongest; None for all."""
+    ranking: Literal["snr", "response"] = "snr"
+    """What makes a keypoint strong: "response" is |D|; "snr" is |D| times the scale in pixels,
+    which is proportional to the signal-to-noise ratio: white noise of the pixels has in D a
+    standard deviation that falls as 1 / sigma."""
     spread: bool = False
     """Keep as many, but rather those that are far from any clearly stronger one: they cover
     the image (adaptive non-maximal suppression)."""
@@ -84,6 +88,7 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
             candidate_fraction=0.5,
             neighbors=26,
             edge_ratio=10.0,
+            ranking="response",
         )
 
     @classmethod
@@ -108,6 +113,7 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
             neighbors=26,
             edge_ratio=10.0,
             fit="once",
+            ranking="response",
         )
 
     @classmethod

@@ -89,7 +89,12 @@ class FeatureExtractor:
             pixels = drive.camera.width * drive.camera.height
             octave = -1 if pixels <= MAX_UPSAMPLED else 0
             self._detect_keypoints = Sift(
-                SiftConfig(max_keypoints=config.max_points, spread=True, first_octave=octave)
+                SiftConfig(
+                    max_keypoints=config.max_points,
+                    ranking="response",  # the ranking with which drives were measured
+                    spread=True,
+                    first_octave=octave,
+                )
             )
         elif config.detector == "must":
             self._detect_keypoints = Must(MustConfig(max_keypoints=config.max_points))
