@@ -54,7 +54,9 @@ def test_logs_of_the_first_release(name):
 
 
 def test_settings_of_the_first_release():
-    expected = replace(SiftConfig.lowe2004(), ranking="snr")  # which it did not have: the default
+    expected = replace(
+        SiftConfig.lowe2004(), ranking="signal-to-noise"
+    )  # which it did not have: the default
     assert load_settings("sift", path=FIRST / "sift.toml") == expected
     assert read_calibration(FIRST / "camera.toml").camera.baseline == 0.2
 

@@ -59,7 +59,7 @@ def photo():
 
 
 def strength(points, config):
-    return points.response * points.size if config.ranking == "snr" else points.response
+    return points.response * points.size if config.ranking == "signal-to-noise" else points.response
 
 
 @pytest.mark.parametrize("preset", UNBIASED)

@@ -22,7 +22,7 @@ SWITCHES = settings_of(bool)
 CHOICES = {
     "grid": ("centered", "shifted", "printed"),
     "neighbors": (10, 26),
-    "ranking": ("snr", "response"),
+    "ranking": ("signal-to-noise", "response"),
     "fit": ("lagrange", "quadratic", "once"),
     "voting": ("linear", "nearest"),
     "orientation_bins": ("peaks", "all"),

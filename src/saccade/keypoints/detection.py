@@ -126,7 +126,7 @@ def strongest(points: Points, space: ScaleSpace, config: SiftConfig) -> IntArray
     """Indices of the points to keep, by falling strength, then row, column, size and angle."""
     xy, sigma = points.image_coordinates(space)
     strength = points.response
-    if config.ranking == "snr":
+    if config.ranking == "signal-to-noise":
         strength = (strength * sigma).astype(np.float32)
     order = np.lexsort((points.angle, sigma, xy[:, 0], xy[:, 1], -strength))
     if config.spread and config.max_keypoints is not None:

@@ -39,8 +39,8 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
     """Give every keypoint the angle 0."""
     max_keypoints: int | None = None
     """Number of keypoints to keep, the strongest; None for all."""
-    ranking: Literal["snr", "response"] = "snr"
-    """What makes a keypoint strong: "response" is |D|; "snr" is |D| times the scale in pixels,
+    ranking: Literal["signal-to-noise", "response"] = "signal-to-noise"
+    """What makes a keypoint strong: "response" is |D|; "signal-to-noise" is |D| times the scale in pixels,
     which is proportional to the signal-to-noise ratio: white noise of the pixels has in D a
     standard deviation that falls as 1 / sigma."""
     spread: bool = False
