@@ -40,9 +40,9 @@ class SiftConfig(DescriptorConfig, ScaleSpaceConfig):
     max_keypoints: int | None = None
     """Number of keypoints to keep, the strongest; None for all."""
     ranking: Literal["signal-to-noise", "response"] = "signal-to-noise"
-    """What makes a keypoint strong: "response" is |D|; "signal-to-noise" is |D| times the scale in pixels,
-    which is proportional to the signal-to-noise ratio: white noise of the pixels has in D a
-    standard deviation that falls as 1 / sigma."""
+    """What makes a keypoint strong: "response" is |D|; "signal-to-noise" is |D| times the scale
+    in pixels, which is proportional to that ratio: white noise of the pixels has in D a standard
+    deviation that falls as 1 / sigma."""
     spread: bool = False
     """Keep as many, but rather those that are far from any clearly stronger one: they cover
     the image (adaptive non-maximal suppression)."""
