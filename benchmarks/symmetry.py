@@ -62,7 +62,7 @@ def milliseconds(rgb: np.ndarray, rounds: int) -> dict[str, float]:
         "attention, default": lambda: saccade.attention_saliency(rgb),
         "SIFT": partial(saccade.Sift(threads=1), rgb),
         "MUST": partial(saccade.Must(threads=1), rgb),
-        "SymRoID": partial(saccade.SymRoid(), rgb),
+        "SymRoID": partial(saccade.SymRoid(threads=1), rgb),
         "FineGrained": lambda: peer.computeSaliency(bgr),
     }
     times: dict[str, list[float]] = {name: [] for name in actions}

@@ -90,7 +90,8 @@ class Regions:
     """Regions of interest of one image, the strongest first."""
 
     keypoints: Keypoints
-    """Their centers; the size is the mean side of the box."""
+    """Their frames, as those of interest points; of a region that is described in its box the size
+    is the mean side of the box."""
     boxes: Float32Array
     """(n, 4) left, top, right and bottom in image pixels."""
 

@@ -3,6 +3,7 @@
 import dataclasses
 from math import atan2, cos, exp, hypot
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -106,7 +107,7 @@ def test_the_box_is_that_of_the_discs():
     np.testing.assert_allclose((left, right, bottom), (20 - radius, 40 + radius, 20 + radius))
 
 
-@pytest.mark.parametrize("config", [SymRoidConfig(), SOURCE])
+@pytest.mark.parametrize("config", [SymRoidConfig(), SymRoidConfig(frame="box"), SOURCE])
 @pytest.mark.parametrize("radius", [10, 16])
 def test_a_disc_is_a_region_about_its_center(config, radius):
     image = discs((120, 80, radius, 0.95), shape=(240, 320), ground=0.2)
@@ -119,16 +120,40 @@ def test_a_disc_is_a_region_about_its_center(config, radius):
     assert regions.descriptors.shape == (len(regions), 128)
 
 
-def test_regions_are_strong_first_and_no_more_than_asked_for():
+@pytest.mark.parametrize("frame", ["scale-space", "box"])
+def test_regions_are_strong_first_and_no_more_than_asked_for(frame):
     image = texture(3, (240, 320))
-    every = SymRoid(SymRoidConfig(max_keypoints=None))(image)
-    few = SymRoid(SymRoidConfig(max_keypoints=7))(image)
+    every = SymRoid(SymRoidConfig(frame=frame, max_keypoints=None))(image)
+    few = SymRoid(SymRoidConfig(frame=frame, max_keypoints=7))(image)
     assert len(every) > len(few) == 7
     assert (np.diff(every.keypoints.response) <= 0).all()
     np.testing.assert_array_equal(few.boxes, every.boxes[:7])
     np.testing.assert_array_equal(few.descriptors, every.descriptors[:7])
     width, height = (few.boxes[:, 2:] - few.boxes[:, :2]).T
-    np.testing.assert_allclose(few.keypoints.size, np.sqrt(width * height), rtol=1e-5)
+    if frame == "box":
+        np.testing.assert_allclose(few.keypoints.size, np.sqrt(width * height), rtol=1e-5)
+
+
+def test_a_frame_turns_and_grows_with_the_image():
+    """Regions of an image turned by 90 degrees and doubled are the same, turned and doubled."""
+    image = texture(5, (200, 260))
+    changed = cv2.resize(np.ascontiguousarray(image.T[:, ::-1]), None, fx=2, fy=2)
+    here = SymRoid(SymRoidConfig(max_keypoints=10))(image).keypoints
+    there = SymRoid(SymRoidConfig(max_keypoints=None, seed_threshold=1e-3))(changed).keypoints
+    expected = 2 * np.stack([199 - here.xy[:, 1], here.xy[:, 0]], axis=1) + 0.5
+    gap = np.hypot(*(expected[:, None] - there.xy[None]).transpose(2, 0, 1))
+    turn = here.angle[:, None] + np.pi / 2 - there.angle[None]
+    growth = np.log2(there.size[None] / here.size[:, None])
+    same = (gap < 1) & (np.abs(growth - 1) < 0.2) & (np.cos(turn) > 0.98)
+    assert same.any(axis=1).mean() > 0.8
+
+
+def test_no_region_is_within_a_stronger_one():
+    points = SymRoid(SymRoidConfig(max_keypoints=None))(texture(6, (240, 320))).keypoints
+    assert len(points) > 50
+    gap = np.hypot(*(points.xy[:, None] - points.xy[None]).transpose(2, 0, 1))
+    reach = np.maximum(points.size[:, None], points.size[None])
+    assert ((gap == 0) | (gap > 0.999 * reach)).all()
 
 
 @pytest.mark.parametrize(("upright", "least"), [(True, 0.9), (False, 0.7)])
@@ -160,7 +185,7 @@ def test_a_box_is_brought_to_a_square():
 
 
 @pytest.mark.parametrize("shape", [(80, 80), (1, 1), (5, 300)])
-@pytest.mark.parametrize("config", [SymRoidConfig(), SOURCE])
+@pytest.mark.parametrize("config", [SymRoidConfig(), SymRoidConfig(frame="box"), SOURCE])
 def test_a_flat_or_tiny_image_has_none(shape, config):
     regions = SymRoid(config)(np.full(shape, 0.3))
     assert len(regions) == 0
@@ -180,6 +205,7 @@ def test_a_flat_or_tiny_image_has_none(shape, config):
         {"seed_threshold": 0.0},
         {"growth_threshold": 1.1},
         {"relative_to": "mean"},
+        {"frame": "ellipse"},
         {"max_keypoints": 0},
     ],
 )

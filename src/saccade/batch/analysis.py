@@ -66,7 +66,7 @@ def _detector(job: Job) -> Callable[[Image], Keypoints | Regions]:
         return keypoints.Sift(job.settings, threads=1)
     if job.what == "must":
         return keypoints.Must(job.settings, threads=1)
-    return keypoints.SymRoid(job.settings)
+    return keypoints.SymRoid(job.settings, threads=1)
 
 
 def _saliency_model(job: Job) -> Callable[[Image, Any], Any]:

@@ -4,7 +4,7 @@ from math import ceil, log2
 from typing import Any
 
 from saccade.attention import SymmetryConfig, symmetric_pairs
-from saccade.keypoints import Must
+from saccade.keypoints import MustConfig, SymRoidConfig
 from saccade.types import Float32Array, Keypoints, SymmetricPairs
 
 MAX_PAIRS = 4
@@ -25,16 +25,19 @@ def contributing_pairs(
         image: (H, W, 3) in [0, 1].
         keypoints: its detections.
     """
-    symmetry = must_symmetry if isinstance(detector, Must) else symroid_symmetry
+    config = detector.config
+    if isinstance(config, SymRoidConfig) and config.frame == "scale-space":
+        config = config.must()
+    symmetry = must_symmetry if isinstance(config, MustConfig) else symroid_symmetry
     pairs = []
     for (x, y), size in zip(keypoints.xy.tolist(), keypoints.size.tolist(), strict=True):
-        config = symmetry(detector, size)
-        near = symmetric_pairs(image, (x, y), config, radius=2.0, max_pairs=MAX_PAIRS)
+        settings = symmetry(config, size)
+        near = symmetric_pairs(image, (x, y), settings, radius=2.0, max_pairs=MAX_PAIRS)
         pairs.append(near[:MAX_PAIRS])
     return pairs
 
 
-def must_symmetry(detector: Any, size: float) -> SymmetryConfig:
+def must_symmetry(config: MustConfig, size: float) -> SymmetryConfig:
     """The symmetry that MUST measures for a point of `size` pixels."""
     level = max(0, round(log2(size / 2 / LEVEL_SIGMA)))
     sigma = size / 2 / 2**level
@@ -43,16 +46,15 @@ def must_symmetry(detector: Any, size: float) -> SymmetryConfig:
         channels="gray",
         levels=(level,),
         level_weights=(1.0,),
-        outer=max(1, ceil(detector.config.radius * sigma)),
-        sigma=max(0.1, 2 * detector.config.falloff * sigma),
+        outer=max(1, ceil(config.radius * sigma)),
+        sigma=max(0.1, 2 * config.falloff * sigma),
         map_level=level,
         viewing_size=None,
     )
 
 
-def symroid_symmetry(detector: Any, _: float) -> SymmetryConfig:
-    """The symmetry that SymRoID measures, of any size."""
-    config = detector.config
+def symroid_symmetry(config: SymRoidConfig, _: float) -> SymmetryConfig:
+    """The symmetry of SymRoID's map, of any size."""
     return SymmetryConfig(
         kind="isotropic",
         channels="gray",

@@ -48,6 +48,10 @@ class ScaleSpaceDetector(ABC):
     def _response(self, gray: Float32Array, workspace: Workspace) -> Response:
         """The response of an (H, W) image whose extrema are keypoints."""
 
+    def _selected(self, points: Points, space: ScaleSpace) -> IntArray:
+        """Indices of the points to keep, the strongest first."""
+        return strongest(points, space, self._sift)
+
     def __call__(
         self, image: Image, mask: npt.ArrayLike | None = None, *, describe: bool = True
     ) -> Keypoints:
@@ -86,7 +90,7 @@ class ScaleSpaceDetector(ABC):
                 points = points.inside(inside, space)
             if not config.upright:
                 points, _ = oriented(points, space, config, threads)  # B.11-B.12
-            points = points.take(strongest(points, space, config))
+            points = points.take(self._selected(points, space))
             keypoints = points.keypoints(space, config.first_octave)
             if not describe:
                 return keypoints

@@ -12,6 +12,7 @@ from saccade._pair_sums_kernels import MARGIN, update_strongest_pairs
 from saccade.image import as_gray
 from saccade.keypoints.descriptor import describe_points
 from saccade.keypoints.orientation import assign_orientations
+from saccade.keypoints.region_frames import RegionFrames, pair_boxes
 from saccade.keypoints.scale_space_points import Points
 from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.pair_sums import (
@@ -48,11 +49,14 @@ class SymRoid:
     """SymRoID as a callable: `SymRoid(config)(image)` gives `Regions`.
 
     Args:
-        config: levels, pairs, region growing and descriptor.
+        config: frames, levels, pairs, region growing and descriptor.
+        threads: of a call, for frames in scale space; None for one per core. The regions do not
+            depend on it.
     """
 
-    def __init__(self, config: SymRoidConfig | None = None) -> None:
+    def __init__(self, config: SymRoidConfig | None = None, threads: int | None = None) -> None:
         self.config = config or SymRoidConfig()
+        self._frames = RegionFrames(self.config, threads)
 
     def __repr__(self) -> str:
         return f"SymRoid({self.config})"
@@ -64,40 +68,53 @@ class SymRoid:
             image: (H, W), (H, W, 3) or (H, W, 4); uint8, uint16, bool, or float in [0, 1].
 
         Returns:
-            The regions, the most symmetric first; none where nothing is symmetric, or where the
-            image is too small for a pair at any level.
+            The regions, the most symmetric first, and in scale space once for each orientation;
+            none where nothing is symmetric, or where the image is too small.
 
         Raises:
             ImageError: not an image, empty, not finite, or outside [0, 1].
 
         Source: Kootstra & Schomaker, *Using symmetrical regions of interest to improve visual
         SLAM* (IROS 2009). It describes the descriptor of the regions in outline only: here it is
-        SIFT's, on the box resampled to a square.
+        SIFT's, in the frame of the region, or on its box resampled to a square.
         """
-        gray, config = as_gray(image), self.config
-        pairs = pair_kernel(config.inner, config.outer, config.sigma)
-        levels = symmetry_levels(gray, config, pairs)
-        if not levels:
-            return Regions.none()
-        height, width = levels[0].symmetry.shape
-        symmetry = np.zeros((height, width), np.float32)
-        for level in levels:
-            symmetry += resize(level.symmetry, (height, width))
-        labels, response = grow_regions(symmetry, config)
-        strongest = np.argsort(-response, kind="stable")[: config.max_keypoints]
-        if not len(strongest):
-            return Regions.none()
-        rank = np.zeros(len(response) + 1, np.int64)
-        rank[1 + strongest] = 1 + np.arange(len(strongest))
-        xy, boxes = bounding_boxes(rank[labels], levels, pairs, (gray.shape[0], gray.shape[1]))
-        keypoints = Keypoints(
-            xy=xy.astype(np.float32),
-            size=np.sqrt(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)).astype(np.float32),
-            angle=np.zeros(len(xy), np.float32),
-            response=response[strongest].astype(np.float32),
-            octave=np.zeros(len(xy), np.int32),
-        )
-        return described(gray, Regions(keypoints, boxes.astype(np.float32)), config)
+        gray = as_gray(image)
+        if self.config.frame == "box":
+            return boxed_regions(gray, self.config)
+        keypoints, radius = self._frames(gray), self._frames.config.radius
+        return Regions(keypoints, pair_boxes(keypoints, radius, (gray.shape[0], gray.shape[1])))
+
+
+def boxed_regions(gray: Float32Array, config: SymRoidConfig) -> Regions:
+    """Regions grown in the map of symmetry, described in their boxes.
+
+    Args:
+        gray: (H, W) in [0, 1].
+        config: levels, pairs, region growing and descriptor.
+    """
+    pairs = pair_kernel(config.inner, config.outer, config.sigma)
+    levels = symmetry_levels(gray, config, pairs)
+    if not levels:
+        return Regions.none()
+    height, width = levels[0].symmetry.shape
+    symmetry = np.zeros((height, width), np.float32)
+    for level in levels:
+        symmetry += resize(level.symmetry, (height, width))
+    labels, response = grow_regions(symmetry, config)
+    strongest = np.argsort(-response, kind="stable")[: config.max_keypoints]
+    if not len(strongest):
+        return Regions.none()
+    rank = np.zeros(len(response) + 1, np.int64)
+    rank[1 + strongest] = 1 + np.arange(len(strongest))
+    xy, boxes = bounding_boxes(rank[labels], levels, pairs, (gray.shape[0], gray.shape[1]))
+    keypoints = Keypoints(
+        xy=xy.astype(np.float32),
+        size=np.sqrt(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)).astype(np.float32),
+        angle=np.zeros(len(xy), np.float32),
+        response=response[strongest].astype(np.float32),
+        octave=np.zeros(len(xy), np.int32),
+    )
+    return described(gray, Regions(keypoints, boxes.astype(np.float32)), config)
 
 
 def described(gray: Float32Array, regions: Regions, config: SymRoidConfig) -> Regions:

@@ -6,13 +6,22 @@ from typing import Literal, Self
 
 from saccade.errors import require
 from saccade.keypoints.descriptor_config import DescriptorConfig
+from saccade.keypoints.must_config import MustConfig
 from saccade.pyramid import MAX_LEVEL
+
+MIN_SYMMETRY = 1e-4
+"""Symmetry that passes all but rounding errors."""
 
 
 @dataclass(frozen=True)
 class SymRoidConfig:
     """Settings of the region detector; docs/symmetry.md says how the default was chosen."""
 
+    frame: Literal["scale-space", "box"] = "scale-space"
+    """What a region is described in. "scale-space": center, scale and orientations of a maximum of
+    symmetry over position and scale, as MUST finds it. "box": the box about a region grown in the
+    map of symmetry, as the source has it; `levels`, `inner`, `outer`, `sigma`, `gain`,
+    `growth_threshold` and `relative_to` are settings of that map and of no effect otherwise."""
     levels: tuple[int, ...] = (1, 2, 3)
     """Pyramid levels whose symmetry is summed; the image is level 0, and the map has the size
     of the first."""
@@ -25,18 +34,20 @@ class SymRoidConfig:
     gain: float = 60.0
     """Of the logarithm of a gradient; see `SymmetryConfig`."""
     seed_threshold: float = 0.05
-    """The smallest symmetry of a seed, as a fraction of the maximum of the map."""
+    """The smallest symmetry of a region or a seed, as a fraction of the largest in the image."""
     growth_threshold: float = 0.8
     """The smallest symmetry of a region, as a fraction of what `relative_to` names."""
     relative_to: Literal["seed", "maximum"] = "seed"
     """"maximum" of the map, as the source has it: regions are few, and merge where the threshold
     is low. With "seed" every region is a peak."""
     upright: bool = False
-    """Describe regions upright; otherwise along the dominant orientation of their gradients."""
+    """Describe regions upright; otherwise along the dominant orientations of their gradients: a
+    box along one, a frame in scale space along each, as a keypoint of MUST is."""
     max_keypoints: int | None = 50
-    """Number of regions to keep, the strongest: few, as landmarks should be; None for all."""
+    """Number of regions to keep, the strongest: few, as landmarks should be; None for all. Like
+    a keypoint, a region counts once for each of its orientations."""
     descriptor: DescriptorConfig = field(default_factory=DescriptorConfig)
-    """How the one orientation of a region is assigned and the region described."""
+    """How orientations of a region are assigned and the region described."""
 
     def __post_init__(self) -> None:
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
@@ -50,6 +61,7 @@ class SymRoidConfig:
         for name in ("seed_threshold", "growth_threshold"):
             value = getattr(self, name)
             require(0 < value <= 1, name, "above 0, at most 1", value)
+        require(self.frame in ("scale-space", "box"), "frame", "'scale-space' or 'box'", self.frame)
         reference = self.relative_to
         require(reference in ("seed", "maximum"), "relative_to", "'seed' or 'maximum'", reference)
         limit = self.max_keypoints
@@ -62,6 +74,7 @@ class SymRoidConfig:
         Of its descriptor no more is known than that it is largely SIFT's (section B.2).
         """
         return cls(
+            frame="box",
             levels=(3, 4, 5),
             inner=3,
             outer=7,
@@ -73,4 +86,17 @@ class SymRoidConfig:
             upright=True,
             max_keypoints=None,
             descriptor=DescriptorConfig.kootstra2010(),
+        )
+
+    def must(self) -> MustConfig:
+        """MUST with which regions are found where `frame` is "scale-space".
+
+        It begins at the scales of the image: the finest points are no regions.
+        """
+        return MustConfig(
+            first_octave=0,
+            contrast_threshold=MIN_SYMMETRY,
+            upright=self.upright,
+            max_keypoints=self.max_keypoints,
+            descriptor=self.descriptor,
         )

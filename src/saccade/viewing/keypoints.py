@@ -49,7 +49,7 @@ def draw_keypoints(axes: Axes, keypoints: Keypoints) -> None:
 
 
 def region_figure(image: Float32Array, regions: Regions) -> Figure:
-    """The image with the box and the center of each region.
+    """The image with the box of each region, and its frame as a circle and a line along its angle.
 
     Args:
         image: (H, W, 3) in [0, 1].
@@ -57,12 +57,12 @@ def region_figure(image: Float32Array, regions: Regions) -> Figure:
     """
     figure = figure_for(image.shape[1], image.shape[0], panel=9)
     axes = figure.subplots()
-    title = f"{len(regions)} regions: box and center"
+    title = f"{len(regions)} regions: box, size and direction"
     draw_panel(axes, image, title, interpolation="antialiased")
     for left, top, right, bottom in regions.boxes.tolist():
         size = right - left, bottom - top
-        axes.add_patch(Rectangle((left, top), *size, fill=False, color=ORANGE, linewidth=1.2))
-    axes.plot(*regions.xy.T, "+", color=BLUE, markersize=7, markeredgewidth=1.5)
+        axes.add_patch(Rectangle((left, top), *size, fill=False, color=GREEN, linewidth=1.2))
+    draw_keypoints(axes, regions.keypoints)
     return figure
 
 

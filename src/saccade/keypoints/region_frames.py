@@ -1,0 +1,72 @@
+"""Frames of regions: maxima of symmetry over position and scale that do not overlap."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from saccade.keypoints.detection import strongest
+from saccade.keypoints.must import Must
+from saccade.keypoints.scale_space_points import Points
+from saccade.keypoints.symroid_config import SymRoidConfig
+from saccade.scale_space import ScaleSpace
+from saccade.types import Float32Array, FloatArray, IntArray, Keypoints
+
+SEPARATION = 2.0
+"""Smallest distance of two regions, in scales of the coarser."""
+
+
+class RegionFrames(Must):
+    """Finds the frames of regions as MUST finds keypoints, none within a stronger one.
+
+    Args:
+        config: of the regions.
+        threads: of a call; None for one per core. The regions do not depend on it.
+    """
+
+    def __init__(self, config: SymRoidConfig, threads: int | None = None) -> None:
+        super().__init__(config.must(), threads)
+        self._seed_threshold = config.seed_threshold
+
+    def _selected(self, points: Points, space: ScaleSpace) -> IntArray:
+        order = strongest(points, space, replace(self._sift, max_keypoints=None))
+        response = points.response[order]
+        order = order[response >= self._seed_threshold * response.max(initial=0)]
+        xy, sigma = points.take(order).image_coordinates(space)
+        return np.asarray(order[separated(xy, sigma, self._sift.max_keypoints)])
+
+
+def separated(xy: FloatArray, sigma: FloatArray, count: int | None) -> IntArray:
+    """Indices of the first points that are apart from those kept before them.
+
+    Args:
+        xy: (n, 2) positions; equal ones of equal scale are one region in several orientations.
+        sigma: (n,) scales.
+        count: number of points to keep; None for all.
+    """
+    kept: list[int] = []
+    for i in range(len(xy)):
+        if len(kept) == count:
+            break
+        reach = SEPARATION * np.maximum(sigma[kept], sigma[i])
+        gap = np.hypot(*(xy[kept] - xy[i]).T)
+        same = (gap == 0) & (sigma[kept] == sigma[i])
+        if same.any() or (gap >= reach).all():
+            kept.append(i)
+    return np.array(kept, np.int64)
+
+
+def pair_boxes(keypoints: Keypoints, radius: float, shape: tuple[int, int]) -> Float32Array:
+    """The boxes about the discs from which the symmetry of keypoints was summed.
+
+    Args:
+        keypoints: n keypoints.
+        radius: of the disc, in scales.
+        shape: (H, W) of the image.
+
+    Returns:
+        (n, 4) left, top, right and bottom in pixels, clipped to the image.
+    """
+    reach = radius * keypoints.size[:, None] / 2
+    low = (keypoints.xy - reach).clip(-0.5)
+    high = np.minimum(keypoints.xy + reach, np.array(shape[::-1]) - 0.5)
+    return np.hstack([low, high]).astype(np.float32)
