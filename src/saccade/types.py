@@ -90,8 +90,7 @@ class Regions:
     """Regions of interest of one image, the strongest first."""
 
     keypoints: Keypoints
-    """Their frames, as those of interest points; of a region that is described in its box the size
-    is the mean side of the box."""
+    """Their frames; the size of one that is described in its box is the mean side of the box."""
     boxes: Float32Array
     """(n, 4) left, top, right and bottom in image pixels."""
 

@@ -32,7 +32,8 @@ class RegionFrames(Must):
         response = points.response[order]
         order = order[response >= self._seed_threshold * response.max(initial=0)]
         xy, sigma = points.take(order).image_coordinates(space)
-        return np.asarray(order[separated(xy, sigma, self._sift.max_keypoints)])
+        kept: IntArray = order[separated(xy, sigma, self._sift.max_keypoints)]
+        return kept
 
 
 def separated(xy: FloatArray, sigma: FloatArray, count: int | None) -> IntArray:
