@@ -47,15 +47,13 @@ class VisualMap:
 
     def __init__(self, drive: Drive, config: VisualConfig, has_depth: bool) -> None:
         self._drive, self._config, self.has_depth = drive, config, has_depth
-        scale_sigma, turn_per_metre, metres_per_radian = drive.odometry_bias
+        scale_sigma, turn_per_metre, _ = drive.odometry_bias
         relative_sigma = config.relative_motion_sigma[0], config.relative_height_sigma
         self.scale = OdometryScale(scale_sigma, relative_sigma[0 if has_depth else 1])
         self._map_scale = self.scale.factor
-        estimated = not has_depth and (turn_per_metre or metres_per_radian)
-        bias = (0.0, turn_per_metre, metres_per_radian) if estimated else ()
         self.ekf = EkfSlam(
-            np.concatenate([drive.start, np.zeros(len(bias))]),
-            np.diag(np.square([0.0, 0.0, 0.0, *bias])),
+            drive.start,
+            np.zeros((3, 3)),
             motion=compose,
             retraction=INVARIANT,
             huber=config.huber,
