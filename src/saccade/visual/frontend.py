@@ -227,7 +227,7 @@ def track(
         tracked, xy = tracked[old], tracks.xy[new].astype(np.float32)
         depth = depth_of(camera, tracks.disparity[new])
     elif current.left is not None and previous.left is not None:
-        image = match_brightness(current.left, previous.left)
+        image = match_brightness(current, previous)
         xy, ok = track_points(previous.left, image, tracked.xy)
         ok &= is_inside(camera, xy, BORDER)
         tracked, xy = tracked[ok], xy[ok]

@@ -16,7 +16,7 @@ import numpy as np
 
 from saccade.types import Float32Array, FloatArray
 from saccade.visual.egomotion import Prior
-from saccade.visual.optical_flow import ByteArray, PreparedFrame
+from saccade.visual.optical_flow import PreparedFrame
 
 LIMIT = 4.0
 """Evidence from which the robot is lost."""
@@ -31,8 +31,8 @@ MIN_POINTS = 20
 must agree on a motion so that the view need not be compared."""
 RARELY = 0.5, 100.0
 """Failures and attempts with which the counts begin."""
-VIEW_WIDTH, MIN_VIEW_HEIGHT, VIEW_SHIFT = 40, 12, 2
-"""Pixels of the reduced image by which views are compared, and by how much it may be shifted."""
+VIEW_SHIFT = 2
+"""Pixels by which the reduced images may be shifted against each other."""
 VIEW_MEMORY = 50.0
 """Frames over which the difference of successive views is averaged."""
 VIEW_SPREAD, MIN_VIEW_SPREAD = 0.6, 0.3
@@ -139,7 +139,7 @@ class LostTest:
             Whether the frame continues the last one that was not blank.
         """
         self.travel += _travel(odometry[0])
-        view = None if frame.left is None else _reduced(frame.left)
+        view = frame.view
         deviation = self._deviation(view)
         continued = deviation <= ORDINARY
         contradiction = self._evidence_of_motion(odometry, motion, seconds)
@@ -237,13 +237,6 @@ def _nis(first: Prior, second: Prior) -> float:
     """Normalized squared difference of two controls (3,) with covariances (3, 3)."""
     v = first[0] - second[0]
     return float(v @ np.linalg.solve(first[1] + second[1] + 1e-9 * np.eye(3), v))
-
-
-def _reduced(image: ByteArray) -> Float32Array:
-    """(h, w) gray levels of a small image."""
-    height, width = image.shape
-    size = VIEW_WIDTH, max(round(VIEW_WIDTH * height / width), MIN_VIEW_HEIGHT)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _difference(first: Float32Array, second: Float32Array) -> float:

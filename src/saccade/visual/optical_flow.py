@@ -1,6 +1,7 @@
 """Gray images of a frame, and sparse optical flow from one image to another."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import cv2
@@ -29,6 +30,8 @@ MIN_BRIGHTNESS_CHANGE, BRIGHTNESS_BLOCKS = 0.05, (32, 24)
 """Relative change of brightness from which an image is rescaled before tracking into it: lamps
 flicker, cameras adapt, and tracking tolerates little more; and the numbers of blocks across and
 down, whose median change it is, so that bright objects at the edge do not count."""
+VIEW_WIDTH, MIN_VIEW_HEIGHT = 40, 12
+"""Pixels of the reduced image by which views are compared."""
 CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 
 
@@ -47,6 +50,20 @@ class PreparedFrame:
         """Whether it has neither a usable image nor tracks."""
         return self.left is None and self.frame.tracks is None
 
+    @cached_property
+    def brightness(self) -> Float32Array | None:
+        """(24, 32) mean gray levels of blocks of the left image."""
+        return None if self.left is None else _reduced(self.left, BRIGHTNESS_BLOCKS)
+
+    @cached_property
+    def view(self) -> Float32Array | None:
+        """(h, 40) gray levels of the left image, reduced."""
+        if self.left is None:
+            return None
+        height, width = self.left.shape
+        size = VIEW_WIDTH, max(round(VIEW_WIDTH * height / width), MIN_VIEW_HEIGHT)
+        return _reduced(self.left, size)
+
 
 def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
     """Convert the images of a frame to gray levels.
@@ -64,7 +81,15 @@ def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
         )
     if cv2.meanStdDev(gray)[1][0, 0] < MIN_CONTRAST:
         return PreparedFrame(frame)
-    return PreparedFrame(frame, gray, None if frame.right is None else gray_bytes(frame.right))
+    right = None if frame.right is None else gray_bytes(frame.right)
+    prepared = PreparedFrame(frame, gray, right)
+    _ = prepared.brightness, prepared.view  # computed where frames are read ahead
+    return prepared
+
+
+def _reduced(image: ByteArray, size: tuple[int, int]) -> Float32Array:
+    """Gray levels of an image of a smaller size (w, h)."""
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def gray_bytes(image: Image) -> ByteArray:
@@ -124,13 +149,16 @@ def track_points(
     return np.asarray(tracked, np.float32), np.asarray(ok)
 
 
-def match_brightness(image: ByteArray, reference: ByteArray) -> ByteArray:
-    """An image (H, W) scaled to the brightness of a reference, if the two differ much."""
-    blocks = [
-        cv2.resize(each, BRIGHTNESS_BLOCKS, interpolation=cv2.INTER_AREA).astype(np.float32)
-        for each in (reference, image)
-    ]
-    gain = float(np.median((blocks[0] + 1) / (blocks[1] + 1)))
+def match_brightness(frame: PreparedFrame, reference: PreparedFrame) -> ByteArray:
+    """The left image (H, W), as bright as that of a reference if the two differ much.
+
+    Both have an image.
+    """
+    image, blocks, wanted = frame.left, frame.brightness, reference.brightness
+    assert image is not None
+    assert blocks is not None
+    assert wanted is not None
+    gain = float(np.median((wanted + 1) / (blocks + 1)))
     if abs(gain - 1) < MIN_BRIGHTNESS_CHANGE:
         return image
     return np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8)
