@@ -11,21 +11,18 @@ from saccade import datasets, visual
 from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
 from saccade.errors import ConfigError, DriveError, ImageError
 from saccade.evaluation.drives import correct_associations, score_drive, summarize_drive
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint, Recorder
 from saccade.visual import VisualConfig
 from support.interrupted_run import interrupt_at
+from support.short_ring import short_ring
 
 FRAMES = 48
 
 
 @pytest.fixture(scope="module")
 def drive():
-    """Out and back along the first meters of the ring; its images are rendered once."""
-    made = out_and_back(simulate_drive(DriveConfig(frames=FRAMES)), OutAndBackConfig(FRAMES))
-    pictures = [made.load(number) for number in range(len(made))]
-    return replace(made, load=pictures.__getitem__)
+    return short_ring(FRAMES)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import pytest
 
 from saccade import datasets, visual
 from saccade.evaluation.drives import score_drive
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Frame
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint
@@ -19,16 +18,14 @@ from saccade.visual import VisualConfig
 from saccade.visual.lost import LIMIT, LandmarkCounts, LostTest
 from saccade.visual.optical_flow import PreparedFrame
 from support.interrupted_run import interrupt_at
+from support.short_ring import short_ring
 
 FRAMES = 64
 
 
 @pytest.fixture(scope="module")
 def drive():
-    """Out and back along the first meters of the ring; its images are rendered once."""
-    made = out_and_back(simulate_drive(DriveConfig(frames=FRAMES)), OutAndBackConfig(FRAMES))
-    pictures = [made.load(number) for number in range(len(made))]
-    return replace(made, load=pictures.__getitem__)
+    return short_ring(FRAMES)
 
 
 def kidnapped(drive, kept, carried=0, blind=0):

@@ -8,12 +8,11 @@ import pytest
 from saccade import datasets, visual
 from saccade.errors import DriveError, OutputError
 from saccade.evaluation.drives import score_drive
-from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
 from saccade.frames import Frame
-from saccade.simulation import DriveConfig, simulate_drive
 from saccade.slam import Checkpoint
 from saccade.visual.track_recorder import DEPTH_BASELINE
 from support.interrupted_run import interrupt_at
+from support.short_ring import short_ring
 from support.small_drive import small_drive
 
 FRAMES = 40
@@ -21,9 +20,7 @@ FRAMES = 40
 
 @pytest.fixture(scope="module")
 def drive():
-    made = out_and_back(simulate_drive(DriveConfig(frames=FRAMES)), OutAndBackConfig(FRAMES))
-    pictures = [made.load(number) for number in range(len(made))]
-    return replace(made, load=pictures.__getitem__)
+    return short_ring(FRAMES)
 
 
 def test_recorded_tracks_close_the_same_loop(drive, tmp_path):
