@@ -133,11 +133,12 @@ def test_arguments_that_a_kind_does_not_have_are_refused(tmp_path):
         {"sensor_sigma": (1.0, 1.0)},
         {"odometry_noise": QUIET},
         {"reference": "axle"},
+        {"topic": ["/tags"]},
     ):
         with pytest.raises(ConfigError, match=f"{next(iter(argument))}.*isam"):
             load("auto", path, **argument)
     with pytest.raises(ConfigError, match="kind"):
-        load("rosbag", path)
+        load("carmen", path)
     with pytest.raises(ConfigError, match="matrix_form"):
         load("isam", path, matrix_form="sigma")
 

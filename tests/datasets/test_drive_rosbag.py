@@ -9,10 +9,13 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ruamel.yaml import YAML
+from scipy.spatial.transform import Rotation
 
 from saccade.datasets import load_drive
 from saccade.errors import DriveError, ImageError
+from saccade.frames import AHEAD
 from support.error_checks import refuses, result_or_refusal
+from support.landmark_bags import START, TRANSFORMS, odometry, transforms
 from support.ros_bags import FRAMES, pictures, stereo, write_bag
 
 
@@ -65,6 +68,72 @@ def test_a_bag_with_depth_and_colours(bag):
     np.testing.assert_array_equal(frame.image, color[..., ::-1])
     assert np.isnan(frame.depth[0]).all()
     assert (frame.depth[1:] == 1.5).all()
+
+
+def turning(messages, rotation_at, arm=0.0):
+    """A camera on a mount that turns, published between the images, on a robot that drives.
+
+    `rotation_at` is that of the mount at a time in seconds; the camera is `arm` ahead of its axis.
+    """
+    optical = ("head", "camera", *(Rotation.from_matrix(AHEAD), (arm, 0.0, 0.0)), START)
+    yield "/tf_static", TRANSFORMS, START, transforms(messages, optical)
+    yield from odometry(messages)
+    for i in range(-1, 24):
+        seconds, turn = 0.07 * i, Rotation.from_euler("z", 0.1 * i)
+        head = ("base_link", "head", rotation_at(seconds), (0.1, 0.0, 0.9), START + seconds)
+        robot = ("odom", "base_link", turn, (0.1 * i, 0.0, 0.0), START + seconds)
+        yield "/tf", TRANSFORMS, START + seconds, transforms(messages, robot, head)
+    for i in range(FRAMES):
+        time = START + i / 5
+        image = messages.image(time, pictures()[0, i], "mono8")
+        yield "/camera/image", "sensor_msgs/msg/Image", time, image
+        yield "/camera/camera_info", "sensor_msgs/msg/CameraInfo", time, messages.info(time)
+
+
+def pan_and_tilt(seconds):
+    """Rotation of a mount that pans at a constant rate, tilted and rolled by constant angles."""
+    return Rotation.from_euler("ZYX", [0.8 * seconds - 0.3, -0.2, 0.15])
+
+
+def nod(seconds):
+    return Rotation.from_euler("ZYX", [0.5, 0.4 * seconds, 0.15])
+
+
+@pytest.mark.parametrize("rotation_at", [pan_and_tilt, nod])
+def test_a_camera_that_pans_and_tilts_has_a_turn_in_each_frame(bag, rotation_at):
+    drive = load_drive("auto", bag(lambda messages: turning(messages, rotation_at)))
+    np.testing.assert_allclose(drive.camera.rotation @ [0, 0, 1], [1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(drive.camera.position, [0.1, 0, 0.9], atol=1e-9)
+    for i in range(FRAMES):
+        turn = drive.load(i).turn
+        pan, pitch, _ = rotation_at(i / 5).as_euler("ZYX")
+        np.testing.assert_allclose(turn, (pan, -pitch, 0.0), atol=1e-6)
+        expected = rotation_at(i / 5).as_matrix() @ AHEAD
+        np.testing.assert_allclose(drive.camera.turned(turn).rotation, expected, atol=1e-6)
+    assert drive.assumptions == ()
+
+
+def test_an_optical_center_off_the_axis_is_told(bag):
+    drive = load_drive("auto", bag(lambda messages: turning(messages, pan_and_tilt, arm=0.2)))
+    (told,) = drive.assumptions
+    assert "/camera/image: the optical center moves by up to 0.0" in told
+
+
+def test_a_camera_that_rolls_is_refused(bag):
+    def roll(seconds):
+        return Rotation.from_euler("x", 0.5 * seconds)
+
+    with refuses(DriveError, "/camera/image: expected a camera that pans and tilts, found", "0.5"):
+        load_drive("auto", bag(lambda messages: turning(messages, roll)))
+
+
+def test_a_transform_that_is_repeated_is_no_turn(bag):
+    def still(_):
+        return Rotation.from_euler("z", 0.7)
+
+    drive = load_drive("auto", bag(lambda messages: turning(messages, still)))
+    assert drive.load(1).turn is None
+    np.testing.assert_allclose(drive.camera.rotation, still(0).as_matrix() @ AHEAD, atol=1e-9)
 
 
 def test_what_is_broken_is_named(bag):

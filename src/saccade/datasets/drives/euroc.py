@@ -28,13 +28,12 @@ from saccade.datasets.drives.odometry import (
     unknown_increments,
 )
 from saccade.datasets.drives.sidecar_files import (
-    Poses,
     Truth,
     assemble_drive,
     camera_truth,
     read_increments,
-    rotation_matrices,
 )
+from saccade.datasets.poses import Poses, rotation_matrices
 from saccade.datasets.tables import Row, read_rows
 from saccade.errors import DriveError
 from saccade.frames import AHEAD, Drive

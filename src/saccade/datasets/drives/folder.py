@@ -26,10 +26,12 @@ from saccade.datasets.drives.frames import (
     image_size,
     list_images,
 )
+from saccade.datasets.drives.odometry import OdometryIncrements
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.tables import read_table
 from saccade.errors import DriveError
 from saccade.frames import Drive
+from saccade.types import FloatArray
 from saccade.video import VideoFrames
 
 ASSUMED_SPEED = 1.0
@@ -47,7 +49,7 @@ def read_folder_drive(path: Path, options: CameraOptions | None = None) -> Drive
     images = list_images(folder)
     if are_numbered(images):
         images.sort(key=lambda image: int(image.stem))
-    calibration, remark, is_guess = _calibration(path, images[0], None, options)
+    calibration, remark, is_guess = calibration_beside(path, images[0], None, options)
     assumptions = tuple(filter(None, [remark]))
     if right is not None and calibration.camera.baseline == 0:
         assumptions += (f"{right}: not used, since the baseline is unknown; --baseline gives it",)
@@ -70,7 +72,7 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     """A drive from a video."""
     video = VideoFrames(path)
     height, width = video[0].shape[:2]
-    calibration, remark, is_guess = _calibration(path.parent, None, (width, height), options)
+    calibration, remark, is_guess = calibration_beside(path.parent, None, (width, height), options)
     frames = _frame_times(path.parent, len(video), video.rate)
     assumptions = tuple(filter(None, [remark]))
     if video.declared > len(video):
@@ -97,18 +99,25 @@ def assume_speed(drive: Drive, is_guess: bool = False) -> Drive:
     """
     if drive.camera.baseline > 0 or drive.control.any() or len(drive) < 2:
         return drive
-    step = ASSUMED_SPEED * np.diff(drive.time)
-    sigma = np.stack([step / 2, step / 2, np.full(len(step), ASSUMED_TURN)], 1)
+    increments = assumed_increments(np.diff(drive.time))
     return replace(
         drive,
-        control=np.stack([step, 0 * step, 0 * step], 1),
-        control_covariance=np.square(sigma)[:, :, None] * np.eye(3),
+        control=increments.control,
+        control_covariance=increments.covariance,
         scale="assumed" if is_guess else "held",
         assumptions=(*drive.assumptions, ASSUMED_SCALE if is_guess else HELD_SCALE),
     )
 
 
-def _calibration(
+def assumed_increments(duration: FloatArray) -> OdometryIncrements:
+    """Increments over durations (m,) in seconds at the assumed speed, straight ahead."""
+    step = ASSUMED_SPEED * duration
+    sigma = np.stack([step / 2, step / 2, np.full(len(step), ASSUMED_TURN)], 1)
+    control = np.stack([step, 0 * step, 0 * step], 1)
+    return OdometryIncrements(control, np.square(sigma)[:, :, None] * np.eye(3))
+
+
+def calibration_beside(
     folder: Path, image: Path | None, size: tuple[int, int] | None, options: CameraOptions | None
 ) -> BareCamera:
     """The calibration of camera.toml, or that of a bare folder with a remark about it."""

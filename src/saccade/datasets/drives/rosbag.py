@@ -10,9 +10,9 @@ Topics are selected by their types, and among several by their names:
     nav_msgs Odometry                       the one without "truth" or "gt" in its name
     Odometry, PoseStamped, TransformStamped with "truth", "gt", "vicon" or "mocap" in the name:
                                             ground truth of the robot
-    tf2_msgs TFMessage                      those that end in "static": pose of the camera on
-                                            the robot, if they connect the frames of image and
-                                            odometry
+    tf2_msgs TFMessage                      pose of the camera on the robot, if they connect the
+                                            frames of image and odometry; of one that pans and
+                                            tilts, its turn at each image
 
 A camera.toml in the folder of the bag takes precedence over CameraInfo and transforms. Times are
 those of the messages' headers, from the first image on. Without odometry the motion is unknown (see
@@ -33,39 +33,30 @@ from saccade.datasets.drives.frames import (
     associate,
     frame_loader,
 )
+from saccade.datasets.drives.mounting import Mounting, mounting_of
 from saccade.datasets.drives.odometry import (
     OdometryIncrements,
     increments_from_poses,
     unknown_increments,
 )
-from saccade.datasets.drives.ros_bags import (
+from saccade.datasets.drives.ros_images import calibration_of, pixels_of
+from saccade.datasets.drives.sidecar_files import Truth, assemble_drive, robot_truth
+from saccade.datasets.poses import project_to_plane
+from saccade.datasets.ros_bags import (
     Bag,
-    calibration_of,
-    extrinsics,
-    finite,
-    pixels_of,
-    pose_of,
+    odometry_topic,
+    read_poses,
     reading,
-    seconds_of,
+    truth_topic,
 )
-from saccade.datasets.drives.sidecar_files import (
-    Poses,
-    Truth,
-    assemble_drive,
-    project_to_plane,
-    robot_truth,
-    rotation_matrices,
-)
+from saccade.datasets.ros_transforms import Transforms, bare
 from saccade.errors import DriveError, ImageError
-from saccade.frames import Camera, Drive
+from saccade.frames import Drive
 from saccade.types import FloatArray, IntArray
 
 MAX_TIME_DIFFERENCE = 0.01
 """Seconds between the images of one frame."""
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-ODOMETRY = "nav_msgs/msg/Odometry"
-POSES = (ODOMETRY, "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
-TRUTH_WORDS = ("truth", "gt", "vicon", "mocap")
 
 
 def read_rosbag_drive(path: Path) -> Drive:
@@ -78,6 +69,9 @@ def read_rosbag_drive(path: Path) -> Drive:
         frames = FrameTimes.sort(seconds - zero, f"{path}, {left}")
         calibration = _calibration(bag, left, right)
         time = seconds[frames.index]
+        mounting = _mounting(bag, left, time)
+        if mounting is not None:
+            calibration = replace(calibration, camera=mounting.mount(calibration.camera))
         load = frame_loader(
             calibration,
             frames.time,
@@ -85,9 +79,12 @@ def read_rosbag_drive(path: Path) -> Drive:
             right=_associated_images(bag, right, time),
             depth=_associated_images(bag, depth, time, calibration.depth_unit),
         )
+        if mounting is not None:
+            load = mounting.turned(load)
         increments = _increments(bag, frames.time, zero)
         truth = _truth(bag, zero)
-        return assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
+        drive = assemble_drive(path.stem, path.parent, calibration, frames, load, increments, truth)
+        return replace(drive, assumptions=() if mounting is None else mounting.assumptions)
 
 
 def _image_topics(bag: Bag) -> tuple[str, str | None, str | None]:
@@ -140,52 +137,32 @@ def _calibration(bag: Bag, left: str, right: str | None) -> Calibration:
     if right is not None and (right_info := _closest(infos, right)) != info:
         _, right_message = next(bag.messages(right_info))
     _, message = next(bag.messages(info))
-    calibration = calibration_of(message, right_message, f"{bag.path}, {info}")
-    return replace(calibration, camera=_mount(bag, left, calibration.camera))
+    return calibration_of(message, right_message, f"{bag.path}, {info}")
 
 
-def _mount(bag: Bag, image: str, camera: Camera) -> Camera:
-    """The camera with its pose on the robot by the static transforms of the bag, if it has them."""
-    transforms = bag.topics(("tf2_msgs/msg/TFMessage",))
-    static = [topic for topic in transforms if topic.endswith("static")]
-    odometry = _odometry_topic(bag)
-    if not static or odometry is None:
-        return camera
-    base = next(bag.messages(odometry))[1].child_frame_id
+def _mounting(bag: Bag, image: str, time: FloatArray) -> Mounting | None:
+    """How the camera of a topic is mounted, by the transforms of the bag, if it has them."""
+    odometry = odometry_topic(bag)
+    if odometry is None or (bag.path.parent / CAMERA_FILE).exists():
+        return None
+    first = next(bag.messages(odometry))[1]
     part = next(bag.messages(image))[1].header.frame_id
-    messages = (message for topic in static for _, message in bag.messages(topic))
-    pose = extrinsics(messages, base, part, f"{bag.path}, {static[0]}")
-    if pose is None:
-        return camera
-    return replace(camera, position=pose[:3, 3].copy(), rotation=pose[:3, :3].copy())
+    on_robot = Transforms.read(bag).without(bare(first.header.frame_id))
+    poses = on_robot.poses(bare(first.child_frame_id), bare(part), time)
+    return None if poses is None else mounting_of(poses, f"{bag.path}, {image}")
 
 
 def _increments(bag: Bag, frame_time: FloatArray, zero: float) -> OdometryIncrements:
-    topic = _odometry_topic(bag)
+    topic = odometry_topic(bag)
     if topic is None:
         return unknown_increments(frame_time)
-    poses = project_to_plane(_poses(bag, topic, zero))
+    poses = project_to_plane(read_poses(bag, topic, zero))
     return increments_from_poses(poses, frame_time, f"{bag.path}, {topic}")
 
 
-def _odometry_topic(bag: Bag) -> str | None:
-    return next((topic for topic in bag.topics((ODOMETRY,)) if not _is_truth(topic)), None)
-
-
 def _truth(bag: Bag, zero: float) -> Truth:
-    topic = next((topic for topic in bag.topics(POSES) if _is_truth(topic)), None)
-    return Truth() if topic is None else robot_truth(_poses(bag, topic, zero))
-
-
-def _is_truth(topic: str) -> bool:
-    return any(word in topic.lower() for word in TRUTH_WORDS)
-
-
-def _poses(bag: Bag, topic: str, zero: float) -> Poses:
-    name = f"{bag.path}, {topic}"
-    rows = [(seconds_of(message) - zero, *pose_of(message)) for _, message in bag.messages(topic)]
-    table = finite(sorted(rows), name)
-    return Poses(table[:, 0], rotation_matrices(table[:, 4:], name), table[:, 1:4])
+    topic = truth_topic(bag)
+    return Truth() if topic is None else robot_truth(read_poses(bag, topic, zero))
 
 
 def _closest(topics: list[str], image: str) -> str:

@@ -1,6 +1,7 @@
 """Odometry and ground truth in files beside the images of a drive, whatever its layout.
 
 odometry.csv             see `odometry`; or odometry_oxts.csv
+gaze.csv                 optional, of a camera that turns: see `gaze`
 groundtruth.tum          ground truth of the robot, on the ground; or of the left camera, in its
                          frame: groundtruth_tum.txt, groundtruth_kitti.txt, poses.txt or, as in
                          KITTI's benchmark, ../../poses/NAME.txt
@@ -14,24 +15,15 @@ import numpy as np
 
 from saccade.datasets.drives.calibration import Calibration
 from saccade.datasets.drives.frames import FrameTimes
+from saccade.datasets.drives.gaze import with_recorded_turns
 from saccade.datasets.drives.odometry import OdometryIncrements, read_odometry, unknown_increments
+from saccade.datasets.poses import Poses, project_to_plane, rotation_matrices
 from saccade.datasets.tables import read_rows, read_table
 from saccade.errors import LogError
 from saccade.frames import Camera, Drive, Frame
 from saccade.types import FloatArray, Trajectory
 
 TUM_COLUMNS = ("time", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-
-
-class Poses(NamedTuple):
-    """n timed poses in SE(3)."""
-
-    time: FloatArray
-    """(n,) seconds."""
-    rotation: FloatArray
-    """(n, 3, 3) from the body frame to the world frame."""
-    position: FloatArray
-    """(n, 3) metres, in the world frame."""
 
 
 class Truth(NamedTuple):
@@ -58,23 +50,6 @@ def read_kitti_poses(path: Path, time: FloatArray) -> Poses:
     return Poses(time, matrix[:, :, :3], matrix[:, :, 3])
 
 
-def rotation_matrices(quaternion: FloatArray, name: str) -> FloatArray:
-    """Matrices (n, 3, 3) of quaternions (n, 4) x, y, z, w, which are normalized."""
-    length = np.linalg.norm(quaternion, axis=1)
-    if (length < 0.5).any():
-        row = int(np.argmin(length))
-        raise LogError(f"{name}: expected unit quaternions, found length {length[row]:.3g}, {row=}")
-    x, y, z, w = (quaternion / length[:, None]).T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], 1),
-            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], 1),
-            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], 1),
-        ],
-        1,
-    )
-
-
 def camera_truth(poses: Poses, camera: Camera, start_time: float) -> Truth:
     """Ground truth from poses of the camera, in any world frame.
 
@@ -95,13 +70,6 @@ def robot_truth(poses: Poses) -> Truth:
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
     off_plane = np.column_stack([poses.position[:, 2], pitch, roll])
     return Truth(project_to_plane(poses), off_plane)
-
-
-def project_to_plane(poses: Poses) -> Trajectory:
-    """Projection of the robot's poses to the plane z = 0: x, y, and the heading of its x axis."""
-    x_axis = poses.rotation[:, :, 0]
-    heading = np.arctan2(x_axis[:, 1], x_axis[:, 0])
-    return Trajectory(poses.time, np.column_stack([poses.position[:, :2], heading]))
 
 
 def read_increments(folder: Path, frames: FrameTimes) -> OdometryIncrements | None:
@@ -154,7 +122,7 @@ def assemble_drive(
         time=frames.time,
         control=increments.control,
         control_covariance=increments.covariance,
-        load=load,
+        load=with_recorded_turns(folder, frames, load),
         start=start,
         odometry_bias=calibration.odometry_bias,
         truth=truth.trajectory,

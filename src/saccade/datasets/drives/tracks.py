@@ -33,6 +33,7 @@ from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import DriveError
 from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.npz import save_arrays
 from saccade.types import FloatArray, IntArray
 
 TRACK_FILES = ("stereo_tracks_clean.npz", "stereo_tracks.npz")
@@ -102,7 +103,7 @@ def write_tracks(file: Path, tracks: Sequence[Tracks]) -> None:
     descriptors = [each.descriptor for each in tracks if each.descriptor is not None]
     if len(descriptors) == len(tracks):
         arrays["descriptors"] = np.concatenate(descriptors)
-    np.savez_compressed(file, allow_pickle=False, **arrays)
+    save_arrays(file, arrays)
 
 
 def _camera(folder: Path, xy: FloatArray) -> Camera:

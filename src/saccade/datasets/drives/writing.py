@@ -14,16 +14,17 @@ from saccade.datasets.drives.calibration import (
     camera_matrix,
     write_calibration,
 )
+from saccade.datasets.drives.gaze import GAZE_FILE, write_turns
 from saccade.datasets.drives.odometry import OdometryIncrements, write_increments
 from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
 from saccade.datasets.tables import write_tum
 from saccade.errors import DriveError, OutputError
-from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.frames import Camera, CameraTurn, Drive, Frame, Tracks
 from saccade.types import Image
 
 DRIVE_FILES = (
     *("calib.txt", CAMERA_FILE, "times.txt", "odometry.csv", "groundtruth.tum"),
-    *("image_0", "image_1", "depth", TRACK_FILES[-1]),
+    *("image_0", "image_1", "depth", TRACK_FILES[-1], GAZE_FILE),
 )
 """Files of an earlier drive, which may be replaced."""
 
@@ -109,9 +110,10 @@ def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | No
     )
     if drive.truth is not None:
         write_tum(folder / "groundtruth.tum", drive.truth)
-    tracks = list[Tracks]()
+    tracks, turns = list[Tracks](), list[CameraTurn | None]()
     for i in range(len(drive)):
         frame = drive.load(i)
+        turns.append(frame.turn)
         if frame.image is not None:
             _write_images(folder, i, frame, calibration.depth_unit)
         elif frame.tracks is not None:
@@ -120,6 +122,8 @@ def _write(folder: Path, drive: Drive, progress: Callable[[int, int], None] | No
             raise DriveError(f"{drive.name}, frame {i}: expected an image to write, found none")
         if progress is not None:
             progress(i + 1, len(drive))
+    if any(turns):
+        write_turns(folder / GAZE_FILE, turns)
     if tracks:
         write_tracks(folder / TRACK_FILES[-1], tracks)
     else:
@@ -131,7 +135,7 @@ def _write_images(folder: Path, number: int, frame: Frame, depth_unit: float) ->
     depth = _depth_steps(frame, depth_unit)
     for name, image in (("image_0", frame.image), ("image_1", frame.right), ("depth", depth)):
         if image is not None:
-            _write_png(folder / name / f"{number:06d}.png", image)
+            write_png(folder / name / f"{number:06d}.png", image)
 
 
 def _projections(camera: Camera) -> str:
@@ -153,7 +157,8 @@ def _depth_steps(frame: Frame, unit: float) -> Image | None:
     return np.where((steps > 0) & (steps < 1 << 16), steps, 0).astype(np.uint16)
 
 
-def _write_png(path: Path, image: Image) -> None:
+def write_png(path: Path, image: Image) -> None:
+    """Write an image of 8 or 16 bits, or of floats in [0, 1]."""
     path.parent.mkdir(exist_ok=True)
     pixels = image
     if image.dtype.kind == "f":

@@ -1,6 +1,6 @@
 """Reads and writes landmark logs of every format."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -10,12 +10,13 @@ from saccade.datasets.logs.dlr import read_dlr
 from saccade.datasets.logs.log_csv import LOG_FILE, read_log_csv, write_log_csv
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import MatrixForm, read_pose_graph, write_pose_graph
+from saccade.datasets.logs.rosbag import read_rosbag_log
 from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
 from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog
 
-Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr"]
+Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr", "rosbag"]
 """Formats to read; "auto" detects the format from the path and the content."""
 Format: TypeAlias = Literal["auto", "csv", "g2o", "isam", "toro", "gtsam", "mrclam"]
 """Formats to write; "auto" chooses by the suffix of the file."""
@@ -26,6 +27,7 @@ _READERS: dict[str, Callable[..., LandmarkLog]] = {
     "mrclam": read_mrclam,
     "victoria-park": read_victoria_park,
     "dlr": read_dlr,
+    "rosbag": read_rosbag_log,
 }
 _WRITERS: dict[str, Callable[[Path, LandmarkLog], None]] = {
     "csv": write_log_csv,
@@ -41,6 +43,7 @@ _OPTIONS = {
     "isam": {"matrix_form"},
     "mrclam": {"robot", "odometry_noise", "sensor_sigma"},
     "victoria-park": {"odometry_noise", "sensor_sigma", "reference"},
+    "rosbag": {"topic", "odometry_noise", "sensor_sigma"},
 }
 """The options of each format; of Victoria Park they apply to the raw .mat alone."""
 
@@ -54,20 +57,24 @@ def load(
     odometry_noise: OdometryNoise | None = None,
     sensor_sigma: tuple[float, float] | None = None,
     reference: Reference | None = None,
+    topic: Sequence[str] | None = None,
 ) -> LandmarkLog:
     """Read a landmark log. An option that is None has the default of its format.
 
     Args:
         kind: "csv" (see `log_csv`; a file, or a folder with log.csv), "g2o" or "isam" (either
             reads g2o, iSAM, TORO and GTSAM text), "mrclam" (folder or .npz), "victoria-park" (raw
-            .mat, or GTSAM's .txt), "dlr" (.npz), or "auto".
+            .mat, or GTSAM's .txt), "dlr" (.npz), "rosbag" (ROS 1 and 2), or "auto".
         path: the file or folder.
         robot: mrclam: number of the robot, 1 to 5; default 1.
         matrix_form: g2o and isam: form of the matrices; detected by default.
-        odometry_noise: mrclam and the raw Victoria Park log: random odometry errors.
-        sensor_sigma: of the same: standard deviations of range (m) and bearing (rad).
+        odometry_noise: mrclam and the raw Victoria Park log: random odometry errors; rosbag: of
+            odometry without covariance.
+        sensor_sigma: of the same: standard deviations of range (m) and bearing (rad); in a bag
+            that of the range is a fraction of it.
         reference: the raw Victoria Park log: whether poses are those of the "laser", beside
             the GPS antenna (default), or of the rear "axle".
+        topic: rosbag: topics of landmarks; by default one is chosen by its type.
 
     Raises:
         LogError: the file is missing, broken, or of another format; one line that names it.
@@ -85,6 +92,7 @@ def load(
         "odometry_noise": odometry_noise,
         "sensor_sigma": sensor_sigma,
         "reference": reference,
+        "topic": topic,
     }
     options = {name: value for name, value in options.items() if value is not None}
     converted = kind == "victoria-park" and path.suffix.lower() != ".mat"
@@ -131,8 +139,15 @@ def detect_format(path: Path) -> Kind:
             return "mrclam"
         if (path / LOG_FILE).exists():
             return "csv"
-        expected = f"a folder with Barcodes.dat (mrclam) or {LOG_FILE} (saccade simulate world)"
+        if (path / "metadata.yaml").exists():
+            return "rosbag"
+        expected = (
+            f"a folder with Barcodes.dat (mrclam), {LOG_FILE} (saccade simulate world) or "
+            "metadata.yaml (rosbag)"
+        )
         raise LogError(f"{path}: expected {expected}, found none")
+    if path.suffix.lower() in (".db3", ".mcap"):
+        raise LogError(f"{path}: expected the folder of a ROS 2 bag, found one of its files")
     if path.suffix.lower() == ".mat":
         return "victoria-park"
     if path.suffix.lower() == ".npz":
@@ -143,4 +158,5 @@ def detect_format(path: Path) -> Kind:
             return "dlr"
         found = ", ".join(sorted(archive.arrays))
         raise LogError(f"{path}: expected the tables of mrclam or dlr, found {found[:80]}")
-    return "csv" if path.suffix.lower() == ".csv" else "isam"
+    kinds: dict[str, Kind] = {".csv": "csv", ".bag": "rosbag"}
+    return kinds.get(path.suffix.lower(), "isam")

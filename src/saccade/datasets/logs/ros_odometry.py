@@ -1,0 +1,156 @@
+"""Odometry in a bag: nav_msgs Odometry, or the transforms of tf from odom to the robot."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saccade.datasets.drives.odometry import OdometryIncrements, compose_increments
+from saccade.datasets.logs.conversions import OdometryNoise
+from saccade.datasets.poses import Poses, project_to_plane, rotation_matrices
+from saccade.datasets.ros_bags import Bag, finite, odometry_topic, pose_of, seconds_of
+from saccade.datasets.ros_transforms import Transforms, bare
+from saccade.errors import LogError
+from saccade.frames import steps_between
+from saccade.types import BoolArray, FloatArray, Trajectory
+
+BASES = ("base_link", "base_footprint")
+"""Names of the robot's frame, where odometry does not say it."""
+PLANE = np.ix_([0, 1, 5], [0, 1, 5])
+"""x, y and heading in the covariances of ROS."""
+MAX_SPEED = 50.0
+"""Metres and radians per second; faster odometry was reset, and is no motion."""
+UNKNOWN_SPEED = 0.5
+"""Standard deviation of the speed while it was reset, in metres and radians per second."""
+MAX_RATE_VARIANCE = 100.0
+"""Variance of a speed in square metres and radians per second that stands for unknown."""
+MAX_DURATION = 1e5
+"""Seconds; a longer log has a corrupt time stamp."""
+
+
+@dataclass(frozen=True, eq=False)
+class BagOdometry:
+    """Poses of a robot by its odometry, and the covariance of each motion between them."""
+
+    source: str
+    """The topic, or the frames of tf."""
+    base: str
+    """The frame of the robot."""
+    poses: Trajectory
+    """n poses."""
+    covariance: FloatArray
+    """(n - 1, 3, 3) of each pose in the frame of the previous."""
+    is_reset: BoolArray
+    """(n - 1,) whether odometry was reset between two poses, so that the motion is unknown."""
+
+    def between(self, time: FloatArray) -> OdometryIncrements:
+        """Motions between times (m + 1,) in seconds, strictly ascending, within the poses."""
+        known = self.poses.time
+        knots = np.union1d(known[(known > time[0]) & (known < time[-1])], time)
+        control = steps_between(self.poses.at(knots))
+        interval = np.searchsorted(known, knots[:-1], side="right") - 1
+        control[self.is_reset[interval]] = 0.0
+        part = np.diff(knots) / np.diff(known)[interval]
+        increments = OdometryIncrements(control, part[:, None, None] * self.covariance[interval])
+        return compose_increments(increments, np.searchsorted(knots, time), self.source)
+
+
+def read_odometry(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
+    """Odometry of a bag.
+
+    The covariance of a motion is the growth of that of the pose, if it only grows; else that of the
+    twist, independent in each message; else, and where messages have none, by `noise`.
+
+    Raises:
+        LogError: there is none, or too little.
+    """
+    topic = odometry_topic(bag)
+    if topic is None:
+        return _from_transforms(bag, transforms, noise)
+    name = f"{bag.path}, {topic}"
+    messages = {seconds_of(message): message for _, message in bag.messages(topic)}
+    time, ordered = zip(*sorted(messages.items()), strict=True)
+    table = finite([pose_of(message) for message in ordered], name)
+    poses = Poses(np.array(time), rotation_matrices(table[:, 3:], name), table[:, :3])
+    growth, rate = (
+        np.array([np.reshape(each.covariance, (6, 6))[PLANE] for each in field], np.float64)
+        for field in ([each.pose for each in ordered], [each.twist for each in ordered])
+    )
+    base = bare(ordered[0].child_frame_id)
+    if not base:
+        base = next((each for each in BASES if transforms.has(each)), BASES[0])
+    return _odometry(topic, base, poses, noise, growth, rate)
+
+
+def _from_transforms(bag: Bag, transforms: Transforms, noise: OdometryNoise) -> BagOdometry:
+    for (parent, base), poses in transforms.edges.items():
+        if parent.endswith("odom") and len(poses.time) > 1:
+            source = f"{parent} to {base}"
+            nothing = np.zeros((len(poses.time), 3, 3))
+            return _odometry(source, base, poses, noise, nothing, nothing)
+    raise LogError(
+        f"{bag.path}: expected nav_msgs/msg/Odometry, or transforms from odom; found "
+        f"{bag.all_topics()}, and transforms of {transforms.frames}"
+    )
+
+
+def _odometry(
+    source: str,
+    base: str,
+    poses: Poses,
+    noise: OdometryNoise,
+    pose_covariance: FloatArray,
+    rate_covariance: FloatArray,
+) -> BagOdometry:
+    """Odometry by its poses and the covariances (n, 3, 3) of its messages."""
+    path = project_to_plane(poses)
+    if not 0 < np.ptp(path.time) < MAX_DURATION:
+        raise LogError(
+            f"{source}: expected odometry over up to {MAX_DURATION:.0f} s, found "
+            f"{np.ptp(path.time):g} s"
+        )
+    motion, duration = steps_between(path.pose), np.diff(path.time)[:, None, None]
+    distance, turn = np.hypot(motion[:, 0], motion[:, 1]), np.abs(motion[:, 2])
+    covariance = np.zeros((len(motion), 3, 3))
+    covariance[:, 0, 0] = covariance[:, 1, 1] = noise.distance**2 * distance
+    covariance[:, 2, 2] = noise.turn**2 * turn + noise.drift**2 * distance
+    growth = _growth(path.pose, pose_covariance)
+    if growth is None:
+        given = _is_given(rate_covariance[1:])
+        covariance[given] = (np.square(duration) * rate_covariance[1:])[given]
+    else:
+        covariance = growth
+    is_reset = np.maximum(distance, turn) > MAX_SPEED * duration[:, 0, 0]
+    covariance[is_reset] = (np.square(UNKNOWN_SPEED * duration) * np.eye(3))[is_reset]
+    return BagOdometry(source, base, path, covariance, is_reset)
+
+
+def _is_given(covariance: FloatArray) -> BoolArray:
+    """Which covariances (n, 3, 3) are such, and neither zero nor so large that they mean none."""
+    variance = covariance.diagonal(axis1=1, axis2=2)
+    bounded = (variance >= 0).all(1) & (variance < MAX_RATE_VARIANCE).all(1)
+    bounded &= np.isfinite(covariance).all((1, 2))
+    bounded &= np.isclose(covariance, covariance.transpose(0, 2, 1)).all((1, 2))
+    safe = np.where(np.expand_dims(bounded, (1, 2)), covariance, 0.0)
+    least = np.linalg.eigvalsh(safe)[:, 0]
+    return np.asarray(bounded & (variance > 0).any(1) & (least > -1e-9 * variance.max(1)))
+
+
+def _growth(pose: FloatArray, covariance: FloatArray) -> FloatArray | None:
+    """Covariances (n - 1, 3, 3) of motions by which those of the poses (n, 3) grow.
+
+    Solves the propagation P' = Fx P Fx' + Fu U Fu' for U; None where that of some pose does not
+    grow, so that the covariance of the poses is not the accumulated one.
+    """
+    if not np.isfinite(covariance).all():
+        return None
+    c, s = np.cos(pose[:-1, 2]), np.sin(pose[:-1, 2])
+    step = np.diff(pose, axis=0)
+    Fx, Fu = (np.tile(np.eye(3), (len(step), 1, 1)) for _ in range(2))
+    Fx[:, 0, 2], Fx[:, 1, 2] = -step[:, 1], step[:, 0]
+    Fu[:, 0, 0], Fu[:, 0, 1], Fu[:, 1, 0], Fu[:, 1, 1] = c, -s, s, c
+    grown = covariance[1:] - Fx @ covariance[:-1] @ Fx.transpose(0, 2, 1)
+    U = Fu.transpose(0, 2, 1) @ grown @ Fu  # Fu is orthogonal
+    U = (U + U.transpose(0, 2, 1)) / 2
+    scale = np.abs(covariance).max(initial=0.0)
+    grows = np.linalg.eigvalsh(U)[:, 0].min(initial=0.0) >= -1e-12 * scale
+    return U if grows and np.trace(U.sum(0)) > 0 else None

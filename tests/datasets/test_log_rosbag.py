@@ -1,0 +1,381 @@
+"""Landmark logs from bags of ROS 1 and 2: a simulated robot's messages against its truth."""
+
+import sqlite3
+from contextlib import closing
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from saccade import LogWarning, slam
+from saccade.datasets import load
+from saccade.datasets.logs.ros_landmarks import identities
+from saccade.errors import LogError
+from saccade.frames import steps_between
+from saccade.types import THREE_SIGMA_2D
+from support import landmark_bags as bags
+from support.error_checks import refuses
+from support.landmark_bags import KINDS, NAMES, START, TRANSFORMS, Builder
+from support.ros_bags import write_bag
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """A function that writes lists of (topic, type, seconds, message) and gives the path."""
+    return lambda make, version=2: write_bag(tmp_path, version, make)
+
+
+def check_observations(log, scans=8, step=0.5, names=NAMES, atol=1e-9):
+    expected = np.concatenate([bags.range_bearing(i * step) for i in range(scans)])
+    np.testing.assert_allclose(log.observation[:, 0], expected[:, 0], atol=atol)
+    turn = np.exp(1j * (log.observation[:, 1] - expected[:, 1]))
+    np.testing.assert_allclose(turn, 1, atol=atol)
+    seen = log.time[log.observation_pose]
+    np.testing.assert_allclose(seen, np.repeat(np.arange(scans) * step, len(names)), atol=1e-6)
+    np.testing.assert_array_equal(log.landmark, np.tile(names, scans))
+
+
+@pytest.mark.parametrize(
+    ("kind", "version"),
+    [(kind, 1 + i % 2) for i, kind in enumerate(KINDS)]
+    + [("detections", 1), ("markers", 1), ("ros1_tags", 2)],
+)
+def test_ranges_and_bearings_come_back_through_a_mount_with_rotation_and_offset(bag, kind, version):
+    log = load("auto", bag(lambda messages: bags.drive(messages, kind), version))
+    check_observations(log, names=NAMES if kind != "poses" else np.full(len(NAMES), -1))
+    assert log.name == f"way, {KINDS[kind][0]} with /odom"
+    pose = np.zeros(3)
+    for control in log.control:
+        pose = slam.compose(pose, control)[0]
+    np.testing.assert_allclose(pose, bags.pose_at(4.0), atol=1e-6)
+
+
+def test_the_transforms_of_a_mast_that_turns_are_those_at_the_time_of_a_message(bag):
+    """Published at other times than the landmarks; it turns by half a radian a second."""
+
+    def make(messages):
+        build = Builder(messages)
+        camera = bags.transforms(messages, ("mast", "camera", *bags.OPTICAL, START))
+        yield "/tf_static", TRANSFORMS, START, camera
+        yield from bags.odometry(messages)
+        rotation, position = bags.MOUNTED
+        for i in range(21):
+            turned = rotation * Rotation.from_euler("z", 0.5 * 0.21 * i)
+            mast = ("base_link", "mast", turned, position, START + 0.21 * i)
+            yield "/tf", TRANSFORMS, START + 0.21 * i, bags.transforms(messages, mast)
+        for i in range(8):
+            turn = Rotation.from_euler("z", 0.25 * i)
+            points = bags.in_camera(bags.on_robot(i / 2), turn)
+            time = START + i / 2
+            yield *KINDS["detections"], time, build.array("detections", time, points)
+
+    check_observations(load("auto", bag(make)), atol=1e-6)
+
+
+def test_landmarks_in_the_frame_of_odometry_are_transformed_by_tf(bag):
+    """And odometry is of tf, with the noise that is declared."""
+
+    def make(messages):
+        build = Builder(messages)
+        for i in range(41):
+            x, y, heading = bags.pose_at(i / 10)
+            turn, time = Rotation.from_euler("z", heading), START + i / 10
+            robot = ("odom", "base_link", turn, (x, y, 0.0), time)
+            yield "/tf", TRANSFORMS, time, bags.transforms(messages, robot)
+        for i in range(8):
+            time = START + i / 2
+            scan = build.array("markers", time, bags.LANDMARKS, frame="odom")
+            yield *KINDS["markers"], time, scan
+
+    log = load("auto", bag(make))
+    check_observations(log, atol=1e-6)
+    assert log.name == "way, /poles with odom to base_link"
+    along = log.control_covariance[:, 0, 0].sum()
+    assert along == pytest.approx(0.05**2 * bags.SPEED * 4.0, rel=1e-3)
+    turn = log.control_covariance[:, 2, 2].sum()
+    assert turn > 0.05**2 * (bags.SPEED + bags.TURN_RATE) * 4.0 * 0.999
+
+
+def test_covariances_are_those_of_the_messages_or_declared(bag):
+    """Along and across the sight on the ground, as seen by a camera that is turned."""
+    along, across = 0.3, 0.01
+
+    def make(messages):
+        build = Builder(messages)
+        yield "/tf_static", TRANSFORMS, START, bags.static(messages)
+        yield from bags.odometry(messages)
+        points = bags.on_robot(0.0)
+        azimuth = Rotation.from_euler("z", np.arctan2(points[:, 1], points[:, 0])[:, None])
+        to_camera = bags.camera_pose()[0].inv() * azimuth
+        R = to_camera.as_matrix()
+        C = R @ np.diag([along, across, 0.2]) ** 2 @ R.transpose(0, 2, 1)
+        C[1] = 0.0
+        C[2, 0, 0] = np.nan
+        scan = build.array("detections", START, bags.in_camera(points), covariances=C)
+        yield *KINDS["detections"], START, scan
+
+    path, z = bag(make), bags.range_bearing(0.0)[:, 0]
+    R = load("auto", path).observation_covariance
+    for k in (0, 3):
+        np.testing.assert_allclose(R[k], np.diag([along, across / z[k]]) ** 2, atol=1e-12)
+    for k in (1, 2):
+        np.testing.assert_allclose(R[k], np.diag([0.05 * z[k], 0.02]) ** 2, atol=1e-12)
+    R = load("auto", path, sensor_sigma=(0.1, 0.3)).observation_covariance
+    np.testing.assert_allclose(R[1], np.diag([0.1 * z[1], 0.3]) ** 2, atol=1e-12)
+
+
+def test_the_noise_of_ranges_and_angles_is_that_of_their_message(bag):
+    """Of a level sensor at the robot's origin, of landmarks at its height."""
+
+    def make(messages):
+        yield from bags.odometry(messages)
+        header = messages.header(START, "base_link")
+        points = zip(bags.on_robot(0.0) * [1, 1, 0], NAMES.tolist(), [None] * 4, strict=True)
+        scan = Builder(messages).ranges(header, points, sigma=(0.2, 0.03, 0.5))
+        yield *KINDS["ranges"], START, scan
+
+    R = load("auto", bag(make)).observation_covariance
+    np.testing.assert_allclose(R, np.tile(np.diag([0.2, 0.03]) ** 2, (4, 1, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e6])
+def test_a_covariance_that_means_unknown_is_not_believed(bag, rate):
+    """Constant in the pose, and none or a very large one in the twist."""
+
+    def make(messages):
+        for topic, kind, time, message in bags.drive(messages, "alvar"):
+            if topic == "/odom":
+                message.pose.covariance = 1e-5 * np.eye(6).ravel()
+                message.twist.covariance = np.diag([0.0] * 5 + [rate]).ravel()
+            yield topic, kind, time, message
+
+    log = load("auto", bag(make, 1))
+    along = log.control_covariance[:, 0, 0].sum()
+    assert along == pytest.approx(0.05**2 * bags.SPEED * 4.0, rel=0.01)
+
+
+def on_plane(covariance):
+    """The 36 numbers of ROS for a covariance (3, 3) of x, y and heading."""
+    whole = np.zeros((6, 6))
+    whole[np.ix_([0, 1, 5], [0, 1, 5])] = covariance
+    return whole.ravel()
+
+
+def test_odometry_is_as_uncertain_as_its_poses_become(bag):
+    """The covariance of each message is the accumulated one."""
+    U = np.array([[4e-4, 1e-5, 0], [1e-5, 1e-4, 2e-5], [0, 2e-5, 1e-4]])
+
+    def make(messages):
+        yield "/tf_static", TRANSFORMS, START, bags.static(messages)
+        P, pose = np.zeros((3, 3)), np.zeros(3)
+        for i, (topic, kind, time, message) in enumerate(bags.odometry(messages)):
+            if i > 0:
+                motion = steps_between(np.array([pose, bags.pose_at(i / 10)]))[0]
+                pose, Fx, Fu = slam.compose(pose, motion)
+                P = Fx @ P @ Fx.T + Fu @ U @ Fu.T
+            message.pose.covariance = on_plane(P)
+            yield topic, kind, time, message
+        build = Builder(messages)
+        for time in (START, START + 0.1, START + 0.2):
+            points = bags.in_camera(bags.on_robot(time - START))
+            yield *KINDS["alvar"], time, build.array("alvar", time, points)
+
+    log = load("auto", bag(make, 1))
+    np.testing.assert_allclose(log.control_covariance[:2], [U, U], atol=1e-9)
+
+
+def test_a_map_from_a_bag_is_the_truth_within_its_covariance(bag, rng):
+    """Noise of the odometry by the twist, of tags as declared, and tags are seen by the camera."""
+    U = np.diag([0.05, 0.01, 0.02]) ** 2
+
+    def make(messages):
+        yield "/tf_static", TRANSFORMS, START, bags.static(messages)
+        build, pose = Builder(messages), np.zeros(3)
+        for i in range(241):
+            time = START + i / 2
+            if i > 0:
+                before = bags.pose_at((i - 1) / 2)
+                motion = steps_between(np.array([before, bags.pose_at(i / 2)]))[0]
+                pose = slam.compose(pose, motion + rng.multivariate_normal(np.zeros(3), U))[0]
+            message = messages.odometry(time, *pose.tolist())
+            message.twist.covariance = on_plane(U / 0.5**2)
+            yield "/odom", "nav_msgs/msg/Odometry", time, message
+            true = messages.true(time, *bags.pose_at(i / 2).tolist())
+            yield "/ground_truth", "geometry_msgs/msg/PoseStamped", time, true
+            seen, (r, bearing) = bags.on_robot(i / 2), bags.range_bearing(i / 2).T
+            r, bearing = r * rng.normal(1.0, 0.05, 4), bearing + rng.normal(0.0, 0.02, 4)
+            seen[:, 0], seen[:, 1] = r * np.cos(bearing), r * np.sin(bearing)
+            yield *KINDS["ros1_tags"], time, build.array("ros1_tags", time, bags.in_camera(seen))
+
+    log = load("auto", bag(make, 1))
+    np.testing.assert_allclose(log.control_covariance, np.tile(U, (240, 1, 1)), atol=1e-9)
+    result = slam.run(log)
+    assert sorted(result.map.id) == sorted(NAMES)
+    truth = [bags.LANDMARKS[name == NAMES, :2][0] for name in result.map.id]
+    error = result.map.xy - truth
+    distance = np.einsum("ni,nij,nj->n", error, np.linalg.inv(result.map.covariance), error)
+    assert (distance < THREE_SIGMA_2D).all()
+    assert np.abs(error).max() < 0.3
+
+
+def test_names_become_numbers():
+    assert identities(["tag36h11:5", "", "tag36h11:12"]).tolist() == [5, -1, 12]
+    assert identities(["7", "007", ""]).tolist() == [1, 0, -1]  # different names with one number
+    assert identities(["pole", "tree", "pole", "cone 3"]).tolist() == [1, 2, 1, 0]
+    assert identities([f"a{10**20}", "b3"]).tolist() == [0, 1]
+
+
+def test_markers_whose_ids_only_count_have_no_identity(bag):
+    """Neither do deleted ones count, nor text."""
+
+    def make(messages):
+        build = Builder(messages)
+        yield "/tf_static", TRANSFORMS, START, bags.static(messages)
+        yield from bags.odometry(messages)
+        for i in range(4):
+            time, header = START + i, messages.header(START + i, "camera")
+            points = bags.in_camera(bags.on_robot(i))[: i + 1]
+            scan = build.array("markers", time, points, np.arange(i + 1))
+            scan.markers.append(build.marker(header, points[0], 9, action=3))
+            scan.markers.append(build.marker(header, points[0], 9, type=9))
+            yield *KINDS["markers"], time, scan
+
+    log = load("auto", bag(make))
+    assert log.landmark.tolist() == [-1] * 10
+
+
+def test_topics_are_chosen_by_type_then_name_or_wanted(bag):
+    def make(messages):
+        build = Builder(messages)
+        yield from bags.drive(messages, "detections")
+        points = bags.in_camera(bags.on_robot(0.0))
+        for topic, kind in (("/a_map", "detections"), ("/b", "markers"), ("/c", "poses")):
+            message = build.array(kind, START, points)
+            yield topic, KINDS[kind][1], START, message
+
+    path = bag(make)
+    assert load("auto", path).name == "way, /tags with /odom"
+    log = load("auto", path, topic=["/c", "/b"])
+    assert log.name == "way, /c, /b with /odom"
+    assert sorted(log.landmark.tolist()) == [-1, -1, -1, -1, *sorted(NAMES)]
+    with refuses(LogError, "expected the topic /odom of AprilTagDetectionArray", "found /a_map"):
+        load("auto", path, topic=["/odom"])
+
+
+def test_landmarks_without_odometry_or_position_are_left_out_and_told(bag):
+    def make(messages):
+        yield from bags.drive(messages, "fiducials", scans=9)
+        build, points = Builder(messages), bags.in_camera(bags.on_robot(3.0))
+        points[0] = np.nan
+        points[1] = bags.in_camera(np.zeros((1, 3)))
+        for time in (START - 5, START + 3.05, START + 50):
+            yield *KINDS["fiducials"], time, build.array("fiducials", time, points)
+
+    with pytest.warns(LogWarning, match=r"way, /fiducial_transforms: 10 of 48 landmarks left out"):
+        log = load("auto", bag(make))
+    assert len(log.observation) == 38
+
+
+def test_a_reset_of_odometry_is_no_motion(bag):
+    def make(messages):
+        for topic, kind, time, message in bags.drive(messages, "poses"):
+            if topic == "/odom" and time > START + 2.05:
+                message.pose.pose.position.x += 30.0
+            yield topic, kind, time, message
+
+    with pytest.warns(LogWarning, match="/odom was reset 1 times; the motion there is unknown"):
+        log = load("auto", bag(make))
+    assert np.abs(log.control).max() < 0.5
+    assert log.control_covariance[:, 0, 0].max() == pytest.approx(0.05**2, rel=0.5)
+
+
+def without(*topics):
+    """A bag of detections without some topics."""
+
+    def make(messages):
+        return (row for row in bags.drive(messages, "detections") if row[0] not in topics)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("make", "parts"),
+    [
+        (without("/tags"), ("expected a topic of AprilTagDetectionArray, ", "found /odom, /tf")),
+        (without("/odom"), ("expected nav_msgs/msg/Odometry, or transforms from odom", "camera")),
+        (
+            without("/tf_static"),
+            ("/tags: expected transforms from base_link to 'camera', found no frame",),
+        ),
+    ],
+)
+def test_what_is_missing_is_named(bag, make, parts):
+    with refuses(LogError, "way", *parts):
+        load("auto", bag(make))
+
+
+def test_tags_without_transforms_are_refused(bag):
+    def make(messages):
+        return (row for row in bags.drive(messages, "ros2_tags") if row[0] != "/tf")
+
+    with refuses(LogError, "/detections: expected transforms from camera", "such as tag36h11:7"):
+        load("auto", bag(make))
+
+
+def test_tags_whose_transform_is_missing_are_left_out(bag):
+    """Frames of tags have names of one's own; one is published 0.2 s late, another not at all."""
+
+    def make(messages):
+        for topic, kind, time, message in bags.drive(messages, "ros2_tags"):
+            if topic == "/tf":
+                late = message.transforms[1].header
+                late.stamp = messages.header(time + 0.2).stamp
+                for transform in message.transforms:
+                    number = transform.child_frame_id.rpartition(":")[2]
+                    transform.child_frame_id = f"door_{number}"
+                del message.transforms[3]
+            yield topic, kind, time, message
+
+    with pytest.warns(LogWarning, match="16 of 32 landmarks left out"):
+        log = load("auto", bag(make))
+    assert log.landmark.tolist() == [7, 12] * 8
+    expected = [bags.range_bearing(i / 2)[k, 0] for i in range(8) for k in (0, 2)]
+    np.testing.assert_allclose(log.observation[:, 0], expected, atol=1e-9)
+
+
+def test_a_file_of_a_bag_is_not_the_bag(bag):
+    path = bag(lambda messages: bags.drive(messages, "poses"))
+    with refuses(LogError, "way.db3: expected the folder of a ROS 2 bag, found one of its files"):
+        load("auto", path / "way.db3")
+
+
+def without_definitions(path):
+    """The bag as ROS 2 Humble and before write it."""
+    with closing(sqlite3.connect(path / "way.db3")) as database:
+        assert database.execute("DELETE FROM message_definitions").rowcount > 0
+        database.commit()
+    return path
+
+
+@pytest.mark.parametrize("kind", ["detections", "ros2_tags"])
+def test_the_usual_messages_need_no_definition_in_the_bag(bag, kind):
+    path = without_definitions(bag(lambda messages: bags.drive(messages, kind)))
+    check_observations(load("auto", path))
+
+
+def test_a_bag_without_a_definition_is_refused(bag):
+    path = without_definitions(bag(lambda messages: bags.drive(messages, "alvar")))
+    with refuses(LogError, "/ar_pose_marker: expected the definition of ar_track_alvar_msgs/msg"):
+        load("auto", path)
+
+
+def test_commands_take_a_bag(run, bag, tmp_path):
+    path = bag(lambda messages: bags.drive(messages, "detections"))
+    code, out, err = run("convert", path, tmp_path / "log.csv", "--topic", "/tags")
+    assert (code, err) == (0, "")
+    assert "way, /tags with /odom" in out
+    copy, log = load("csv", tmp_path / "log.csv"), load("rosbag", path)
+    np.testing.assert_array_equal(copy.observation, log.observation)
+    code, _, err = run("slam", path, "--topic", "/none", "-o", tmp_path / "mapped")
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert "way: expected the topic /none of AprilTagDetectionArray" in err
