@@ -9,7 +9,7 @@ import pytest
 from saccade.slam import EkfSlam
 from saccade.types import Keypoints, MapSnapshot, Scanpath, ScanpathSamples, Trajectory
 from saccade.viewing.embedding import jpeg
-from saccade.viewing.page import Picture, Section
+from saccade.viewing.page import Picture, Section, web_file
 from saccade.viewing.report import ReportBuilder, Table, image_part, match_part, report_page
 from saccade.viewing.report_map import (
     ObservedLandmarks,
@@ -194,10 +194,72 @@ def test_a_map_is_moved_and_switched_by_key(opened):
 
 def test_a_click_on_a_chart_goes_to_that_time(opened):
     page = opened(_map_page())
-    over = page.locator(".u-over").first
+    over = page.locator(".plotted").first
     width = over.bounding_box()["width"]
     over.click(position={"x": width / 2, "y": 40})
     assert page.locator(".part").get_attribute("data-step") in ("5", "6")
+
+
+def test_charts_share_their_cursor_and_their_time(opened):
+    page = opened(_map_page(), viewport={"width": 1200, "height": 1200})
+    areas, reset = page.locator(".plotted"), page.get_by_role("button", name="Show all of the time")
+
+    def shown():
+        ends = areas.evaluate_all(
+            "(all) => all.map((each) => [each.ariaValueMin, each.ariaValueMax].map(Number))"
+        )
+        assert all(each == ends[0] for each in ends)
+        return ends[0]
+
+    assert areas.count() == 6
+    assert shown() == [0, STEPS - 1]
+    last = areas.last
+    last.scroll_into_view_if_needed()
+    box = last.bounding_box()
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + box["width"] * 4 / (STEPS - 1), middle)
+    readings = page.locator(".reading").all_inner_texts()
+    assert [each.split(" s: ")[0] for each in readings[3:]] == ["4.0"] * 3
+    limit = np.degrees(3 * np.sqrt(0.001))
+    assert readings[-1] == f"4.0 s: 0 ({-limit:.3g} to {limit:.3g})"
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 8 / (STEPS - 1), middle)
+    page.mouse.up()
+    assert np.allclose(shown(), [4, 8], atol=0.1)
+    assert page.locator(".part").get_attribute("data-step") == str(STEPS - 1)  # no click
+    last.focus()
+    for key in ("Home", "ArrowRight", "ArrowLeft", "ArrowLeft", "Enter"):
+        last.press(key)
+    low, high = shown()
+    assert high - low == pytest.approx(4, abs=0.1)
+    assert low == float(last.get_attribute("aria-valuenow")) < 4.1
+    assert page.locator(".part").get_attribute("data-step") in ("4", "5")
+    last.press("+")
+    assert shown()[1] - shown()[0] == pytest.approx((high - low) / 1.5)
+    last.press("0")
+    assert shown() == [0, STEPS - 1]
+    last.press("+")
+    reset.click()
+    assert shown() == [0, STEPS - 1]
+    assert reset.is_hidden()
+
+
+def test_ticks_of_a_chart_are_round_and_inside(browser):
+    page = browser.new_page()
+    for name in ("report.js", "charts.js"):
+        page.add_script_tag(content=web_file(name))
+    rng = np.random.default_rng(3)
+    for low in rng.normal(size=20) * 10.0 ** rng.integers(-3, 5, 20):
+        length = 10.0 ** rng.uniform(-3, 5)
+        count = int(rng.integers(2, 9))
+        ticks = page.evaluate("(of) => ticks(...of)", [low, low + length, count])
+        values = np.array([each["value"] for each in ticks])
+        assert 1 <= len(values) <= count + 1
+        assert low - 1e-6 * length <= values[0] <= values[-1] <= low + length * (1 + 1e-6)
+        assert len({each["label"] for each in ticks}) == len(ticks)
+        for each in ticks:
+            assert float(each["label"]) == pytest.approx(each["value"], abs=0.06 * length)
+    page.close()
 
 
 KEYPOINTS = Keypoints(

@@ -18,7 +18,7 @@ from saccade.visual import FeatureCache, VisualConfig
 from saccade.visual.config import SELECTIONS
 from saccade.visual.reidentification import count_rematches
 from saccade.visual.result import ObservationKind
-from saccade.visual.selection import MAX_DISTANCE, farthest_first, rematch_rate
+from saccade.visual.selection import MAX_DISTANCE, farthest_first, rematch_rate, saliency_at
 from saccade.visual.tables import TrackedPoints
 
 FRAMES = 6
@@ -86,6 +86,21 @@ def test_a_point_is_rematched_at_its_tracked_position_alone():
     assert tracked.rematch_attempts.tolist() == [0, 0, 0, 0]
 
 
+def test_symmetry_ranks_points_at_their_own_scale():
+    """Of a small and a large disc, each scale prefers the one of its size to an empty place."""
+    rows, columns = np.mgrid[:120, :160]
+    image = np.full((120, 160), 100, np.uint8)
+    image[np.hypot(rows - 60, columns - 40) < 4] = 220
+    image[np.hypot(rows - 60, columns - 110) < 16] = 220
+    config = VisualConfig(selection="symmetry")
+    places = points([[40, 60], [110, 60], [75, 20]])
+    for radius, best in ((4, 0), (16, 1)):  # the edge lies within 2.5 scales
+        size = np.full(3, radius, np.float32)
+        saliency = saliency_at(image, replace(places, size=size), config)
+        assert saliency.argmax() == best
+    assert not saliency_at(None, places, config).any()
+
+
 def test_choices_are_ranked_and_compared_drive_by_drive():
     rng = np.random.default_rng(0)
     usual = rng.uniform(1, 2, (2, 3, 1, 5))
@@ -109,21 +124,20 @@ def test_what_was_never_looked_for_comes_last_and_is_not_compared():
 
 
 def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
-    words = ("evaluate", "selection", "--budget", 1, "--seeds", 1, "--frames", 8, "--out", "kept")
+    words = ("evaluate", "selection", "--budget", 4, "--seeds", 1, "--frames", 8, "--out", "kept")
     code, out, err = run(*words, "--criterion", "random", "--json")
     assert code == 0
     assert "wrote kept/selection.png" in err
-    kept = next((tmp_path / "kept" / "runs" / __version__).iterdir())
+    kept = min((tmp_path / "kept" / "runs" / __version__).iterdir())
     before = kept.stat().st_mtime_ns
     code, again, _ = run(*words, "--criterion", "random", "--criterion", "strength", "--json")
     assert kept.stat().st_mtime_ns == before
     rows = json.loads(again)["rows"]
     assert rows[0] == json.loads(out)["rows"][0]
-    assert [row["criterion"] for row in rows] == ["random", "strength"]
-    code, table, _ = run(
-        *words, "--criterion", "random", "--criterion", "strength", "--report", "kept/report.html"
-    )
-    assert "All drives and budgets, relative to random selection" in table
+    assert [row["criterion"] for row in rows] == 2 * ["random", "strength"]
+    compared = ("--criterion", "random", "--criterion", "strength", "--reference", "random")
+    code, table, _ = run(*words, *compared, "--report", "kept/report.html")
+    assert "All drives and budgets, relative to random" in table
     page = (tmp_path / "kept" / "report.html").read_text()
     overall, every = (
         json.loads(each)
@@ -131,7 +145,9 @@ def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
     )
     assert {row[0] for row in overall["rows"]} == {"random", "strength"}
     assert [row[:3] for row in every["rows"]] == [
-        [name, "simulator", "1"] for name in ("random", "strength")
+        [name, f"simulated {world}", "4"]
+        for world in ("ring", "room")
+        for name in ("random", "strength")
     ]
     for row in every["rows"]:  # the page says what the terminal does
         assert all(cell in table for cell in row[3:])

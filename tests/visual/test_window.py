@@ -58,7 +58,8 @@ def drive(steps, seed=0, gaps=(), acceleration=0.0, camera=CAMERA, config=None, 
         common = now[np.isin(now.id, last.id)]
         odometry = CONTROL * (1.05, 1, 0.5), ODOMETRY[1]  # poor
         initial = camera_motion(camera, odometry[0])
-        control, covariance = window.add(last, common, initial, odometry, 0.1)
+        cameras = camera, camera
+        control, covariance = window.add(last, common, initial, odometry, 0.1, cameras)
         controls.append(control)
         covariances.append(covariance)
         last = now

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from saccade.datasets.drives.sidecar_files import Poses
+from saccade.datasets.poses import Poses, interpolate_poses
 from saccade.errors import LogError, require
 from saccade.evaluation.trajectory import umeyama
 from saccade.types import FloatArray, IntArray
@@ -187,7 +187,9 @@ def associate(
             f"{int(found.sum())}, the nearest {distance.min():.3g} s away"
         )
     few = _select(few, found)
-    many = _interpolate(many, few.time) if config.interpolate else _select(many, nearest[found])
+    many = (
+        interpolate_poses(many, few.time) if config.interpolate else _select(many, nearest[found])
+    )
     return (few, many) if swapped else (many, few)
 
 
@@ -270,19 +272,3 @@ def rotation_angle(rotation: FloatArray) -> FloatArray:
 
 def _select(poses: Poses, rows: FloatArray | IntArray) -> Poses:
     return Poses(*(values[rows] for values in poses))
-
-
-def _interpolate(poses: Poses, time: FloatArray) -> Poses:
-    """Poses at times (n,), the rotation along the shortest arc; the ends extend beyond."""
-    from scipy.spatial.transform import Rotation
-
-    after = np.searchsorted(poses.time, time).clip(1, len(poses.time) - 1)
-    before = after - 1
-    span = poses.time[after] - poses.time[before]
-    fraction = (time - poses.time[before]) / np.where(span > 0, span, 1.0)
-    fraction = np.where(span > 0, fraction, 0.0).clip(0.0, 1.0)[:, None]
-    step = poses.position[after] - poses.position[before]
-    start = Rotation.from_matrix(poses.rotation[before])
-    turn = (start.inv() * Rotation.from_matrix(poses.rotation[after])).as_rotvec()
-    rotation = (start * Rotation.from_rotvec(fraction * turn)).as_matrix()
-    return Poses(time, rotation, poses.position[before] + fraction * step)

@@ -2,18 +2,33 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.datasets.matlab import read_matrix
 from saccade.errors import ImageError, LogError
 from saccade.evaluation.fixations import FixationScores, fixation_density, inside, score
 from saccade.evaluation.intervals import ScoreSet
-from saccade.image import as_gray, read_image
+from saccade.image import as_gray, read_image, read_stored
 from saccade.npz import map_array
 from saccade.pyramid import resize
 from saccade.types import FixationTable, Float32Array, FloatArray
 
+
+def _read_tiff(path: Path) -> npt.NDArray[Any]:
+    """A map of any numbers, or an image in gray."""
+    stored = read_stored(path)
+    return stored if stored.ndim == 2 else as_gray(stored)
+
+
+ARRAYS: dict[str, Callable[[Path], npt.NDArray[Any]]] = {
+    ".npy": map_array,
+    ".mat": read_matrix,
+    ".tiff": _read_tiff,
+}
+"""How maps of numbers are read, by suffix."""
 MAX_SALIENCY = 1e15
 """Largest magnitude in a map from a file: squares of float32 can be summed up to it."""
 
@@ -126,8 +141,8 @@ def saliency_from_files(images: Path, maps: Path) -> Model:
 
     Args:
         images: folder of the images.
-        maps: folder with a map for each image: NAME.npy, NAME.mat, NAME.png or a file of the same
-            name.
+        maps: folder with a map for each image: NAME.npy, NAME.mat, NAME.png, NAME.tiff or a file
+            of the same name.
 
     Returns:
         A function from the name of an image to its (H, W) map; it raises ImageError where
@@ -137,25 +152,27 @@ def saliency_from_files(images: Path, maps: Path) -> Model:
     def read(name: str) -> Float32Array:
         height, width = read_image(images / name).shape[:2]
         stem = Path(name).stem
-        for array in (maps / f"{stem}.npy", maps / f"{stem}.mat"):
+        for array in (maps / f"{stem}{suffix}" for suffix in ARRAYS):
             if array.is_file():
                 return resize(read_saliency_array(array), (height, width))
         for path in (maps / name, maps / f"{stem}.png"):
             if path.is_file():
                 return resize(as_gray(read_image(path)), (height, width))
-        raise ImageError(f"{maps}: expected a map for {name} (.npy, .mat, .png or the same name)")
+        raise ImageError(
+            f"{maps}: expected a map for {name} (.npy, .mat, .png, .tiff or its own name)"
+        )
 
     return read
 
 
 def read_saliency_array(path: Path) -> Float32Array:
-    """The (h, w) saliency map in an .npy file of any numeric type, or the only one in a .mat file.
+    """The (h, w) saliency map in an .npy or .tiff file of any type, or the only one in a .mat file.
 
     Raises:
         ImageError: the file is no array, or not one of finite numbers of shape (h, w).
     """
     try:
-        array = read_matrix(path) if path.suffix == ".mat" else map_array(path)
+        array = ARRAYS[path.suffix](path)
     except LogError as error:
         raise ImageError(str(error)) from error
     except (OSError, ValueError) as error:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from saccade.datasets.drives.calibration import camera_matrix
-from saccade.datasets.drives.sidecar_files import Poses
+from saccade.datasets.poses import Poses
 from saccade.errors import DriveError
 from saccade.evaluation.detectors import Detector
 from saccade.evaluation.homography import RUNS

@@ -17,8 +17,6 @@ from saccade.evaluation.trajectory import none_if_nan
 from saccade.types import FloatArray
 
 CONFIDENCE = 0.95
-REFERENCE = "random"
-"""The criterion with which the others are compared."""
 RANKED = {"ate_m": False, "reidentification_rate": True}
 """Scores that rank the criteria, and whether larger ones are better."""
 
@@ -29,7 +27,7 @@ class SelectionScores:
 
     drive: Sequence[str]
     budget: Sequence[int]
-    """New landmarks per frame."""
+    """Landmarks tracked at a time."""
     criterion: Sequence[str]
     seed: Sequence[int]
     tables: dict[str, FloatArray]
@@ -60,11 +58,11 @@ class SelectionScores:
                 row[score] = mean[d, b, c].tolist() if present else None
             yield row
 
-    def ranking(self) -> list[dict[str, Any]]:
+    def ranking(self, reference: str) -> list[dict[str, Any]]:
         """The criteria over all drives and budgets, best first.
 
-        Each has its mean rank by the scores of `RANKED`, and those scores as ratios to the
-        reference's, with their intervals, where that is among the criteria.
+        Each has its mean rank by the scores of `RANKED`, and those scores as ratios to those of a
+        reference, with their intervals, where that is among the criteria.
         """
         ranks = [mean_ranks(self.tables[score], larger) for score, larger in RANKED.items()]
         rank = np.mean(ranks, axis=0)
@@ -72,9 +70,9 @@ class SelectionScores:
             {"criterion": name, "mean_rank": float(rank[i])}
             for i, name in enumerate(self.criterion)
         ]
-        if REFERENCE in self.criterion:
+        if reference in self.criterion:
             for score in RANKED:
-                ratio = ratios(self.tables[score], self.criterion.index(REFERENCE))
+                ratio = ratios(self.tables[score], self.criterion.index(reference))
                 for row, values in zip(rows, ratio.tolist(), strict=True):
                     row[f"{score}_ratio"] = [none_if_nan(value) for value in values]
         return sorted(rows, key=lambda row: float(row["mean_rank"]))

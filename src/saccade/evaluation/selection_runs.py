@@ -12,6 +12,7 @@ from types import NoneType
 from typing import Any
 
 import cv2
+from threadpoolctl import threadpool_limits
 
 import saccade
 from saccade import datasets, visual
@@ -26,9 +27,28 @@ from saccade.visual.config import SELECTIONS
 
 CRITERIA: dict[str, dict[str, Any]] = {
     **{name: {"selection": name} for name in SELECTIONS},
-    **{name: {"detector": name, "selection": "strength"} for name in ("must", "symroid")},
+    **{
+        detector if name == "strength" else f"{detector}-{name}": {
+            "detector": detector,
+            "selection": name,
+        }
+        for detector in ("must", "symroid")
+        for name in SELECTIONS
+    },
 }
-"""Selection criteria of SIFT keypoints, and two other detectors by strength: settings of each."""
+"""Settings of each criterion: a ranking of SIFT keypoints, or of another detector's; a detector
+alone ranks by its response."""
+COMPARED = (
+    "rematch-rate-range",
+    "rematch-rate",
+    "strength",
+    "symmetry",
+    "must",
+    "must-rematch-rate",
+    "symroid",
+    "symroid-rematch-rate",
+)
+"""Criteria that are compared by default."""
 SCORES = (
     "reidentification_rate",
     "association_precision",
@@ -38,34 +58,43 @@ SCORES = (
     "end_m",
 )
 """Scores that are stored of each run, beside its time."""
-FRAMES_PER_LAP = 150
-"""Of the simulated ring; its robot goes as far in one frame as in the default ring."""
-RING_SIZE = (7.0, 5.5)
-"""Metres between the outer walls of the simulated ring."""
+WORLDS = {
+    "ring": DriveConfig(size=(7.0, 5.5), frames_per_lap=120),
+    "room": DriveConfig(
+        size=(7.5, 7.0),
+        corridor=3.0,
+        poster_spacing=1.1,
+        turning_radius=1.6,
+        frames_per_lap=120,
+    ),
+}
+"""Simulated drives, with other walls, photographs and noise for each seed."""
 
 
 @dataclass(frozen=True)
 class RunSeries:
     """The runs over one drive with one seed, which process the same frames."""
 
-    source: Path | None
-    """A recorded drive, driven out and back; None for the simulated ring."""
+    source: Path | str
+    """A recorded drive, driven out and back, or one of `WORLDS`."""
     seed: int
     """Seed of the noise, of the simulated world, and of the random selection."""
     frames: int
     """Maximum number of frames of the drive."""
     budgets: tuple[int, ...]
-    """New landmarks per frame."""
+    """Landmarks tracked at a time."""
     criteria: tuple[str, ...]
 
     @property
     def drive(self) -> str:
         """Name of the drive."""
-        return "simulator" if self.source is None else self.source.resolve().name
+        if isinstance(self.source, Path):
+            return self.source.resolve().name
+        return f"simulated {self.source}"
 
     def path(self, out: Path, budget: int, criterion: str) -> Path:
         """The file of a run; each version of the package has its own."""
-        name = f"{self.drive}-{self.frames}-{budget}-{criterion}-{self.seed}.json"
+        name = f"{self.drive}-{self.frames}-{budget}-{criterion}-{self.seed}.json".replace(" ", "-")
         return out / "runs" / saccade.__version__ / name
 
 
@@ -120,7 +149,9 @@ def _runs(series: RunSeries, out: Path) -> Iterator[dict[str, Any]]:
             if drive is None:
                 drive = _load(series)
                 drive = replace(drive, load=cache(drive.load))
-            config = VisualConfig(new_per_frame=budget, max_tracked=10**5, seed=series.seed)
+            config = VisualConfig(
+                new_per_frame=budget, max_tracked=budget, shared_points=False, seed=series.seed
+            )
             row |= _score(drive, replace(config, **CRITERIA[criterion]), features)
             with atomic_write(path) as temporary:
                 temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
@@ -141,15 +172,17 @@ def _stored(path: Path, expected: dict[str, Any]) -> dict[str, Any]:
 
 
 def _load(series: RunSeries) -> Drive:
-    if series.source is None:
-        ring = DriveConfig(size=RING_SIZE, frames_per_lap=FRAMES_PER_LAP, frames=series.frames)
-        return simulate_drive(ring, seed=series.seed)
+    if not isinstance(series.source, Path):
+        world = replace(WORLDS[series.source], frames=series.frames)
+        return simulate_drive(world, seed=series.seed)
     drive = datasets.load_drive("auto", series.source)
     return out_and_back(drive, OutAndBackConfig(series.frames), series.seed)
 
 
 def _score(drive: Drive, config: VisualConfig, features: FeatureCache) -> dict[str, Any]:
-    row = summarize_drive(drive, visual.run(drive, config, cache=features))
+    with threadpool_limits(1, user_api="blas"):  # more are slower on matrices of this size
+        result = visual.run(drive, config, cache=features)
+    row = summarize_drive(drive, result)
     attempts = row["reidentified"] + row["missed"]
     row["reidentification_rate"] = row["reidentified"] / attempts if attempts else None
     stored = (*SCORES, "reidentified", "landmarks_observed", "ms_per_frame")

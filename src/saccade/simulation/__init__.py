@@ -2,6 +2,7 @@
 
 from saccade.simulation.drive import simulate_drive
 from saccade.simulation.drive_config import DriveConfig, LightConfig, OdometryConfig
+from saccade.simulation.pan_camera import PanCamera
 from saccade.simulation.world import MonteCarloRuns, WorldConfig, run_monte_carlo, simulate_world
 
 __all__ = [
@@ -9,6 +10,7 @@ __all__ = [
     "LightConfig",
     "MonteCarloRuns",
     "OdometryConfig",
+    "PanCamera",
     "WorldConfig",
     "run_monte_carlo",
     "simulate_drive",

@@ -7,8 +7,10 @@ import numpy as np
 
 from saccade.frames import Drive, Frame, steps_between
 from saccade.simulation.drive_config import DriveConfig, OdometryConfig
+from saccade.simulation.floor_plans import planned_course
+from saccade.simulation.pan_camera import PanCamera
 from saccade.simulation.rendering import Illumination, render, render_depth
-from saccade.simulation.scene import Scene, ring_scene
+from saccade.simulation.scene import Scene, floor_scene
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, Image, Trajectory
 
@@ -24,7 +26,10 @@ def drive_course(config: DriveConfig, seed: np.random.SeedSequence) -> FloatArra
 
     It starts at the origin, in the middle of the first side, heading along it, and turns left.
     The heading is tangential to the path. The seed determines the wavelength of the oscillation.
+    Other worlds have a course of their own, see `floor_plans`.
     """
+    if config.world != "ring":
+        return planned_course(config.world, config.frames, config.frames_per_lap)
     lap = lap_length(config)
     s = np.arange(config.frames) * lap / config.frames_per_lap
     wave = 2 * np.pi / (lap * np.random.default_rng(seed).uniform(0.3, 0.45))
@@ -69,13 +74,16 @@ SIDEWAYS = 0.2
 """Lateral noise of the odometry, as a fraction of the longitudinal noise."""
 
 
-def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
+def simulate_drive(
+    config: DriveConfig | None = None, seed: int = 0, pan: PanCamera | None = None
+) -> Drive:
     """Simulate a camera drive through a rectangular corridor.
 
     Args:
         config: scene, camera, illumination and odometry; None for the defaults.
         seed: of walls, posters, lateral oscillation, illumination, image noise and odometry noise,
             each with an independent random stream: one setting does not affect the others.
+        pan: turns the camera while the drive is read, frame by frame; None for a fixed one.
 
     Returns:
         The drive with its ground truth, which starts at the origin. `load` renders a frame, from
@@ -91,26 +99,31 @@ def simulate_drive(config: DriveConfig | None = None, seed: int = 0) -> Drive:
     control, covariance = _odometry(config.odometry, steps_between(pose), odometry_seed)
     camera = config.camera
     illumination = Illumination.sample(config.light, camera, time, light_seed)
-    build_once, lock = cache(lambda: ring_scene(config, scene_seed)), Lock()
+    build_once, lock = cache(lambda: floor_scene(config, scene_seed)), Lock()
 
     def scene() -> Scene:
         with lock:
             return build_once()
 
-    def image(i: int, right: bool) -> Image:
-        return illumination.apply(render(scene(), camera, pose[i], right), i, int(right))
+    def image(i: int, view: FloatArray, right: bool) -> Image:
+        return illumination.apply(render(scene(), camera, view, right), i, int(right))
 
     def load(i: int) -> Frame:
         i = range(len(time))[i]
+        view, turn = pose[i], None
+        if pan is not None:
+            turn = pan.measured(float(time[i]))
+            view = view + np.array([0.0, 0.0, pan.angle(float(time[i]))])
         return Frame(
             time=float(time[i]),
-            image=image(i, right=False),
-            right=None if config.baseline is None else image(i, right=True),
-            depth=render_depth(scene(), camera, pose[i]) if config.depth else None,
+            image=image(i, view, right=False),
+            right=None if config.baseline is None else image(i, view, right=True),
+            depth=render_depth(scene(), camera, view) if config.depth else None,
+            turn=turn,
         )
 
     return Drive(
-        name=f"simulated ring, seed {seed}",
+        name=f"simulated {config.world}, seed {seed}",
         camera=camera,
         time=time,
         control=control,

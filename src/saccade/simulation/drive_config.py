@@ -1,11 +1,15 @@
 """Configuration of a simulated camera drive: scene, camera, illumination, odometry."""
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from saccade.errors import require, require_ranges
 from saccade.frames import Camera
+
+WorldName: TypeAlias = Literal["ring", "crossing", "rooms"]
+"""Floor plans."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +57,11 @@ class OdometryConfig:
 
 @dataclass(frozen=True)
 class DriveConfig:
-    """A rectangular corridor with posters on its walls, and a robot with a camera that laps it."""
+    """Corridors or rooms with posters on their walls, and a robot with a camera that laps them."""
 
+    world: WorldName = "ring"
+    """A corridor around a central block; two corridors that cross; or two rooms joined by a door.
+    Size, corridor, turning radius and sway are those of the ring."""
     size: tuple[float, float] = (11.0, 8.5)
     """Metres between the outer walls, along the first side of the lap and across it."""
     corridor: float = 2.2
@@ -96,6 +103,8 @@ class DriveConfig:
     """Errors of the odometry."""
 
     def __post_init__(self) -> None:
+        valid = self.world in get_args(WorldName)
+        require(valid, "world", "ring, crossing or rooms", self.world)
         sides = len(self.size) == 2 and all(3 <= side <= 20 for side in self.size)
         require(
             sides and sum(self.size) <= 24, "size", "two of 3 to 20 m, 24 m together", self.size
@@ -158,6 +167,16 @@ class DriveConfig:
     def mirror(cls) -> "DriveConfig":
         """The ring with posters that are symmetric about their vertical axis."""
         return cls(mirrored_posters=True)
+
+    @classmethod
+    def crossing(cls) -> "DriveConfig":
+        """Once into each arm of two corridors that cross, with a narrow view."""
+        return cls(world="crossing", frames=300, field_of_view=50.0)
+
+    @classmethod
+    def rooms(cls) -> "DriveConfig":
+        """Once around two rooms joined by a door, with a narrow view."""
+        return cls(world="rooms", frames=300, field_of_view=50.0)
 
     @classmethod
     def dark(cls) -> "DriveConfig":

@@ -10,16 +10,20 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.simulation.drive_config import DriveConfig
+from saccade.simulation.floor_plans import OUTLINES
 from saccade.simulation.textures import (
     Texture,
     all_posters,
     brick_wall,
     gravel_floor,
     mirror,
+    painted_surface,
     plaster_wall,
 )
 from saccade.types import FloatArray, IntArray
 
+PAINT, LINOLEUM = (0.72, 0.70, 0.64), (0.34, 0.36, 0.38)
+"""Colors of indoor walls and floors."""
 SKY = (206, 217, 230)
 """RGB."""
 ACROSS, DOWN, GROUND = 6, 4, 6
@@ -179,24 +183,43 @@ def _put(
     atlas[top : top + framed.shape[0], left : left + framed.shape[1]] = framed
 
 
-def ring_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
-    """The scene of a configuration; the drive starts at the origin along the x axis."""
-    (width, depth), corridor = config.size, config.corridor
+def floor_scene(config: DriveConfig, seed: np.random.SeedSequence) -> Scene:
+    """The scene of a configuration; a ring's drive starts at the origin along the x axis."""
     outer, inner, floor, posters = (np.random.default_rng(s) for s in seed.spawn(4))
-    around = _rectangle(-width / 2, -corridor / 2, width, depth)[::-1]
-    block = _rectangle(
-        corridor - width / 2, corridor / 2, width - 2 * corridor, depth - 2 * corridor
-    )
+    indoors = config.world != "ring"
+    outlines = OUTLINES[config.world] if indoors else _ring(config)
     bands = []
-    for corners, rng, wall in ((around, outer, brick_wall), (block, inner, plaster_wall)):
+    walls = ((outer, painted_wall if indoors else brick_wall), (inner, plaster_wall))
+    for corners, (rng, wall) in zip(outlines, walls, strict=False):
         length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
         shape = (round(config.wall_height * TEXELS), round(length * TEXELS))
         bands.append(Walls(corners, wall(shape, TEXELS, rng)))
     _paint_posters(config, bands, posters)
+    low, high = outlines[0].min(0), outlines[0].max(0)
+    width, depth = high - low
     shape = (round(depth * GROUND_TEXELS), round(width * GROUND_TEXELS))
-    corner = np.array([-width / 2, depth - corridor / 2])
-    ground = Ground(corner, gravel_floor(shape, floor), GROUND_TEXELS)
+    corner = np.array([low[0], high[1]])
+    if indoors:
+        texture = painted_surface(shape, GROUND_TEXELS, LINOLEUM, floor)
+    else:
+        texture = gravel_floor(shape, floor)
+    ground = Ground(corner, texture, GROUND_TEXELS)
     return build_scene(bands, ground, config.wall_height, TEXELS, config.color)
+
+
+def painted_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator) -> Texture:
+    """A smooth wall."""
+    return painted_surface(shape, texels, PAINT, rng)
+
+
+def _ring(config: DriveConfig) -> list[FloatArray]:
+    """Outlines of the outer walls and of the central block."""
+    (width, depth), corridor = config.size, config.corridor
+    around = _rectangle(-width / 2, -corridor / 2, width, depth)[::-1]
+    block = _rectangle(
+        corridor - width / 2, corridor / 2, width - 2 * corridor, depth - 2 * corridor
+    )
+    return [around, block]
 
 
 def _rectangle(x: float, y: float, width: float, depth: float) -> FloatArray:

@@ -80,6 +80,17 @@ def plaster_wall(shape: tuple[int, int], texels: float, rng: np.random.Generator
     return wall
 
 
+def painted_surface(
+    shape: tuple[int, int],
+    texels: float,
+    color: tuple[float, float, float],
+    rng: np.random.Generator,
+) -> Texture:
+    """Smooth paint or linoleum of a color in [0, 1]: only its shade varies, over half a meter."""
+    shade = 1 + 0.02 * _noise(shape, (int(texels / 2), int(2 * texels)), rng)
+    return np.stack([_as_bytes(shade * np.float32(level)) for level in color], -1)
+
+
 def gravel_floor(shape: tuple[int, int], rng: np.random.Generator) -> Texture:
     """Gravel: overlapping patches of one photograph, randomly rotated and mirrored."""
     stone = _photograph("gravel")[:, :, 0].astype(np.float32)

@@ -18,6 +18,10 @@ STROKE = 0.12
 """Half the length of the stroke along an edge, as a fraction of the distance of its pair."""
 MIN_STRENGTH = 0.25
 """Strength of the weakest pair that is drawn, as a fraction of the strongest of its point."""
+MIN_CONCENTRATION = 0.3
+"""Resultant length of directions that have a mean: 0 if they are uniform, 1 if all are equal."""
+AXIS_REACH = 0.8
+"""Half the length of an axis, as a fraction of the longest of its pairs."""
 MIN_WIDTH, MAX_WIDTH = 0.5, 1.6
 """Line widths in points: of a pair of strength 0, and of the strongest of its point."""
 
@@ -91,17 +95,44 @@ def draw_pairs(
     """The image in pale gray; each strong pair as a line between strokes along its two edges."""
     axes.imshow(faded(image), interpolation="antialiased", vmin=0, vmax=1, cmap="gray")
     for each in pairs:
-        fraction = each.strength / each.strength.max(initial=1e-30)
-        strong, fraction = each[fraction >= MIN_STRENGTH], fraction[fraction >= MIN_STRENGTH]
-        width = MIN_WIDTH + (MAX_WIDTH - MIN_WIDTH) * fraction
-        lines = np.stack([strong.first, strong.second], axis=1)
-        length = STROKE * np.hypot(*(strong.first - strong.second).T)
-        axes.add_collection(LineCollection(list(lines), colors=ORANGE, linewidths=width))
-        for xy, angle in ((strong.first, strong.first_angle), (strong.second, strong.second_angle)):
-            half = np.stack([-np.sin(angle), np.cos(angle)], axis=1) * length[:, None]
-            strokes = np.stack([xy - half, xy + half], axis=1)  # perpendicular to the gradients
-            axes.add_collection(LineCollection(list(strokes), colors=BLUE, linewidths=1.4 * width))
+        draw_pair_lines(axes, each)
     picture_axes(axes, title)
+
+
+def draw_pair_lines(axes: Axes, pairs: SymmetricPairs) -> None:
+    """The strong pairs of a point as lines between strokes along their two edges.
+
+    Their axis of symmetry is dashed, if they have one.
+    """
+    fraction = pairs.strength / pairs.strength.max(initial=1e-30)
+    strong, fraction = pairs[fraction >= MIN_STRENGTH], fraction[fraction >= MIN_STRENGTH]
+    width = MIN_WIDTH + (MAX_WIDTH - MIN_WIDTH) * fraction
+    lines = np.stack([strong.first, strong.second], axis=1)
+    length = STROKE * np.hypot(*(strong.first - strong.second).T)
+    axes.add_collection(LineCollection(list(lines), colors=ORANGE, linewidths=width))
+    for xy, angle in ((strong.first, strong.first_angle), (strong.second, strong.second_angle)):
+        half = np.stack([-np.sin(angle), np.cos(angle)], axis=1) * length[:, None]
+        strokes = np.stack([xy - half, xy + half], axis=1)  # perpendicular to the gradients
+        axes.add_collection(LineCollection(list(strokes), colors=BLUE, linewidths=1.4 * width))
+    direction = axis_of(strong)
+    if direction is not None:
+        middle = (strong.first + strong.second).mean(axis=0) / 2
+        reach = AXIS_REACH * np.hypot(*(strong.first - strong.second).T).max()
+        offset = reach * np.array([np.cos(direction), np.sin(direction)])
+        axes.plot(*np.stack([middle - offset, middle + offset], 1), "--k", linewidth=0.8)
+
+
+def axis_of(pairs: SymmetricPairs) -> float | None:
+    """Direction of the axis of symmetry in radians, modulo pi; None where the pairs have no one.
+
+    The axis of a pair is its perpendicular bisector. The mean is that of axial data: of the doubled
+    angles, weighted by strength.
+    """
+    dx, dy = (pairs.second - pairs.first).T
+    doubled = np.sum(pairs.strength * np.exp(2j * np.arctan2(dy, dx)))
+    if abs(doubled) <= MIN_CONCENTRATION * pairs.strength.sum():
+        return None
+    return float(np.angle(doubled) / 2 + np.pi / 2)
 
 
 def draw_scanpath(axes: Axes, path: Scanpath) -> None:

@@ -4,17 +4,17 @@ import base64
 import json
 from collections.abc import Mapping
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import cv2
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
 from saccade.types import Float32Array, Image
-from saccade.viewing.style import HEAT
+from saccade.viewing.style import HEAT, png_bytes
 
 MAX_IMAGE_LENGTH = 1_300_000
 """Characters of one image, so that a page with it stays under 5 MB."""
@@ -29,9 +29,9 @@ def data_uri(kind: str, data: bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def png_file(path: Path) -> str:
-    """The data URI of a PNG file."""
-    return data_uri("png", path.read_bytes())
+def figure_uri(figure: Figure) -> str:
+    """The data URI of a figure as a PNG."""
+    return data_uri("png", png_bytes(figure))
 
 
 def jpeg(image: npt.NDArray[np.uint8], quality: int = 80) -> str:

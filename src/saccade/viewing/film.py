@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -36,6 +36,7 @@ from saccade.viewing.style import (
     RED,
     draw_panel,
     figure_for,
+    png_bytes,
     rgb_levels,
 )
 
@@ -66,6 +67,19 @@ KINDS = (("new", ORANGE), ("tracked", GREEN), ("re-identified", RED))
 HEAT_OPACITY = 0.55
 """Opacity of the saliency map over the camera image."""
 Frame = npt.NDArray[np.uint8]
+VIEW_LENGTH, VIEW_OPACITY = 150.0, 0.25
+"""Pixels of the wedge that shows where the camera looks, and its opacity."""
+
+
+class Eye(NamedTuple):
+    """Where a camera looks."""
+
+    pan: float
+    """Radians to the left of ahead."""
+    field_of_view: float
+    """Width of the view in radians."""
+    reason: str = ""
+    """Why, as it is written on the frame."""
 
 
 def scanpath_frames(image: Float32Array, path: Scanpath) -> tuple[list[Frame], list[float]]:
@@ -94,9 +108,7 @@ def scanpath_frames(image: Float32Array, path: Scanpath) -> tuple[list[Frame], l
         axes = figure.subplots()
         draw_panel(axes, shown, f"{1000 * time:.0f} ms")
         draw_scanpath(axes, Scanpath(path.xy[:count], path.time[:count], path.saliency[:count]))
-        with BytesIO() as file:
-            figure.savefig(file, format="png", facecolor="white")
-            frames.append(np.array(PIL.Image.open(file).convert("RGB")))
+        frames.append(np.array(PIL.Image.open(BytesIO(png_bytes(figure))).convert("RGB")))
     return frames, durations
 
 
@@ -126,7 +138,10 @@ def save_film(frames: Sequence[Frame], durations: Sequence[float], file: str | P
 
 
 def map_frames(
-    snapshots: Sequence[MapSnapshot], time: FloatArray, dead_reckoning: Trajectory | None = None
+    snapshots: Sequence[MapSnapshot],
+    time: FloatArray,
+    dead_reckoning: Trajectory | None = None,
+    eye_at: Callable[[int], Eye | None] | None = None,
 ) -> Iterator[Frame]:
     """One frame for each snapshot, the last one repeated.
 
@@ -137,6 +152,7 @@ def map_frames(
         snapshots: of one log, in order.
         time: (t,) of each pose of the log.
         dead_reckoning: from odometry alone.
+        eye_at: where the camera looks at each pose; None for a fixed one.
 
     Yields:
         Frames (720, 1280, 3) in RGB.
@@ -148,7 +164,9 @@ def map_frames(
     begin = 0
     for snapshot in snapshots:
         end = snapshot.step + 1
-        frame = canvas.draw(snapshot, odometry[begin:end], float(time[snapshot.step] - time[0]))
+        eye = None if eye_at is None else eye_at(snapshot.step)
+        seconds = float(time[snapshot.step] - time[0])
+        frame = canvas.draw(snapshot, odometry[begin:end], seconds, eye)
         begin = end
         yield frame
     for _ in range(LAST_FRAMES):
@@ -162,6 +180,7 @@ def drive_frames(
     image_at: Callable[[int], Image | None],
     attention: Callable[[Image], Float32Array] | None,
     observed: ObservedLandmarks,
+    eye_at: Callable[[int], Eye | None] | None = None,
 ) -> Iterator[Frame]:
     """Frames of `map_frames` with the camera image and its saliency on their left.
 
@@ -172,12 +191,13 @@ def drive_frames(
         image_at: gives the image of a frame, or None.
         attention: gives the saliency map of an image; None draws none.
         observed: landmarks with pixels and kinds.
+        eye_at: where the camera looks in each frame; None for a fixed one.
 
     Yields:
         Frames (720, 1920, 3) in RGB.
     """
     camera = np.zeros((HEIGHT, CAMERA_WIDTH, 3), np.uint8)
-    for number, map_frame in enumerate(map_frames(snapshots, time, odometry)):
+    for number, map_frame in enumerate(map_frames(snapshots, time, odometry, eye_at)):
         if number < len(snapshots):
             step = snapshots[number].step
             camera = _camera_panel(image_at(step), step, attention, observed)
@@ -214,13 +234,16 @@ class _MapCanvas:
         self.font = ImageFont.truetype(findfont("DejaVu Sans"), 17)
         self.path = self.odometry = np.empty((0, 2))
 
-    def draw(self, snapshot: MapSnapshot, odometry: FloatArray, time: float) -> Frame:
+    def draw(
+        self, snapshot: MapSnapshot, odometry: FloatArray, time: float, eye: Eye | None = None
+    ) -> Frame:
         """The next frame; its trajectories are added to the background.
 
         Args:
             snapshot: what to draw.
             odometry: (m, 2) dead reckoning since the last snapshot.
             time: written on the frame.
+            eye: where the camera looks.
         """
         pose, landmarks = snapshot.path[-1], snapshot.landmarks
         self.odometry = np.concatenate([self.odometry[-1:], odometry])
@@ -231,6 +254,8 @@ class _MapCanvas:
             _draw_lines(background, [self._pixels(self.path) + offset], BLUE)
         frame = self.background.copy()
         panel = frame[self.panel]
+        if eye is not None:
+            self._draw_view(panel, pose, eye)
         self._draw_ellipses(panel, landmarks, snapshot.landmark_covariance, ORANGE)
         observed = landmarks[snapshot.observed]
         lines = np.stack([np.broadcast_to(pose[:2], observed.shape), observed], 1)  # (s, 2, 2)
@@ -246,6 +271,10 @@ class _MapCanvas:
         for column, label in enumerate(labels):
             xy = (0.06 * WIDTH + 120 * column, 0.04 * HEIGHT)
             ImageDraw.Draw(image).text(xy, label, font=self.font, fill="#333333", anchor="lm")
+        if eye is not None and eye.reason:
+            xy = (0.06 * WIDTH + 20, 0.88 * HEIGHT)
+            label = f"gaze: {eye.reason}"
+            ImageDraw.Draw(image).text(xy, label, font=self.font, fill=BLUE, anchor="lm")
         if len(snapshot.hypotheses):
             xy = (0.06 * WIDTH + 20, 0.12 * HEIGHT)
             ImageDraw.Draw(image).text(xy, "lost", font=self.font, fill=RED, anchor="lm")
@@ -259,6 +288,17 @@ class _MapCanvas:
         _fill(filled, outlines, color)
         cv2.addWeighted(filled, 0.2, panel, 0.8, 0, dst=panel)
         _draw_lines(panel, outlines, color, closed=True)
+
+    def _draw_view(self, panel: Frame, pose: FloatArray, eye: Eye) -> None:
+        """A wedge in the direction of the camera."""
+        angle = pose[2] + eye.pan + eye.field_of_view * np.linspace(-0.5, 0.5, 9)
+        rim = VIEW_LENGTH * np.stack([np.cos(angle), -np.sin(angle)], 1)
+        center = self._pixels(pose[:2])
+        shaded = panel.copy()
+        outline = np.concatenate([center[None], center + rim])
+        _fill(shaded, [outline], BLUE)
+        cv2.addWeighted(shaded, VIEW_OPACITY, panel, 1 - VIEW_OPACITY, 0, dst=panel)
+        _draw_lines(panel, [outline], BLUE, closed=True)
 
     def _pixels(self, xy: FloatArray) -> FloatArray:
         """Positions (..., 2) in metres as pixels of the panel."""

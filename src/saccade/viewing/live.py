@@ -2,16 +2,17 @@
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
 from saccade.files import atomic_write
-from saccade.types import FloatArray, MapSnapshot, Trajectory
+from saccade.types import FloatArray, Image, MapSnapshot, Trajectory
 from saccade.viewing.slam import bounds, ellipse_outlines
 from saccade.viewing.style import BLUE, GRAY, GREEN, ORANGE, RED, rgb_levels
 
@@ -19,6 +20,8 @@ PLAYBACK_RATE = 24
 """Snapshots per second."""
 ARROW_FRACTION = 0.03
 """Length of the robot, as a fraction of the size of the map."""
+UNKNOWN_AREA = np.array([[-20.0, -20.0], [20.0, 20.0]])
+"""Box (2, 2) in metres that is shown of a map whose size nobody knows yet."""
 MAX_POINTS = 2000
 """Poses of a trajectory: it is sent again with each snapshot."""
 
@@ -29,21 +32,27 @@ class LiveMap:
     Args:
         name: of the log.
         time: (t,) of each pose of the log.
-        dead_reckoning: from odometry alone.
+        dead_reckoning: from odometry alone; None without odometry.
+        in_browser: open the viewer as a page in the browser, which this process serves.
+        image_at: gives the image of a pose, (H, W) or (H, W, 3) uint8, or None; None shows none.
 
     Raises:
         ConfigError: rerun is not installed, or its viewer cannot be started.
     """
 
-    def __init__(self, name: str, time: FloatArray, dead_reckoning: Trajectory) -> None:
-        self._recording = _MapRecording(name, time, dead_reckoning)
-        try:
-            with _interpreter_folder_on_path():
-                self._recording.stream.spawn()
-        except (RuntimeError, OSError) as error:
-            reason = str(error).splitlines()[0]
-            raise ConfigError(f"rerun: its viewer cannot be started: {reason}") from error
-        self._recording.begin(bounds(dead_reckoning.pose[:, :2]))
+    def __init__(
+        self,
+        name: str,
+        time: FloatArray,
+        dead_reckoning: Trajectory | None,
+        *,
+        in_browser: bool = False,
+        image_at: Callable[[int], Image | None] | None = None,
+    ) -> None:
+        self._recording = _MapRecording(name, time, dead_reckoning, image_at)
+        _open_viewer(self._recording.rerun, self._recording.stream, in_browser)
+        area = UNKNOWN_AREA if dead_reckoning is None else bounds(dead_reckoning.pose[:, :2])
+        self._recording.begin(area)
         self._num_shown = 0
 
     def __call__(self, snapshots: Sequence[MapSnapshot]) -> None:
@@ -51,6 +60,44 @@ class LiveMap:
         for snapshot in snapshots[self._num_shown :]:
             self._recording.log(snapshot)
         self._num_shown = len(snapshots)
+
+
+class LiveImages:
+    """A rerun viewer, opened at once, that shows the images of a camera and what is found in them.
+
+    Args:
+        name: of the camera.
+        in_browser: open the viewer as a page in the browser, which this process serves.
+
+    Raises:
+        ConfigError: rerun is not installed, or its viewer cannot be started.
+    """
+
+    def __init__(self, name: str, *, in_browser: bool = False) -> None:
+        self._rerun = import_optional("rerun", "live")
+        self._stream = self._rerun.RecordingStream("saccade")
+        _open_viewer(self._rerun, self._stream, in_browser)
+        self._stream.send_recording_name(name)
+
+    def __call__(
+        self, time: float, image: Image, heat: Image | None = None, points: FloatArray | None = None
+    ) -> None:
+        """Show a frame.
+
+        Args:
+            time: in seconds.
+            image: (H, W, 3) uint8.
+            heat: (H, W, 3) uint8, such as saliency in colors.
+            points: (k, 3) x, y and radius of interest points in pixels.
+        """
+        rerun, stream = self._rerun, self._stream
+        stream.set_time("time", duration=time)
+        stream.log("camera", rerun.Image(image).compress())
+        if heat is not None:
+            stream.log("saliency", rerun.Image(heat).compress())
+        if points is not None:
+            shown = rerun.Points2D(points[:, :2], radii=points[:, 2], colors=rgb_levels(ORANGE))
+            stream.log("camera/keypoints", shown)
 
 
 def save_rrd(
@@ -88,10 +135,17 @@ def save_rrd(
 class _MapRecording:
     """A rerun recording of a map; the ground is z = 0, since rerun's 2D view has y down."""
 
-    def __init__(self, name: str, time: FloatArray, dead_reckoning: Trajectory) -> None:
+    def __init__(
+        self,
+        name: str,
+        time: FloatArray,
+        dead_reckoning: Trajectory | None,
+        image_at: Callable[[int], Image | None] | None = None,
+    ) -> None:
         self.rerun = import_optional("rerun", "live")
         self.stream = self.rerun.RecordingStream("saccade_slam")
         self.name, self.time, self.dead_reckoning = name, time, dead_reckoning
+        self.image_at = image_at
         self.path = np.empty((0, 2))
         self.frame, self.size = -1, 1.0
 
@@ -108,10 +162,12 @@ class _MapRecording:
         view = layout.Spatial3DView(origin="map", name="map", background=white, eye_controls=camera)
         series = layout.TimeSeriesView
         sigma = series(origin="plots/sigma", name="sigma of the position [m]")
-        plots = layout.Vertical(sigma, series(origin="plots/landmarks", name="landmarks"))
+        beside = [sigma, series(origin="plots/landmarks", name="landmarks")]
+        if self.image_at is not None:
+            beside.insert(0, layout.Spatial2DView(origin="camera", name="camera"))
         self.stream.send_blueprint(
             layout.Blueprint(
-                layout.Horizontal(view, plots, column_shares=[3, 1]),
+                layout.Horizontal(view, layout.Vertical(*beside), column_shares=[3, 1]),
                 layout.TimePanel(timeline="frame", fps=PLAYBACK_RATE, state="collapsed"),
                 layout.BlueprintPanel(state="collapsed"),
                 layout.SelectionPanel(state="collapsed"),
@@ -127,10 +183,10 @@ class _MapRecording:
         self.stream.set_time("frame", sequence=self.frame)
         self.stream.set_time("pose", sequence=step)
         self.stream.set_time("time", duration=float(self.time[step] - self.time[0]))
-        for entity, path, color in (
-            ("map/odometry", self.dead_reckoning.pose[: step + 1, :2], GRAY),
-            ("map/trajectory", self.path, BLUE),
-        ):
+        paths = [("map/trajectory", self.path, BLUE)]
+        if self.dead_reckoning is not None:
+            paths.insert(0, ("map/odometry", self.dead_reckoning.pose[: step + 1, :2], GRAY))
+        for entity, path, color in paths:
             thinned = path[:: len(path) // MAX_POINTS + 1]
             self._log_lines(entity, [np.concatenate([thinned, path[-1:]])], color)
         rays = [np.stack([pose[:2], landmarks[i]]) for i in snapshot.observed]
@@ -145,6 +201,9 @@ class _MapRecording:
         radius = self.rerun.Radius.ui_points(3)
         points = self.rerun.Points3D(_on_ground(landmarks), colors=[0, 0, 0], radii=radius)
         self.stream.log("map/landmarks", points)
+        image = None if self.image_at is None else self.image_at(step)
+        if image is not None:
+            self.stream.log("camera", self.rerun.Image(image).compress())
         heading = np.array([[np.cos(pose[2]), np.sin(pose[2])]])
         arrow = _on_ground(ARROW_FRACTION * self.size * heading)
         origin, red = _on_ground(pose[None, :2]), rgb_levels(RED)
@@ -174,6 +233,19 @@ class _MapRecording:
         radius = self.rerun.Radius.ui_points(1)
         lines3d = self.rerun.LineStrips3D(strips, colors=rgb_levels(color), radii=radius)
         self.stream.log(entity, lines3d)
+
+
+def _open_viewer(rerun: Any, stream: Any, in_browser: bool) -> None:
+    """Open a window of the viewer, or a page with it."""
+    try:
+        if in_browser:
+            rerun.serve_web_viewer(connect_to=stream.serve_grpc())
+            return
+        with _interpreter_folder_on_path():
+            stream.spawn()
+    except (RuntimeError, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f"rerun: its viewer cannot be started: {reason}") from error
 
 
 def _on_ground(xy: FloatArray) -> FloatArray:

@@ -14,13 +14,13 @@ from saccade.viewing.embedding import heat, json_element, photograph
 from saccade.viewing.page import Picture, Section, section_html, standalone_page, web_file
 
 SCRIPTS: dict[str, tuple[str, ...]] = {
-    "map": ("uPlot.iife.min.js", "charts.js", "ground.js", "map.js"),
+    "map": ("charts.js", "ground.js", "map.js"),
     "image": ("photo.js", "samples.js", "image.js"),
     "match": ("photo.js", "match.js"),
     "table": ("table.js",),
 }
 """Scripts of each kind of part, besides those of every page."""
-STYLES = ("page.css", "uPlot.min.css", "report.css")
+STYLES = ("page.css", "report.css")
 MAX_PART_LENGTH, MAX_LENGTH = 4_500_000, 4_700_000
 """Characters of one part and of all parts together: the page stays under 5 MB."""
 MAX_TABLE_LENGTH = 3_000_000

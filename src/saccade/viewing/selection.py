@@ -13,7 +13,7 @@ from saccade.viewing.style import GRAY, HEAT
 
 ROW_HEIGHT = 0.36
 """Inches, of the row of a selection."""
-LEGEND = "new landmarks per frame; bars are 95 % intervals of the mean"
+LEGEND = "landmarks tracked at a time; bars are 95 % intervals of the mean"
 
 
 class Panel(NamedTuple):

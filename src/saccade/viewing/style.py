@@ -1,15 +1,31 @@
 """Colors and axes of every figure; safe for color-blind readers."""
 
+from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from saccade.files import atomic_write
+
+FIGURE_FORMATS: Mapping[str, dict[str, Any]] = {
+    "png": {},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
+"""Formats of figures by suffix, and what is left out of their metadata."""
+VECTOR_TEXT: Any = {
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "saccade",
+}
+"""Text that other programs can edit, and names in an SVG that do not change."""
 
 BLUE, ORANGE, GREEN, RED = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 """After Okabe & Ito (2008), distinguishable under every common color-vision deficiency."""
@@ -31,6 +47,8 @@ def picture_axes(axes: Axes, title: str) -> None:
     """A title, and neither ticks nor frame: for photographs and maps."""
     axes.set_title(title, fontsize=10)
     axes.set_axis_off()
+    for axis in (axes.xaxis, axes.yaxis):  # else the title waits for ticks that are not drawn
+        axis.set_visible(False)
 
 
 def draw_panel(axes: Axes, image: npt.NDArray[Any], title: str, **options: Any) -> None:
@@ -78,9 +96,33 @@ def figure_for(
 def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a figure, whole or not at all, in the format of the suffix.
 
+    The text of an SVG or a PDF stays text, and the same figure gives the same bytes.
+
     Raises:
         OutputError: the file cannot be written.
     """
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, facecolor="white")
-    return Path(path)
+    path = Path(path)
+    metadata = FIGURE_FORMATS.get(path.suffix.lower().removeprefix("."))
+    with atomic_write(path) as temporary, rc_context(VECTOR_TEXT):
+        figure.savefig(temporary, facecolor="white", metadata=metadata)
+    return path
+
+
+def save_figures(figure: Figure, path: str | Path, formats: Sequence[str]) -> Path:
+    """Write a figure once for each format, of `FIGURE_FORMATS`, which is added to `path`.
+
+    Returns:
+        The file of the first format.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    first, *_ = [save_figure(figure, f"{path}.{each}") for each in formats]
+    return first
+
+
+def png_bytes(figure: Figure) -> bytes:
+    """A figure as a PNG in memory, for pages and films."""
+    with BytesIO() as file:
+        figure.savefig(file, format="png", facecolor="white")
+        return file.getvalue()

@@ -77,11 +77,12 @@ def eliminate_points(
     for i in range(k):
         a = reference[i]
         x, y, h = points[i, 0], points[i, 1], points[i, 2]
-        H[:] = 0.0
-        g[:] = 0.0
-        cross[:m] = 0.0
-        for c in range(3):
-            H[c, c] = DAMPING
+        for r in range(3):
+            g[r] = 0.0
+            for c in range(3):
+                H[r, c] = DAMPING if r == c else 0.0
+            for c in range(m):
+                cross[c, r] = 0.0
         count = m
         for j in range(n):
             squared_residual[i, j] = np.nan
@@ -131,7 +132,8 @@ def eliminate_points(
             robust = root * root  # Geman & McClure (1987)
             for c in range(6):
                 columns[count + c] = block[c] = 6 * j + c
-                cross[count + c] = 0.0
+                for r in range(3):
+                    cross[count + c, r] = 0.0
             for r in range(6 + m):
                 row = count + r if r < 6 else r - 6
                 j0, j1, j2 = robust * J[0, r], robust * J[1, r], robust * J[2, r]
@@ -147,8 +149,9 @@ def eliminate_points(
                     H[r, c] += d0 * D[0, c] + d1 * D[1, c] + d2 * D[2, c]
             count += 6
         invert3(H, inverse)
-        gain[i] = 0.0
         for r in range(3):
+            for c in range(6 * n + m):
+                gain[i, r, c] = 0.0
             i0, i1, i2 = inverse[r, 0], inverse[r, 1], inverse[r, 2]
             offset[i, r] = i0 * g[0] + i1 * g[1] + i2 * g[2]
             for c in range(count):

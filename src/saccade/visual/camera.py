@@ -57,6 +57,21 @@ def to_pixels(camera: Camera, points: FloatArray) -> tuple[FloatArray, FloatArra
     return np.stack([camera.cx + x, camera.cy + y], 1), depth
 
 
+def move_pixels(
+    camera: Camera, pose: tuple[FloatArray, FloatArray], xy: Float32Array, depth: FloatArray
+) -> Float32Array:
+    """(k, 2) pixels after a motion of the camera of pixels (k, 2) at depths (k,) in metres.
+
+    Unknown depths, NaN, count as infinite; where a point is behind the camera its pixel stays.
+    """
+    R, t = pose
+    inverse_depth = np.nan_to_num(1 / depth)
+    ray = directions(camera, xy.astype(np.float64)) @ R.T + inverse_depth[:, None] * t
+    ahead = np.where(ray[:, 2] > MIN_DEPTH, ray[:, 2], np.nan)
+    moved = ray[:, :2] / ahead[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    return np.where(np.isfinite(moved), moved, xy).astype(np.float32)
+
+
 def is_inside(
     camera: Camera, xy: FloatArray | Float32Array, border: float | FloatArray = 0.0
 ) -> BoolArray:

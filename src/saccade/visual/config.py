@@ -43,7 +43,11 @@ class VisualConfig:
     """
 
     detector: DetectorName = "sift"
-    """Interest point detector."""
+    """Interest point detector of the landmarks. The egomotion is estimated from points of SIFT."""
+    shared_points: bool = True
+    """Whether SIFT landmarks are among the points of the egomotion. Landmarks that are not, and
+    those of other detectors, are tracked beside them, and the motion is the same whatever they
+    are."""
     selection: Selection = "rematch-rate-range"
     """Which points become landmarks: those with the strongest response, any ("random"), those with
     the most certain range, the most salient by contrast or by symmetry, or those with the highest
@@ -60,7 +64,8 @@ class VisualConfig:
     max_points: int = 400
     """Maximum number of points detected in a frame."""
     max_tracks: int = 200
-    """Maximum number of points tracked at a time: landmarks, and others for the egomotion."""
+    """Maximum number of points tracked at a time: landmarks, and others for the egomotion; of each
+    where they are not shared."""
     window: int = 6
     """Number of frames whose poses and points are adjusted together; 2 estimates each motion from
     the last frame alone."""
@@ -113,6 +118,11 @@ class VisualConfig:
         near, far = self.range_limits
         require(0 <= near < far, "range_limits", "two ascending numbers from 0", self.range_limits)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
+
+    @property
+    def separate_landmarks(self) -> bool:
+        """Whether landmarks are tracked apart from the points of the egomotion."""
+        return self.detector != "sift" or not self.shared_points
 
     @property
     def counts_rematches(self) -> bool:

@@ -35,6 +35,15 @@ MAX_ITERATIONS, CONVERGED = 12, 1e-6
 """Of Gauss-Newton; the largest change at which it stops."""
 
 
+class Mounting(NamedTuple):
+    """The pose of a camera on the robot."""
+
+    rotation: FloatArray
+    """(3, 3) from the camera's frame into the robot's."""
+    position: FloatArray
+    """(3,) in the robot's frame, in metres."""
+
+
 class Correspondences(NamedTuple):
     """k points observed in two frames; inverse depths are 1 / metres along the optical axis."""
 
@@ -47,6 +56,10 @@ class Correspondences(NamedTuple):
     current_inverse_depth: FloatArray
     current_inverse_depth_sigma: FloatArray
     """(k,) in the second frame, NaN where it was not measured, and its standard deviation."""
+
+    def take(self, index: BoolArray) -> "Correspondences":
+        """Those of a mask (k,)."""
+        return Correspondences(*(each[index] for each in self))
 
 
 class Motion(NamedTuple):
@@ -91,7 +104,11 @@ def correspondences_of(
 
 
 def estimate_motion(
-    camera: Camera, points: Correspondences, pixel_sigma: float, prior: Prior | None
+    camera: Camera,
+    points: Correspondences,
+    pixel_sigma: float,
+    prior: Prior | None,
+    before: Camera | None = None,
 ) -> Motion | None:
     """Maximum-likelihood motion of k correspondences: RANSAC, then robust Gauss-Newton.
 
@@ -101,18 +118,22 @@ def estimate_motion(
         pixel_sigma: standard deviation of a pixel, in each axis.
         prior: the expected control, which becomes part of the estimate; None where measured
             depths determine the whole motion.
+        before: the camera as it was turned in the first frame; None if as in the second.
 
     Returns:
         The motion, or None where too few correspondences agree on one.
     """
     if len(points.previous) < MIN_INLIERS:
         return None
-    initial = _ransac_motion(camera, points) if prior is None else camera_motion(camera, prior[0])
+    if prior is None:
+        initial = _ransac_motion(camera, points)
+    else:
+        initial = camera_motion(camera, prior[0], before)
     if initial is None:
         return None
     R, t = initial
     inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))
-    weight = np.zeros((6, 6)) if prior is None else _prior_information(camera, prior[1], R)
+    weight = np.zeros((6, 6)) if prior is None else _prior_information(camera, prior[1], R, before)
     widths = KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS
     for i in range(MAX_ITERATIONS):
         offset = np.append(cv2.Rodrigues(R @ initial[0].T)[0], t - initial[1])
@@ -129,17 +150,40 @@ def estimate_motion(
     inliers = squared < INLIER_SIGMAS**2
     if inliers.sum() < MIN_INLIERS:
         return None
-    control, off_plane = robot_motion(camera, R, t)
-    J = robot_motion_jacobian(camera, R, t)[:3]
+    control, off_plane = robot_motion(camera, R, t, before)
+    J = robot_motion_jacobian(camera, R, t, before)[:3]
     covariance = J @ np.linalg.inv(information) @ J.T
     covariance = (covariance + covariance.T) / 2
     return Motion(control, off_plane, covariance, inliers, R, t, prior is not None)
 
 
-def robot_motion(camera: Camera, R: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The robot's control (3,) and off-plane motion (3,) of a `CameraPose`."""
-    rotation = camera.rotation @ R @ camera.rotation.T
-    translation = camera.rotation @ t + camera.position - rotation @ camera.position
+def agree_with_motion(
+    camera: Camera, points: Correspondences, pixel_sigma: float, motion: Motion
+) -> BoolArray:
+    """(k,) whether correspondences from which a motion was not estimated are inliers of it."""
+    inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))
+    for width in KERNEL_WIDTHS:
+        accumulate_normal_equations(
+            *(points, Intrinsics.of(camera), motion.rotation, motion.translation, pixel_sigma),
+            *(width, inverse_depth, np.zeros((6, 6)), np.zeros(6), squared),
+        )
+    return np.asarray(squared < INLIER_SIGMAS**2)
+
+
+def robot_motion(
+    camera: Camera | Mounting, R: FloatArray, t: FloatArray, before: Camera | Mounting | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """The robot's control (3,) and off-plane motion (3,) of a `CameraPose`.
+
+    Args:
+        camera: as mounted, or as it is turned after the motion.
+        R: (3, 3) of the pose.
+        t: (3,) of it.
+        before: the camera as it was turned before the motion; None if as after it.
+    """
+    before = before or camera
+    rotation = camera.rotation @ R @ before.rotation.T
+    translation = camera.rotation @ t + camera.position - rotation @ before.position
     inverse, axes = -rotation.T @ translation, rotation.T
     control = np.array([inverse[0], inverse[1], np.arctan2(axes[1, 0], axes[0, 0])])
     roll = np.arctan2(axes[2, 1], axes[2, 2])
@@ -147,21 +191,24 @@ def robot_motion(camera: Camera, R: FloatArray, t: FloatArray) -> tuple[FloatArr
     return control, np.array([inverse[2], roll, pitch])
 
 
-def camera_motion(camera: Camera, control: FloatArray) -> CameraPose:
-    """The `CameraPose` of a control (3,) on the ground plane."""
+def camera_motion(camera: Camera, control: FloatArray, before: Camera | None = None) -> CameraPose:
+    """The `CameraPose` of a control (3,) on the ground plane; `before` as for `robot_motion`."""
+    before = before or camera
     c, s = np.cos(control[2]), np.sin(control[2])
     rotation = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     translation = -rotation @ np.append(control[:2], 0.0)
-    R = camera.rotation.T @ rotation @ camera.rotation
-    return R, camera.rotation.T @ (translation - camera.position + rotation @ camera.position)
+    R = camera.rotation.T @ rotation @ before.rotation
+    return R, camera.rotation.T @ (translation - camera.position + rotation @ before.position)
 
 
-def robot_motion_jacobian(camera: Camera, R: FloatArray, t: FloatArray) -> FloatArray:
+def robot_motion_jacobian(
+    camera: Camera | Mounting, R: FloatArray, t: FloatArray, before: Camera | Mounting | None = None
+) -> FloatArray:
     """(6, 6) Jacobian of `robot_motion` by the camera's rotation vector and translation.
 
     To first order in roll and pitch.
     """
-    rotation = camera.rotation @ R @ camera.rotation.T
+    rotation = camera.rotation @ R @ (before or camera).rotation.T
     J = np.zeros((6, 6))
     x, y, z = camera.rotation @ t + camera.position
     position, angles = [0, 1, 3], [2, 4, 5]
@@ -171,11 +218,13 @@ def robot_motion_jacobian(camera: Camera, R: FloatArray, t: FloatArray) -> Float
     return J
 
 
-def _prior_information(camera: Camera, covariance: FloatArray, R: FloatArray) -> FloatArray:
+def _prior_information(
+    camera: Camera, covariance: FloatArray, R: FloatArray, before: Camera | None
+) -> FloatArray:
     """(6, 6) information of the prior on rotation and translation of the camera."""
     total = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
     total[:3, :3] = covariance + 1e-10 * np.eye(3)
-    J = robot_motion_jacobian(camera, R, np.zeros(3))
+    J = robot_motion_jacobian(camera, R, np.zeros(3), before)
     return np.asarray(J.T @ np.linalg.solve(total, J))
 
 

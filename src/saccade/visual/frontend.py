@@ -18,12 +18,22 @@ from saccade.keypoints.must_config import MustConfig
 from saccade.keypoints.sift import Sift
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.symroid import SymRoid
+from saccade.keypoints.symroid_config import SymRoidConfig
 from saccade.types import Image, Keypoints
-from saccade.visual.camera import is_inside
-from saccade.visual.config import VisualConfig
+from saccade.visual.camera import is_inside, move_pixels
+from saccade.visual.config import DetectorName, VisualConfig
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
-from saccade.visual.egomotion import Motion, Prior, correspondences_of, estimate_motion
+from saccade.visual.egomotion import (
+    Motion,
+    Prior,
+    agree_with_motion,
+    camera_motion,
+    correspondences_of,
+    estimate_motion,
+)
 from saccade.visual.optical_flow import (
+    LEVELS,
+    LEVELS_OF_GUESS,
     ByteArray,
     PreparedFrame,
     match_brightness,
@@ -39,8 +49,8 @@ MAX_DETECTIONS = 2**20
 BORDER = 8
 """Pixels at the edge of the image in which no point is tracked."""
 MAX_UPSAMPLED = 320_000
-"""Pixels of the largest image that SIFT upsamples: larger ones have enough points without it, and
-take a third of the time."""
+"""Pixels of the largest image that SIFT upsamples for the egomotion: larger ones have enough points
+without it, and take a third of the time."""
 SWITCH_INTERVAL = 5e-4
 """Seconds after which a thread that runs Python code yields to another: a tenth of the default."""
 
@@ -51,17 +61,21 @@ class FrameFeatures:
 
     frame: PreparedFrame
     detected: TrackedPoints | None
-    """None in the frames between those in which points are detected, and in blank ones."""
+    """Points of SIFT, for the egomotion; None in the frames between those in which points are
+    detected, and in blank ones."""
+    candidates: TrackedPoints | None
+    """Points of `VisualConfig.detector`, for landmarks; the same points if that is SIFT."""
     remarks: list[str]
     """Why the frame could not be read, if so."""
     seconds: dict[str, float]
     """Computation time by step."""
 
 
-class FeatureCache(dict[tuple[str, int, int, int], FrameFeatures]):
+class FeatureCache(dict[tuple[DetectorName | None, int, int, int], FrameFeatures]):
     """Features of the frames of a drive, shared by runs with different settings.
 
-    Keys are detector, number of points, detection interval, and frame; nothing is ever evicted.
+    Keys are the detector of separate landmarks, number of points, detection interval, and frame;
+    nothing is ever evicted.
     """
 
 
@@ -84,35 +98,43 @@ class FeatureExtractor:
     ) -> None:
         self._drive, self._config, self._cache = drive, config, cache
         self._read = dict(read or {})
-        self._detect_keypoints: Callable[[Image], Keypoints]
-        if config.detector == "sift":
-            pixels = drive.camera.width * drive.camera.height
-            octave = -1 if pixels <= MAX_UPSAMPLED else 0
-            self._detect_keypoints = Sift(
-                SiftConfig(
-                    max_keypoints=config.max_points,
-                    ranking="response",  # the ranking with which drives were measured
-                    spread=True,
-                    first_octave=octave,
-                )
-            )
-        elif config.detector == "must":
-            self._detect_keypoints = Must(MustConfig(max_keypoints=config.max_points))
-        else:
-            symroid = SymRoid()
-            self._detect_keypoints = lambda image: symroid(image).keypoints
+        self._detect_points = _detector("sift", config, drive.camera, separate=False)
+        self._detect_landmarks = _detector(config.detector, config, drive.camera, separate=True)
 
     def __call__(self, number: int) -> FrameFeatures:
         """A frame and its points; an empty frame where it cannot be read."""
-        if self._cache is None:
-            return self._extract(number)
+        return self._features(self._config.separate_landmarks, number)
+
+    def _features(self, separate: bool, number: int) -> FrameFeatures:
+        """A frame with separate candidates, or with the points for the egomotion in their place."""
         config = self._config
-        key = config.detector, config.max_points, config.detect_interval, number
-        if key not in self._cache:
-            self._cache[key] = self._extract(number)
-        return self._cache[key]
+        detector = config.detector if separate else None
+        key = detector, config.max_points, config.detect_interval, number
+        features = None if self._cache is None else self._cache.get(key)
+        if features is None and not separate:
+            features = self._extract(number)
+        elif features is None:
+            features = self._features(False, number)
+            if features.detected is not None and features.frame.frame.tracks is None:
+                start = perf_counter()
+                candidates = self._detect(features.frame, number, separate=True)
+                seconds = features.seconds["detect"] + perf_counter() - start
+                timed = features.seconds | {"detect": seconds}
+                features = replace(features, candidates=candidates, seconds=timed)
+        if self._cache is not None:
+            self._cache[key] = features
+        return features
+
+    def detect(self, features: FrameFeatures, number: int) -> FrameFeatures:
+        """The same frame with points detected in it, though its number does not ask for them."""
+        points = self._detect(features.frame, number, separate=False)
+        candidates = points
+        if self._config.separate_landmarks:
+            candidates = self._detect(features.frame, number, separate=True)
+        return replace(features, detected=points, candidates=candidates)
 
     def _extract(self, number: int) -> FrameFeatures:
+        """A frame with the points for the egomotion, which are its candidates too."""
         start, remarks = perf_counter(), list[str]()
         try:
             frame = self._read.pop(number, None) or self._drive.load(number)
@@ -121,11 +143,13 @@ class FeatureExtractor:
         prepared, detected = prepare_frame(frame, self._drive.camera), None
         read = perf_counter()
         if frame.tracks is not None or number % self._config.detect_interval == 0:
-            detected = self._detect(prepared, number)
+            detected = self._detect(prepared, number, separate=False)
         seconds = {"read": read - start, "detect": perf_counter() - read}
-        return FrameFeatures(prepared, detected, remarks, seconds)
+        return FrameFeatures(prepared, detected, detected, remarks, seconds)
 
-    def _detect(self, prepared: PreparedFrame, number: int) -> TrackedPoints | None:
+    def _detect(
+        self, prepared: PreparedFrame, number: int, *, separate: bool
+    ) -> TrackedPoints | None:
         """The points of a frame, none of them a landmark yet; None where it is blank."""
         tracks, camera = prepared.frame.tracks, self._drive.camera
         if tracks is not None:
@@ -135,14 +159,17 @@ class FeatureExtractor:
                 descriptors = np.zeros((len(tracks), 128), np.uint8)
             depth = depth_of(camera, tracks.disparity)
         elif prepared.left is not None:
-            points = self._detect_keypoints(prepared.left)
+            detect = self._detect_landmarks if separate else self._detect_points
+            points = detect(prepared.left)
             _, first = np.unique(points.xy, axis=0, return_index=True)
             points = points[np.sort(first)]  # one for each position, whatever its orientations
             descriptors, track = cast("ByteArray", points.descriptors), np.full(len(points), -1)
-            depth = measure_depth(camera, prepared, points.xy, self._config)
+            depth = measure_depth(
+                camera, prepared, points.xy, self._config, from_neighbors=separate
+            )
         else:
             return None
-        return TrackedPoints.zeros(
+        found = TrackedPoints.zeros(
             len(points),
             xy=points.xy,
             depth=depth,
@@ -152,9 +179,36 @@ class FeatureExtractor:
             track=track,
             first_frame=np.full(len(points), number),
             first_xy=points.xy,
+            size=points.size,
             response=points.response,
             descriptor=descriptors,
         )
+        return found.for_landmarks_only() if separate else found
+
+
+def _detector(
+    name: DetectorName, config: VisualConfig, camera: Camera, *, separate: bool
+) -> Callable[[Image], Keypoints]:
+    """A detector by its name.
+
+    Separate landmarks are of all scales and described upright: a symmetric structure has two
+    opposite orientations that are alike, and the camera of a robot does not roll.
+    """
+    if name == "must":
+        return Must(MustConfig(max_keypoints=config.max_points, upright=separate))
+    if name == "symroid":
+        symroid = SymRoid(SymRoidConfig(max_keypoints=config.max_points, upright=separate))
+        return lambda image: symroid(image).keypoints
+    upsampled = separate or camera.width * camera.height <= MAX_UPSAMPLED
+    return Sift(
+        SiftConfig(
+            max_keypoints=config.max_points,
+            ranking="response",  # the ranking with which drives were measured
+            spread=True,
+            first_octave=-1 if upsampled else 0,
+            upright=separate,
+        )
+    )
 
 
 class Prefetcher(Generic[T]):
@@ -210,7 +264,7 @@ def track(
     """Track points into a frame, and estimate the egomotion from them.
 
     Args:
-        camera: the calibration.
+        camera: the calibration, as mounted.
         previous: the last frame that was not blank.
         current: the frame.
         tracked: points of `previous`.
@@ -218,9 +272,11 @@ def track(
         config: standard deviations of pixels and depths.
 
     Returns:
-        The inliers of the motion in `current`, with their depths where it measures them, and
-        the motion. Where no motion is found: no points, since nothing verifies them, and None.
+        The points in `current` that agree with the motion, with their depths where it measures
+        them, and the motion, which is estimated from those `for_motion`. Where none is found: no
+        points, since nothing verifies them, and None.
     """
+    before, camera = (camera.turned(each.frame.turn) for each in (previous, current))
     if current.frame.tracks is not None:
         tracks = current.frame.tracks
         _, old, new = np.intersect1d(tracked.track, tracks.id, return_indices=True)
@@ -228,7 +284,12 @@ def track(
         depth = depth_of(camera, tracks.disparity[new])
     elif current.left is not None and previous.left is not None:
         image = match_brightness(current, previous)
-        xy, ok = track_points(previous.left, image, tracked.xy)
+        guess, levels = None, LEVELS
+        if previous.frame.turn != current.frame.turn:
+            pose = camera_motion(camera, prior[0], before)
+            guess = move_pixels(camera, pose, tracked.xy, tracked.depth)
+            levels = LEVELS_OF_GUESS
+        xy, ok = track_points(previous.left, image, tracked.xy, guess, levels)
         ok &= is_inside(camera, xy, BORDER)
         tracked, xy = tracked[ok], xy[ok]
         depth = measure_depth(camera, current, xy, config, tracked.depth)
@@ -238,8 +299,35 @@ def track(
     has_depth = measures_depth(camera, current.frame)
     previous_depth = tracked.depth if has_depth else np.full(len(tracked), np.nan)
     points = correspondences_of(tracked.xy, xy, previous_depth, tracked.depth_sigma, depth, sigma)
-    motion = estimate_motion(camera, points, config.pixel_sigma, None if has_depth else prior)
+    agrees, others = ~tracked.landmark_only, tracked.landmark_only
+    expected = None if has_depth and current.frame.turn is None else prior
+    motion = estimate_motion(camera, points.take(agrees), config.pixel_sigma, expected, before)
     if motion is None:
         return TrackedPoints(), None
-    moved = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)
-    return moved[motion.inliers], motion
+    motion = motion._replace(includes_prior=not has_depth)
+    agrees[agrees] = motion.inliers
+    agrees[others] = agree_with_motion(camera, points.take(others), config.pixel_sigma, motion)
+    return replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)[agrees], motion
+
+
+def extend(
+    tracked: TrackedPoints,
+    detected: TrackedPoints,
+    reidentified: TrackedPoints,
+    config: VisualConfig,
+) -> TrackedPoints:
+    """Tracked points, re-identified landmarks in place of those near, and the strongest new ones.
+
+    Args:
+        tracked: points that are tracked already.
+        detected: points of the same frame.
+        reidentified: those of them that are landmarks which were lost.
+        config: number of tracks, and their spacing.
+    """
+    radius = config.min_spacing / 2
+    others = tracked[~tracked.near(reidentified, radius)]
+    tracked = TrackedPoints.concatenate([others, reidentified])
+    new = detected[~detected.near(tracked, radius)]
+    capacity = max(0, config.max_tracks - len(tracked))
+    strongest = np.argsort(-new.response, kind="stable")[:capacity]
+    return TrackedPoints.concatenate([tracked, new[strongest]])

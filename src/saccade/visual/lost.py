@@ -8,7 +8,7 @@ drive so far, and their sum is one test (CUSUM, Page 1954).
 """
 
 from dataclasses import dataclass, field
-from math import log, nan
+from math import dist, log, nan
 from typing import NamedTuple
 
 import cv2
@@ -33,6 +33,8 @@ RARELY = 0.5, 100.0
 """Failures and attempts with which the counts begin."""
 VIEW_SHIFT = 2
 """Pixels by which the reduced images may be shifted against each other."""
+MIN_TURN = 0.01
+"""Radians between two frames by which a camera turns, and does not only tremble."""
 VIEW_MEMORY = 50.0
 """Frames over which the difference of successive views is averaged."""
 VIEW_SPREAD, MIN_VIEW_SPREAD = 0.6, 0.3
@@ -87,6 +89,10 @@ class LostTest:
     """(3,) last motion of the camera by its duration; NaN before the first."""
     blind: float = 0.0
     """The part of the evidence that comes from seeing nothing."""
+    direction: tuple[float, float] = (0.0, 0.0)
+    """Pan and tilt of the camera in the last frame, in radians."""
+    turned: bool = False
+    """Whether the camera has turned on the robot since the last view."""
     travel: float = 0.0
     """Metres since that view, by odometry; a turn counts `RADIUS` times."""
     mean_travel: float = 0.0
@@ -139,7 +145,10 @@ class LostTest:
             Whether the frame continues the last one that was not blank.
         """
         self.travel += _travel(odometry[0])
-        view = frame.view
+        view, turn = frame.view, frame.frame.turn
+        direction = (0.0, 0.0) if turn is None else (turn.pan, turn.tilt)
+        self.turned |= dist(direction, self.direction) > MIN_TURN
+        self.direction = direction
         deviation = self._deviation(view)
         continued = deviation <= ORDINARY
         contradiction = self._evidence_of_motion(odometry, motion, seconds)
@@ -167,7 +176,7 @@ class LostTest:
         if view is not None or motion is not None:
             self.travel = self.blind = 0.0
         if view is not None:
-            self.view = view
+            self.view, self.turned = view, False
         return continued
 
     def add_landmarks(self, counts: LandmarkCounts) -> None:
@@ -210,7 +219,7 @@ class LostTest:
         """Learn how far the robot usually moves, and how much successive views differ then."""
         self.views = min(self.views + 1, VIEW_MEMORY)
         self.mean_travel += (self.travel - self.mean_travel) / self.views
-        if view is None or self.view.shape != view.shape:
+        if view is None or self.view.shape != view.shape or self.turned:
             return
         deviation = _difference(self.view, view) - self.difference
         self.difference += deviation / self.views
@@ -219,9 +228,9 @@ class LostTest:
     def _deviation(self, view: Float32Array | None) -> float:
         """Standard deviations by which the difference of a view from the last exceeds the mean.
 
-        NaN where one of them is missing.
+        NaN where one of them is missing, or the camera has turned between them.
         """
-        if view is None or self.view.shape != view.shape:
+        if view is None or self.view.shape != view.shape or self.turned:
             return nan
         usual = log(max(self.travel / max(self.mean_travel, 1e-6), 1.0))
         spread = max(float(np.sqrt(self.difference_variance)), MIN_VIEW_SPREAD)

@@ -22,6 +22,8 @@ WINDOW = (15, 15)
 """Size of the window of Lucas-Kanade tracking, in pixels."""
 LEVELS = 4
 """Pyramid levels above the image itself, which bound how far a point may move."""
+LEVELS_OF_GUESS = 1
+"""The same where a turning camera predicts where each point is."""
 MAX_FORWARD_BACKWARD_ERROR = 0.5
 """Pixels between a point and where it is after tracking forward and backward."""
 MAX_ROW_OFFSET = 1.0
@@ -117,7 +119,11 @@ def image_gradients(image: ByteArray) -> ImageGradients:
 
 
 def track_points(
-    previous: ByteArray, current: ByteArray, xy: Float32Array, guess: Float32Array | None = None
+    previous: ByteArray,
+    current: ByteArray,
+    xy: Float32Array,
+    guess: Float32Array | None = None,
+    levels: int = LEVELS,
 ) -> tuple[Float32Array, BoolArray]:
     """Lucas-Kanade tracking with a forward-backward check.
 
@@ -126,6 +132,7 @@ def track_points(
         current: of the second.
         xy: (k, 2) pixels in the first.
         guess: (k, 2) initial pixels in the second; by default those in the first.
+        levels: of the pyramid above the images: fewer trust the guess more.
 
     Returns:
         (k, 2) pixels in the second, and (k,) whether each point was found.
@@ -139,7 +146,7 @@ def track_points(
     nothing = np.zeros((0, 1), np.uint8)
     flag = cv2.OPTFLOW_USE_INITIAL_FLOW
     tracked, found, _ = cv2.calcOpticalFlowPyrLK(
-        previous, current, origin, start.copy(), nothing, nothing, WINDOW, LEVELS, CRITERIA, flag
+        previous, current, origin, start.copy(), nothing, nothing, WINDOW, levels, CRITERIA, flag
     )
     returned, found_back, _ = cv2.calcOpticalFlowPyrLK(
         current, previous, tracked, origin.copy(), nothing, nothing, WINDOW, 1, CRITERIA, flag

@@ -7,7 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from saccade.frames import Drive, Frame
+from saccade.errors import require
+from saccade.frames import CameraTurn, Drive, EndOfDrive, Frame
 from saccade.slam.checkpoint import (
     Arrays,
     Checkpoint,
@@ -23,7 +24,15 @@ from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import CameraTrajectory, first_frame, measures_depth
 from saccade.visual.egomotion import Motion, Prior, camera_motion
-from saccade.visual.frontend import FeatureCache, FeatureExtractor, FrameFeatures, Prefetcher, track
+from saccade.visual.frontend import (
+    FeatureCache,
+    FeatureExtractor,
+    FrameFeatures,
+    Prefetcher,
+    extend,
+    track,
+)
+from saccade.visual.gaze_control import GazeControl
 from saccade.visual.ground_scale import GroundTracker
 from saccade.visual.lost import LandmarkCounts
 from saccade.visual.optical_flow import PreparedFrame
@@ -37,6 +46,11 @@ from saccade.visual.unknown_scale import keep_scale
 from saccade.visual.visual_map import VisualMap
 from saccade.visual.window import SlidingWindow
 
+MIN_POINTS = 0.4
+"""Fraction of the most tracked points under which a camera that turns detects new ones."""
+MIN_TURN = 0.05
+"""Turn of a camera in radians from one frame to the next at which it detects new points."""
+
 
 def run(
     drive: Drive,
@@ -47,6 +61,7 @@ def run(
     cache: FeatureCache | None = None,
     checkpoint: Checkpoint | None = None,
     tracks: TrackRecorder | None = None,
+    gaze: GazeControl | None = None,
 ) -> VisualResult:
     """Run visual SLAM on a drive.
 
@@ -58,15 +73,19 @@ def run(
         cache: features of earlier runs over the same frames.
         checkpoint: saves the state of the run; an interrupted run resumes from it.
         tracks: records the tracked points.
+        gaze: turns the camera after each frame. Its state is no part of a checkpoint.
 
     Returns:
         Trajectory, map and observations.
 
     Raises:
         DriveError: no frame can be used, or images have another size than the calibration.
+        ConfigError: both a checkpoint and a gaze.
     """
     config = config or VisualConfig()
-    with Pipeline(drive, config, cache) as pipeline:
+    both = checkpoint is not None and gaze is not None
+    require(not both, "checkpoint", "none where a gaze is controlled", "both")
+    with Pipeline(drive, config, cache, gaze) as pipeline:
         first = 0
         if checkpoint is not None:
             data = [getattr(drive, each.name) for each in fields(drive) if each.name != "load"]
@@ -77,9 +96,12 @@ def run(
             }
             first = checkpoint.resume((config, data, tracks is not None), parts)
         for number in range(first, len(drive)):
-            pipeline.step(number)
+            try:
+                pipeline.step(number)
+            except EndOfDrive:
+                break
             if tracks is not None:
-                tracks.add(pipeline.tracked, pipeline.detected)
+                tracks.add(pipeline.tracked, pipeline.detected, pipeline.turn)
             if recorder is not None:
                 tracked = pipeline.tracked.landmarks.landmark
                 rows = pipeline.map.landmarks.rows(tracked)
@@ -104,26 +126,38 @@ class Pipeline:
         drive: frames and odometry.
         config: the settings.
         cache: features of earlier runs over the same frames.
+        gaze: turns the camera after each frame; no frame is then read ahead.
     """
 
     def __init__(
-        self, drive: Drive, config: VisualConfig, cache: FeatureCache | None = None
+        self,
+        drive: Drive,
+        config: VisualConfig,
+        cache: FeatureCache | None = None,
+        gaze: GazeControl | None = None,
     ) -> None:
-        self.drive, self.config = drive, config
         first = first_frame(drive)
+        if any(frame.tracks is not None for frame in first.values()):  # tracks are what they are
+            config = replace(config, detector="sift", shared_points=True)
+        self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
         self.map = VisualMap(drive, config, has_depth)
         self.recovery = Recovery(self.map, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
         """The points detected in the last frame; None where none were."""
+        self.turn: CameraTurn | None = None
+        """Of the camera in the last frame; None where it is as mounted."""
         self.log = RunLog(drive)
+        self._cameras = drive.camera, drive.camera  # as turned in the last frame and in this one
         self._camera_trajectory = CameraTrajectory()
         self._ground = GroundTracker(drive.camera)
         adjusts = has_depth and config.window > 2
         self._window = SlidingWindow(drive.camera, config) if adjusts else None
         self._extract = FeatureExtractor(drive, config, cache, first)
-        self._features = Prefetcher(self._extract, len(drive), config.detect_interval)
+        ahead = config.detect_interval if gaze is None else 0
+        self._features = Prefetcher(self._extract, len(drive), ahead)
+        self._gaze = gaze
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
 
     def __enter__(self) -> Self:
@@ -136,16 +170,21 @@ class Pipeline:
         """Process a frame: detect, track, predict, update, associate, attend, initialize."""
         start, previous_pose, was_lost = perf_counter(), self.map.ekf.pose, self.recovery.lost
         features = self._detect(number)
-        frame, detected, found = features.frame, features.detected, False
-        self.detected = detected
+        frame, found = features.frame, False
+        self.turn = frame.frame.turn
+        self.map.turn_camera(self.turn)
+        self._cameras = self._cameras[1], self.map.camera
         if number > 0:
             expected, before = self.map.predict_motion(number), self.tracked
             motion = self._track(frame, expected)
             adjusted = self._adjust(number, before, expected, motion)
             self._predict(number, expected, motion, adjusted)
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            if self.recovery.add_motion(frame, motion, seconds, len(before), previous_pose):
+            points = len(before.for_motion)
+            if self.recovery.add_motion(frame, motion, seconds, points, previous_pose):
                 self.tracked = self.tracked.without_landmarks()
+            features = self._detect_if_few(number, features)
+        detected = self.detected = features.candidates
         self._update(number, ObservationKind.TRACKED, self.tracked.landmarks)
         scheduled = number % self.config.detect_interval == 0
         if detected is not None:
@@ -157,18 +196,22 @@ class Pipeline:
             elif len(described):
                 reidentified = self._associate(described)
                 self._update(number, ObservationKind.REIDENTIFIED, reidentified)
-            self._extend_tracks(detected, reidentified)
+            self._extend_tracks(features.detected, detected, reidentified)
         if scheduled and not self.recovery.lost:
             chosen = self._attend(number, frame)
             self._initialize(number, chosen)
         if self._window is not None and self.recovery.lost != was_lost:
             self._window.restart()
         if not found:
-            self.map.update_motion_prior(number, previous_pose, len(self.tracked))
+            self.map.update_motion_prior(number, previous_pose, len(self.tracked.for_motion))
         seconds = perf_counter() - start
         self.log.add_pose(self.map.ekf.pose, self.pose_covariance, seconds, self.recovery.lost)
         if not frame.is_blank:
             self._previous, self.log.last_visible = frame, number
+        if self._gaze is not None:
+            time, none = float(self.drive.time[number]), TrackedPoints()
+            seen = none if detected is None else detected
+            self._gaze.decide(time, frame.frame, self.map, self.tracked, seen)
 
     @property
     def pose_covariance(self) -> FloatArray:
@@ -203,6 +246,8 @@ class Pipeline:
             self._window.from_arrays(select(arrays, "window"))
         if self.log.last_visible is not None:
             self._previous = self._extract(self.log.last_visible).frame
+            self.map.turn_camera(self._previous.frame.turn)
+            self._cameras = self.map.camera, self.map.camera
 
     def _detect(self, number: int) -> FrameFeatures:
         """The frame, and in every `detect_interval`-th the points detected in it."""
@@ -210,6 +255,19 @@ class Pipeline:
             features = self._features(number)
         self.log.add_features(features)
         return features
+
+    def _detect_if_few(self, number: int, features: FrameFeatures) -> FrameFeatures:
+        """Detect points ahead of time where a camera that turns has left most of them behind."""
+        if features.detected is not None or self.turn is None:
+            return features
+        before, now = (camera.rotation[:, 2] for camera in self._cameras)
+        turned = np.linalg.norm(now - before) > MIN_TURN
+        leaves = self._gaze is not None and self._gaze.is_leaving
+        many = len(self.tracked.for_motion) > MIN_POINTS * self.config.max_tracks
+        if many and not turned and not leaves:
+            return features
+        with self.log.timed("detect"):
+            return self._extract.detect(features, number)
 
     def _track(self, frame: PreparedFrame, expected: Prior) -> Motion | None:
         """Track points into the frame, and estimate the egomotion."""
@@ -219,9 +277,11 @@ class Pipeline:
                 camera, self._previous, frame, self.tracked, expected, config
             )
         if motion is not None and self.drive.scale == "held":
-            motion = keep_scale(camera, before, self.tracked, motion)
+            earlier, now = self._cameras
+            motion = keep_scale(now, before.for_motion, self.tracked, motion, earlier)
         self.log.add_motion(expected[0], motion)
-        if motion is None or self.map.has_depth:
+        turned = frame.frame.turn, self._previous.frame.turn
+        if motion is None or self.map.has_depth or turned != (None, None):
             return motion
         previous, current = self._previous.left, frame.left
         with self.log.timed("ground"):
@@ -237,23 +297,25 @@ class Pipeline:
         """Adjust the window with the points of a frame, some of them tracked from `before`."""
         if self._window is None:
             return None
-        pose = camera_motion(self.drive.camera, expected[0])
+        earlier, now = self._cameras
+        pose = camera_motion(now, expected[0], earlier)
         if motion is not None:
             pose = motion.rotation, motion.translation
         current = self.tracked if motion is not None else TrackedPoints()
         with self.log.timed("adjust"):
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
-            return self._window.add(before, current, pose, self.map.odometry, seconds)
+            points, odometry = (before.for_motion, current.for_motion), self.map.odometry
+            return self._window.add(*points, pose, odometry, seconds, self._cameras)
 
     def _predict(
         self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None
     ) -> None:
         """Predict the pose; with a single camera, also triangulate the tracked points."""
-        camera, trajectory = self.drive.camera, self._camera_trajectory
+        (earlier, camera), trajectory = self._cameras, self._camera_trajectory
         with self.log.timed("predict"):
             self.map.predict(number, expected, motion, adjusted)
         if motion is None:
-            trajectory.append(*camera_motion(camera, expected[0]))
+            trajectory.append(*camera_motion(camera, expected[0], earlier))
             return
         trajectory.append(motion.rotation, motion.translation)
         if not self.map.has_depth:
@@ -277,9 +339,11 @@ class Pipeline:
         config, landmarks = self.config, self.map.landmarks
         with self.log.timed("associate"):
             if config.counts_rematches:
-                self.tracked = count_rematches(self.tracked, detected, config.ratio)
+                others, candidates = self._split_tracked()
+                candidates = count_rematches(candidates, detected, config.ratio)
+                self.tracked = TrackedPoints.concatenate([others, candidates])
             detected = detected[~detected.near(self.tracked.landmarks, config.min_spacing / 2)]
-            found = reidentify(detected, self.map, self.tracked, self.drive.camera, config)
+            found = reidentify(detected, self.map, self.tracked, self.map.camera, config)
             count = len(found.rows)
             expected = count + len(found.missed)
             landmark = landmarks.id[found.rows]
@@ -294,24 +358,31 @@ class Pipeline:
     def _relocalize(self, detected: TrackedPoints) -> bool:
         """Search a lost robot by the points whose depth is known; whether it was found."""
         with self.log.timed("relocalize"):
-            return self.recovery.search(detected if self.map.has_depth else self.tracked)
+            _, candidates = self._split_tracked()
+            return self.recovery.search(detected if self.map.has_depth else candidates)
 
-    def _extend_tracks(self, detected: TrackedPoints, reidentified: TrackedPoints) -> None:
+    def _split_tracked(self) -> tuple[TrackedPoints, TrackedPoints]:
+        """Tracked points that cannot become landmarks, and those that can."""
+        candidate = self.tracked.landmark_only == self.config.separate_landmarks
+        return self.tracked[~candidate], self.tracked[candidate]
+
+    def _extend_tracks(
+        self, for_motion: TrackedPoints | None, detected: TrackedPoints, reidentified: TrackedPoints
+    ) -> None:
         """Start tracks of re-identified landmarks and of the strongest new detections."""
-        config, radius = self.config, self.config.min_spacing / 2
-        others = self.tracked[~self.tracked.near(reidentified, radius)]
-        tracked = TrackedPoints.concatenate([others, reidentified])
-        new = detected[~detected.near(tracked, radius)]
-        capacity = max(0, config.max_tracks - len(tracked))
-        strongest = np.argsort(-new.response, kind="stable")[:capacity]
-        self.tracked = TrackedPoints.concatenate([tracked, new[strongest]])
+        others, candidates = self._split_tracked()
+        if self.config.separate_landmarks and for_motion is not None:
+            others = extend(others, for_motion, TrackedPoints(), self.config)
+        candidates = extend(candidates, detected, reidentified, self.config)
+        self.tracked = TrackedPoints.concatenate([others, candidates])
 
     def _attend(self, number: int, frame: PreparedFrame) -> IntArray:
         """(m,) indices of the tracked points that become landmarks."""
         with self.log.timed("attend"):
             tracked, config = self.tracked, self.config
-            saliency = saliency_at(frame.frame.image, tracked.xy, config)
+            saliency = saliency_at(frame.frame.image, tracked, config)
             observations, usable = self.map.observe(tracked)
+            usable &= tracked.landmark_only == config.separate_landmarks
             return select_landmarks(tracked, observations, usable, saliency, config, number)
 
     def _initialize(self, number: int, chosen: IntArray) -> None:

@@ -7,7 +7,7 @@ range is. Saliency is computed for the selections "contrast" and "symmetry" alon
 import numpy as np
 
 from saccade.attention.contrast import contrast_saliency
-from saccade.attention.symmetry import symmetry_saliency
+from saccade.attention.symmetry import SymmetryConfig, symmetry_saliency
 from saccade.types import BoolArray, Float32Array, FloatArray, Image, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.tables import RangeBearings, TrackedPoints
@@ -16,15 +16,44 @@ MAX_DISTANCE = 100.0
 """Pixels to the nearest landmark beyond which "rematch-rate-spread" ignores it."""
 
 
-def saliency_at(image: Image | None, xy: Float32Array, config: VisualConfig) -> FloatArray:
-    """(k,) saliency at pixels (k, 2); 0 without an image, or if the selection does not use it."""
+SYMMETRY = SymmetryConfig(
+    kind="isotropic",
+    channels="gray",
+    levels=(0, 1, 2, 3),
+    level_weights=(1.0, 1.0, 1.0, 1.0),
+    map_level=1,
+    viewing_size=None,
+)
+"""Levels of which a point is ranked by the symmetry at its own scale."""
+DISC_RADIUS = 2.5
+"""Scales from a point within which its symmetry is summed, as MUST's."""
+
+
+def saliency_at(image: Image | None, points: TrackedPoints, config: VisualConfig) -> FloatArray:
+    """(k,) saliency at points; 0 without an image, or if the selection does not use it.
+
+    Contrast is that of the saliency map, symmetry that of the pyramid level whose pairs cover
+    `DISC_RADIUS` scales of the point.
+    """
+    saliency = np.zeros(len(points))
     if image is None or config.selection not in ("contrast", "symmetry"):
-        return np.zeros(len(xy))
-    compute = contrast_saliency if config.selection == "contrast" else symmetry_saliency
-    saliency = compute(image).saliency
+        return saliency
+    if config.selection == "contrast":
+        return sample_saliency(contrast_saliency(image).saliency, image.shape, points.xy)
+    maps = symmetry_saliency(image, SYMMETRY).levels
+    disc = DISC_RADIUS * np.maximum(points.size, 1) / 2
+    level = np.rint(np.log2(disc / SYMMETRY.outer)).clip(min(maps), max(maps))
+    for number, symmetry in maps.items():
+        of_level = level == number
+        saliency[of_level] = sample_saliency(symmetry, image.shape, points.xy[of_level])
+    return saliency
+
+
+def sample_saliency(saliency: Float32Array, shape: tuple[int, ...], xy: Float32Array) -> FloatArray:
+    """(k,) values of a map (h, w) at pixels (k, 2) of its image of a larger shape."""
     rows, columns = saliency.shape
-    column = ((xy[:, 0] + 0.5) * columns / image.shape[1]).astype(np.int64).clip(0, columns - 1)
-    row = ((xy[:, 1] + 0.5) * rows / image.shape[0]).astype(np.int64).clip(0, rows - 1)
+    column = ((xy[:, 0] + 0.5) * columns / shape[1]).astype(np.int64).clip(0, columns - 1)
+    row = ((xy[:, 1] + 0.5) * rows / shape[0]).astype(np.int64).clip(0, rows - 1)
     return np.asarray(saliency[row, column], np.float64)
 
 

@@ -13,6 +13,10 @@ from saccade.visual.optical_flow import ByteArray
 AGE_WEIGHT = 1e-3
 """Weight of a landmark's relative age beside its miss rate: it decides between equal rates."""
 
+LANDMARK_ONLY_ID = 2**19
+"""Added to the ids of points that are tracked for landmarks alone: more than the points of a
+frame."""
+
 
 class Table:
     """Base of dataclasses of columns: arrays (n, ...), each declared by `column`."""
@@ -66,6 +70,8 @@ class TrackedPoints(Table):
     """(k,) number of the frame in which the point was detected."""
     first_xy: Float32Array = column(2, dtype=np.float32)
     """(k, 2) pixels in that frame."""
+    size: Float32Array = column(dtype=np.float32)
+    """(k,) diameter in pixels in that frame, twice the scale."""
     response: Float32Array = column(dtype=np.float32)
     """(k,) detector response in that frame."""
     descriptor: ByteArray = column(128, dtype=np.uint8)
@@ -76,6 +82,18 @@ class TrackedPoints(Table):
     """(k,) later frames in which points were detected while it was tracked."""
     rematches: IntArray = column(dtype=np.int64)
     """(k,) those of them in which its descriptor was matched at its tracked position."""
+    landmark_only: BoolArray = column(dtype=np.bool_)
+    """(k,) whether it is tracked for landmarks alone, apart from the points of the egomotion."""
+
+    def for_landmarks_only(self) -> "TrackedPoints":
+        """The same points, tracked apart from those of the egomotion; their ids are others."""
+        alone = np.ones(len(self), np.bool_)
+        return replace(self, id=self.id + LANDMARK_ONLY_ID, landmark_only=alone)
+
+    @property
+    def for_motion(self) -> "TrackedPoints":
+        """Those from which the egomotion is estimated."""
+        return self[~self.landmark_only]
 
     @property
     def is_landmark(self) -> BoolArray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from saccade.frames import Drive, Frame, Tracks
+from saccade.frames import CameraTurn, Drive, Frame, Tracks
 from saccade.slam.checkpoint import Arrays
 from saccade.types import FloatArray, IntArray
 from saccade.visual.depth import first_frame
@@ -27,16 +27,23 @@ class TrackRecorder:
     def __init__(self) -> None:
         self._id: list[IntArray] = []
         self._xyz: list[FloatArray] = []
+        self._turn: list[CameraTurn | None] = []
         self._row: list[IntArray] = []  # of its descriptor
         self._descriptors: list[ByteArray] = [np.zeros((1, 128), np.uint8)]
         self._rows = 1
 
-    def add(self, points: TrackedPoints, detected: TrackedPoints | None) -> None:
+    def add(
+        self,
+        points: TrackedPoints,
+        detected: TrackedPoints | None,
+        turn: CameraTurn | None = None,
+    ) -> None:
         """Record the points of the next frame.
 
         Args:
             points: that are tracked.
             detected: in the same frame, if any; one at the place of a tracked point is that point.
+            turn: of the camera, if it is not as mounted.
         """
         row = np.zeros(len(points), np.int64)
         if detected is not None and len(detected) and len(points):
@@ -47,6 +54,7 @@ class TrackRecorder:
             row[again] = self._rows + np.arange(again.sum())
             self._rows += int(again.sum())
             self._descriptors.append(detected.descriptor[nearest[again]])
+        self._turn.append(turn)
         self._id.append(points.id)
         self._xyz.append(np.column_stack([points.xy, points.depth]))
         self._row.append(row)
@@ -73,7 +81,8 @@ class TrackRecorder:
             disparity = camera.fx * camera.baseline / measured
             descriptor = descriptors[self._row[number]]
             tracks = Tracks(self._id[number], xyz[:, :2], disparity, descriptor)
-            return Frame(float(recorded.time[number]), tracks=tracks)
+            turn = self._turn[number]
+            return Frame(float(recorded.time[number]), tracks=tracks, turn=turn)
 
         return replace(recorded, camera=camera, load=load)
 
@@ -81,6 +90,7 @@ class TrackRecorder:
         """The state as named arrays, for a checkpoint."""
         return {
             "count": np.array([len(id) for id in self._id]),
+            "turn": np.array([turn[:3] if turn else (np.nan,) * 3 for turn in self._turn]),
             "id": np.concatenate(self._id),
             "xyz": np.concatenate(self._xyz),
             "row": np.concatenate(self._row),
@@ -93,4 +103,6 @@ class TrackRecorder:
         self._id, self._xyz, self._row = (
             np.split(arrays[name], parts) for name in ("id", "xyz", "row")
         )
+        known = [turn if np.isfinite(turn).all() else None for turn in arrays["turn"]]
+        self._turn = [None if turn is None else CameraTurn(*turn.tolist()) for turn in known]
         self._descriptors, self._rows = [arrays["descriptors"]], len(arrays["descriptors"])

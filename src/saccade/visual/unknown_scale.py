@@ -16,12 +16,17 @@ LIMITS = (0.2, 5.0)
 
 
 def keep_scale(
-    camera: Camera, before: TrackedPoints, after: TrackedPoints, motion: Motion
+    camera: Camera,
+    before: TrackedPoints,
+    after: TrackedPoints,
+    motion: Motion,
+    camera_before: Camera | None = None,
 ) -> Motion:
     """The motion with the length that fits the depths of the points in the frame before.
 
     Every point gives a length of the translation from its depth and its two pixels; the weighted
     median counts, by the parallax of a step. Unchanged where too few points have a depth.
+    `camera_before` is the camera as it was turned in the frame before, if it turns.
     """
     known = before.depth_sigma < MAX_DEPTH_SIGMA * before.depth
     _, i, j = np.intersect1d(before.id[known], after.id, return_indices=True)
@@ -39,5 +44,5 @@ def keep_scale(
     if median <= 0:
         return motion
     translation = motion.translation * np.clip(median, *LIMITS)
-    control, off_plane = robot_motion(camera, motion.rotation, translation)
+    control, off_plane = robot_motion(camera, motion.rotation, translation, camera_before)
     return motion._replace(control=control, off_plane=off_plane, translation=translation)

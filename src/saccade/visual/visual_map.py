@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import block_diag
 
-from saccade.frames import Drive, steps_between
+from saccade.frames import CameraTurn, Drive, steps_between
 from saccade.slam.association.jcbb import predict_jointly
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.filter.ekf import EkfSlam
@@ -47,6 +47,8 @@ class VisualMap:
 
     def __init__(self, drive: Drive, config: VisualConfig, has_depth: bool) -> None:
         self._drive, self._config, self.has_depth = drive, config, has_depth
+        self.camera = drive.camera
+        self._turn_sigma = 0.0
         scale_sigma, turn_per_metre, _ = drive.odometry_bias
         relative_sigma = config.relative_motion_sigma[0], config.relative_height_sigma
         self.scale = OdometryScale(scale_sigma, relative_sigma[0 if has_depth else 1])
@@ -90,6 +92,11 @@ class VisualMap:
         learned = {"odometry_scale": self.scale, "turn_rate_bias": self._turn_bias}
         return {"tilt": self.planarity, "prior": self._motion_prior, **learned}
 
+    def turn_camera(self, turn: CameraTurn | None) -> None:
+        """Set how the camera is turned in the frames from now on."""
+        self.camera = self._drive.camera.turned(turn)
+        self._turn_sigma = 0.0 if turn is None else turn.sigma
+
     @property
     def next_id(self) -> int:
         """Id of the next landmark."""
@@ -105,7 +112,10 @@ class VisualMap:
         control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
         control = self._turn_bias.corrected(control, seconds)
         self._step_seconds = seconds
-        self._odometry = control, drive.control_covariance[number - 1]
+        covariance = drive.control_covariance[number - 1]
+        if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
+            covariance = covariance + np.diag([0.0, 0.0, 2 * self._turn_sigma**2])
+        self._odometry = control, covariance
         if not self.has_depth:
             return self._odometry
         return self._motion_prior.predict(*self._odometry, seconds)
@@ -144,7 +154,7 @@ class VisualMap:
             covariance = camera_error_covariance(motion, seconds, self._config, tilt)
             control = motion.control, covariance
             difference = float(self._drive.control[number - 1, 2] - motion.control[2])
-            variance = self._drive.control_covariance[number - 1, 2, 2] + control[1][2, 2]
+            variance = self._odometry[1][2, 2] + control[1][2, 2]
             self._turn_bias.update(difference, seconds, float(variance))
             if self.has_depth:
                 distance = float(np.hypot(*self._odometry[0][:2]))
@@ -219,7 +229,7 @@ class VisualMap:
         A single camera observes landmarks of the map, whose `expected` observations are given, by
         their bearing alone: its ranges follow from the motion itself.
         """
-        camera, config, tilt = self._drive.camera, self._config, self.planarity.tilt
+        camera, config, tilt = self.camera, self._config, self.planarity.tilt
         if expected is None or self.has_depth:
             return observe(camera, points, config, tilt)
         bearings = observe_bearings(camera, points, expected.z[:, 0], config, tilt)
@@ -286,9 +296,9 @@ class VisualMap:
     ) -> tuple[FloatArray, FloatArray]:
         """Innovations (k, 2) of landmarks (k,), and their joint covariance (2k, 2k)."""
         z, S = predict_jointly(self.ekf, rows)
-        fraction, degrees = self._config.shared_error_sigma
+        fraction, bearing = self._shared_error_sigma
         shared = np.zeros((2, 2 * len(rows)))
-        shared[0, ::2], shared[1, 1::2] = fraction * observations.z[:, 0], np.radians(degrees)
+        shared[0, ::2], shared[1, 1::2] = fraction * observations.z[:, 0], bearing
         return self.ekf.sensor.difference(observations.z, z), (
             S + shared.T @ shared + block_diag(*observations.covariance)
         )
@@ -309,8 +319,15 @@ class VisualMap:
 
         Each gets `count` times its variance, so that together they carry the information of one.
         """
-        fraction, degrees = self._config.shared_error_sigma
+        fraction, bearing = self._shared_error_sigma
         shared = np.zeros_like(observations.covariance)
         shared[:, 0, 0] = count * np.square(fraction * observations.z[:, 0])
-        shared[:, 1, 1] = count * np.radians(degrees) ** 2
+        shared[:, 1, 1] = count * bearing**2
         return observations.covariance + shared
+
+    @property
+    def _shared_error_sigma(self) -> tuple[float, float]:
+        """Of the range, as a fraction of it, and of the bearing, in radians."""
+        fraction, degrees = self._config.shared_error_sigma
+        bearing = float(np.radians(degrees))
+        return fraction, float(np.hypot(bearing, self._turn_sigma)) if self._turn_sigma else bearing

@@ -25,6 +25,7 @@ from saccade.visual.egomotion import (
     DEFAULT_DEPTH,
     OFF_PLANE_SIGMA,
     CameraPose,
+    Mounting,
     Prior,
     robot_motion,
     robot_motion_jacobian,
@@ -65,6 +66,7 @@ class SlidingWindow:
     def restart(self) -> None:
         """Forget all frames but the last: after a gap, no earlier motion tells of the next one."""
         self._rotation, self._translation = np.eye(3)[None], np.zeros((1, 3))
+        self._mount = self._camera.rotation[None].copy()  # as it was turned in each frame
         self._id: IntArray = np.zeros(0, np.int64)
         self._point = np.zeros((0, 4))  # homogeneous, in the frame of the poses
         self._observed, self._sigma = np.zeros((0, 1, 3)), np.zeros((0, 1, 3))
@@ -78,6 +80,7 @@ class SlidingWindow:
         motion: CameraPose,
         odometry: Prior,
         seconds: float,
+        cameras: tuple[Camera, Camera],
     ) -> Prior:
         """Add a frame, and adjust the window.
 
@@ -87,6 +90,7 @@ class SlidingWindow:
             motion: initial motion between the two.
             odometry: control and covariance of odometry.
             seconds: between the two.
+            cameras: as they were turned in the two.
 
         Returns:
             The control from the last estimate of the last pose to the first of this one, so that
@@ -94,11 +98,12 @@ class SlidingWindow:
         """
         self._observe(previous)
         last = self._rotation[-1], self._translation[-1]
-        self._append(motion, odometry, seconds)
+        self._mount[-1] = cameras[0].rotation
+        self._append(motion, odometry, seconds, cameras[1].rotation)
         self._observe(current)
         information = self._adjust()
         R, t = relative_pose(last, (self._rotation[-1], self._translation[-1]))
-        control, _ = robot_motion(self._camera, R, t)
+        control, _ = robot_motion(self._mounting(-1), R, t, self._mounting(-2))
         return control, self._step_covariance(information)
 
     def to_arrays(self) -> Arrays:
@@ -133,7 +138,13 @@ class SlidingWindow:
         self._observed = np.concatenate([self._observed, blank])[order]
         self._sigma = np.concatenate([self._sigma, blank])[order]
 
-    def _append(self, motion: CameraPose, odometry: Prior, seconds: float) -> None:
+    def _mounting(self, j: int) -> Mounting:
+        """The camera on the robot in frame j."""
+        return Mounting(self._mount[j], self._camera.position)
+
+    def _append(
+        self, motion: CameraPose, odometry: Prior, seconds: float, mount: FloatArray
+    ) -> None:
         """Append a frame, and drop the first one of a full window."""
         R, t = motion
         covariance = np.diag(np.square([0.0, 0.0, 0.0, *OFF_PLANE_SIGMA]))
@@ -143,6 +154,7 @@ class SlidingWindow:
         rotation, translation = R @ self._rotation[-1], R @ self._translation[-1] + t
         self._rotation = np.concatenate([self._rotation[first:], rotation[None]])
         self._translation = np.concatenate([self._translation[first:], translation[None]])
+        self._mount = np.concatenate([self._mount[first:], mount[None]])
         self._odometry = np.concatenate([self._odometry[first:], odometry[0][None]])
         self._information = np.concatenate([self._information[first:], information[None]])
         self._seconds = np.append(self._seconds[first:], seconds)
@@ -222,9 +234,10 @@ class SlidingWindow:
         x, y, z = R @ first[1]
         second = np.eye(6)
         second[3:, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-        by_second = robot_motion_jacobian(self._camera, R, t) @ second
+        mounts = self._mounting(j + 1), self._mounting(j)
+        by_second = robot_motion_jacobian(mounts[0], R, t, mounts[1]) @ second
         by_first = -np.concatenate([by_second[:, :3] @ R, by_second[:, 3:] @ R], 1)
-        value = np.concatenate(robot_motion(self._camera, R, t))
+        value = np.concatenate(robot_motion(mounts[0], R, t, mounts[1]))
         return value, np.concatenate([by_first, by_second], 1)
 
     def _step_covariance(self, information: FloatArray) -> FloatArray:

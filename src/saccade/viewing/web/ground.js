@@ -6,9 +6,9 @@ const CLICK_RADIUS = 14; // pixels within which a click selects
 /**
  * A canvas that shows a plane, x to the right and y up.
  * `box` is [left, bottom, right, top] in meters; `draw(context, view)` draws it;
- * `clicked(x, y, radius)` is called on clicks, in meters.
+ * `clicked(x, y, radius)` is called on clicks, in meters; `ownKeys` are functions by key.
  */
-function plane(canvas, box, draw, clicked) {
+function plane(canvas, box, draw, clicked, ownKeys = {}) {
   let scale = 1;
   let center = [0, 0];
   let requested = false;
@@ -88,7 +88,7 @@ function plane(canvas, box, draw, clicked) {
     const keys = {
       ArrowLeft: () => pan(40, 0), ArrowRight: () => pan(-40, 0),
       ArrowUp: () => pan(0, 40), ArrowDown: () => pan(0, -40),
-      "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), 0: fit,
+      "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), 0: fit, ...ownKeys,
     };
     if (!(event.key in keys) || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
@@ -115,6 +115,33 @@ function addEllipse(context, view, x, y, xx, xy, yy, ellipseScale) {
   const left = view.x(x), top = view.y(y);
   context.moveTo(left + a * Math.cos(angle), top - a * Math.sin(angle));
   context.ellipse(left, top, a, b, -angle, 0, 2 * Math.PI);
+}
+
+/** A robot at [x, y, heading, xx, xy, yy], the last three its covariance. */
+function drawRobot(context, view, pose, ellipseScale, colors) {
+  const [x, y, heading, xx, xy, yy] = pose;
+  context.strokeStyle = colors.blue;
+  context.lineWidth = 1.5;
+  context.beginPath();
+  addEllipse(context, view, x, y, xx, xy, yy, ellipseScale);
+  context.stroke();
+  drawArrow(context, view, x, y, heading, colors.red, colors.paper);
+}
+
+/** An arrow in the direction of a heading. */
+function drawArrow(context, view, x, y, heading, fill, stroke) {
+  context.save();
+  context.translate(view.x(x), view.y(y));
+  context.rotate(-heading);
+  context.beginPath();
+  for (const [a, b] of [[12, 0], [-8, 7], [-4, 0], [-8, -7]]) context.lineTo(a, b);
+  context.closePath();
+  context.fillStyle = fill;
+  context.strokeStyle = stroke;
+  context.lineWidth = 1.5;
+  context.fill();
+  context.stroke();
+  context.restore();
 }
 
 /** A scale bar. */

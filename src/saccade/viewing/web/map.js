@@ -9,17 +9,6 @@ const TRAJECTORIES = {
 const KINDS = [["new", "orange"], ["tracked", "green"], ["re-identified", "red"]];
 const MAX_BUTTONS = 40;
 
-/** Index of the first of ascending numbers that is not below a value. */
-function lowerBound(values, value) {
-  let low = 0, high = values.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (values[middle] < value) low = middle + 1;
-    else high = middle;
-  }
-  return low;
-}
-
 /** First row of each part of a table, from the number of rows of each. */
 function firstRows(counts) {
   const sums = [0];
@@ -99,27 +88,6 @@ function drawTrajectory(context, view, trajectory, time, colors) {
   }
   context.globalAlpha = 1;
   context.setLineDash([]);
-}
-
-function drawRobot(context, view, pose, ellipseScale, colors) {
-  const [x, y, heading, xx, xy, yy] = pose;
-  context.strokeStyle = colors.blue;
-  context.lineWidth = 1.5;
-  context.beginPath();
-  addEllipse(context, view, x, y, xx, xy, yy, ellipseScale);
-  context.stroke();
-  context.save();
-  context.translate(view.x(x), view.y(y));
-  context.rotate(-heading);
-  context.beginPath();
-  for (const [a, b] of [[12, 0], [-8, 7], [-4, 0], [-8, -7]]) context.lineTo(a, b);
-  context.closePath();
-  context.fillStyle = colors.red;
-  context.strokeStyle = colors.paper;
-  context.lineWidth = 1.5;
-  context.fill();
-  context.stroke();
-  context.restore();
 }
 
 /** The landmarks of one snapshot, with lines from the robot to those it observes. */
@@ -219,7 +187,7 @@ kinds.map = (element, data) => {
   });
   const ground = plane(canvas, boundsOf(data, snapshots), draw, chooseAt);
   const play = player("Time", snapshots.length, () => period, show);
-  const charts = data.charts.map((each) => chart(each, (time) => showTime(time)));
+  const charts = linkedCharts(data.charts, showTime);
   const estimate = data.trajectories.find((each) => each.name === "estimate");
   const lost = data.lost.map((each) => lostPart(estimate, each));
   const images = loadImages(data, () => drawCamera());
@@ -268,7 +236,7 @@ kinds.map = (element, data) => {
     const count = data.snapshots.count[number];
     const isLost = data.lost.some(([begin, end]) => begin <= time && time < end);
     play.set(number, `${short(time, 1)} s · ${count} landmark${count === 1 ? "" : "s"}${isLost ? " · lost" : ""}`);
-    for (const each of charts) each.mark(time);
+    charts.mark(time);
     ground.redraw();
     drawCamera();
     element.dataset.step = data.snapshots.step[number];
@@ -371,7 +339,7 @@ kinds.map = (element, data) => {
       make("div", { class: "main" }, canvas, play.element,
         make("div", { class: "under" }, make("div", { class: "layers" }, ...layers), zooms)),
       side),
-    make("div", { class: "charts" }, ...charts.map((each) => each.figure)),
+    charts.element,
   );
   new ResizeObserver(drawCamera).observe(element);
   onTheme(() => { drawCamera(); });

@@ -1,0 +1,207 @@
+"""Drives with each gaze policy, scored, and stored so that the study can be resumed."""
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+
+import saccade
+from saccade import visual
+from saccade.errors import ConfigError
+from saccade.evaluation.drives import summarize_drive
+from saccade.files import atomic_write, read_text, reason_of
+from saccade.frames import Drive
+from saccade.simulation import DriveConfig, PanCamera, simulate_drive
+from saccade.simulation.drive_config import WorldName
+from saccade.slam import Recorder
+from saccade.types import FloatArray
+from saccade.visual import ObservationKind, VisualConfig, VisualResult
+from saccade.visual.gaze_control import GazeControl, pan_candidates
+from saccade.visual.gaze_policies import POLICIES
+
+SCORES = (
+    *("ate_m", "end_m", "closed", "frames_to_close", "entropy", "redetected"),
+    *("association_precision", "inside_3sigma"),
+)
+"""Scores that are stored of each run."""
+LOOP_DISTANCE, LOOP_LANDMARKS = 5.0, 3
+"""Metres that the robot travelled since it last observed the landmarks that close a loop, and how
+many of them it re-identifies in one frame."""
+TIMES = 20
+"""Times at which the entropy of the pose is stored, evenly over the drive."""
+PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
+"""A stereo camera that pans; the ring is smaller than by default."""
+SETTINGS = VisualConfig(recover=False)
+"""Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
+LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
+"""Of each drive; after each the robot is where it began."""
+
+Run: TypeAlias = Callable[[str, int, int], tuple[Drive, VisualResult]]
+"""A drive and its result by policy, seed, and number of frames."""
+
+
+def gaze_drive(
+    config: DriveConfig,
+    policy: str,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    recorder: Recorder | None = None,
+) -> tuple[Drive, VisualResult, GazeControl]:
+    """Map a simulated drive whose camera is turned by a policy.
+
+    Args:
+        config: of the drive.
+        policy: name of one of `POLICIES`.
+        seed: of the world, of all noise, and of what the policy draws.
+        progress: called with the number of frames done and of all frames.
+        recorder: takes snapshots of the map while it grows.
+
+    Returns:
+        The drive, whose frames can now be loaded in any order; its result, and the decisions.
+    """
+    pan = PanCamera(seed=seed)
+    drive = simulate_drive(config, seed, pan)
+    candidates = pan_candidates(drive.camera, pan.limits)
+    control = GazeControl(POLICIES[policy](seed), candidates, pan.limits, pan.turn_to)
+    return drive, visual.run(drive, SETTINGS, progress, recorder=recorder, gaze=control), control
+
+
+def _pan_run(world: WorldName, policy: str, seed: int, frames: int) -> tuple[Drive, VisualResult]:
+    lap = max(2, frames // LAPS[world])
+    config = replace(PAN_DRIVE, world=world, frames=frames, frames_per_lap=lap)
+    return gaze_drive(config, policy, seed)[:2]
+
+
+WORLDS: dict[str, Run] = {
+    "ring": partial(_pan_run, "ring"),
+    "crossing": partial(_pan_run, "crossing"),
+    "rooms": partial(_pan_run, "rooms"),
+}
+"""Drives of the study by name."""
+
+
+@dataclass(frozen=True)
+class GazeRun:
+    """One drive with one policy and one seed."""
+
+    world: str
+    policy: str
+    seed: int
+    """Of the world, of all noise, and of what the policy draws."""
+    frames: int
+    """Number of frames."""
+
+    def path(self, out: Path) -> Path:
+        """The file of the run; each version of the package has its own."""
+        name = f"{self.world}-{self.frames}-{self.policy}-{self.seed}.json"
+        return out / "runs" / saccade.__version__ / name
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What tells it from other runs."""
+        return {"world": self.world, "policy": self.policy, "seed": self.seed}
+
+
+def run_all(
+    runs: Sequence[GazeRun],
+    out: Path,
+    jobs: int = 1,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[dict[str, Any]]:
+    """The results of all runs, computed in `jobs` processes where they are not stored yet.
+
+    Args:
+        runs: the runs.
+        out: folder in which they are stored.
+        jobs: number of processes; with several, each has a single OpenCV thread.
+        progress: called with the runs done and their number.
+    """
+    results = []
+    with ExitStack() as stack:
+        mapped: Any = map
+        if jobs > 1:
+            one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
+            pool = ProcessPoolExecutor(jobs, get_context("spawn"), one_thread)
+            mapped = stack.enter_context(pool).map
+        for row in mapped(partial(result_of, out=out), runs):
+            results.append(row)
+            if progress is not None:
+                progress(len(results), len(runs))
+    return results
+
+
+def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
+    """The scores of a run, read from its file or computed."""
+    path = run.path(out)
+    if path.exists():
+        return _stored(path, run.identity)
+    drive, result = WORLDS[run.world](run.policy, run.seed, run.frames)
+    row = run.identity | score(drive, result)
+    with atomic_write(path) as temporary:
+        temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+    return row
+
+
+def _stored(path: Path, expected: dict[str, Any]) -> dict[str, Any]:
+    """A run read from its file, which has to match `expected`."""
+    try:
+        content: Any = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
+    row: dict[str, Any] = content if isinstance(content, dict) else {}
+    scored = all(isinstance(row.get(name, ""), (float, int, type(None))) for name in SCORES)
+    series = row.get("entropy_over_time")
+    scored = scored and isinstance(series, list) and len(series) == TIMES
+    if not scored or any(row.get(name) != value for name, value in expected.items()):
+        raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
+    return row
+
+
+def score(drive: Drive, result: VisualResult) -> dict[str, Any]:
+    """The scores of a mapped drive whose truth is known."""
+    summary = summarize_drive(drive, result)
+    observed = result.observations
+    again = observed.landmark[observed.kind == ObservationKind.REIDENTIFIED]
+    closed = first_closure(result)
+    entropy = pose_entropy(result)
+    at = np.linspace(0, len(entropy) - 1, TIMES).round().astype(np.int64)
+    names = ("ate_m", "end_m", "association_precision", "inside_3sigma", "ms_per_frame")
+    return {
+        **{name: summary[name] for name in names},
+        "closed": float(closed is not None),
+        "frames_to_close": closed,
+        "entropy": float(entropy.mean()),
+        "entropy_over_time": entropy[at].tolist(),
+        "redetected": len(np.unique(again)),
+    }
+
+
+def pose_entropy(result: VisualResult) -> FloatArray:
+    """(n - 1,) entropy of the pose after each frame but the first, in nats (meters, radians)."""
+    covariance = result.trajectory.covariance
+    assert covariance is not None
+    determinant = np.linalg.slogdet(2 * np.pi * np.e * (covariance[1:] + 1e-12 * np.eye(3)))[1]
+    return np.asarray(determinant / 2)
+
+
+def first_closure(result: VisualResult) -> int | None:
+    """The first frame that closes a loop, see `LOOP_DISTANCE`; None where none does."""
+    steps = np.hypot(*np.diff(result.trajectory.pose[:, :2], axis=0).T)
+    travelled = np.concatenate([[0.0], np.cumsum(steps)])
+    observed, last = result.observations, dict[int, float]()
+    closing = np.zeros(len(travelled), np.int64)
+    columns = (observed.frame, observed.landmark, observed.kind)
+    for frame, landmark, kind in zip(*(column.tolist() for column in columns), strict=True):
+        since = travelled[frame] - last.get(landmark, travelled[frame])
+        closing[frame] += kind == ObservationKind.REIDENTIFIED and since >= LOOP_DISTANCE
+        last[landmark] = travelled[frame]
+    frames = np.flatnonzero(closing >= LOOP_LANDMARKS)
+    return int(frames[0]) if len(frames) else None

@@ -1,0 +1,121 @@
+"""A camera that turns on the robot: its geometry, its drives on disk, and a simulated one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from saccade import visual
+from saccade.datasets import load_drive, save_drive
+from saccade.errors import DriveError
+from saccade.evaluation.drives import summarize_drive
+from saccade.frames import AHEAD, Camera, CameraTurn
+from saccade.simulation import DriveConfig, PanCamera, simulate_drive
+from saccade.visual.camera import directions, from_pixels, move_pixels, to_pixels
+from saccade.visual.egomotion import (
+    camera_motion,
+    correspondences_of,
+    estimate_motion,
+    robot_motion,
+    robot_motion_jacobian,
+)
+from saccade.visual.gaze import Gaze, GazeLimits
+
+CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), AHEAD)
+CONTROL = np.array([0.2, 0.03, 0.1])
+BEFORE, AFTER = CameraTurn(0.3, -0.05), CameraTurn(0.55, 0.02)
+SMALL = DriveConfig(
+    world="rooms", frames=24, frames_per_lap=200, image_size=(120, 90), field_of_view=50.0
+)
+
+
+@pytest.fixture(scope="module")
+def pan_drive():
+    """A drive whose camera turns to the left, with all frames loaded."""
+    pan = PanCamera(GazeLimits(rate=0.6, latency=0.0), seed=3)
+    drive = simulate_drive(SMALL, 1, pan)
+    pan.turn_to(0.0, Gaze(1.0, reason="explore"))
+    frames = [drive.load(i) for i in range(len(drive))]
+    return replace(drive, load=lambda i: frames[i])
+
+
+def test_pan_turns_left_and_tilt_up_as_rotations_about_the_robots_axes():
+    turn = CameraTurn(0.7, 0.3)
+    expected = Rotation.from_euler("ZY", [0.7, -0.3]).as_matrix()
+    assert_allclose(turn.rotation, expected, atol=1e-12)
+    axis = CAMERA.turned(turn).rotation[:, 2]
+    assert_allclose(np.arctan2(axis[1], axis[0]), 0.7)
+    assert_allclose(np.arcsin(axis[2]), 0.3)
+    assert CAMERA.turned(None) is CAMERA
+
+
+def test_the_motion_of_the_robot_is_the_same_however_the_camera_turns():
+    before, after = CAMERA.turned(BEFORE), CAMERA.turned(AFTER)
+    control, off_plane = robot_motion(after, *camera_motion(after, CONTROL, before), before)
+    assert_allclose(control, CONTROL, atol=1e-12)
+    assert_allclose(off_plane, 0, atol=1e-12)
+
+
+def test_the_jacobian_of_the_motion_of_a_turned_camera_is_that_of_finite_differences():
+    before, after = CAMERA.turned(BEFORE), CAMERA.turned(AFTER)
+    R, t = camera_motion(after, CONTROL * (1, 1, 0), before)  # of first order in the angles
+
+    def motion(p):
+        return np.concatenate(
+            robot_motion(after, Rotation.from_rotvec(p[:3]).as_matrix() @ R, t + p[3:], before)
+        )
+
+    steps = 1e-6 * np.eye(6)
+    numeric = np.stack([(motion(step) - motion(-step)) / 2e-6 for step in steps], 1)
+    assert_allclose(robot_motion_jacobian(after, R, t, before), numeric, atol=1e-6)
+
+
+def test_the_egomotion_of_a_turning_camera_is_found():
+    rng = np.random.default_rng(0)
+    before, after = CAMERA.turned(BEFORE), CAMERA.turned(AFTER)
+    xy, depth = rng.uniform((80, 20), (300, 220), (80, 2)), rng.uniform(1, 6, 80)
+    points = from_pixels(before, xy, depth)
+    turned = Rotation.from_euler("Z", CONTROL[2]).as_matrix()
+    now, _ = to_pixels(after, (points - np.append(CONTROL[:2], 0)) @ turned)
+    unknown = np.full(80, np.nan)
+    pairs = correspondences_of(xy, now, depth, 0.01 * depth, unknown, unknown)
+    prior = CONTROL + np.array([0.02, -0.01, 0.01]), np.diag([0.02, 0.01, 0.02]) ** 2
+    motion = estimate_motion(after, pairs, 0.1, prior, before)
+    assert_allclose(motion.control, CONTROL, atol=1e-3)
+    assert motion.inliers.all()
+    guess = move_pixels(after, camera_motion(after, CONTROL, before), xy.astype(np.float32), depth)
+    assert_allclose(guess, now, atol=1e-3)
+    assert len(directions(after, guess)) == 80
+
+
+def test_a_recorded_turn_is_written_and_read(pan_drive, tmp_path):
+    save_drive(tmp_path / "pan", pan_drive)
+    again = load_drive("auto", tmp_path / "pan")
+    for i in (0, 9, 23):
+        assert again.load(i).turn == pan_drive.load(i).turn
+    assert again.load(9).turn.reason == "explore"
+    rows = (tmp_path / "pan" / "gaze.csv").read_text().splitlines()
+    (tmp_path / "pan" / "gaze.csv").write_text("\n".join(rows[:-1]) + "\n")
+    with pytest.raises(DriveError, match=r"gaze\.csv: expected a row for each of 24 frames"):
+        load_drive("auto", tmp_path / "pan")
+
+
+def test_a_turning_camera_maps_and_one_that_ignores_its_turn_does_not(pan_drive):
+    mapped = summarize_drive(pan_drive, visual.run(pan_drive))
+    assert mapped["ate_unaligned_m"] < 0.05
+    assert mapped["inside_3sigma"] > 0.9
+    ignorant = replace(pan_drive, load=lambda i: replace(pan_drive.load(i), turn=None))
+    truth = pan_drive.truth.pose[:, 2]
+    heading = visual.run(ignorant).trajectory.pose[:, 2]
+    assert np.abs(heading - truth).max() > 0.3  # it takes the turn for the robot's
+
+
+def test_tracks_of_a_turning_camera_know_its_turn(pan_drive):
+    recorder = visual.TrackRecorder()
+    visual.run(pan_drive, tracks=recorder)
+    recorded = recorder.drive(pan_drive)
+    assert recorded.load(12).turn == pan_drive.load(12).turn
+    error = visual.run(recorded).trajectory.pose - pan_drive.truth.pose
+    assert np.hypot(*error[:, :2].T).max() < 0.1
