@@ -191,7 +191,11 @@ def test_the_table_is_what_others_expect(rng, tmp_path):
     ]  # fmt: skip
     assert table.schema.field("x").type == pa.float32()
     assert table.schema.field("octave").type == pa.int32()
-    assert table.schema.field("descriptor").type == pa.list_(pa.uint8(), 128)
+    assert table.schema.field("descriptor").type == pa.list_(pa.uint8())
+    described = {"a.jpg": points["a.jpg"]}
+    exchange.write_parquet(tmp_path / "described.parquet", described)
+    fixed = pq.read_table(tmp_path / "described.parquet").schema.field("descriptor").type
+    assert fixed == pa.list_(pa.uint8(), 128)
     rows = table.to_pylist()
     assert rows[1]["image"] == "a.jpg"
     assert rows[1]["y"] == points["a.jpg"].xy[1, 1]

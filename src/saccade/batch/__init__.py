@@ -8,6 +8,8 @@ each. The result is a data set, a folder of Parquet files:
     sift/part-*          the table itself, in a folder with the name of what was extracted
     maps/part-*          saliency maps, if they were extracted
     errors.parquet       images that failed, and why; only if there are any
+
+`match_images` matches pairs of the images of a source, for hloc and COLMAP.
 """
 
 from importlib import import_module
@@ -16,16 +18,29 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from saccade.batch.extraction import Extraction, extract
     from saccade.batch.job import Job
+    from saccade.batch.match_shards import MatchConfig
+    from saccade.batch.matching import MatchRun, match_images
     from saccade.batch.sources import open_source
 
 _HOME_OF = {
     "Extraction": "extraction",
     "Job": "job",
+    "MatchConfig": "match_shards",
+    "MatchRun": "matching",
     "extract": "extraction",
+    "match_images": "matching",
     "open_source": "sources",
 }
 
-__all__ = ["Extraction", "Job", "extract", "open_source"]
+__all__ = [
+    "Extraction",
+    "Job",
+    "MatchConfig",
+    "MatchRun",
+    "extract",
+    "match_images",
+    "open_source",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -54,30 +54,30 @@ def read_points(location: str) -> Iterator[ImageKeypoints]:
 
 def point_shards(store: Store, what: str) -> Iterator[list[ImageKeypoints]]:
     """The keypoints of all images of a shard, shard by shard."""
-    schema = point_schema(boxes=False)
     for file in record_files(store):
-        table = read_table(store, f"{what}/{file}", schema)
-        record = read_record(store, file, IMAGE_COLUMNS).to_pylist()
-        if sum(row["rows"] for row in record) != len(table):
-            raise KeypointsError(
-                f"{what}/{file}: expected the rows of its record, found {len(table)}"
-            )
-        columns = {name: table[name].to_numpy() for name in COLUMNS}
-        packed = table["descriptor"].combine_chunks().buffers()[1] or b""
-        descriptors = np.frombuffer(packed, np.uint8).reshape(-1, DESCRIPTOR_SIZE)[: len(table)]
-        points = keypoints_from_columns(f"{store.location}/{what}/{file}", columns, descriptors)
-        images, start = [], 0
-        for row in record:
-            rows = slice(start, start + row["rows"])
-            start = rows.stop
-            if row["error"] is None:
-                shape = (row["height"] or 0, row["width"] or 0)
-                if min(shape) < 1:
-                    raise KeypointsError(
-                        f"{row['image']}: expected an image of a size, found {shape}"
-                    )
-                images.append(ImageKeypoints(row["image"], shape, points[rows]))
-        yield images
+        yield read_shard(store, what, file)
+
+
+def read_shard(store: Store, what: str, file: str) -> list[ImageKeypoints]:
+    """The keypoints of all images of a shard, by the file name of its record."""
+    table = read_table(store, f"{what}/{file}", point_schema(boxes=False))
+    record = read_record(store, file, IMAGE_COLUMNS).to_pylist()
+    if sum(row["rows"] for row in record) != len(table):
+        raise KeypointsError(f"{what}/{file}: expected the rows of its record, found {len(table)}")
+    columns = {name: table[name].to_numpy() for name in COLUMNS}
+    packed = table["descriptor"].combine_chunks().buffers()[1] or b""
+    descriptors = np.frombuffer(packed, np.uint8).reshape(-1, DESCRIPTOR_SIZE)[: len(table)]
+    points = keypoints_from_columns(f"{store.location}/{what}/{file}", columns, descriptors)
+    images, start = [], 0
+    for row in record:
+        rows = slice(start, start + row["rows"])
+        start = rows.stop
+        if row["error"] is None:
+            shape = (row["height"] or 0, row["width"] or 0)
+            if min(shape) < 1:
+                raise KeypointsError(f"{row['image']}: expected an image of a size, found {shape}")
+            images.append(ImageKeypoints(row["image"], shape, points[rows]))
+    return images
 
 
 def read_point_manifest(store: Store) -> dict[str, Any]:
@@ -180,5 +180,9 @@ def split_generation(file: str) -> tuple[str, int]:
 
 
 def _row_size(schema: pa.Schema) -> int:
-    """Bytes of a row, without texts."""
-    return sum(f.type.bit_width // 8 for f in schema if not pa.types.is_string(f.type))
+    """Bytes of a row, without texts and bytes of any length."""
+    return sum(
+        f.type.bit_width // 8
+        for f in schema
+        if not (pa.types.is_string(f.type) or pa.types.is_binary(f.type))
+    )

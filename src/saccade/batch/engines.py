@@ -1,6 +1,6 @@
 """Engines that run shards: this process, processes on this machine, or a Dask cluster."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -11,14 +11,13 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from saccade.batch.forkserver import initialize_worker, worker_context
-from saccade.batch.shards import Shard, ShardReport
+from saccade.batch.shards import ShardReport
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
 
-Work: TypeAlias = Callable[[Shard], ShardReport]
 QUEUED = 2
 """Shards submitted per worker, so that none waits for the main process."""
 DIED = "the process that worked on it died; was there enough memory?"
@@ -37,10 +36,30 @@ TIMEOUT = 20.0
 """Seconds in which a scheduler must answer."""
 
 
+class Named(Protocol):
+    """An image, or a pair of images."""
+
+    @property
+    def name(self) -> str:
+        """For reports."""
+
+
+class Batch(Protocol):
+    """What a worker does at a time: a shard of images, or of pairs."""
+
+    @property
+    def items(self) -> Sequence[Named]:
+        """What is in it."""
+
+
+Shard = TypeVar("Shard", bound=Batch)
+Work: TypeAlias = Callable[[Shard], ShardReport]
+
+
 class Engine(Protocol):
     """Runs shards in any order, several at a time."""
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """The report of every shard; takes the next shard only when a worker is free for it."""
 
 
@@ -50,7 +69,7 @@ class InProcess:
     While a shard is processed OpenCV uses one thread; its setting is restored after each.
     """
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`."""
         for shard in shards:
             with _one_opencv_thread():
@@ -68,7 +87,7 @@ class Processes:
     def __init__(self, workers: int) -> None:
         self._workers = workers
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. A shard that kills its process is retried once, alone."""
         finished = False
         while not finished:
@@ -96,7 +115,7 @@ class DaskEngine:
     def __init__(self, client: Any) -> None:
         self._client = client
 
-    def run(self, work: Work, shards: Iterator[Shard]) -> Iterator[ShardReport]:
+    def run(self, work: Work[Shard], shards: Iterator[Shard]) -> Iterator[ShardReport]:
         """See `Engine`. Dask reruns the shards of a worker that died on another."""
         executor = self._client.get_executor(pure=False)
         for shard, future in _run_on(executor, work, shards, self._count_threads):
@@ -158,7 +177,10 @@ def submit_jobs(system: str, jobs: int) -> Iterator[DaskEngine]:
 
 
 def _run_on(
-    executor: Executor, work: Work, shards: Iterator[Shard], workers: Callable[[], int]
+    executor: Executor,
+    work: Work[Shard],
+    shards: Iterator[Shard],
+    workers: Callable[[], int],
 ) -> Iterator[tuple[Shard, Future[ShardReport]]]:
     """Run shards on an executor, and give each with its future when it is done.
 
@@ -183,7 +205,7 @@ def _run_on(
             yield running.pop(future), future
 
 
-def _submit(executor: Executor, work: Work, shard: Shard) -> Future[ShardReport]:
+def _submit(executor: Executor, work: Work[Shard], shard: Shard) -> Future[ShardReport]:
     """A future, which has failed where the executor is broken already."""
     try:
         return executor.submit(work, shard)
@@ -193,12 +215,12 @@ def _submit(executor: Executor, work: Work, shard: Shard) -> Future[ShardReport]
         return future
 
 
-def _lost_shard(shard: Shard, reason: str) -> ShardReport:
+def _lost_shard(shard: Batch, reason: str) -> ShardReport:
     """The report of a shard without results."""
     return ShardReport(lost=[(item.name, reason) for item in shard.items])
 
 
-def _run_alone(work: Work, shards: list[Shard]) -> Iterator[ShardReport]:
+def _run_alone(work: Work[Shard], shards: list[Shard]) -> Iterator[ShardReport]:
     """Each shard in a process of its own."""
     for shard in shards:
         with _start_pool(1) as pool:

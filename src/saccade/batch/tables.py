@@ -176,11 +176,18 @@ def parquet_options(schema: pa.Schema) -> dict[str, Any]:
 
 
 def text_array(values: Sequence[str | None]) -> pa.Array:
-    """A column of text. Built from buffers: `pa.array` would import pandas, which takes long."""
+    """A column of text."""
     packed = [(value or "").encode("utf-8", "backslashreplace") for value in values]
+    return _lengths_and_bytes(packed, pa.string(), _validity(values))
+
+
+def _lengths_and_bytes(
+    packed: Sequence[bytes], kind: pa.DataType, validity: pa.Buffer | None
+) -> pa.Array:
+    """Built from buffers: `pa.array` would import pandas, which takes long."""
     offsets = np.cumsum([0, *map(len, packed)], dtype=np.int32)
-    buffers = [_validity(values), pa.py_buffer(offsets), pa.py_buffer(b"".join(packed))]
-    return pa.Array.from_buffers(pa.string(), len(values), buffers)
+    buffers = [validity, pa.py_buffer(offsets), pa.py_buffer(b"".join(packed))]
+    return pa.Array.from_buffers(kind, len(packed), buffers)
 
 
 def record_batch(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.RecordBatch:
@@ -190,6 +197,8 @@ def record_batch(rows: Sequence[Mapping[str, Any]], schema: pa.Schema) -> pa.Rec
         cells = [row.get(field.name) for row in rows]
         if pa.types.is_string(field.type):
             arrays.append(text_array(cells))
+        elif pa.types.is_binary(field.type):
+            arrays.append(_lengths_and_bytes([cell or b"" for cell in cells], field.type, None))
         else:
             filled = [0 if cell is None else cell for cell in cells]
             arrays.append(_numbers(filled, field.type, _validity(cells)))

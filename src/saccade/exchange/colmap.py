@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from saccade.errors import KeypointsError, OutputError
 from saccade.exchange.fields import check_name, checked, keypoints_from, reading
 from saccade.extras import import_optional
 from saccade.files import atomic_write
-from saccade.types import FloatArray, IntArray, Keypoints, check_pairs
+from saccade.types import BoolArray, FloatArray, IntArray, Keypoints, check_pairs
 
 PIXEL_CENTER = np.float32(0.5)
 """Of the first pixel."""
@@ -45,36 +45,57 @@ class ColmapFeatures:
         return f"ColmapFeatures({len(self.keypoints)} images, {len(self.matches)} matched pairs)"
 
 
+class TwoViews(Protocol):
+    """`saccade.Verification`: the geometry of two views, and the matches that agree with it."""
+
+    @property
+    def geometry(self) -> str:
+        """Fundamental or homography."""
+
+    @property
+    def matrix(self) -> FloatArray | None:
+        """(3, 3), or None."""
+
+    @property
+    def inliers(self) -> BoolArray:
+        """(m,) whether each match agrees."""
+
+
 def write_colmap(
     path: str | Path,
     keypoints: Mapping[str, Keypoints],
     shapes: Mapping[str, tuple[int, ...]],
     matches: Mapping[tuple[str, str], IntArray] | None = None,
+    geometries: Mapping[tuple[str, str], TwoViews] | None = None,
 ) -> None:
     """Write a new database, in the version of the installed pycolmap.
 
     Every image gets its own SIMPLE_RADIAL camera with a guessed focal length, which COLMAP's mapper
-    refines. Verify the matches (`pycolmap.geometric_verification`) before mapping.
+    refines. Verify matches without `geometries` (`pycolmap.geometric_verification`) before mapping.
 
     Args:
         path: written whole or not at all; an old file is replaced.
         keypoints: by the name of their image, a path from COLMAP's folder of images.
         shapes: (H, W, ...) of each image.
         matches: (m, 2) indices into the points of two images, by their names.
+        geometries: what `saccade.verify` returned for matches, by the names of the images.
 
     Raises:
-        KeypointsError: an image without a shape, matches of unknown images or points, or
-            fields that do not fit together.
+        KeypointsError: an image without a shape, matches of unknown images or points, geometries
+            of other matches, or fields that do not fit together.
         ConfigError: pycolmap is not installed.
         OutputError: the file cannot be written.
     """
     pycolmap = import_pycolmap()
-    matches = {} if matches is None else matches
+    matches, geometries = matches or {}, geometries or {}
     for name in keypoints:
         if name not in shapes:
             raise KeypointsError(f"{name}: expected a shape for this image, found none")
     for pair, indices in matches.items():
         _check_pair(pair, indices, keypoints)
+        if pair in geometries and len(geometries[pair].inliers) != len(indices):
+            found = f"{len(indices)} and {len(geometries[pair].inliers)}"
+            raise KeypointsError(f"geometry of {' and '.join(pair)}: expected its matches: {found}")
         if pair[::-1] in matches:
             raise KeypointsError(f"matches of {' and '.join(pair)}: expected one order, found both")
     with atomic_write(path) as temporary, _open_new(pycolmap, temporary, path) as database:
@@ -84,6 +105,9 @@ def write_colmap(
             _add_points(pycolmap, database, ids[name], checked(name, points))
         for (first, second), indices in matches.items():
             database.write_matches(ids[first], ids[second], indices.astype(np.uint32))
+            if (first, second) in geometries:
+                views = _two_views(pycolmap, geometries[first, second], indices)
+                database.write_two_view_geometry(ids[first], ids[second], views)
 
 
 def read_colmap(path: str | Path) -> ColmapFeatures:
@@ -179,6 +203,24 @@ def _add_image(pycolmap: Any, database: Any, name: str, shape: tuple[int, ...]) 
     frame.add_data_id(image.data_id)
     database.write_frame(frame)
     return int(image.image_id)
+
+
+def _two_views(pycolmap: Any, geometry: TwoViews, indices: IntArray) -> Any:
+    """A verified pair in COLMAP's pixels, which are moved by `PIXEL_CENTER`."""
+    kinds = pycolmap.TwoViewGeometryConfiguration
+    views = pycolmap.TwoViewGeometry()
+    views.inlier_matches = indices[geometry.inliers].astype(np.uint32)
+    if geometry.matrix is None:
+        views.config = kinds.DEGENERATE
+        return views
+    moved = np.eye(3)
+    moved[:2, 2] = PIXEL_CENTER
+    back = np.linalg.inv(moved)
+    if geometry.geometry == "homography":
+        views.config, views.H = kinds.PLANAR_OR_PANORAMIC, moved @ geometry.matrix @ back
+    else:
+        views.config, views.F = kinds.UNCALIBRATED, back.T @ geometry.matrix @ back
+    return views
 
 
 def _add_points(pycolmap: Any, database: Any, image_id: int, points: Keypoints) -> None:

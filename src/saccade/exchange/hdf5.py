@@ -46,7 +46,7 @@ def write_hdf5(
         OutputError: the file cannot be written.
     """
     h5py = import_optional("h5py", "hdf5")
-    with atomic_write(path) as temporary, _create(h5py, temporary) as file:
+    with atomic_write(path) as temporary, create_hdf5(h5py, temporary) as file:
         file.attrs[VERSION_ATTRIBUTE] = FORMATS["points"]
         for name, points in keypoints.items():
             group = file.create_group(check_name(name))
@@ -58,7 +58,7 @@ def write_hdf5(
 
 
 @contextmanager
-def _create(h5py: Any, path: Path) -> Iterator[Any]:
+def create_hdf5(h5py: Any, path: Path) -> Iterator[Any]:
     """A new HDF5 file.
 
     Raises:

@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from saccade.errors import KeypointsError
 from saccade.exchange.fields import FIELDS, checked, keypoints_from, reading
 from saccade.files import atomic_write
 from saccade.formats import FORMATS, check_format
-from saccade.npz import read_arrays
+from saccade.npz import read_arrays, save_arrays
 from saccade.types import Keypoints
 
 
@@ -26,8 +24,7 @@ def write_npz(path: str | Path, keypoints: Keypoints) -> None:
     fields = vars(checked(str(path), keypoints))
     arrays = {name: values for name, values in fields.items() if values is not None}
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        version = np.array(FORMATS["points"])
-        np.savez_compressed(file, allow_pickle=False, format=version, **arrays)
+        save_arrays(file, {"format": FORMATS["points"], **arrays})
 
 
 def read_npz(path: str | Path) -> Keypoints:

@@ -58,7 +58,8 @@ def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
 
     Args:
         path: written whole or not at all; an old file is replaced.
-        keypoints: by the name of their image.
+        keypoints: by the name of their image. If some have no descriptors, those of the others
+            are lists without a fixed size in the file.
 
     Raises:
         KeypointsError: shapes that do not fit together, or NaN.
@@ -66,7 +67,12 @@ def write_parquet(path: str | Path, keypoints: Mapping[str, Keypoints]) -> None:
         OutputError: the file cannot be written.
     """
     table = to_arrow(keypoints)
+    pa = import_optional("pyarrow", "parquet")
     pq = import_optional("pyarrow.parquet", "parquet")
+    index = table.schema.get_field_index("descriptor")
+    if table["descriptor"].null_count:  # among fixed-size lists pyarrow reads them from 26 on
+        loose = table.schema.field(index).with_type(pa.list_(pa.uint8()))
+        table = table.cast(table.schema.set(index, loose))
     with atomic_write(path) as temporary, temporary.open("wb") as file:  # Arrow's paths are text
         pq.write_table(table, file, compression="zstd")
 
@@ -147,8 +153,8 @@ def _descriptors(pa: Any, column: Any) -> tuple[npt.NDArray[np.bool_], npt.NDArr
     if pa.types.is_fixed_size_binary(column.type):  # as `saccade extract` packs them
         packed = np.frombuffer(b"".join(column.drop_null().to_pylist()), np.uint8)
     else:
-        lists = column.cast(pa.list_(pa.uint8(), DESCRIPTOR_SIZE)).combine_chunks()
-        packed = lists.flatten().to_numpy()
+        lists = column.drop_null().cast(pa.list_(pa.uint8(), DESCRIPTOR_SIZE))
+        packed = lists.combine_chunks().flatten().to_numpy()
     descriptors = np.zeros((len(column), DESCRIPTOR_SIZE), np.uint8)
     descriptors[described] = packed.reshape(-1, DESCRIPTOR_SIZE)
     return described, descriptors
