@@ -26,7 +26,14 @@ from saccade.errors import ConfigError, ImageError
 from saccade.extras import install_command
 from saccade.serving import snippets
 from saccade.serving.analysis import MAX_PHOTOS, PhotoAnalyzer
-from saccade.serving.controls import KIND_RANGES, TITLES, controls, field_help, setting_controls
+from saccade.serving.controls import (
+    HIDDEN,
+    KIND_RANGES,
+    TITLES,
+    controls,
+    field_help,
+    setting_controls,
+)
 from saccade.settings import NONE, load_settings, preset_names, settings_from
 from support.limits import TIMEOUT
 
@@ -39,6 +46,8 @@ PORT = 8014
 HOME = f"http://127.0.0.1:{PORT}"
 MAX_BYTES = 200_000
 PHOTO = files("saccade") / "data" / "horse.jpg"
+WORK = ("/look", "/points", "/features", "/slam/start", "/slam/step")
+"""Paths of requests of JSON."""
 
 
 class _StubAnalyzer:
@@ -62,7 +71,7 @@ class _StubAnalyzer:
             )
         return {"maps": []}
 
-    detect = analyze
+    detect = features = start = step = analyze
 
     def warm_up(self):
         pass
@@ -75,7 +84,7 @@ def analyzer():
 
 @pytest.fixture
 def client(analyzer):
-    app = application(analyzer, {"a.jpg": b"jpeg"}, PORT, MAX_BYTES, {})
+    app = application(analyzer, analyzer, {"a.jpg": b"jpeg"}, PORT, MAX_BYTES, {})
     with TestClient(app, base_url=HOME, raise_server_exceptions=False) as client:
         yield client
 
@@ -126,7 +135,7 @@ def test_another_host_name_is_refused(client, analyzer, host):
     ],
 )
 def test_another_origin_is_refused(client, analyzer, origin):
-    for path in ("/photo", "/look", "/points"):
+    for path in ("/photo", *WORK):
         answer = client.post(path, content=b"{}", headers={"Origin": origin})
         assert (answer.status_code, answer.text) == (403, "refused: cross-origin request\n")
     assert client.get("/state", headers={"Origin": origin}).status_code == 403
@@ -193,10 +202,11 @@ def test_a_body_of_unknown_length_is_limited(client, analyzer):
     [b"", b"{", b"[]", b"3", b'{"a": NaN}', b"[" * 50_000, b"\xff\xfe", b'{"a": ' + b"9" * 9999],
 )
 def test_malformed_requests_are_refused(client, analyzer, body):
-    answer = client.post("/look", content=body)
-    assert answer.status_code == 400
-    assert answer.text.startswith("expected")
-    assert answer.text.count("\n") == 1
+    for path in WORK:
+        answer = client.post(path, content=body)
+        assert answer.status_code == 400
+        assert answer.text.startswith("expected")
+        assert answer.text.count("\n") == 1
     assert not analyzer.done
 
 
@@ -372,7 +382,7 @@ def test_every_setting_is_on_the_page_and_every_preset_in_its_range():
             for each in fields(load_settings(kind))
             if not is_dataclass(getattr(load_settings(kind), each.name))
         }
-        assert {field["name"] for field in group["fields"]} == own
+        assert {field["name"] for field in group["fields"]} == own - set(HIDDEN.get(kind, ()))
         assert all(field["help"] for field in group["fields"])
         hidden = {"kootstra2010"} if kind == "must" else set()  # only its descriptor is another
         assert list(group["presets"]) == [each for each in preset_names(kind) if each not in hidden]
@@ -403,6 +413,30 @@ def test_every_slider_stays_where_the_configuration_allows(group):
             free |= {"grid": "centered"} if kind == "sift" else {}
             settings_from(kind, free | {name: value}, kind)
         assert not field.get("optional") or settings_from(kind, {name: None}, kind)
+
+
+def test_every_setting_of_the_model_that_is_shown_changes_its_map():
+    """Sliders without effect are not on the page."""
+    fields_of = {
+        group["kind"]: {each["name"]: each for each in group["fields"]}
+        for group in controls()["groups"]
+    }
+    analyzer = PhotoAnalyzer()
+    small = Pillow.open(io.BytesIO(PHOTO.read_bytes())).resize((120, 90))
+    with io.BytesIO() as file:
+        small.save(file, "PNG")
+        photo = analyzer.open(file.getvalue(), "a")["photo"]
+
+    def maps(**settings):
+        return analyzer.analyze({"photo": photo, "fixations": 1, **settings})["maps"][0]
+
+    prior = {"center_prior": 0.3}  # without it there is no height of the center
+    default = maps(attention=prior)
+    for name, field in fields_of["attention"].items():
+        values = [field["low"], field["high"]] if field["input"] == "range" else []
+        assert not values or any(
+            maps(attention=prior | {name: each}) != default for each in values
+        ), name
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import pytest
 
 from saccade.serving.analysis import PhotoAnalyzer
 from saccade.serving.controls import controls
+from saccade.serving.playground import Playground
 from support.limits import TIMEOUT
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -65,16 +66,16 @@ class _Counting(PhotoAnalyzer):
 
 @pytest.fixture(scope="module")
 def served():
-    """A running server: its analyzer and its address."""
-    analyzer = _Counting()
+    """A running server: its analyzer, its address and its playground."""
+    analyzer, robots = _Counting(), Playground()
     samples = {name: (DATA / name).read_bytes() for name in ("horse.jpg", "coffee.jpg")}
     with _listening(0) as listener:
         port = listener.getsockname()[1]
-        app = application(analyzer, samples, port, MAX_BYTES, controls())
+        app = application(analyzer, robots, samples, port, MAX_BYTES, controls())
         server = uvicorn.Server(uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=1))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
-        yield analyzer, f"http://127.0.0.1:{port}/"
+        yield analyzer, f"http://127.0.0.1:{port}/", robots
         server.should_exit = True
         thread.join(TIMEOUT)
 
@@ -82,7 +83,7 @@ def served():
 @pytest.fixture
 def opened(browser, served):
     """Opens the page; fails on console messages, page errors, dialogs and foreign requests."""
-    _, address = served
+    address = served[1]
     problems, pages = [], []
 
     def open_page(**how):
@@ -155,6 +156,15 @@ def test_a_photograph_is_dropped_set_and_copied(opened):
 def test_layers_models_and_detectors_are_switched(opened):
     page = opened()
     part, heat = page.locator(".part"), page.locator(".heat")
+    assert page.locator(".thumbs img").count() == 0
+    page.get_by_text("Feature maps and pyramids").click()
+    level = page.get_by_role("button", name="red-green, pyramid, level")
+    level.first.wait_for()
+    assert level.count() >= 3
+    assert page.get_by_role("button", name="all channels, conspicuity, orientation").is_visible()
+    level.nth(1).click()
+    assert part.get_attribute("data-map") == level.nth(1).get_attribute("title")
+    assert heat.get_attribute("src") == level.nth(1).locator("img").get_attribute("src")
     first = heat.get_attribute("src")
     page.get_by_role("radio", name="orientation").check()
     assert heat.get_attribute("src") != first
@@ -162,6 +172,7 @@ def test_layers_models_and_detectors_are_switched(opened):
     expect(page.locator("fieldset", has_text="Map").get_by_role("radio")).to_have_count(2)
     expect(part).to_have_attribute("data-map", "none")
     assert page.locator("[data-kind=contrast]").is_hidden()
+    assert page.locator(".features").is_hidden()
     page.locator("[data-kind=symmetry] summary").first.click()
     page.get_by_label("kind").select_option("isotropic")
     expect(page.locator("pre").first).to_contain_text("kind='isotropic'")
@@ -191,7 +202,7 @@ def test_the_scanpath_is_played_and_lengthened(opened):
 
 
 def test_abandoned_requests_are_skipped(served):
-    analyzer, address = served
+    analyzer, address, _ = served
     place = ("127.0.0.1", int(address.rsplit(":", 1)[1].strip("/")))
     photo = analyzer.open((DATA / "horse.jpg").read_bytes(), "horse.jpg")["photo"]
     body = f'{{"photo": "{photo}", "fixations": 1, "model": "contrast"}}'
@@ -209,7 +220,7 @@ def test_abandoned_requests_are_skipped(served):
 
 
 def test_a_slider_that_moves_quickly_skips_requests(opened, served):
-    analyzer, address = served
+    analyzer, address, _ = served
     page = opened()
     with analyzer.held(address):
         for i in range(40):
@@ -220,9 +231,9 @@ def test_a_slider_that_moves_quickly_skips_requests(opened, served):
 
 
 def test_errors_are_shown_and_the_page_goes_on(opened, served):
-    analyzer, _ = served
+    analyzer = served[0]
     page = opened()
-    alarm = page.locator(".alarm")
+    alarm = page.locator("#photograph .alarm")
     assert alarm.is_hidden()
     for data, name, words in (
         (b"x" * (MAX_BYTES + 1), "big.jpg", "big.jpg: expected at most 0.4 MB, found 0.4 MB"),
@@ -256,23 +267,84 @@ def test_errors_are_shown_and_the_page_goes_on(opened, served):
     assert alarm.is_hidden()
 
 
+def _steps(page):
+    return int(page.locator("#slam").get_attribute("data-steps"))
+
+
+def test_a_robot_is_driven_by_keys_and_buttons_among_landmarks_that_are_placed(opened, served):
+    page = opened(viewport={"width": 1280, "height": 1000}, has_touch=True)
+    page.get_by_role("link", name="SLAM").click()
+    page.wait_for_selector("#slam[data-steps='0']")
+    assert page.locator("#photograph").is_hidden()
+    rows = page.locator("#slam tbody tr")
+    assert rows.locator("th").all_inner_texts() == ["invariant", "standard", "first-estimates"]
+    page.get_by_role("button", name="No landmarks").click()
+    counter = page.locator(".steps")
+    expect(counter).to_have_text("0 steps, 0 landmarks, 0 in the map of the filter")
+    canvas = page.locator("#slam .ground")
+    box = canvas.bounding_box()
+    scale = 0.92 * min(box["width"], box["height"]) / 28  # the view is 28 m high and wide
+    near = {"x": box["width"] / 2 + 2 * scale, "y": box["height"] / 2 + 9 * scale}  # (2, -9) m
+    canvas.click(position=near)
+    expect(counter).to_have_text("0 steps, 1 landmarks, 0 in the map of the filter")
+    canvas.press(" ")
+    page.wait_for_selector("#slam[data-steps='1']")
+    expect(counter).to_contain_text("1 in the map")
+    canvas.press("ArrowUp")
+    page.wait_for_selector("#slam[data-steps='2']")
+    forward = page.get_by_role("button", name="Forward")
+    forward.tap()
+    page.wait_for_selector("#slam[data-steps='3']")
+    canvas.focus()
+    forward.hover()
+    page.mouse.down()
+    page.wait_for_selector("#slam[data-steps='5']")
+    page.mouse.up()
+    before = _steps(page)
+    page.keyboard.press("Enter")  # the button has the focus
+    page.keyboard.press("ArrowLeft")
+    expect(counter).not_to_have_text(re.compile(f"^({before}|{before + 1}) steps"))
+    canvas.click(position=near)
+    expect(counter).to_contain_text(", 0 landmarks, 1 in the map")
+    circles = page.get_by_role("button", name="Drive in circles")
+    before = _steps(page)
+    circles.click()
+    expect(counter).not_to_have_text(re.compile(f"^{before} steps"))
+    circles.click()
+    assert circles.get_attribute("aria-pressed") == "false"
+    page.locator("#slam .segments label", has_text="invariant").click()
+    page.wait_for_selector("#slam[data-filter=invariant]")
+    assert rows.first.get_attribute("class") == "chosen"
+    assert "Correlations" in page.locator(".correlation").get_attribute("aria-label")
+    served[2]._sessions.clear()  # the server lost the session: it is started again
+    canvas.press(" ")
+    page.wait_for_selector("#slam[data-steps='0']")
+    assert page.locator("#slam .alarm").is_hidden()
+
+
 @pytest.mark.parametrize(("scheme", "width"), [("dark", 390), ("light", 1280)])
 def test_the_page_is_accessible(opened, scheme, width):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe")
     page = opened(color_scheme=scheme, viewport={"width": width, "height": 800})
+    page.get_by_role("link", name="SLAM").click()
+    page.wait_for_selector("#slam[data-steps='0']")
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, found.generate_report()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.get_by_role("link", name="Photograph").click()
     for group in page.locator("details summary").all():
         if group.is_visible():
             group.click()
     page.get_by_role("spinbutton", name="Point").fill("1")
     _drop(page, b"", "<nothing>")
-    page.locator(".alarm").wait_for()
+    page.locator("#photograph .alarm").wait_for()
     found = axe.Axe().run(page)
     assert found.violations_count == 0, found.generate_report()
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_while_it_compiles_the_page_says_so(browser, served):
-    _, address = served
+    address = served[1]
     page = browser.new_page()
     page.route("**/state", lambda route: route.fulfill(json={"warm": False}))
     page.goto(address)

@@ -15,6 +15,7 @@ from saccade.errors import ConfigError, ImageError, require
 from saccade.image import decode_image, size_in_header
 from saccade.serving import snippets
 from saccade.serving.controls import DETECTORS, MODELS
+from saccade.serving.features import feature_data
 from saccade.settings import settings_from
 from saccade.types import Float32Array
 from saccade.viewing.embedding import photograph
@@ -100,6 +101,25 @@ class PhotoAnalyzer:
             "python": snippets.attention_python(*choices),
             "command": snippets.attention_command(photo.name, *choices),
         }
+
+    def features(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Pyramids and feature maps of the contrast model, by channel.
+
+        Args:
+            request: "photo" and the settings "contrast".
+
+        Raises:
+            KeyError: the photograph is not in memory.
+            SaccadeError: a setting outside its range.
+        """
+        start = perf_counter()
+        photo = self._photo(request)
+        config = settings_from("contrast", _table(request, "contrast"), "contrast")
+        try:
+            channels = feature_data(photo.pixels, config)
+        except ImageError as error:
+            raise ImageError(f"{photo.name}: {error}") from error
+        return {"channels": channels, "ms": 1000 * (perf_counter() - start)}
 
     def detect(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Interest points of a photograph.

@@ -1,4 +1,4 @@
-"""The local server: receives photographs, analyzes them one at a time, stores nothing on disk.
+"""The local server: receives photographs, processes requests one by one, stores nothing on disk.
 
 A server on the loopback interface can be reached by every page that its user has open: by a
 cross-origin request, which has another Origin, or by DNS rebinding, with another Host. Both are
@@ -7,7 +7,7 @@ rejected.
 
 import json
 import logging
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from threading import Event, Thread
 from typing import Any, NoReturn
@@ -25,6 +25,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from saccade.errors import SaccadeError
 from saccade.serving.analysis import PhotoAnalyzer
+from saccade.serving.playground import Playground
 from saccade.viewing.embedding import as_json, json_element
 from saccade.viewing.page import html_document, security_policy, web_file
 
@@ -48,8 +49,8 @@ SECURITY_HEADERS = {
 }
 """Headers of every response: no other page frames, reads or keeps it."""
 LEAD = (
-    "Saliency, scanpath and interest points of a photograph. "
-    "It stays on this machine, and is not stored."
+    "Saliency, scanpath and interest points of a photograph, and EKF-SLAM to try out. "
+    "All stays on this machine, and nothing is stored."
 )
 
 _logger = logging.getLogger(__name__)
@@ -57,6 +58,7 @@ _logger = logging.getLogger(__name__)
 
 def application(
     analyzer: PhotoAnalyzer,
+    playground: Playground,
     samples: Mapping[str, bytes],
     port: int,
     max_bytes: int,
@@ -66,12 +68,20 @@ def application(
 
     Args:
         analyzer: analyzes the photographs.
+        playground: takes the steps of SLAM.
         samples: example photographs: JPEG files by name.
         port: of this server; requests to another host name are rejected.
         max_bytes: of a photograph.
         controls: the settings of the page and their controls.
     """
-    server = _Server(analyzer, samples, max_bytes)
+    server = _Server(analyzer, playground, samples, max_bytes)
+    work = {
+        "look": analyzer.analyze,
+        "points": analyzer.detect,
+        "features": analyzer.features,
+        "slam/start": playground.start,
+        "slam/step": playground.step,
+    }
     page, policy = serve_page({**controls, "max_bytes": max_bytes, "samples": list(samples)})
 
     @asynccontextmanager
@@ -88,8 +98,7 @@ def application(
             Route("/state", server.state),
             Route("/samples/{name}", server.sample),
             Route("/photo", server.open, methods=["POST"]),
-            Route("/look", server.analyze, methods=["POST"]),
-            Route("/points", server.detect, methods=["POST"]),
+            *(Route(f"/{path}", server.answer(do), methods=["POST"]) for path, do in work.items()),
         ],
         middleware=[Middleware(_Guard, port=port, policy=policy)],
         exception_handlers={HTTPException: _one_line, Exception: _internal_error},
@@ -105,8 +114,10 @@ def serve_page(data: Mapping[str, Any]) -> tuple[str, str]:
     """
     package = "saccade.serving"
     styles = [web_file("page.css"), web_file("report.css"), web_file("serve.css", package)]
-    scripts = [web_file(name) for name in ("report.js", "photo.js", "image.js")]
-    scripts += [web_file(name, package) for name in ("controls.js", "serve.js")]
+    shared = ("report.js", "photo.js", "image.js", "charts.js", "ground.js")
+    scripts = [web_file(name) for name in shared]
+    own = ("controls.js", "features.js", "playground_view.js", "playground.js", "serve.js")
+    scripts += [web_file(name, package) for name in own]
     body = f'<div id="serve">{json_element(data)}</div>\n'
     body += "<noscript><p>This page needs JavaScript.</p></noscript>"
     icon = '<link rel="icon" href="data:,">\n'
@@ -119,9 +130,14 @@ class _Server:
     """The routes and their state; requests are processed one at a time, in order of arrival."""
 
     def __init__(
-        self, analyzer: PhotoAnalyzer, samples: Mapping[str, bytes], max_bytes: int
+        self,
+        analyzer: PhotoAnalyzer,
+        playground: Playground,
+        samples: Mapping[str, bytes],
+        max_bytes: int,
     ) -> None:
-        self._analyzer, self._samples, self._max_bytes = analyzer, samples, max_bytes
+        self._analyzer, self._playground = analyzer, playground
+        self._samples, self._max_bytes = samples, max_bytes
         self._limiter = anyio.CapacityLimiter(1)
         self._waiting = 0
         self._warmed_up = Event()
@@ -130,6 +146,7 @@ class _Server:
         """Compile what the analyses need."""
         try:
             self._analyzer.warm_up()
+            self._playground.warm_up()
         finally:
             self._warmed_up.set()
 
@@ -150,15 +167,16 @@ class _Server:
         name = request.query_params.get("name", "photograph")
         return await self._process(request, lambda: self._analyzer.open(data, name))
 
-    async def analyze(self, request: Request) -> Response:
-        """Saliency and scanpath, by the settings in the body."""
-        settings = await _json_body(request)
-        return await self._process(request, lambda: self._analyzer.analyze(settings))
+    def answer(
+        self, work: Callable[[Mapping[str, Any]], Mapping[str, Any]]
+    ) -> Callable[[Request], Awaitable[Response]]:
+        """The route that gives the table in the body to `work` and answers with its result."""
 
-    async def detect(self, request: Request) -> Response:
-        """Interest points, by the settings in the body."""
-        settings = await _json_body(request)
-        return await self._process(request, lambda: self._analyzer.detect(settings))
+        async def answered(request: Request) -> Response:
+            settings = await _json_body(request)
+            return await self._process(request, lambda: work(settings))
+
+        return answered
 
     async def _process(self, request: Request, work: Callable[[], Mapping[str, Any]]) -> Response:
         """The result of `work`, which is skipped if the client has disconnected by then."""

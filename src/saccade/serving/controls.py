@@ -4,12 +4,16 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from itertools import pairwise
 from types import NoneType
 from typing import Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
+from saccade.serving.simulated_robot import NOISE_RANGES, PlaygroundNoise
 from saccade.settings import DEFAULT, load_settings, preset_names
+from saccade.slam.config import RETRACTIONS
+from saccade.slam.consistency import chi_square_band
+from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
 
 Range: TypeAlias = tuple[float, float, float]
 
@@ -53,7 +57,6 @@ RANGES: dict[str, Range] = {
     "center_prior": (0, 1, 0.05),
     "center_height": (-0.5, 0.5, 0.05),
     "border_prior": (0, 0.5, 0.01),
-    "face_weight": _WEIGHT,
     "dark": (0, 0.5, 0.01),
     "gabor_period": (2, 20, 0.5),
     "gabor_sigma": (0.5, 8, 0.1),
@@ -116,6 +119,8 @@ KIND_RANGES: dict[str, dict[str, Range]] = {
     "symroid": {"max_keypoints": (0, 500, 1)},
 }
 """Ranges of one kind of configuration where they differ."""
+HIDDEN = {"attention": ("face_weight",)}
+"""Settings without effect here: the page has no detector of faces."""
 SHOWN_FIRST = {
     "attention": ("contrast_weight", "symmetry_weight", "boolean_weight", "center_prior"),
     "contrast": ("intensity_weight", "color_weight", "orientation_weight", "sharpening"),
@@ -135,6 +140,19 @@ def controls() -> dict[str, Any]:
         "models": {name: list(kinds) for name, kinds in MODELS.items()},
         "detectors": list(DETECTORS),
         "groups": [_group(kind, title) for kind, title in TITLES.items()],
+        "playground": playground_controls(),
+    }
+
+
+def playground_controls() -> dict[str, Any]:
+    """The filters of the SLAM playground, and the control and default of each noise."""
+    return {
+        "filters": list(RETRACTIONS),
+        "noise": setting_controls(PlaygroundNoise, NOISE_RANGES),
+        "values": asdict(PlaygroundNoise()),
+        "nees_band": list(chi_square_band(3)),
+        "ellipse_scale": ELLIPSE_SCALE,
+        "ellipse_label": ELLIPSE_LABEL,
     }
 
 
@@ -187,7 +205,11 @@ def _group(kind: str, title: str) -> dict[str, Any]:
         "title": title,
         "first": len(first),
         "presets": presets,
-        "fields": setting_controls(type(settings), RANGES | KIND_RANGES.get(kind, {}), first),
+        "fields": [
+            each
+            for each in setting_controls(type(settings), RANGES | KIND_RANGES.get(kind, {}), first)
+            if each["name"] not in HIDDEN.get(kind, ())
+        ],
     }
 
 
@@ -199,7 +221,7 @@ def _values(kind: str, settings: Any) -> dict[str, dict[str, Any]]:
         value = getattr(settings, name)
         if name in TITLES:
             by_kind |= _values(name, value)
-        elif not _is_group(hint):
+        elif not _is_group(hint) and name not in HIDDEN.get(kind, ()):
             values[name] = value
     return by_kind
 

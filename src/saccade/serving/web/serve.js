@@ -1,5 +1,5 @@
 "use strict";
-/* The page of `saccade serve`: a photograph, its maps, scanpath and interest points, and their settings. */
+/* The page of `saccade serve`: a photograph, its maps, scanpath and interest points, and their settings; SLAM. */
 
 const MAX_OUTDATED_MS = 700; // a request that is out of date is aborted after this time
 const EMPTY = { xy: new Float32Array(0), time: new Float32Array(0), saliency: new Float32Array(0) };
@@ -80,10 +80,27 @@ function segments(legend, names, chosen, changed) {
   }));
 }
 
+/** Links to elements of which one is shown: the one whose id is in the address, else the first. */
+function pages(elements, changed) {
+  const links = Object.entries(elements).map(([name, { id }]) => make("a", { href: `#${id}` }, name));
+  const all = Object.values(elements);
+  function show() {
+    const shown = all.find(({ id }) => `#${id}` === location.hash) || all[0];
+    all.forEach((each, i) => {
+      each.hidden = each !== shown;
+      if (each === shown) links[i].setAttribute("aria-current", "page");
+      else links[i].removeAttribute("aria-current");
+    });
+    changed(shown);
+  }
+  addEventListener("hashchange", show);
+  return { element: make("nav", { class: "pages", "aria-label": "Pages" }, ...links), show };
+}
+
 function serve(element, data) {
   const request = { photo: null, model: "attention", detector: "sift", fixations: 10 };
   const results = { look: {}, points: {}, python: "" };
-  const errors = { photo: null, look: null, points: null };
+  const errors = { photo: null, look: null, points: null, features: null };
   const running = { photo: false, look: false, points: false };
   let firstLook = true;
   let last = null; // the photograph as it was dropped, for a server that has been restarted
@@ -105,6 +122,7 @@ function serve(element, data) {
     results.look = result;
     view.change({ maps: result.maps, scanpath: result.scanpath, map: firstLook ? "saliency" : undefined });
     firstLook = false;
+    features.update();
     showStatus();
   }, failure("look"), busy("look"));
   const detect = requester("points", () => ({
@@ -114,6 +132,13 @@ function serve(element, data) {
     view.change({ points: result.points });
     showStatus();
   }, failure("points"), busy("points"));
+
+  const features = featureMaps(
+    () => ({ photo: request.photo, ...valuesOf(["contrast"]) }),
+    (map) => {
+      view.change({ maps: [...results.look.maps, map], map: map.name });
+      part.scrollIntoView({ block: "nearest" });
+    }, failure("features"));
 
   function failure(name) {
     return (error) => {
@@ -197,7 +222,12 @@ function serve(element, data) {
   const fixations = setting({ input: "range", name: "fixations", help: "Length of the scanpath.", low: 1, high: 40, step: 1 },
     (value) => { request.fixations = value; look(); });
   fixations.show(request.fixations);
-  element.append(drop, notice, alarm, stage);
+  stage.append(features.element);
+  const photograph = make("div", { id: "photograph" }, drop, alarm, stage);
+  const slam = make("div", { id: "slam", hidden: true });
+  const robot = playground(slam, data.playground);
+  const choice = pages({ Photograph: photograph, SLAM: slam }, (shown) => (shown === slam ? robot.open() : robot.close()));
+  element.append(choice.element, notice, photograph, slam);
   const view = kinds.image(part, {
     image: { address: "data:,", width: 4, height: 3 }, maps: [], scanpath: EMPTY, points: NO_POINTS,
   });
@@ -219,6 +249,7 @@ function serve(element, data) {
       const { kind } = each.dataset;
       each.hidden = kind !== "scanpath" && kind !== request.detector && !data.models[request.model].includes(kind);
     }
+    features.element.hidden = !data.models[request.model].includes("contrast");
   }
   const panel = make("section", { class: "controls", "aria-label": "Settings" }, models,
     ...["attention", "contrast", "symmetry", "scanpath"].map(groupOf), detectors, ...data.detectors.map(groupOf));
@@ -250,6 +281,7 @@ function serve(element, data) {
     if (!warm) setTimeout(waitUntilWarm, 700, true);
   }
   waitUntilWarm(false);
+  choice.show();
   sample(data.samples.includes("rocket.jpg") ? "rocket.jpg" : data.samples[0]);
   document.documentElement.dataset.ready = "true";
 }

@@ -1,0 +1,265 @@
+"""EKF-SLAM to try out: a simulated robot, and one filter of each kind on the same measurements."""
+
+import secrets
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from saccade.errors import ConfigError, LogError, require
+from saccade.serving.simulated_robot import MAX_LANDMARKS, START, PlaygroundNoise, World, rings
+from saccade.settings import settings_from
+from saccade.slam import EkfConfig, Slam
+from saccade.slam.config import RETRACTIONS
+from saccade.slam.consistency import chi_square_gate, normalized_squared, pose_nees
+from saccade.slam.models import wrap
+from saccade.types import THREE_SIGMA_2D, FloatArray, Trajectory
+
+MAX_SESSIONS = 4
+"""Sessions kept in memory: the most recently used."""
+MAX_COORDINATE = 100.0
+"""Metres of a landmark from the origin, along each axis."""
+MAX_STEPS, MAX_STEPS_AT_ONCE = 5000, 50
+"""Steps of a session, and those of one request."""
+MAX_DISTANCE, MAX_TURN = 2.0, np.pi
+"""Metres and radians of one step."""
+SURE_AND_WRONG = 0.999
+"""Probability under which the NEES of a consistent filter stays."""
+
+
+class Session:
+    """A world and the filters that run in it, one of each kind of `EkfConfig.filter`.
+
+    Args:
+        seed: of the noise.
+        landmarks: (n, 2) of the world.
+    """
+
+    def __init__(self, seed: int, landmarks: FloatArray) -> None:
+        self.world = World(seed)
+        self.world.add(landmarks)
+        self.num_steps = 0
+        self.filters = {name: Slam(_config(name), start=START) for name in RETRACTIONS}
+        self.scores = {name: _Score() for name in RETRACTIONS}
+
+    def step(self, command: FloatArray | None, noise: PlaygroundNoise) -> dict[str, Any]:
+        """Take a step with every filter; returns what was observed, and each filter's estimate."""
+        scan = self.world.move(command, noise)
+        truth, time = self.world.pose, float(self.num_steps)
+        estimates = {}
+        for name, slam in self.filters.items():
+            result = slam.step(time, *scan)
+            error = result.pose - truth
+            error[2] = wrap(error[2])
+            estimate = Trajectory(np.zeros(1), result.pose[None], result.covariance[None])
+            nees = pose_nees(estimate, Trajectory(np.zeros(1), truth[None]), RETRACTIONS[name])
+            self.scores[name].add(error, result.covariance, float(nees[0]))
+            estimates[name] = {
+                "pose": result.pose.tolist(),
+                "error": error.tolist(),
+                "sigma": np.sqrt(np.diagonal(result.covariance).clip(0)).tolist(),
+                "nees": float(nees[0]),
+            }
+        self.num_steps += 1
+        return {"truth": truth.tolist(), "observed": scan.names.tolist(), "filters": estimates}
+
+    def map_of(self, name: str) -> dict[str, Any]:
+        """The map of one filter: its landmarks and the correlations of its state."""
+        slam = self.filters[name]
+        covariance = slam.ekf.covariance
+        sigma = np.sqrt(np.diagonal(covariance).clip(1e-300))
+        blocks = slam.ekf.landmark_covariances.reshape(-1, 4)[:, [0, 1, 3]]
+        return {
+            "names": slam.identities,
+            "landmarks": np.hstack([slam.ekf.landmarks, blocks]).ravel(),
+            "covariance": slam.ekf.pose_covariance[[0, 0, 1], [0, 1, 1]],
+            "correlation": (covariance / np.outer(sigma, sigma)).ravel(),
+        }
+
+    def summary(self, name: str) -> dict[str, Any]:
+        """How far one filter is from the truth, and how far it says."""
+        slam, landmarks = self.filters[name], self.world.landmarks
+        known = [i for i, each in enumerate(slam.identities.tolist()) if each in landmarks]
+        truth = np.array([landmarks[slam.identities[i]] for i in known]).reshape(-1, 2)
+        error = truth - slam.ekf.landmarks[known]
+        squared = normalized_squared(error, slam.ekf.landmark_covariances[known])
+        inside = int((squared <= THREE_SIGMA_2D).sum())
+        return {**self.scores[name].as_table(), "landmarks": len(known), "inside_landmarks": inside}
+
+
+class _Score:
+    """Counts how often the true pose was where a filter expected it."""
+
+    def __init__(self) -> None:
+        self.steps = self.inside = 0
+        self.total = 0.0
+        self.last = float("nan")
+
+    def add(self, error: FloatArray, covariance: FloatArray, nees: float) -> None:
+        """Count a pose, unless its covariance is singular: `nees` is then NaN."""
+        self.last = nees
+        if np.isnan(nees):
+            return
+        self.steps += 1
+        self.total += nees
+        self.inside += bool(normalized_squared(error[:2], covariance[:2, :2]) <= THREE_SIGMA_2D)
+
+    def as_table(self) -> dict[str, Any]:
+        """The counts as the page shows them; None before the first."""
+        return {
+            "nees": self.last,
+            "mean_nees": self.total / self.steps if self.steps else None,
+            "inside_percent": 100 * self.inside / self.steps if self.steps else None,
+            "wrong": self.last > chi_square_gate(3, SURE_AND_WRONG),
+        }
+
+
+class Playground:
+    """Keeps the most recent sessions in memory and takes their steps."""
+
+    def __init__(self) -> None:
+        self._sessions: OrderedDict[str, Session] = OrderedDict()
+
+    def start(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Begin a session.
+
+        Args:
+            request: "seed" of the noise, "landmarks" as pairs of metres (by default two rings), and
+                as in `step`.
+
+        Raises:
+            SaccadeError: a value outside its range.
+        """
+        seed = request.get("seed", 0)
+        require(type(seed) is int and 0 <= seed < 2**31, "seed", "0 to 2147483647", seed)
+        landmarks = positions(request.get("landmarks", rings()), "landmarks")
+        noise, name = noise_from(request.get("noise", {})), _filter_name(request)
+        token, session = secrets.token_urlsafe(12), Session(seed, landmarks)
+        steps = [session.step(None, noise)]
+        self._sessions[token] = session
+        while len(self._sessions) > MAX_SESSIONS:
+            self._sessions.popitem(last=False)
+        return {"session": token, **_state(session, steps, name)}
+
+    def step(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Take steps in a session.
+
+        Args:
+            request: "session", "commands" (each a distance in metres and a turn in radians, or
+                null to stand still and observe), "add" and "remove" (positions and names of
+                landmarks), "noise" by the names of `PlaygroundNoise`, and the "filter" whose map
+                is returned.
+
+        Raises:
+            KeyError: the session is not in memory.
+            SaccadeError: a value outside its range, too many steps, or an estimate that diverged.
+        """
+        token = request.get("session")
+        if not isinstance(token, str) or token not in self._sessions:
+            raise KeyError("the session is no longer in memory; start again")
+        self._sessions.move_to_end(token)
+        session = self._sessions[token]
+        commands = commands_from(request.get("commands", []))
+        noise, name = noise_from(request.get("noise", {})), _filter_name(request)
+        added = positions(request.get("add", []), "add")
+        removed = request.get("remove", [])
+        is_known = isinstance(removed, list) and all(
+            type(each) is int and each in session.world.landmarks for each in removed
+        )
+        require(is_known, "remove", "names of landmarks", removed)
+        left = MAX_STEPS - session.num_steps
+        require(len(commands) <= left, "commands", f"{left} more steps; start again", len(commands))
+        session.world.add(added)
+        for each in set(removed):
+            del session.world.landmarks[each]
+        try:
+            steps = [session.step(each, noise) for each in commands]
+        except LogError:
+            del self._sessions[token]  # its filters have no longer taken the same steps
+            raise
+        return _state(session, steps, name)
+
+    def warm_up(self) -> None:
+        """Compile everything, so that the first session does not have to wait."""
+        playground = Playground()
+        token = playground.start({})["session"]
+        playground.step({"session": token, "commands": [[0.5, 0.05], None]})
+
+
+def noise_from(table: Any) -> PlaygroundNoise:
+    """The noise in a request.
+
+    Raises:
+        ConfigError: an unknown name, or a value outside its range.
+    """
+    if not isinstance(table, dict):
+        raise ConfigError(f"noise: expected a table of settings, found {table!r}")
+    names = [each.name for each in fields(PlaygroundNoise)]
+    for name, value in table.items():
+        require(name in names, "noise", f"one of {', '.join(names)}", name)
+        require(_is_number(value), name, "a number", value)
+    return PlaygroundNoise(**table)
+
+
+def commands_from(value: Any) -> list[FloatArray | None]:
+    """The commands in a request, None for those that stand still."""
+    words = f"at most {MAX_STEPS_AT_ONCE} pairs of numbers, or null to stand still"
+    is_list = isinstance(value, list) and len(value) <= MAX_STEPS_AT_ONCE
+    require(
+        is_list and all(each is None or _is_pair(each) for each in value), "commands", words, value
+    )
+    commands = [None if each is None else np.array(each, np.float64) for each in value]
+    limits = f"at most {MAX_DISTANCE:g} m and half a turn"
+    for each in commands:
+        if each is not None:
+            inside = abs(each[0]) <= MAX_DISTANCE and abs(each[1]) <= MAX_TURN
+            require(bool(inside), "commands", limits, each.tolist())
+    return commands
+
+
+def positions(value: Any, name: str) -> FloatArray:
+    """(n, 2) positions in a request."""
+    is_list = isinstance(value, list) and len(value) <= MAX_LANDMARKS
+    words = f"at most {MAX_LANDMARKS} pairs of numbers"
+    require(is_list and all(_is_pair(each) for each in value), name, words, value)
+    xy = np.array(value, np.float64).reshape(-1, 2)
+    limit = f"positions within {MAX_COORDINATE:g} m along each axis"
+    require(bool((np.abs(xy) <= MAX_COORDINATE).all()), name, limit, value)
+    return xy
+
+
+def _config(name: str) -> EkfConfig:
+    """A filter that differs from the others in its kind only: identities are known."""
+    values = {"filter": name, "association": "known", "recover": False, "huber": np.inf}
+    config: EkfConfig = settings_from("slam", values, "playground")
+    return config
+
+
+def _state(session: Session, steps: Sequence[Mapping[str, Any]], name: str) -> dict[str, Any]:
+    """What the page draws: the new steps, the world, the map of one filter, and the scores."""
+    landmarks = session.world.landmarks
+    return {
+        "steps": list(steps),
+        "names": list(landmarks),
+        "landmarks": [each.tolist() for each in landmarks.values()],
+        "filter": name,
+        "map": session.map_of(name),
+        "summary": {each: session.summary(each) for each in session.filters},
+    }
+
+
+def _filter_name(request: Mapping[str, Any]) -> str:
+    name = request.get("filter", "standard")
+    require(name in list(RETRACTIONS), "filter", f"one of {', '.join(RETRACTIONS)}", name)
+    return str(name)
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value of JSON is a number of everyday size."""
+    return type(value) in (int, float) and abs(value) < 1e9

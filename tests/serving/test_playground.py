@@ -1,0 +1,189 @@
+"""The SLAM playground without a browser: its world, its filters, and what it refuses."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from saccade.errors import ConfigError, LogError
+from saccade.serving.playground import MAX_SESSIONS, MAX_STEPS, Playground, Session, positions
+from saccade.serving.simulated_robot import MAX_LANDMARKS, PlaygroundNoise, World, rings
+from saccade.slam.consistency import chi_square_band
+from saccade.viewing.embedding import as_json
+
+LAP = [0.5, 0.05]
+"""A step on the circle between the rings of landmarks."""
+
+
+def _rings():
+    return positions(rings(), "landmarks")
+
+
+def _driven(seed, steps):
+    session = Session(seed, _rings())
+    session.step(None, PlaygroundNoise())
+    for _ in range(steps):
+        session.step(np.array(LAP), PlaygroundNoise())
+    return {name: session.summary(name) for name in session.filters}
+
+
+def test_measurements_vary_as_their_covariances_say():
+    noise = PlaygroundNoise(reach=20, assumed_factor=1)
+    world = World(3)
+    world.add(_rings())
+    controls, observations = [], []
+    for _ in range(126):
+        scan = world.move(np.array(LAP), noise)
+        offset = np.array([world.landmarks[each] for each in scan.names]) - world.pose[:2]
+        expected = np.stack([np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])], 1)
+        error = scan.z - expected
+        error[:, 1] += world.pose[2]
+        error[:, 1] = np.angle(np.exp(1j * error[:, 1]))
+        controls.append((scan.control - LAP) / np.sqrt(np.diagonal(scan.U)))
+        sigma = np.sqrt(np.diagonal(scan.R, axis1=1, axis2=2))
+        observations.append(error / sigma)
+    for normalized in (np.array(controls), np.concatenate(observations)):
+        low, high = chi_square_band(1, len(normalized), 0.9999)
+        assert (low < np.square(normalized).mean(0)).all()
+        assert (np.square(normalized).mean(0) < high).all()
+    assert np.allclose(np.hypot(*world.pose[:2]), 10, atol=0.5)  # the circle is closed
+
+
+def test_the_assumed_factor_changes_what_filters_are_told_and_nothing_else():
+    scans = []
+    for factor in (1.0, 3.0):
+        world = World(5)
+        world.add(_rings())
+        scans.append(world.move(np.array(LAP), PlaygroundNoise(assumed_factor=factor)))
+    told, bold = scans
+    assert np.array_equal(told.control, bold.control)
+    assert np.array_equal(told.z, bold.z)
+    assert np.allclose(9 * told.U, bold.U)
+    assert np.allclose(9 * told.R, bold.R)
+
+
+def test_standard_becomes_sure_and_wrong_and_invariant_does_not():
+    summaries = [_driven(seed, 250) for seed in range(3)]  # two rounds
+    inside = {
+        name: np.mean([each[name]["inside_percent"] for each in summaries])
+        for name in ("standard", "invariant")
+    }
+    assert inside["standard"] < 80 < 97 < inside["invariant"]
+    nees = [each["invariant"]["mean_nees"] for each in summaries]
+    assert 1 < np.mean(nees) < 6
+    assert any(each["standard"]["wrong"] for each in summaries)
+    assert not any(each["invariant"]["wrong"] for each in summaries)
+    for each in summaries:
+        assert each["invariant"]["inside_landmarks"] > each["standard"]["inside_landmarks"]
+
+
+def test_without_noise_of_odometry_a_pose_is_certain_and_has_no_nees():
+    exact = PlaygroundNoise(distance_percent=0, turn_sigma=0)
+    session = Session(1, _rings())
+    for command in (None, np.array(LAP), np.array(LAP), None):
+        last = session.step(command, exact)
+    for name, estimate in last["filters"].items():
+        assert np.allclose(estimate["pose"], last["truth"])
+        assert np.isnan(estimate["nees"])
+        summary = session.summary(name)
+        assert summary["mean_nees"] is summary["inside_percent"] is None
+        assert not summary["wrong"]
+
+
+def test_a_session_is_started_driven_and_switched():
+    playground = Playground()
+    started = json.loads(as_json(playground.start({"seed": 4, "filter": "invariant"})))
+    assert len(started["steps"]) == 1
+    assert started["steps"][0]["filters"]["standard"]["nees"] is None
+    token = started["session"]
+    ask = {"session": token, "commands": [LAP, None, [-0.1, 0.2]]}
+    first = playground.step({**ask, "filter": "standard"})
+    again = Playground()
+    same = again.start({"seed": 4})
+    second = again.step({"session": same["session"], "commands": ask["commands"]})
+    assert as_json({"": first["steps"]}) == as_json({"": second["steps"]})
+    changed = {"add": [[0, -9]], "remove": [0, 3], "filter": "first-estimates"}
+    after = playground.step({"session": token, **changed})
+    assert after["steps"] == []
+    assert after["names"] == [1, 2, *range(4, 17)]
+    assert after["landmarks"][-1] == [0, -9]
+    size = 3 + 2 * len(after["map"]["names"])
+    correlation = after["map"]["correlation"].reshape(size, size)
+    assert np.allclose(np.diagonal(correlation), 1)
+    assert np.abs(correlation).max() <= 1 + 1e-9
+    assert np.allclose(correlation, correlation.T)
+
+
+def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
+    playground = Playground()
+    tokens = [playground.start({})["session"] for _ in range(MAX_SESSIONS + 1)]
+    with pytest.raises(KeyError, match="no longer in memory"):
+        playground.step({"session": tokens[0]})
+    playground._sessions[tokens[1]].num_steps = MAX_STEPS - 1
+    with pytest.raises(ConfigError, match="commands: expected 1 more steps; start again, found 2"):
+        playground.step({"session": tokens[1], "commands": [None, None]})
+    playground.step({"session": tokens[1], "commands": [None]})
+
+    def diverges(*_):
+        raise LogError("it diverged")
+
+    monkeypatch.setattr(Session, "step", diverges)
+    with pytest.raises(LogError):
+        playground.step({"session": tokens[2], "commands": [None]})
+    with pytest.raises(KeyError):
+        playground.step({"session": tokens[2]})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"session": None}, "no longer in memory"),
+        ({"session": ["x"]}, "no longer in memory"),
+        ({"filter": "none"}, "filter: expected one of invariant, standard, first-estimates"),
+        ({"filter": ["standard"]}, "filter: expected one of"),
+        ({"commands": 3}, "commands: expected at most 50 pairs of numbers, or null"),
+        ({"commands": [None] * 51}, "commands: expected at most 50"),
+        ({"commands": [[1]]}, "commands: expected at most 50"),
+        ({"commands": [[1, True]]}, "commands: expected at most 50"),
+        ({"commands": [[1, "x"]]}, "commands: expected at most 50"),
+        ({"commands": [[2.1, 0]]}, "commands: expected at most 2 m and half a turn"),
+        ({"commands": [[0, -4]]}, "commands: expected at most 2 m and half a turn"),
+        ({"commands": [[10**400, 0]]}, "commands: expected at most 50"),
+        ({"add": [[101, 0]]}, "add: expected positions within 100 m"),
+        ({"add": [[0, 0]] * (MAX_LANDMARKS + 1)}, "add: expected at most 60 pairs"),
+        ({"add": [[0, 0]] * MAX_LANDMARKS}, "landmarks: expected at most 44 more, found 60"),
+        ({"add": {}}, "add: expected at most 60 pairs"),
+        ({"remove": [99]}, "remove: expected names of landmarks, found [99]"),
+        ({"remove": [True]}, "remove: expected names of landmarks"),
+        ({"remove": [[]]}, "remove: expected names of landmarks"),
+        ({"noise": []}, "noise: expected a table of settings"),
+        ({"noise": {"loud": 1}}, "noise: expected one of distance_percent"),
+        ({"noise": {"reach": "far"}}, "reach: expected a number, found 'far'"),
+        ({"noise": {"reach": None}}, "reach: expected a number"),
+        ({"noise": {"range_percent": 0}}, "range_percent: expected 0.5 to 20.0, found 0"),
+        ({"noise": {"reach": 10**400}}, "reach: expected a number"),
+    ],
+)
+def test_invalid_requests_are_one_line_errors_and_change_nothing(change, words):
+    playground = Playground()
+    token = playground.start({})["session"]
+    before = as_json(playground.step({"session": token}))
+    with pytest.raises((ConfigError, KeyError), match=re.escape(words)):
+        playground.step({"session": token, "commands": [LAP], **change})
+    assert as_json(playground.step({"session": token})) == before
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"seed": -1}, "seed: expected 0 to"),
+        ({"seed": True}, "seed: expected 0 to"),
+        ({"seed": 1.5}, "seed: expected 0 to"),
+        ({"landmarks": [[0, 0]] * 61}, "landmarks: expected at most 60 pairs"),
+        ({"landmarks": None}, "landmarks: expected at most 60 pairs"),
+    ],
+)
+def test_invalid_starts_are_one_line_errors(request_, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        Playground().start(request_)
