@@ -453,8 +453,8 @@ def test_evaluate_fixations_names_what_is_missing(run, gazes):
     ("words", "expected"),
     [
         (["soup"], "No such command 'soup'; see saccade --help"),
-        (["look"], "Missing argument 'IMAGE'; see saccade look --help"),
-        (["match", "a.png"], "Missing argument 'B'; see saccade match --help"),
+        (["look"], "IMAGE: expected images or --camera, found neither"),
+        (["match"], "Missing argument 'A'; see saccade match --help"),
         (["look", "a.png", "--fixations", "0"], "--fixations"),
         (["look", "-dash.png"], "No such option"),
         (["look", ""], "empty name"),

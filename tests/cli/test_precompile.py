@@ -3,14 +3,16 @@
 import importlib.util
 import subprocess
 import sys
-from importlib.resources import files
 
+import numba
+import numpy as np
 import pytest
 
+from saccade import _jit
 from saccade._jit import needs_compiling
 from saccade.cli import precompile
+from saccade.slam import Slam, compiling
 
-LOG = files("saccade") / "data" / "victoria_park.txt"
 SOURCE = """
 from saccade._jit import kernel
 
@@ -36,7 +38,7 @@ def test_a_kernel_is_to_compile_until_it_was_called(tmp_path):
 
 @pytest.mark.parametrize("cold", [True, False])
 def test_another_process_is_started_only_where_there_is_something_to_compile(cold, monkeypatch):
-    started = []
+    started, halves = [], []
 
     class Process:
         def __init__(self, words, **_):
@@ -57,12 +59,30 @@ def test_another_process_is_started_only_where_there_is_something_to_compile(col
     monkeypatch.setattr(subprocess, "Popen", Process)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setattr("saccade._jit.needs_compiling", lambda _: cold)
-    with precompile.filter_compiled_ahead(LOG) as wait:
-        wait()
+    monkeypatch.setattr("saccade.slam.compiling.compile_half", halves.append)
+    with precompile.filter_compiled_ahead(also="points") as finish:
+        finish()
     assert len(started) == (3 if cold else 0)
+    assert halves == ([0] if cold else [])
+    with precompile.points_compiled_ahead():
+        pass
+    assert len(started) == (5 if cold else 0)
     if cold:
-        code = compile(started[0][2], "words", "exec")
-        assert started[0][3] == str(LOG)
-        monkeypatch.setattr(sys, "argv", ["-c", str(LOG)])
-        with pytest.raises(SystemExit):
-            exec(code, {})
+        code, *tasks = started[0][2:]
+        assert tasks == ["points", "filter"]
+        monkeypatch.setattr(sys, "argv", ["-c", *tasks])
+        exec(compile(code, "words", "exec"), {})
+        assert halves == [0, 1]
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.parametrize("half", [0, 1])
+def test_the_halves_are_compiled_for_the_types_with_which_the_step_calls_them(half, monkeypatch):
+    slam = Slam()
+    slam.step(0.0, z=np.ones((1, 2)), R=np.eye(2)[None], names=np.zeros(1, np.int64))
+    parts = []
+    monkeypatch.setattr(compiling, "compile_for", lambda *part: parts.append(part))
+    compiling.compile_half(half)
+    for part, *arguments in parts:
+        cached = {key[0] for key in _jit._cache_file(part)._load_index()}
+        assert tuple(map(numba.typeof, arguments)) in cached, part

@@ -29,7 +29,7 @@ from saccade.cli.index import index
 from saccade.cli.look import look
 from saccade.cli.match import match
 from saccade.cli.merge_maps import merge_maps
-from saccade.cli.output import print_image_warnings
+from saccade.cli.output import print_data_warnings
 from saccade.cli.serve import serve
 from saccade.cli.simulate import simulate
 from saccade.cli.slam import slam
@@ -94,7 +94,7 @@ def _root(
     logging.basicConfig(format="saccade: %(message)s", stream=sys.stderr)
     logging.getLogger("saccade").setLevel(logging.INFO)
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports its font cache
-    print_image_warnings()
+    print_data_warnings()
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, cast
 
 from typer import Argument, Option
 
-from saccade.cli.options import Json, LogFormat, LogPath, Robot
+from saccade.cli.options import Json, LogFormat, LogPath, Robot, Topics
 
 
 def convert(
@@ -20,6 +20,7 @@ def convert(
         ),
     ] = None,
     robot: Robot = None,
+    topic: Topics = None,
     as_json: Json = False,
 ) -> None:
     """Convert a landmark log to another format.
@@ -33,7 +34,7 @@ def convert(
     from saccade.cli.output import print_result
 
     source = "auto" if kind is None else kind
-    recorded = datasets.load(cast("datasets.Kind", source), log, robot=robot)
+    recorded = datasets.load(cast("datasets.Kind", source), log, robot=robot, topic=topic)
     datasets.save(file, recorded, cast("datasets.Format", "auto" if to is None else to))
     row = {
         "log": recorded.name,

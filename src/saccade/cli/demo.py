@@ -14,7 +14,7 @@ LEAD = (
     "An image goes in, attention says where to look, interest points say what to keep, "
     "landmarks say where things are, and a map comes out."
 )
-SEED, FRAMES = 0, 200
+SEED, FRAMES = 0, 160
 """Seed and number of frames of the simulated drive."""
 
 
@@ -66,21 +66,23 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
 
     from saccade import datasets
     from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
-    from saccade.cli.drive_run import map_drive
+    from saccade.cli.drive_run import write_results
     from saccade.cli.look_run import analyze_image
     from saccade.cli.match_run import match_images
     from saccade.cli.precompile import filter_compiled_ahead
     from saccade.cli.run_output import RunOutput
     from saccade.cli.slam_run import map_log
+    from saccade.evaluation.gaze_runs import SETTINGS, gaze_drive
     from saccade.keypoints.sift import Sift
     from saccade.settings import load_settings
-    from saccade.simulation import DriveConfig, simulate_drive
+    from saccade.simulation import DriveConfig
+    from saccade.slam import Recorder
 
     columns = (TextColumn("{task.description:<40}"), BarColumn(), TimeElapsedColumn())
     victoria_park = data / "victoria_park.txt"
     results: dict[str, dict[str, Any]] = {}
     with (
-        filter_compiled_ahead(victoria_park) as wait,
+        filter_compiled_ahead(also="points") as finish,
         Progress(*columns, console=Console(stderr=True)) as bar,
     ):
         task = bar.add_task("attention: saliency and scanpath", total=1)
@@ -98,14 +100,24 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
 
         task = bar.add_task("EKF-SLAM: a car in Victoria Park", total=None)
         log = datasets.load("victoria-park", victoria_park)
-        wait()
+        finish()
         output = RunOutput(out, film=False, report=builder)
         results["slam"] = map_log(log, load_settings("slam"), output, progress)
 
-        task = bar.add_task("visual SLAM: a robot with a camera", total=None)
-        drive = simulate_drive(DriveConfig(frames=FRAMES, frames_per_lap=FRAMES // 2), SEED)
-        output = RunOutput(out / "drive", snapshots=FRAMES // 4, report=builder)
-        results["drive"] = map_drive(drive, load_settings("visual"), output, progress)
+        task = bar.add_task("visual SLAM: a robot that looks around", total=None)
+        rooms = DriveConfig(
+            world="rooms",
+            frames=FRAMES,
+            frames_per_lap=FRAMES,
+            image_size=(240, 180),
+            field_of_view=50.0,
+            color=True,
+        )
+        recorder = Recorder(FRAMES // 2)
+        drive, result, _ = gaze_drive(rooms, "informative", SEED, progress, recorder)
+        output = RunOutput(out / "drive", report=builder)
+        snapshots = recorder.snapshots
+        results["drive"] = write_results(drive, SETTINGS, output, progress, result, snapshots)
     return results
 
 
@@ -171,10 +183,10 @@ def _page(results: dict[str, dict[str, Any]]) -> str:
             links=[*(Path(path).name for path in slam["files"].values()), "run.json"],
         ),
         Section(
-            "Visual SLAM: all of it together",
-            "A robot drives two laps around a simulated courtyard. It keeps interest points of its "
-            "stereo camera as landmarks, tracks them from frame to frame, and re-identifies them "
-            "on the second lap.",
+            "Visual SLAM: a robot that decides where to look",
+            "A robot drives through two simulated rooms. It keeps interest points of its stereo "
+            "camera as landmarks, and turns the camera to where it expects to learn most about its "
+            "pose and the map: at landmarks that it knows, or where it has none yet.",
             [
                 Picture(
                     f"drive/{Path(drive['files']['still']).name}",

@@ -4,46 +4,67 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
+from typer import Argument, Option
 
-from saccade.cli.options import Config, Images, Json, MaxKeypoints, Out, Preset, Spread
+from saccade.cli.options import (
+    MAX_CAMERA_FRAMES,
+    Camera,
+    CameraFrames,
+    Config,
+    Detector,
+    DetectorOption,
+    FigureFormat,
+    Json,
+    LivePage,
+    LiveWindow,
+    MaxKeypoints,
+    Out,
+    Preset,
+    Spread,
+    images_or_camera,
+)
 
 if TYPE_CHECKING:
     from saccade.cli.detect_run import Detections
 
 
-class Detector(StrEnum):
-    """Keypoint detectors."""
-
-    SIFT = "sift"
-    MUST = "must"
-    SYMROID = "symroid"
-
-
 class Format(StrEnum):
-    """File formats of keypoints."""
+    """File formats of keypoints and of figures."""
 
     NPZ = "npz"
     CSV = "csv"
     PARQUET = "parquet"
     HDF5 = "hdf5"
     COLMAP = "colmap"
+    PNG = "png"
+    SVG = "svg"
+    PDF = "pdf"
 
 
 def detect(
-    images: Images,
+    images: Annotated[
+        list[str] | None,
+        Argument(metavar="IMAGE", help="Images, folders of images, or quoted patterns."),
+    ] = None,
     out: Out = Path("saccade-detect"),
-    detector: Annotated[
-        Detector, Option(help="SIFT, points of symmetry (must), or regions of symmetry (symroid).")
-    ] = Detector.SIFT,
+    detector: DetectorOption = Detector.SIFT,
     preset: Preset = None,
     config: Config = None,
     max_keypoints: MaxKeypoints = None,
     spread: Spread = False,
     formats: Annotated[
         list[Format] | None,
-        Option("--format", "-f", help="Output format, npz by default; may be repeated."),
+        Option(
+            "--format",
+            "-f",
+            help="Output format: of the keypoints, npz by default, and of the figures, png by "
+            "default; may be repeated.",
+        ),
     ] = None,
+    camera: Camera = None,
+    frames: CameraFrames = MAX_CAMERA_FRAMES,
+    live: LiveWindow = False,
+    page: LivePage = False,
     as_json: Json = False,
 ) -> None:
     """Detect and describe keypoints.
@@ -52,18 +73,30 @@ def detect(
     regions of symmetry another with the edge pairs that contribute to them
     (NAME.pairs.png), and the keypoints as NAME.keypoints.npz or .csv (without
     descriptors). Keypoints of all images go to keypoints.parquet, keypoints.h5
-    (in the layout of hloc) or database.db (for COLMAP).
+    (in the layout of hloc) or database.db (for COLMAP). Of a --camera --out
+    receives a film (camera.keypoints.mp4) and a table; Ctrl-C ends it.
     """
     from saccade.cli.detect_run import SHARED_FILES, detect_in, require_libraries, write_shared
     from saccade.cli.detectors import make_detector
-    from saccade.cli.output import for_each_image, print_json, print_table
+    from saccade.cli.output import for_each_image, print_json, print_result, print_table
     from saccade.errors import OutputError, SaccadeError
+    from saccade.files import make_folder
     from saccade.image import find_images
 
-    chosen = list(dict.fromkeys(formats or [Format.NPZ]))
+    sources = images_or_camera(images, camera)
+    chosen = list(dict.fromkeys(formats or []))
+    if all(each.value in tuple(FigureFormat) for each in chosen):
+        chosen.append(Format.NPZ)
     require_libraries(chosen)
     find = make_detector(detector.value, preset, config, max_keypoints, spread=spread)
-    paths = [path for source in images for path in find_images(source)]
+    if camera is not None:
+        from saccade.cli.live_run import Live, detect_in_camera
+
+        make_folder(out)
+        row = detect_in_camera(Live(camera, frames, live, page), out, find)
+        print_result(row, as_json, f"camera -> {out}")
+        return
+    paths = [path for source in sources for path in find_images(source)]
     shared = [each for each in chosen if each in SHARED_FILES]
     detections: dict[Path, Detections] = {}
 

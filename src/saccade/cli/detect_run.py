@@ -1,6 +1,5 @@
 """Keypoints of images, written to files."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -9,14 +8,15 @@ import numpy as np
 
 from saccade import exchange
 from saccade.cli.detect import Format
+from saccade.cli.options import figure_formats
+from saccade.cli.output import relative_names
 from saccade.cli.symmetry_overlay import contributing_pairs
 from saccade.exchange.colmap import import_pycolmap
 from saccade.extras import import_optional
-from saccade.files import as_text
 from saccade.image import read_image
 from saccade.keypoints import Must
 from saccade.types import Keypoints, Regions
-from saccade.viewing import keypoint_figure, pair_figure, region_figure, save_figure
+from saccade.viewing import keypoint_figure, pair_figure, region_figure, save_figures
 
 Detections: TypeAlias = tuple[Keypoints, tuple[int, ...]]
 """The keypoints of an image, and its shape."""
@@ -44,24 +44,25 @@ def require_libraries(formats: Sequence[Format]) -> None:
 def detect_in(
     path: Path, out: Path, detector: Any, formats: Sequence[Format]
 ) -> tuple[dict[str, Any], Detections]:
-    """Detect in one image: write `out`.png and its files, return the row for --json."""
+    """Detect in one image: write the figure `out`.png and its files, return the row for --json."""
     image = read_image(path)
     detections = detector(image)
     regions = isinstance(detections, Regions)
     keypoints = detections.keypoints if regions else detections
     figure = region_figure(image, detections) if regions else keypoint_figure(image, keypoints)
+    drawn = figure_formats(formats)
     row: dict[str, Any] = {
         "image": str(path),
         "points": len(keypoints),
         "median_size": float(np.median(keypoints.size)) if len(keypoints) else 0.0,
-        "picture": str(save_figure(figure, f"{out}.png")),
+        "picture": str(save_figures(figure, out, drawn)),
     }
     if regions:
         row["boxes"] = detections.boxes.tolist()
     if regions or isinstance(detector, Must):
         pairs = contributing_pairs(detector, image, keypoints[:MAX_EXPLAINED])
-        picture = out.with_name(f"{out.name.removesuffix('.keypoints')}.pairs.png")
-        row["pairs"] = str(save_figure(pair_figure(image, pairs), picture))
+        picture = out.with_name(f"{out.name.removesuffix('.keypoints')}.pairs")
+        row["pairs"] = str(save_figures(pair_figure(image, pairs), picture, drawn))
     if Format.NPZ in formats:
         row["arrays"] = f"{out}.npz"
         exchange.write_npz(row["arrays"], keypoints)
@@ -86,15 +87,3 @@ def write_shared(
     if Format.COLMAP in formats:
         exchange.write_colmap(files["colmap"], keypoints, shapes)
     return files
-
-
-def relative_names(paths: Sequence[Path]) -> dict[Path, str]:
-    """Each path relative to the common folder, as COLMAP and hloc name images."""
-    if not paths:
-        return {}
-    absolute = [path.absolute() for path in paths]
-    root = os.path.commonpath([path.parent for path in absolute])
-    return {
-        path: as_text(each.relative_to(root).as_posix())
-        for path, each in zip(paths, absolute, strict=True)
-    }

@@ -6,16 +6,22 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from typer import Option
 
 from saccade.cli.options import (
+    MAX_CAMERA_FRAMES,
     Baseline,
+    Camera,
     CheckpointInterval,
     Config,
+    FigureFormats,
     Film,
     Intrinsics,
     Json,
+    LivePage,
+    LiveWindow,
     Out,
     Preset,
     SequenceFormat,
     SequencePath,
+    figure_formats,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +36,7 @@ def drive(
         int | None, Option(min=1, metavar="N", help="Process only the first N frames.")
     ] = None,
     detector: Annotated[
-        str | None, Option(help="Keypoint detector: sift, must or symroid.")
+        str | None, Option(help="Keypoint detector of the landmarks: sift, must or symroid.")
     ] = None,
     selection: Annotated[
         str | None,
@@ -51,6 +57,10 @@ def drive(
         Path | None,
         Option(metavar="FOLDER", help="Also write the tracked points, as a drive of tracks."),
     ] = None,
+    camera: Camera = None,
+    live: LiveWindow = False,
+    page: LivePage = False,
+    figures: FigureFormats = None,
     film: Film = True,
     checkpoint: CheckpointInterval = 10.0,
     preset: Preset = None,
@@ -66,12 +76,15 @@ def drive(
     (report.html), and settings and scores (run.json).
 
     An interrupted run resumes from its last checkpoint.
+
+    With --camera a camera is mapped live, and recorded in the folder SEQUENCE, whose camera.toml is
+    its calibration; Ctrl-C ends the drive.
     """
     from dataclasses import replace
 
     from saccade import datasets
     from saccade.cli.drive_run import map_drive
-    from saccade.cli.output import print_json, print_message, progress_bar
+    from saccade.cli.output import print_message, progress_bar
     from saccade.cli.run_output import RunOutput
     from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
     from saccade.diagnostics import drop_repeated
@@ -80,9 +93,18 @@ def drive(
     settings = load_settings("visual", preset, config)
     given = {"detector": detector, "selection": selection, "max_landmarks": max_landmarks}
     settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
+    known_camera = CameraOptions(parse_intrinsics(intrinsics), baseline)
+    output = RunOutput(out, film, checkpoint_interval=checkpoint, figures=figure_formats(figures))
+    if camera is not None:
+        from saccade.cli.live_run import Live, map_camera
+
+        source = Live(camera, frames or MAX_CAMERA_FRAMES, live, page)
+        with progress_bar(f"camera {camera}") as progress:
+            row = map_camera(source, sequence, known_camera, settings, output, progress)
+        print_drive(row, as_json, f"camera {camera} -> {out}")
+        return
     kind = "auto" if kind is None else kind
-    camera = CameraOptions(parse_intrinsics(intrinsics), baseline)
-    recorded = datasets.load_drive(cast("datasets.DriveKind", kind), sequence, camera)
+    recorded = datasets.load_drive(cast("datasets.DriveKind", kind), sequence, known_camera)
     if frames is not None:
         recorded = recorded.until(frames)
     if not anyway:
@@ -91,14 +113,20 @@ def drive(
     for remark in known:
         print_message(remark)
     with progress_bar(recorded.name) as progress:
-        output = RunOutput(out, film, checkpoint_interval=checkpoint)
         row = map_drive(recorded, settings, output, progress, save_tracks)
-    for remark in row["remarks"][len(known) :]:
+    print_drive(row, as_json, f"{recorded.name} -> {out}", len(known))
+
+
+def print_drive(row: dict[str, Any], as_json: bool, title: str, said: int = 0) -> None:
+    """Print the remarks of a drive after those that were said before, and its figures."""
+    from saccade.cli.output import print_json, print_message
+
+    for remark in row["remarks"][said:]:
         print_message(remark)
     if as_json:
         print_json(row)
     else:
-        print_summary(row, f"{recorded.name} -> {out}")
+        print_summary(row, title)
 
 
 def print_summary(row: dict[str, Any], title: str) -> None:

@@ -10,6 +10,7 @@ from saccade.errors import ImageError
 from saccade.frames import Drive
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import Image, MapSnapshot
+from saccade.viewing.film import Eye
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part
 from saccade.viewing.report_map import (
@@ -82,3 +83,17 @@ def image_loader(drive: Drive) -> Callable[[int], Image | None]:
             return None
 
     return load
+
+
+def eye_loader(drive: Drive) -> Callable[[int], Eye | None] | None:
+    """A function from the number of a frame to where its camera looks; None for a fixed one."""
+    width = 2 * float(np.arctan(drive.camera.width / 2 / drive.camera.fx))
+
+    def load(number: int) -> Eye | None:
+        try:
+            turn = drive.load(number).turn
+        except ImageError:
+            return None
+        return None if turn is None else Eye(turn.pan, width, turn.reason)
+
+    return load if load(0) is not None else None

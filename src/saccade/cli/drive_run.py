@@ -9,7 +9,7 @@ import numpy as np
 
 from saccade import visual
 from saccade.attention import attention_saliency, contrast_saliency, symmetry_saliency
-from saccade.cli.drive_report import drive_part, image_loader
+from saccade.cli.drive_report import drive_part, eye_loader, image_loader
 from saccade.cli.output import Progress, resumable, write_arrays
 from saccade.cli.run_output import RunOutput, write_film, write_run
 from saccade.cli.slam_run import pose_table
@@ -20,7 +20,7 @@ from saccade.formats import FORMATS
 from saccade.frames import Drive
 from saccade.slam import Checkpoint, Recorder
 from saccade.types import Float32Array, Image, MapSnapshot
-from saccade.viewing import drive_frames, map_figure, save_figure
+from saccade.viewing import drive_frames, map_figure, save_figures
 from saccade.viewing.report_map import ObservedLandmarks
 from saccade.visual import VisualConfig, VisualResult
 
@@ -42,8 +42,8 @@ def map_drive(
     if save_tracks is not None:
         require_writable(save_tracks, drive)
         tracks = visual.TrackRecorder()
-    out, recorder = output.folder, Recorder(output.snapshots)
-    checkpoint = Checkpoint(out / "checkpoint.npz", output.checkpoint_interval)
+    recorder = Recorder(output.snapshots)
+    checkpoint = Checkpoint(output.folder / "checkpoint.npz", output.checkpoint_interval)
 
     def report(done: int, total: int) -> None:
         progress(done, total, "map")
@@ -52,8 +52,24 @@ def map_drive(
         result = visual.run(
             drive, settings, report, recorder=recorder, checkpoint=checkpoint, tracks=tracks
         )
-    snapshots = recorder.snapshots
-    files = write_tables(out, result) | write_figure(out, drive, result)
+    row = write_results(drive, settings, output, progress, result, recorder.snapshots)
+    if save_tracks is not None and tracks is not None:
+        save_drive(save_tracks, tracks.drive(drive))
+    checkpoint.remove()
+    return row
+
+
+def write_results(
+    drive: Drive,
+    settings: VisualConfig,
+    output: RunOutput,
+    progress: Progress,
+    result: VisualResult,
+    snapshots: list[MapSnapshot],
+) -> dict[str, Any]:
+    """Write the results of a mapped drive, and return the content of run.json."""
+    out = output.folder
+    files = write_tables(out, result) | write_figure(output, drive, result)
     if output.film:
         frames = film_frames(drive, snapshots, result, settings)
         count = len(snapshots)
@@ -66,17 +82,13 @@ def map_drive(
         "seed": settings.seed,
         "settings": asdict(settings),
     }
-    row = write_run(
+    return write_run(
         output,
         (f"saccade drive: {drive.name}", LEAD),
         lambda: drive_part(drive, snapshots, result, summary),
         files,
         row,
     )
-    if save_tracks is not None and tracks is not None:
-        save_drive(save_tracks, tracks.drive(drive))
-    checkpoint.remove()
-    return row
 
 
 def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
@@ -118,8 +130,8 @@ def write_tables(out: Path, result: VisualResult) -> dict[str, Path]:
     return files
 
 
-def write_figure(out: Path, drive: Drive, result: VisualResult) -> dict[str, Path]:
-    """Write a figure of the map; returns the file."""
+def write_figure(output: RunOutput, drive: Drive, result: VisualResult) -> dict[str, Path]:
+    """Write a figure of the map; returns the file of the first format."""
     figure = map_figure(
         result.trajectory, result.map, result.odometry, truth=drive.truth, lost=result.lost
     )
@@ -127,8 +139,7 @@ def write_figure(out: Path, drive: Drive, result: VisualResult) -> dict[str, Pat
         axes = figure.axes[0]
         axes.set_xlabel("x in units (the scale is unknown)")
         axes.set_ylabel("y in units")
-    save_figure(figure, out / "map.png")
-    return {"picture": out / "map.png"}
+    return {"picture": save_figures(figure, output.folder / "map", output.figures)}
 
 
 def film_frames(
@@ -149,5 +160,6 @@ def film_frames(
     observed = result.observations
     observations = ObservedLandmarks(observed.frame, observed.landmark, observed.xy, observed.kind)
     return drive_frames(
-        snapshots, drive.time, result.odometry, image_loader(drive), saliency, observations
+        *(snapshots, drive.time, result.odometry, image_loader(drive), saliency, observations),
+        eye_at=eye_loader(drive),
     )

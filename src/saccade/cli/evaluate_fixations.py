@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from saccade.cli.attention_models import Faces
-from saccade.cli.options import Config, Json, Preset, Report
+from saccade.cli.options import Config, FigureFiles, Json, OnlyPresent, Preset, Report
 
 if TYPE_CHECKING:
     from saccade.evaluation.fixations import FixationScores
     from saccade.evaluation.prediction import PredictionScores
 
 COLUMNS = ["", "AUC", "sAUC", "NSS", "CC", "SIM", "KL", "IG (bit)"]
+PRINTED = (["", "AUC", "sAUC", "NSS", "CC"], ["", "SIM", "KL", "IG (bit)"])
+"""Columns of the two tables that are printed where a name is longer than `LONGEST`."""
+LONGEST = 16
+"""Characters of a name beside which all columns fit into 80 characters."""
 MEANING = (
     "AUC: probability that a fixation is more salient than a pixel of the image; sAUC: than a "
     "fixation of another image. Both are 0.5 by chance. NSS: saliency at the fixations in standard "
@@ -70,15 +74,9 @@ def fixations(
             "the others, the ceiling. It takes a few minutes.",
         ),
     ] = False,
+    only_present: OnlyPresent = False,
     per_image: Annotated[bool, Option("--per-image", help="List every image.")] = False,
-    figure: Annotated[
-        list[Path] | None,
-        Option(
-            metavar="FILE",
-            help="Also draw the scores, in a journal's column width: .png, .svg or .pdf. "
-            "Repeatable.",
-        ),
-    ] = None,
+    figure: FigureFiles = None,
     csv: Annotated[
         Path | None,
         Option(
@@ -96,22 +94,22 @@ def fixations(
     differences of each further model from the first.
     """
     from saccade.cli.evaluate_fixations_run import Task, chosen_models, draw, run, write_csv
-    from saccade.cli.output import print_json, print_table
+    from saccade.cli.output import print_json
     from saccade.evaluation.comparison import paired_difference
     from saccade.viewing.report import Table, write_tables
 
-    task = Task(images, fixations, drop, sigma)
+    task = Task(images, fixations, drop, sigma, only_present)
     models = chosen_models(task, maps or [], model or [], preset, config, faces)
     results, rows_of_fixations, names = run(task, models, references, rows=csv is not None)
     first, *others = results
     differences = {name: paired_difference(results[first], results[name]) for name in others}
     many = len(results) > 1
-    rows = [row for name, result in results.items() for row in _rows(name, result, many)]
-    difference_rows = [
-        _row(f"{name} - {first}{end}", scores)
-        for name, difference in differences.items()
-        for end, scores in zip(("", ", 95 % from", ", 95 % to"), difference, strict=True)
+    rows = [
+        row
+        for name, result in results.items()
+        for row in _rows(name if many else "mean", result.mean(), *result.interval())
     ]
+    difference_rows = [row for name, each in differences.items() for row in _rows(name, *each)]
     image_rows = [
         _row(f"{image}, {name}" if many else image, scores)
         for name, result in results.items()
@@ -136,9 +134,19 @@ def fixations(
     if as_json:
         print_json(_as_json(results, differences))
         return
-    print_table(title, COLUMNS, [*rows, *image_rows] if per_image else rows)
+    _print(title, [*rows, *image_rows] if per_image else rows)
     if many:
-        print_table(f"paired differences from {first}", COLUMNS, difference_rows)
+        _print(f"paired differences from {first}", difference_rows)
+
+
+def _print(title: str, rows: list[list[str]]) -> None:
+    """Print one table, or two where names are long."""
+    from saccade.cli.output import print_table
+
+    long = max(len(name) for name, *_ in rows) > LONGEST
+    for number, columns in enumerate(PRINTED if long else [COLUMNS]):
+        cells = [[row[COLUMNS.index(column)] for column in columns] for row in rows]
+        print_table("" if number else title, columns, cells)
 
 
 def _as_json(results: "dict[str, PredictionScores]", differences: dict[str, Any]) -> dict[str, Any]:
@@ -164,14 +172,10 @@ def _ends(mean: Any, low: Any, high: Any) -> dict[str, Any]:
     return {"mean": asdict(mean), "low": asdict(low), "high": asdict(high)}
 
 
-def _rows(name: str, result: "PredictionScores", many: bool) -> list[list[str]]:
-    low, high = result.interval()
-    label = f"{name}, " if many else ""
-    return [
-        _row(name if many else "mean", result.mean()),
-        _row(f"{label}95 % from", low),
-        _row(f"{label}95 % to", high),
-    ]
+def _rows(
+    name: str, mean: "FixationScores", low: "FixationScores", high: "FixationScores"
+) -> list[list[str]]:
+    return [_row(name, mean), _row("  95 % from", low), _row("  95 % to", high)]
 
 
 def _row(name: str, scores: "FixationScores") -> list[str]:

@@ -7,8 +7,8 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
+from saccade.cli.fixation_tables import load_fixations
 from saccade.cli.output import print_message, tracked
-from saccade.datasets.fixations import read_fixations
 from saccade.errors import ConfigError, LogError, require
 from saccade.evaluation.comparison import (
     FixationRow,
@@ -32,7 +32,6 @@ from saccade.viewing.fixation_scores import Bar, fixation_score_figure
 from saccade.viewing.style import save_figure
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
-FIGURES = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
@@ -43,11 +42,12 @@ class Task:
     file: Path
     drop: int
     sigma: float
+    only_present: bool = False
 
     @cached_property
     def table(self) -> FixationTable:
         """The fixations of the file."""
-        table = read_fixations(self.file)
+        table = load_fixations(self.file, self.images, self.only_present)
         if not (table.index >= self.drop).any():
             raise LogError(
                 f"{self.file}: every fixation is among the first {self.drop}; lower --drop"
@@ -160,12 +160,7 @@ def run(
 
 
 def draw(results: Mapping[str, PredictionScores], path: Path, drawn: Mapping[str, str]) -> None:
-    """Write the figure of the scores.
-
-    Raises:
-        ConfigError: it is no PNG, SVG or PDF.
-    """
-    require(path.suffix.lower() in FIGURES, "figure", "a .png, .svg or .pdf", str(path))
+    """Write the figure of the scores."""
     ends = {name: (result.mean(), *result.interval()) for name, result in results.items()}
     scores = {
         title: {name: Bar(*(getattr(end, key) for end in three)) for name, three in ends.items()}

@@ -14,7 +14,7 @@ from saccade.cli.attention_models import (
     attention_model,
     scanpath_network,
 )
-from saccade.cli.options import Config, Json, Preset, Report, Seed
+from saccade.cli.options import Config, Json, OnlyPresent, Preset, Report, Seed
 
 if TYPE_CHECKING:
     from saccade.evaluation.conditional import FixationRow
@@ -88,6 +88,7 @@ def scanpaths(
     drop: Annotated[
         int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
     ] = 1,
+    only_present: OnlyPresent = False,
     seed: Seed = 0,
     out: Annotated[
         Path | None,
@@ -105,8 +106,8 @@ def scanpaths(
     Means over the images with 95 % bootstrap intervals.
     """
     from saccade.attention.scanpath_model import ScanpathModelConfig
+    from saccade.cli.fixation_tables import load_fixations
     from saccade.cli.output import print_json, print_message, print_table, tracked
-    from saccade.datasets.fixations import read_fixations
     from saccade.evaluation.conditional import score_fixations
     from saccade.evaluation.prediction import fixations_by_image
     from saccade.evaluation.scanpath_similarity import ScanMatchConfig
@@ -116,7 +117,7 @@ def scanpaths(
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 
-    table = read_fixations(fixations)
+    table = load_fixations(fixations, images, only_present)
     _, sizes, outside = fixations_by_image(table, images, drop)
     if outside:
         print_message(f"{outside} fixations outside their images are left out")

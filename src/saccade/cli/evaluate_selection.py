@@ -5,16 +5,18 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from typer import Argument, Option
 
-from saccade.cli.options import Json, Report
+from saccade.cli.options import FigureFormats, Json, Report, figure_formats
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from saccade.evaluation.selection import SelectionScores
 
 LEAD = "Landmark selection criteria compared at equal budgets."
-RANKING = "All drives and budgets, relative to random selection"
+RANKING = "All drives and budgets, relative to {}"
 MEANING_OF_RANKING = (
     "Mean rank: among the criteria, by ATE and by re-identification rate; 1 is best. Ratio: to "
-    "random selection, with its 95 % interval; lower is better for the ATE, higher for the "
+    "{}, with its 95 % interval; lower is better for the ATE, higher for the "
     "re-identification rate."
 )
 MEANING = (
@@ -55,41 +57,50 @@ def selection(
     out: Annotated[
         Path, Option("--out", "-o", help="Output folder, in which the runs are stored.")
     ] = Path("saccade-selection"),
-    simulator: Annotated[bool, Option(help="Also drive around a simulated ring.")] = True,
+    simulator: Annotated[
+        bool, Option(help="Also drive around a simulated ring and a simulated room.")
+    ] = True,
     budgets: Annotated[
         list[int] | None,
         Option(
             "--budget",
-            min=1,
+            min=4,
             metavar="N",
-            help="New landmarks per frame; may be repeated.",
-            show_default="1, 2, 4, 8",
+            help="Landmarks tracked at a time; may be repeated.",
+            show_default="5, 10, 20, 50",
         ),
     ] = None,
     criteria: Annotated[
         list[str] | None,
         Option(
             "--criterion",
-            help="strength, random, range, contrast, symmetry, must, symroid, rematch-rate, "
-            "rematch-rate-range or rematch-rate-spread; may be repeated.",
-            show_default="all",
+            help="A ranking of SIFT points: strength, random, range, contrast, symmetry, "
+            "rematch-rate, rematch-rate-range or rematch-rate-spread; or of the points of another "
+            "detector: must, symroid (by strength), must-rematch-rate, ...; may be repeated.",
+            show_default="eight of them",
         ),
     ] = None,
+    reference: Annotated[
+        str, Option(metavar="CRITERION", help="Criterion to which the others are compared.")
+    ] = "rematch-rate",
     seeds: Annotated[
         int, Option(min=1, help="Number of runs of each, with consecutive seeds.")
     ] = 5,
     first_seed: Annotated[int, Option(min=0, help="Seed of the first run.")] = 0,
     frames: Annotated[
         int, Option(min=8, metavar="N", help="Maximum number of frames of each drive.")
-    ] = 300,
+    ] = 160,
     jobs: Annotated[int, Option(min=1, help="Number of processes.")] = 1,
+    figures: FigureFormats = None,
     report: Report = None,
     as_json: Json = False,
 ) -> None:
     """Compare landmark selection criteria at equal budgets.
 
     Each table has the means over the seeds, with half of their 95 % bootstrap intervals. The last
-    ranks the criteria over all drives and budgets, and compares them with random selection.
+    ranks the criteria over all drives and budgets, and compares them with one of them. The motion
+    from frame to frame is the same for all: landmarks are tracked beside the points from which it
+    is estimated.
 
     --out receives a figure (selection.png) and every run: an interrupted evaluation resumes, and
     more seeds add to it.
@@ -97,15 +108,16 @@ def selection(
     from saccade.cli.output import print_json, print_message, print_table, progress_bar
     from saccade.errors import require
     from saccade.evaluation.selection import SelectionScores
-    from saccade.evaluation.selection_runs import CRITERIA, RunSeries, run_all
+    from saccade.evaluation.selection_runs import COMPARED, CRITERIA, WORLDS, RunSeries, run_all
     from saccade.files import make_folder
+    from saccade.viewing import save_figures
 
-    chosen = list(dict.fromkeys(criteria or CRITERIA))
-    for each in chosen:
+    chosen = list(dict.fromkeys(criteria or COMPARED))
+    for each in [*chosen, reference]:
         require(each in CRITERIA, "criterion", f"one of {', '.join(CRITERIA)}", each)
-    sources = [*([None] if simulator else []), *(drives or [])]
+    sources = [*(WORLDS if simulator else ()), *(drives or [])]
     require(len(sources) > 0, "sequence", "at least one without the simulator", "none")
-    limits = tuple(dict.fromkeys(budgets or (1, 2, 4, 8)))
+    limits = tuple(dict.fromkeys(budgets or (5, 10, 20, 50)))
     series = [
         RunSeries(source, seed, frames, limits, tuple(chosen))
         for seed in range(first_seed, first_seed + seeds)
@@ -114,9 +126,10 @@ def selection(
     make_folder(out)
     with progress_bar("driving", len(series)) as progress:
         scores = SelectionScores.of(run_all(series, out, jobs, progress))
-    rows, ranking = list(scores.rows()), scores.ranking()
-    figure = _write_figure(out / "selection.png", scores, ranking)
-    _write_report(report, figure, rows, ranking)
+    rows, ranking = list(scores.rows()), scores.ranking(reference)
+    figure = _figure(scores, ranking, reference)
+    picture = save_figures(figure, out / "selection", figure_formats(figures))
+    _write_report(report, figure, rows, ranking, reference)
     if as_json:
         print_json({"frames": frames, "seeds": scores.seed, "rows": rows, "ranking": ranking})
     else:
@@ -127,9 +140,9 @@ def selection(
                     for row in rows
                     if (row["drive"], row["budget"]) == (drive, budget)
                 ]
-                print_table(f"{drive}, {budget} new per frame", ["", *HEADINGS], shown)
-        print_table(RANKING, *_ranking_table(ranking))
-    print_message(f"wrote {figure}")
+                print_table(f"{drive}, {budget} landmarks", ["", *HEADINGS], shown)
+        print_table(RANKING.format(reference), *_ranking_table(ranking))
+    print_message(f"wrote {picture}")
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
@@ -157,9 +170,8 @@ def _ranking_table(ranking: list[dict[str, Any]]) -> tuple[list[str], list[list[
     return columns, cells
 
 
-def _write_figure(path: Path, scores: "SelectionScores", ranking: list[dict[str, Any]]) -> Path:
-    from saccade.evaluation.selection import REFERENCE, means
-    from saccade.viewing import save_figure
+def _figure(scores: "SelectionScores", ranking: list[dict[str, Any]], reference: str) -> "Figure":
+    from saccade.evaluation.selection import means
     from saccade.viewing.selection import Panel, selection_figure
 
     panels = [
@@ -167,39 +179,43 @@ def _write_figure(path: Path, scores: "SelectionScores", ranking: list[dict[str,
         for name, score in SCORES.items()
     ]
     order = [scores.criterion.index(row["criterion"]) for row in ranking]
-    reference = scores.criterion.index(REFERENCE) if REFERENCE in scores.criterion else None
-    figure = selection_figure(
-        panels, scores.drive, scores.budget, scores.criterion, order, reference
-    )
-    return save_figure(figure, path)
+    marked = scores.criterion.index(reference) if reference in scores.criterion else None
+    return selection_figure(panels, scores.drive, scores.budget, scores.criterion, order, marked)
 
 
 def _write_report(
     path: Path | None,
-    figure: Path,
+    figure: "Figure",
     rows: list[dict[str, Any]],
     ranking: list[dict[str, Any]],
+    reference: str,
 ) -> None:
-    from saccade.viewing.embedding import png_file
+    from saccade.viewing.embedding import figure_uri
     from saccade.viewing.page import Picture
     from saccade.viewing.report import Table, write_tables
 
     if path is None:
         return
     picture = Picture(
-        png_file(figure),
+        figure_uri(figure),
         "Each score of each criterion over the budgets, with intervals; the tables have the same",
         "Means over the seeds, with 95 % bootstrap intervals.",
         wide=True,
     )
     cells = [[row["criterion"], row["drive"], str(row["budget"]), *_cells(row)] for row in rows]
-    columns = ["", "drive", "new per frame", *HEADINGS]
+    columns = ["", "drive", "landmarks", *HEADINGS]
     write_tables(
         path,
         "saccade evaluate selection",
         LEAD,
         [
-            Table(RANKING, *_ranking_table(ranking), MEANING_OF_RANKING, "criterion", [picture]),
+            Table(
+                RANKING.format(reference),
+                *_ranking_table(ranking),
+                MEANING_OF_RANKING.format(reference),
+                "criterion",
+                [picture],
+            ),
             Table("Each drive and budget", columns, cells, MEANING, "criterion"),
         ],
     )

@@ -1,6 +1,6 @@
 """`saccade evaluate trajectory`: errors of estimated trajectories against the truth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from typer import Argument, Option
 
-from saccade.cli.options import Json, Report
+from saccade.cli.options import FigureFiles, Json, Report
 
 if TYPE_CHECKING:
     from saccade.evaluation.pose_errors import PoseScores
@@ -63,6 +63,7 @@ def trajectory(
     all_pairs: Annotated[
         bool, Option("--all-pairs", help="RPE: a pair from every pose; else one after the other.")
     ] = False,
+    figure: FigureFiles = None,
     csv: Annotated[
         Path | None, Option(metavar="FILE", help="Also write the errors of each pose as CSV.")
     ] = None,
@@ -93,7 +94,8 @@ def trajectory(
             raise LogError(f"{name}{error}") from error
     if csv is not None:
         _write_csv(csv, scores)
-    _write_report(report, scores)
+    if figure or report is not None:
+        _write_figure(figure or [], report, scores)
     if as_json:
         estimates_row = {name: _summary(each) for name, each in scores.items()}
         print_json({"truth": str(truth), **asdict(config), "estimates": estimates_row})
@@ -170,34 +172,36 @@ def _write_csv(path: Path, scores: "Mapping[str, PoseScores]") -> None:
     write_table(path, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]})
 
 
-def _write_report(path: Path | None, scores: "Mapping[str, PoseScores]") -> None:
-    if path is None:
-        return
-    from io import BytesIO
-
-    from saccade.viewing.embedding import data_uri
+def _write_figure(
+    paths: "Sequence[Path]", report: Path | None, scores: "Mapping[str, PoseScores]"
+) -> None:
+    """Write the figure of the trajectories, and the report that holds it."""
+    from saccade.viewing import save_figure
+    from saccade.viewing.embedding import figure_uri
     from saccade.viewing.page import Picture
     from saccade.viewing.report import Table, write_tables
     from saccade.viewing.trajectory import ComparedTrajectory, trajectory_figure
 
-    compared = [
-        ComparedTrajectory(
-            name,
-            each.estimate.time,
-            each.estimate.position,
-            each.truth.position,
-            {"aligned": each.aligned.translation, "unaligned": each.unaligned.translation},
-        )
-        for name, each in scores.items()
-    ]
-    with BytesIO() as file:
-        trajectory_figure(compared).savefig(file, format="png", facecolor="white")
-        picture = Picture(
-            data_uri("png", file.getvalue()),
-            "The trajectories from above, and their errors over time",
-            "Aligned trajectories from above, and distances from the true positions over time.",
-            wide=True,
-        )
+    figure = trajectory_figure(
+        [
+            ComparedTrajectory(
+                name,
+                each.estimate.time,
+                each.estimate.position,
+                each.truth.position,
+                {"aligned": each.aligned.translation, "unaligned": each.unaligned.translation},
+            )
+            for name, each in scores.items()
+        ]
+    )
+    for path in paths:
+        save_figure(figure, path)
+    picture = Picture(
+        figure_uri(figure),
+        "The trajectories from above, and their errors over time",
+        "Aligned trajectories from above, and distances from the true positions over time.",
+        wide=True,
+    )
     rows = [[f"{name}: {row[0]}", *row[1:]] for name, each in scores.items() for row in _rows(each)]
     table = Table("Errors", COLUMNS, rows, MEANING, "estimate and error", [picture])
-    write_tables(path, "saccade evaluate trajectory", LEAD, [table])
+    write_tables(report, "saccade evaluate trajectory", LEAD, [table])

@@ -1,8 +1,6 @@
 """`saccade extract`: features of many images, on one machine or a cluster."""
 
-import os
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -11,12 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from saccade.cli.batch_run import (
+    EXECUTION,
+    INTERRUPTED,
+    Workers,
+    batch_progress,
+    local_engine,
+    preload,
+    stop_on_interrupt,
+)
 from saccade.cli.options import Config, Json, Preset
 
 if TYPE_CHECKING:
     from saccade.batch import Extraction
     from saccade.batch.engines import Engine
-    from saccade.batch.shards import ShardReport
     from saccade.batch.sources import Source
 
 
@@ -41,10 +47,6 @@ class MapFormat(StrEnum):
 
 KINDS = {What.SALIENCY: "attention", What.SCANPATH: "attention"}
 """Kinds of the configurations, where they differ from the names of the features."""
-INTERRUPTED = 130
-"""Exit code."""
-EXECUTION = "Execution"
-"""Heading of options."""
 
 
 def extract(
@@ -79,15 +81,7 @@ def extract(
         bool, Option("--redo", help="Replace results of other settings or another version.")
     ] = False,
     as_json: Json = False,
-    workers: Annotated[
-        int | None,
-        Option(
-            min=1,
-            metavar="N",
-            help="Number of processes; by default as cores and memory allow.",
-            rich_help_panel=EXECUTION,
-        ),
-    ] = None,
+    workers: Workers = None,
     size: Annotated[
         int | None,
         Option(
@@ -133,7 +127,7 @@ def extract(
     from saccade.extras import import_optional
 
     if not (scheduler or cluster):
-        _preload(source, workers)
+        preload(source, workers)
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
@@ -149,8 +143,8 @@ def extract(
     images = open_source(source, every)
     with resumable(Path(out) / "manifest.json"), ExitStack() as stack:
         engine = stack.enter_context(_engine(images, workers, scheduler, cluster, jobs))
-        stopped = stack.enter_context(_stop_on_interrupt())
-        watch = stack.enter_context(_progress(len(images)))
+        stopped = stack.enter_context(stop_on_interrupt())
+        watch = stack.enter_context(batch_progress("images", len(images)))
         result = extract_all(
             images,
             job,
@@ -196,21 +190,11 @@ def _settings(what: What, preset: str | None, config: Path | None, model: Path |
     return load_model(model)
 
 
-def _preload(source: str, workers: int | None) -> None:
-    """Let the workers import their libraries while this process does: both take a second."""
-    from saccade.batch.forkserver import worker_context
-    from saccade.files import IMAGE_SUFFIXES
-
-    one_image = source.lower().endswith(IMAGE_SUFFIXES) and Path(source).is_file()
-    if workers != 1 and os.cpu_count() != 1 and not one_image:
-        worker_context("saccade.cli")
-
-
 @contextmanager
 def _engine(
     images: "Source", workers: int | None, scheduler: str | None, cluster: str | None, jobs: int
 ) -> Iterator["Engine"]:
-    from saccade.batch.engines import InProcess, Processes, connect, submit_jobs
+    from saccade.batch.engines import connect, submit_jobs
     from saccade.errors import ConfigError
 
     if scheduler is not None and cluster is not None:
@@ -225,68 +209,7 @@ def _engine(
         with where as engine:
             yield engine
         return
-    if workers is None:
-        from saccade.batch.workers import count_workers
-
-        workers = count_workers(images)
-    yield Processes(workers) if workers > 1 else InProcess()
-
-
-@contextmanager
-def _stop_on_interrupt() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed; pressed again, it raises KeyboardInterrupt."""
-    from threading import Event
-
-    from saccade.cli.output import print_message
-
-    pressed = Event()
-
-    def stop(*_: Any) -> None:
-        pressed.set()
-        signal.signal(signal.SIGINT, previous)
-        print_message("stopping after the shards in progress; press Ctrl-C again to stop at once")
-
-    previous = signal.signal(signal.SIGINT, stop)
-    try:
-        yield pressed.is_set
-    finally:
-        signal.signal(signal.SIGINT, previous)
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[["ShardReport"], None]]:
-    """A progress bar with time left, speed and errors; what was done before does not count."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    console = Console(stderr=True)
-    text = TextColumn("{task.fields[text]}")
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), text)
-    hidden = not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
-        task = bar.add_task("", total=total, text="")
-        done = errors = 0
-
-        def watch(report: "ShardReport") -> None:
-            nonlocal done, errors
-            processed = report.done + len(report.lost)
-            done += processed + report.unchanged
-            errors += report.failed + len(report.lost)
-            if processed:
-                speed = bar.tasks[0].speed
-                parts = [f"{speed:.1f} images/s"] if speed else []
-                parts += [f"{errors:,} errors"] if errors else []
-                bar.update(task, completed=done, text="  ".join(parts))
-            else:  # the speed is that of the images processed from here on
-                bar.reset(task, completed=done)
-
-        yield watch
+    yield local_engine(images, workers)
 
 
 def _as_row(result: "Extraction", out: str) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Annotated
 from typer import Option
 
 from saccade.cli.attention_models import Faces
-from saccade.cli.options import Config, Json, Preset, Report, Seed
+from saccade.cli.options import Config, Json, OnlyPresent, Preset, Report, Seed
 
 
 def fit(
@@ -32,6 +32,7 @@ def fit(
     drop: Annotated[
         int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
     ] = 1,
+    only_present: OnlyPresent = False,
     folds: Annotated[
         int, Option(min=2, max=100, metavar="N", help="Folds of the cross-validation.")
     ] = 5,
@@ -68,6 +69,7 @@ def fit(
         drop=drop,
         sigma=sigma,
         people=people,
+        only_present=only_present,
     )
     write_text(out, as_toml(found.model))
     tables = found.tables()

@@ -13,7 +13,39 @@ from saccade.cli.attention_models import (
     attention_model,
     scanpath_network,
 )
-from saccade.cli.options import Config, Json, Out, Preset
+from saccade.cli.options import (
+    MAX_CAMERA_FRAMES,
+    Camera,
+    CameraFrames,
+    Config,
+    Json,
+    LivePage,
+    LiveWindow,
+    Out,
+    Preset,
+    figure_formats,
+    images_or_camera,
+)
+
+
+class Format(StrEnum):
+    """File formats of arrays, of tables of scanpaths, and of figures."""
+
+    NPZ = "npz"
+    CSV = "csv"
+    MAT = "mat"
+    PNG = "png"
+    SVG = "svg"
+    PDF = "pdf"
+
+
+class MapFormat(StrEnum):
+    """File formats of maps at the size of the image."""
+
+    NPY = "npy"
+    MAT = "mat"
+    PNG = "png"
+    TIFF = "tiff"
 
 
 class Inhibition(StrEnum):
@@ -25,8 +57,9 @@ class Inhibition(StrEnum):
 
 def look(
     images: Annotated[
-        list[str], Argument(metavar="IMAGE", help="Images, videos, folders, or quoted patterns.")
-    ],
+        list[str] | None,
+        Argument(metavar="IMAGE", help="Images, videos, folders, or quoted patterns."),
+    ] = None,
     out: Out = Path("saccade-look"),
     model: ModelChoice = DEFAULT_MODEL,
     preset: Preset = None,
@@ -42,7 +75,27 @@ def look(
     scanpath_film: Annotated[
         bool, Option("--scanpath-film", help="Also animate each scanpath: NAME.scanpath.gif.")
     ] = False,
+    formats: Annotated[
+        list[Format] | None,
+        Option(
+            "--format",
+            "-f",
+            help="Output format: of the maps and scanpaths, npz by default, or csv and mat for the "
+            "scanpaths; and of the figures, png by default; may be repeated.",
+        ),
+    ] = None,
+    maps: Annotated[
+        list[MapFormat] | None,
+        Option(
+            help="Also write every map at the size of the image: npy and tiff of float32, mat, or "
+            "png of 16 bits; may be repeated."
+        ),
+    ] = None,
     every: Annotated[int, Option(min=1, metavar="N", help="Use every Nth frame of a video.")] = 1,
+    camera: Camera = None,
+    frames: CameraFrames = MAX_CAMERA_FRAMES,
+    live: LiveWindow = False,
+    page: LivePage = False,
     as_json: Json = False,
 ) -> None:
     """Compute saliency by contrast and symmetry, and a scanpath.
@@ -52,40 +105,62 @@ def look(
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html);
     for each video a film (NAME.look.mp4) and the saliency of its frames
-    (NAME.look.npz).
+    (NAME.look.npz). With --format csv or mat the scanpaths of all images go to
+    scanpaths.csv, and a hundred drawn ones of each to samples.csv; with --maps
+    each map goes to maps/MAP/NAME.npy. Of a --camera the film is
+    camera.look.mp4; Ctrl-C ends it.
     """
+    from saccade.cli.look_files import LookFiles
     from saccade.cli.look_run import LEAD, analyze_image, analyze_video
-    from saccade.cli.output import for_each_image, print_json, print_table
+    from saccade.cli.output import for_each_image, print_json, print_result, print_table
+    from saccade.cli.precompile import points_compiled_ahead
     from saccade.errors import ConfigError
+    from saccade.files import make_folder
     from saccade.image import find_images
     from saccade.video import is_video
     from saccade.viewing.report import ReportBuilder
 
+    sources = images_or_camera(images, camera)
     by_shape = inhibition is Inhibition.shape
     if by_shape and model not in (DEFAULT_MODEL, "contrast"):
         raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
     attention = attention_model(model, preset, config, keep_features=by_shape, faces=faces)
+    if camera is not None:
+        from saccade.cli.live_run import Live, look_at_camera
+
+        make_folder(out)
+        row = look_at_camera(Live(camera, frames, live, page), out, attention)
+        print_result(row, as_json, f"camera -> {out}")
+        return
     network = scanpath_network(preset)
     builder = ReportBuilder("saccade look", LEAD)
+    chosen = list(dict.fromkeys(formats or []))
+    tables = [each for each in chosen if each in (Format.CSV, Format.MAT)]
+    files = LookFiles(
+        figure_formats(chosen), Format.NPZ in chosen or not tables, tables, [*(maps or [])]
+    )
 
     def process(path: Path, name: str) -> dict[str, Any]:
         file = out / f"{name}.look"
         if is_video(path):
             return analyze_video(path, file, attention, every)
         return analyze_image(
-            *(path, file, attention, fixations, builder),
+            *(path, file, attention, fixations, builder, files),
             network=network,
             by_shape=by_shape,
             film=scanpath_film,
         )
 
-    paths = [path for source in images for path in find_images(source)]
+    paths = [path for source in sources for path in find_images(source)]
     try:
-        rows = for_each_image(paths, out, process)
+        with points_compiled_ahead():
+            rows = for_each_image(paths, out, process)
     finally:
         report = builder.write(out / "report.html") if len(builder) else None
+        written = files.write_tables(out)
     if as_json:
-        print_json({"images": rows, "report": None if report is None else str(report)})
+        result = {"images": rows, "report": None if report is None else str(report)}
+        print_json(result | ({"files": written} if written else {}))
         return
     for row in rows:
         if "frames" in row:

@@ -10,6 +10,7 @@ from saccade.attention.models import AttentionModel, contrast_of
 from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import sample_scanpaths
+from saccade.cli.look_files import LookFiles
 from saccade.cli.output import progress_bar, write_arrays
 from saccade.errors import ImageError
 from saccade.formats import FORMATS
@@ -21,7 +22,7 @@ from saccade.viewing import (
     Section,
     attention_figure,
     heat_beside,
-    save_figure,
+    save_figures,
     save_film,
     scanpath_frames,
 )
@@ -44,6 +45,7 @@ def analyze_image(
     attention: AttentionModel,
     fixations: int,
     builder: ReportBuilder,
+    files: LookFiles | None = None,
     *,
     network: ScanpathConfig | None = None,
     by_shape: bool = False,
@@ -51,8 +53,10 @@ def analyze_image(
 ) -> dict[str, Any]:
     """Write `out`.png, `out`.npz and the scanpath's film, return the row for --json.
 
-    The image is added to a report. `by_shape` inhibits proto-objects rather than discs.
+    The image is added to a report, and its scanpaths to those of `files`, which names other
+    formats. `by_shape` inhibits proto-objects rather than discs.
     """
+    files = files or LookFiles()
     image = read_image(path)
     try:
         maps = attention.maps(image)
@@ -63,8 +67,7 @@ def analyze_image(
     samples = sample_scanpaths(maps.saliency, image.shape, SAMPLES, fixations)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)
-    picture = save_figure(attention_figure(image, layers, scan, pairs), f"{out}.png")
-    arrays = Path(f"{out}.npz")
+    picture = save_figures(attention_figure(image, layers, scan, pairs), out, files.figures)
     scanpath_arrays = {
         "scanpath_xy": scan.xy,
         "scanpath_time": scan.time,
@@ -72,15 +75,20 @@ def analyze_image(
         "scanpath_samples_xy": samples.xy,
         "scanpath_samples_time": samples.time,
     }
-    write_arrays(arrays, layers | scanpath_arrays | {"format": FORMATS["look"]})
-    row = {
+    row: dict[str, Any] = {
         "image": str(path),
         "width": image.shape[1],
         "height": image.shape[0],
         "scanpath": np.column_stack([scan.xy, scan.time, scan.saliency]).tolist(),
         "picture": str(picture),
-        "arrays": str(arrays),
     }
+    if files.arrays:
+        row["arrays"] = f"{out}.npz"
+        write_arrays(Path(f"{out}.npz"), layers | scanpath_arrays | {"format": FORMATS["look"]})
+    if files.maps:
+        name = out.name.removesuffix(".look")
+        row["maps"] = files.write_maps(out.parent, name, maps.full_size)
+    files.paths[path] = scan, samples
     section = Section(path.name, "" if len(builder) else TEXT)
     builder.add(lambda: _part(section, image, layers, scan, samples))
     if film:

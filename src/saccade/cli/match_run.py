@@ -1,15 +1,19 @@
 """Keypoint matches of two images, written to files."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from saccade.cli.match_frames import frames_figure
 from saccade.cli.output import write_text
 from saccade.image import read_image
-from saccade.keypoints import Sift, match, verify
+from saccade.keypoints import match, verify
 from saccade.keypoints.verification import Geometry
-from saccade.viewing import Section, match_figure, save_figure
+from saccade.types import Float32Array, Keypoints, Regions
+from saccade.viewing import Picture, Section, match_figure, save_figures
+from saccade.viewing.embedding import figure_uri
 from saccade.viewing.report import ReportBuilder, match_part
 
 LEAD = "Matching interest points of two photographs."
@@ -23,20 +27,22 @@ def match_images(
     first: Path,
     second: Path,
     out: Path,
-    sift: Sift,
+    detector: Any,
     builder: ReportBuilder,
     ratio: float = 0.8,
     mutual: bool = True,
     geometry: Geometry | None = "fundamental",
     tolerance: float = 2.0,
+    figures: Sequence[str] = ("png",),
 ) -> dict[str, Any]:
-    """Match two images: write matches.png and .csv into `out`, return the row for --json."""
+    """Match two images: write matches.png, .csv and frames.png, return the row for --json."""
     images = (read_image(first), read_image(second))
-    keypoints = (sift(images[0]), sift(images[1]))
+    keypoints = (detected(detector, images[0]), detected(detector, images[1]))
     pairs = match(*keypoints, ratio=ratio, mutual=mutual)
     verified = None if geometry is None else verify(*keypoints, pairs, geometry, tolerance)
     inliers = None if verified is None else verified.inliers
-    picture = save_figure(match_figure(images, keypoints, pairs, inliers), out / "matches.png")
+    figure = match_figure(images, keypoints, pairs, inliers)
+    picture = save_figures(figure, out / "matches", figures)
     xy = np.hstack([keypoints[0].xy[pairs[:, 0]], keypoints[1].xy[pairs[:, 1]]])
     lines = [
         f"{i},{j},{x1:.3f},{y1:.3f},{x2:.3f},{y2:.3f}"
@@ -53,7 +59,10 @@ def match_images(
         facts["inliers"] = f"{inliers.sum():,} ({inliers.mean() if len(pairs) else 0:.0%})"
     table = out / "matches.csv"
     write_text(table, "\n".join([header, *lines]) + "\n")
-    section = Section(f"{first.name} and {second.name}", TEXT, facts=facts)
+    verdicts = None if verified is None or verified.matrix is None else inliers
+    frames = frames_figure(detector, images, keypoints, pairs, verdicts)
+    pictures = [] if frames is None else [Picture(figure_uri(frames[0]), *frames[1:], wide=True)]
+    section = Section(f"{first.name} and {second.name}", TEXT, pictures, facts)
     builder.add(lambda: match_part(section, images, keypoints, pairs, inliers))
     row: dict[str, Any] = {
         "first": str(first),
@@ -64,6 +73,8 @@ def match_images(
         "picture": str(picture),
         "table": str(table),
     }
+    if frames is not None:
+        row["frames"] = str(save_figures(frames[0], out / "frames", figures))
     if verified is not None:
         row |= {
             "inliers": int(verified.inliers.sum()),
@@ -71,3 +82,9 @@ def match_images(
             "matrix": None if verified.matrix is None else verified.matrix.tolist(),
         }
     return row
+
+
+def detected(detector: Any, image: Float32Array) -> Keypoints:
+    """The keypoints of an image, or those of its regions."""
+    detections = detector(image)
+    return detections.keypoints if isinstance(detections, Regions) else detections

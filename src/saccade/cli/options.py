@@ -1,5 +1,7 @@
 """Arguments and options that several commands share."""
 
+from collections.abc import Iterable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,10 +13,36 @@ FILE_SUFFIXES = (
 )
 """Of an output that was meant as a file where a folder is written."""
 
+
+class FigureFormat(StrEnum):
+    """File formats of figures."""
+
+    PNG = "png"
+    SVG = "svg"
+    PDF = "pdf"
+
+
+def figure_formats(formats: Iterable[str] | None) -> list[str]:
+    """The formats of figures among those of --format; PNG where there is none."""
+    return [each for each in dict.fromkeys(formats or ()) if each in tuple(FigureFormat)] or ["png"]
+
+
+class Detector(StrEnum):
+    """Keypoint detectors."""
+
+    SIFT = "sift"
+    MUST = "must"
+    SYMROID = "symroid"
+
+
+DetectorOption = Annotated[
+    Detector,
+    Option("--detector", help="SIFT, points of symmetry (must), or regions of symmetry (symroid)."),
+]
 Images = Annotated[
     list[str], Argument(metavar="IMAGE", help="Images, folders of images, or quoted patterns.")
 ]
-LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file or folder.")]
+LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file, folder or ROS bag.")]
 SequencePath = Annotated[
     Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")
 ]
@@ -34,6 +62,14 @@ def _folder(path: Path) -> Path:
     return path
 
 
+def _figures(paths: list[Path] | None) -> list[Path] | None:
+    """Names of figures, each of a format that is drawn."""
+    for path in paths or ():
+        if path.suffix.lower().removeprefix(".") not in tuple(FigureFormat):
+            raise BadParameter(f"expected a .png, .svg or .pdf, found {path}")
+    return paths
+
+
 Out = Annotated[Path, Option("--out", "-o", help="Output folder.", callback=_folder)]
 Json = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 Preset = Annotated[
@@ -47,6 +83,22 @@ Config = Annotated[
 Report = Annotated[
     Path | None, Option("--report", metavar="FILE", help="Also write the tables as an HTML page.")
 ]
+FigureFormats = Annotated[
+    list[FigureFormat] | None,
+    Option("--figure-format", help="Format of the figures, png by default; may be repeated."),
+]
+"""Where --format is that of the input; elsewhere --format names those of figures too."""
+FigureFiles = Annotated[
+    list[Path] | None,
+    Option(
+        metavar="FILE",
+        help="Also draw a figure: .png, .svg or .pdf. Repeatable.",
+        callback=_figures,
+    ),
+]
+OnlyPresent = Annotated[
+    bool, Option("--only-present", help="Leave out the fixations on images that are not there.")
+]
 Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
 MaxKeypoints = Annotated[
     int | None, Option("--max", min=1, metavar="N", help="Keep only the N strongest keypoints.")
@@ -58,11 +110,21 @@ LogFormat = Annotated[
     str | None,
     Option(
         "--format",
-        help="Format of LOG: csv, g2o, isam, mrclam, victoria-park or dlr; detected by default.",
+        help="Format of LOG: csv, g2o, isam, mrclam, victoria-park, dlr or rosbag; detected by "
+        "default.",
     ),
 ]
 Robot = Annotated[
     int | None, Option(min=1, help="Number of the robot, in a log of several robots.")
+]
+Topics = Annotated[
+    list[str] | None,
+    Option(
+        "--topic",
+        metavar="TOPIC",
+        help="Topic of landmarks in a ROS bag, of several cameras repeated; chosen by its type by "
+        "default.",
+    ),
 ]
 SequenceFormat = Annotated[
     str | None,
@@ -72,6 +134,22 @@ SequenceFormat = Annotated[
         "detected by default.",
     ),
 ]
+Camera = Annotated[
+    str | None,
+    Option(
+        metavar="SOURCE",
+        help="Take the frames of a camera: a device (0), an address (rtsp://...) or a video file.",
+    ),
+]
+CameraFrames = Annotated[
+    int, Option("--frames", min=2, metavar="N", help="Of a camera take at most N frames.")
+]
+LiveWindow = Annotated[
+    bool, Option("--live", help="Show the run in the rerun viewer (needs rerun-sdk).")
+]
+LivePage = Annotated[bool, Option("--page", help="Show it in rerun's viewer in the browser.")]
+MAX_CAMERA_FRAMES = 36_000
+"""Frames of a camera by default: twenty minutes at 30 a second."""
 Film = Annotated[bool, Option(help="Write a film of the growing map.")]
 CheckpointInterval = Annotated[
     float,
@@ -82,3 +160,17 @@ CheckpointInterval = Annotated[
         help="Time between checkpoints, from which an interrupted run resumes.",
     ),
 ]
+
+
+def images_or_camera(images: list[str] | None, camera: str | None) -> list[str]:
+    """The images, if there is no camera.
+
+    Raises:
+        ConfigError: there are both, or neither.
+    """
+    from saccade.errors import ConfigError
+
+    if bool(images) == (camera is not None):
+        found = "both" if images else "neither"
+        raise ConfigError(f"IMAGE: expected images or --camera, found {found}")
+    return images or []

@@ -1,6 +1,7 @@
 """What commands print and write."""
 
 import json
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -8,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TextIO, TypeVar
 
-from saccade.errors import ImageWarning, OutputError, SaccadeError
-from saccade.files import atomic_write
+from saccade.errors import ImageWarning, LogWarning, OutputError, SaccadeError
+from saccade.files import as_text, atomic_write
 
 T = TypeVar("T")
 
@@ -26,8 +27,8 @@ def print_message(message: str) -> None:
     print(f"saccade: {message}", file=sys.stderr)
 
 
-def print_image_warnings() -> None:
-    """Print warnings of images as messages; those of libraries stay as they are."""
+def print_data_warnings() -> None:
+    """Print warnings of images and logs as messages; those of libraries stay as they are."""
     show = warnings.showwarning
 
     def print_warning(
@@ -38,7 +39,7 @@ def print_image_warnings() -> None:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        if issubclass(category, ImageWarning):
+        if issubclass(category, (ImageWarning, LogWarning)):
             print_message(str(message))
         else:
             show(message, category, filename, lineno, file, line)
@@ -128,10 +129,10 @@ def write_text(path: Path, text: str) -> None:
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write named arrays as .npz atomically."""
-    import numpy as np
+    from saccade.npz import save_arrays
 
     with atomic_write(path) as temporary:
-        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+        save_arrays(temporary, arrays)
 
 
 def names_for(paths: Sequence[Path]) -> dict[Path, str]:
@@ -145,6 +146,18 @@ def names_for(paths: Sequence[Path]) -> dict[Path, str]:
         names[path] = name
         taken.add(name)
     return names
+
+
+def relative_names(paths: Sequence[Path]) -> dict[Path, str]:
+    """Each path relative to the common folder, as COLMAP and hloc name images."""
+    if not paths:
+        return {}
+    absolute = [path.absolute() for path in paths]
+    root = os.path.commonpath([path.parent for path in absolute])
+    return {
+        path: as_text(each.relative_to(root).as_posix())
+        for path, each in zip(paths, absolute, strict=True)
+    }
 
 
 def for_each_image(

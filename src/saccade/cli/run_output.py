@@ -1,7 +1,7 @@
 """What mapping runs write: films, reports and run.json."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,8 @@ class RunOutput:
     """Maximum number of snapshots of the map, for the film and the report."""
     checkpoint_interval: float = 10.0
     """Seconds between checkpoints."""
+    figures: Sequence[str] = ("png",)
+    """Formats of the figures."""
     report: ReportBuilder | None = None
     """Report to which the run is added; None for one of its own."""
 

@@ -1,4 +1,4 @@
-"""`saccade serve`: a local page for the analysis of photographs."""
+"""`saccade serve`: a local page that analyzes photographs and drives a robot with SLAM."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,11 +20,12 @@ def serve(
     ] = 32.0,
     browser: Annotated[bool, Option(help="Open the page in the browser.")] = True,
 ) -> None:
-    """Serve a page that analyzes photographs: saliency, scanpath and keypoints.
+    """Serve a page for photographs (saliency, scanpath, keypoints) and for SLAM.
 
     The page is served to this machine only (127.0.0.1), and nothing is stored.
     Every setting has a control, and the settings can be copied as Python or as
-    a command. Ctrl-C stops the server.
+    a command. A playground shows what the filters of EKF-SLAM estimate while a
+    simulated robot is driven. Ctrl-C stops the server.
     """
     from contextlib import suppress
     from importlib.resources import files
@@ -33,6 +34,7 @@ def serve(
     from saccade.extras import import_optional
     from saccade.serving.analysis import PhotoAnalyzer
     from saccade.serving.controls import controls
+    from saccade.serving.playground import Playground
 
     uvicorn = import_optional("uvicorn", "serve")
     import_optional("starlette", "serve")
@@ -43,7 +45,8 @@ def serve(
     samples = {name: (data / name).read_bytes() for name in names}
     with _listening(port) as listener:
         port = listener.getsockname()[1]
-        app = application(PhotoAnalyzer(), samples, port, int(max_upload * 1e6), controls())
+        parts = PhotoAnalyzer(), Playground()
+        app = application(*parts, samples, port, int(max_upload * 1e6), controls())
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, timeout_graceful_shutdown=SHUTDOWN_TIMEOUT
         )

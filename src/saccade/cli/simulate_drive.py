@@ -13,10 +13,20 @@ def drive(
     out: Out = Path("saccade-simulated-drive"),
     seed: Seed = 0,
     preset: Annotated[
-        str | None, Option("--preset", "-p", help="ring, mono, repeated, mirror, dark or flicker.")
+        str | None,
+        Option(
+            "--preset", "-p", help="ring, mono, repeated, mirror, dark, flicker, crossing or rooms."
+        ),
     ] = None,
     frames: Annotated[
         int | None, Option(min=2, help="Number of frames; a lap has 300, a drive two laps.")
+    ] = None,
+    gaze: Annotated[
+        str | None,
+        Option(
+            help="Turn the camera while it maps: fixed, random, sweep, salient, informative or "
+            "behaviors."
+        ),
     ] = None,
     color: Annotated[bool, Option("--color", help="Render in color.")] = False,
     depth: Annotated[bool, Option("--depth", help="Also render depth images.")] = False,
@@ -27,7 +37,8 @@ def drive(
 
     --out receives the images of the left (image_0) and right camera (image_1),
     the calibration (calib.txt, camera.toml), times.txt, odometry with its
-    covariance (odometry.csv) and the true trajectory (groundtruth.tum), in the
+    covariance (odometry.csv) and the true trajectory (groundtruth.tum); with
+    --gaze also how the camera was turned (gaze.csv); in the
     layout of KITTI's odometry benchmark, for saccade drive. The seed
     determines the noise, the walls and the posters.
     """
@@ -40,7 +51,16 @@ def drive(
     if frames is not None:
         settings = replace(settings, frames=frames)
     settings = replace(settings, color=settings.color or color, depth=settings.depth or depth)
-    simulated = simulate_drive(settings, seed)
+    if gaze is None:
+        simulated = simulate_drive(settings, seed)
+    else:
+        from saccade.errors import require
+        from saccade.evaluation.gaze_runs import gaze_drive
+        from saccade.visual.gaze_policies import POLICIES
+
+        require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)
+        with progress_bar("looking", settings.frames) as update:
+            simulated, _, _ = gaze_drive(settings, gaze, seed, update)
     with progress_bar("rendering", len(simulated)) as update:
         save_drive(out, simulated, update)
     row = {

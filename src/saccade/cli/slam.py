@@ -9,13 +9,17 @@ from typer import Option
 from saccade.cli.options import (
     CheckpointInterval,
     Config,
+    FigureFormats,
     Film,
     Json,
+    LiveWindow,
     LogFormat,
     LogPath,
     Out,
     Preset,
     Robot,
+    Topics,
+    figure_formats,
 )
 
 
@@ -24,6 +28,7 @@ def slam(
     out: Out = Path("saccade-slam"),
     kind: LogFormat = None,
     robot: Robot = None,
+    topic: Topics = None,
     association: Annotated[
         str | None,
         Option(
@@ -59,10 +64,9 @@ def slam(
             "in the log; or X,Y,HEADING in metres and radians.",
         ),
     ] = None,
+    figures: FigureFormats = None,
     film: Film = True,
-    live: Annotated[
-        bool, Option("--live", help="Show the run in the rerun viewer (needs rerun-sdk).")
-    ] = False,
+    live: LiveWindow = False,
     rrd: Annotated[
         Path | None,
         Option(metavar="FILE", help="Record the run for the rerun viewer (needs rerun-sdk)."),
@@ -83,37 +87,47 @@ def slam(
     An interrupted run resumes from its last checkpoint. With --map, the
     settings are those of the map unless others are given.
     """
-    from saccade import datasets
-    from saccade.cli.output import print_message, print_result, progress_bar
-    from saccade.cli.run_output import RunOutput
-    from saccade.cli.slam_report import facts
-    from saccade.cli.slam_run import map_log, smooth_config
-    from saccade.cli.slam_session import Session, open_map
-    from saccade.errors import ConfigError
-    from saccade.settings import load_settings
-    from saccade.slam.tuning import tune as fit_noise
+    from saccade.cli.precompile import filter_compiled_ahead
 
-    settings = load_settings("slam", preset, config)
-    if association is not None:
-        settings = replace(settings, association=association)
-    kind = "auto" if kind is None else kind
-    recorded = datasets.load(cast("datasets.Kind", kind), log, robot=robot)
-    if tune:
-        tuned = fit_noise(recorded, settings)
-        settings = tuned.config
-        print_message(tuned.words)
-    output = RunOutput(out, film, checkpoint_interval=checkpoint)
-    smoothing = smooth_config(settings, smooth, lag)
-    session = Session(save=save_map)
-    if map_file is not None and smoothing is not None:
-        raise ConfigError("--smooth: expected a log that begins its map, found --map")
-    if map_file is not None:
-        changed = tune or any(each is not None for each in (association, preset, config))
-        session = open_map(recorded, map_file, mode, start, settings if changed else None, save_map)
-    with progress_bar(recorded.name) as progress:
-        row = map_log(recorded, settings, output, progress, smoothing, session, live=live, rrd=rrd)
-    if row["warning"]:
-        print_message(f"warning: {row['warning']}")
-    if row["remark"]:
-        print_message(row["remark"])
-    print_result(row, as_json, f"{recorded.name} -> {out}", facts(row))
+    with filter_compiled_ahead() as finish:
+        from saccade import datasets
+        from saccade.cli.output import print_message, print_result, progress_bar
+        from saccade.cli.run_output import RunOutput
+        from saccade.cli.slam_report import facts
+        from saccade.cli.slam_run import map_log, smooth_config
+        from saccade.cli.slam_session import Session, open_map
+        from saccade.errors import ConfigError
+        from saccade.settings import load_settings
+        from saccade.slam.tuning import tune as fit_noise
+
+        settings = load_settings("slam", preset, config)
+        if association is not None:
+            settings = replace(settings, association=association)
+        kind = "auto" if kind is None else kind
+        recorded = datasets.load(cast("datasets.Kind", kind), log, robot=robot, topic=topic)
+        finish()
+        if tune:
+            tuned = fit_noise(recorded, settings)
+            settings = tuned.config
+            print_message(tuned.words)
+        output = RunOutput(
+            out, film, checkpoint_interval=checkpoint, figures=figure_formats(figures)
+        )
+        smoothing = smooth_config(settings, smooth, lag)
+        session = Session(save=save_map)
+        if map_file is not None and smoothing is not None:
+            raise ConfigError("--smooth: expected a log that begins its map, found --map")
+        if map_file is not None:
+            changed = tune or any(each is not None for each in (association, preset, config))
+            session = open_map(
+                recorded, map_file, mode, start, settings if changed else None, save_map
+            )
+        with progress_bar(recorded.name) as progress:
+            row = map_log(
+                recorded, settings, output, progress, smoothing, session, live=live, rrd=rrd
+            )
+        if row["warning"]:
+            print_message(f"warning: {row['warning']}")
+        if row["remark"]:
+            print_message(row["remark"])
+        print_result(row, as_json, f"{recorded.name} -> {out}", facts(row))

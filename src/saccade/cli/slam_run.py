@@ -29,7 +29,7 @@ from saccade.slam import (
 from saccade.slam.consistency import chi_square_band
 from saccade.slam.run import slam_for
 from saccade.types import LandmarkLog, Trajectory
-from saccade.viewing import innovation_figure, map_figure, map_frames, save_figure
+from saccade.viewing import innovation_figure, map_figure, map_frames, save_figures
 from saccade.viewing.live import LiveMap, save_rrd
 
 LEAD = "The trajectory of a robot and the map of its landmarks, by an extended Kalman filter."
@@ -76,7 +76,8 @@ def map_log(
             smoothed = smooth(log, result, smoothing)
     except LogError as error:
         raise LogError(f"{log.name}: {error}") from error
-    files = write_tables(out, log, result, smoothed) | write_figures(out, log, result, smoothed)
+    files = write_tables(out, log, result, smoothed)
+    files |= write_figures(output, log, result, smoothed)
     snapshots, odometry = recorder.snapshots, result.dead_reckoning
     if output.film:
         frames = map_frames(snapshots, log.time, odometry)
@@ -170,12 +171,12 @@ def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarr
 
 
 def write_figures(
-    out: Path, log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None
+    output: RunOutput, log: LandmarkLog, result: SlamResult, smoothed: SmoothResult | None
 ) -> dict[str, Path]:
-    """Write figures of the map and of the innovations; returns the files."""
-    files = {"picture": out / "map.png", "innovation_picture": out / "innovations.png"}
+    """Write figures of the map and of the innovations; returns the files of the first format."""
+    files: dict[str, Path] = {}
     best = result if smoothed is None else smoothed
-    save_figure(
+    files["picture"] = save_figures(
         map_figure(
             best.trajectory,
             best.map,
@@ -185,10 +186,11 @@ def write_figures(
             filtered=None if smoothed is None else result.trajectory,
             lost=result.lost,
         ),
-        files["picture"],
+        output.folder / "map",
+        output.figures,
     )
     consistency, window = result.consistency, averaging_window(result.consistency.nis)
-    save_figure(
+    files["innovation_picture"] = save_figures(
         innovation_figure(
             log.time[log.observation_pose],
             consistency.nis,
@@ -197,6 +199,7 @@ def write_figures(
             chi_square_band(consistency.dof, window),
             result.trajectory,
         ),
-        files["innovation_picture"],
+        output.folder / "innovations",
+        output.figures,
     )
     return files

@@ -9,6 +9,8 @@ from saccade.types import Float32Array, Keypoints, SymmetricPairs
 
 MAX_PAIRS = 4
 """Pairs drawn for each point, the strongest."""
+MAX_OFFSET = 2.0
+"""Pixels from a point to the cell of the pyramid whose pairs are drawn."""
 LEVEL_SIGMA = 1.5
 """Approximate blur of a pyramid level, in its own pixels."""
 
@@ -32,7 +34,9 @@ def contributing_pairs(
     pairs = []
     for (x, y), size in zip(keypoints.xy.tolist(), keypoints.size.tolist(), strict=True):
         settings = symmetry(config, size)
-        near = symmetric_pairs(image, (x, y), settings, radius=2.0, max_pairs=MAX_PAIRS)
+        near = symmetric_pairs(
+            image, (x, y), settings, radius=min(MAX_OFFSET, size / 4), max_pairs=MAX_PAIRS
+        )
         pairs.append(near[:MAX_PAIRS])
     return pairs
 

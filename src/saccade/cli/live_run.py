@@ -1,0 +1,186 @@
+"""Commands that take their frames from a live camera."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from saccade import visual
+from saccade.attention.models import AttentionModel
+from saccade.cli.batch_run import stop_on_interrupt
+from saccade.cli.drive_run import write_results
+from saccade.cli.output import Progress, print_message, progress_bar, write_arrays
+from saccade.cli.run_output import RunOutput
+from saccade.datasets import load_drive, write_table
+from saccade.datasets.drives.bare import CameraOptions
+from saccade.datasets.drives.live import LiveDrive
+from saccade.exchange import to_opencv
+from saccade.frames import Frame
+from saccade.live_video import LiveVideo
+from saccade.slam import Recorder
+from saccade.types import FloatArray, Image, Regions
+from saccade.video import video_writer
+from saccade.viewing.attention import heat_beside
+from saccade.viewing.live import LiveImages, LiveMap
+from saccade.viewing.style import ORANGE, rgb_levels
+from saccade.visual import VisualConfig
+
+NAME = "camera"
+"""Of the files of a camera."""
+KEPT_IMAGES = 8
+"""For the viewer: some frames are read ahead of the map."""
+COLOR, RICH = rgb_levels(ORANGE), cv2.DRAW_MATCHES_FLAGS_DRAW_RICH_KEYPOINTS
+"""Of keypoints in a film, which are drawn with their sizes and angles."""
+
+
+class Live(NamedTuple):
+    """A camera of a command, and where its frames are shown."""
+
+    source: str
+    frames: int
+    """Maximum number of frames."""
+    window: bool = False
+    """Whether rerun shows them in a window."""
+    page: bool = False
+    """Whether rerun shows them in the browser."""
+
+    @contextmanager
+    def open(self) -> Iterator[LiveVideo]:
+        """The camera, which ends on Ctrl-C; says at the end how many frames were dropped."""
+        with (
+            stop_on_interrupt("stopping after this frame") as stopped,
+            LiveVideo(self.source, stopped) as video,
+        ):
+            yield video
+        if video.dropped:
+            print_message(f"{video.name}: {video.dropped} frames came during others: dropped")
+
+    def images(self, name: str) -> LiveImages | None:
+        """A viewer of its images, if they are shown."""
+        if not self.window and not self.page:
+            return None
+        return LiveImages(name, in_browser=self.page)
+
+
+def look_at_camera(live: Live, out: Path, attention: AttentionModel) -> dict[str, Any]:
+    """Write the saliency of each frame as a film and as arrays; returns the row for --json."""
+    times, maps = list[float](), list[FloatArray]()
+
+    def analyze(time: float, image: Image) -> tuple[Image, dict[str, Any]]:
+        saliency = attention.maps(image).saliency
+        times.append(time)
+        maps.append(saliency)
+        beside = heat_beside(image, saliency)
+        return beside, {"heat": beside[:, image.shape[1] :]}
+
+    film = out / f"{NAME}.look.mp4"
+    _process(live, film, analyze)
+    arrays = out / f"{NAME}.look.npz"
+    write_arrays(arrays, {"saliency": np.stack(maps), "time": np.array(times)})
+    return {
+        "image": f"camera {live.source}",
+        "frames": len(maps),
+        "film": str(film),
+        "arrays": str(arrays),
+    }
+
+
+def detect_in_camera(live: Live, out: Path, detect: Callable[[Image], Any]) -> dict[str, Any]:
+    """Write the keypoints of each frame as a film and a table; returns the row for --json."""
+    rows = list[FloatArray]()
+
+    def analyze(time: float, image: Image) -> tuple[Image, dict[str, Any]]:
+        found = detect(image)
+        found = found.keypoints if isinstance(found, Regions) else found
+        columns = (found.xy, found.size, found.angle, found.response)
+        count = np.full(len(found), len(rows)), np.full(len(found), time)
+        rows.append(np.column_stack([*count, *columns]))
+        drawn = cv2.drawKeypoints(image, to_opencv(found)[0], image.copy(), COLOR, RICH)
+        return drawn, {"points": np.column_stack([found.xy, found.size / 2])}
+
+    film = out / f"{NAME}.keypoints.mp4"
+    _process(live, film, analyze)
+    table = out / f"{NAME}.keypoints.csv"
+    names = ("frame", "time", "x", "y", "size", "angle", "response")
+    values = np.concatenate(rows).astype(np.float64)
+    write_table(table, dict(zip(names, values.T, strict=True)))
+    return {
+        "image": f"camera {live.source}",
+        "frames": len(rows),
+        "points": len(values),
+        "film": str(film),
+        "table": str(table),
+    }
+
+
+def map_camera(
+    live: Live,
+    folder: Path,
+    options: CameraOptions,
+    settings: VisualConfig,
+    output: RunOutput,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Map while the camera records into a folder; write the results, return run.json's content."""
+    with live.open() as video:
+        recording = LiveDrive(video, folder, options, live.frames)
+        drive, show = recording.drive, None
+        if live.window or live.page:
+            latest = _LatestImages(drive.load)
+            drive = replace(drive, load=latest.load)
+            show = LiveMap(
+                video.name, drive.time, None, in_browser=live.page, image_at=latest.images.get
+            )
+        recorder = Recorder(max(output.snapshots, live.frames // 4), show)
+        try:
+            with visual.dedicated_process():
+                report = partial(_report, progress)
+                result = visual.run(drive, settings, report, recorder=recorder)
+        finally:
+            recording.close()
+    recorded = load_drive("folder", folder)
+    return write_results(recorded, settings, output, progress, result, recorder.snapshots)
+
+
+def _report(progress: Progress, done: int, _: int) -> None:
+    progress(done, None, "map")  # nobody knows how many will come
+
+
+class _LatestImages:
+    """Keeps the images of the last frames that a drive has loaded."""
+
+    def __init__(self, load: Callable[[int], Frame]) -> None:
+        self._load = load
+        self.images = dict[int, Image]()
+
+    def load(self, number: int) -> Frame:
+        """The frame of a number."""
+        frame = self._load(number)
+        if frame.image is not None:
+            self.images[number] = frame.image
+        self.images.pop(number - KEPT_IMAGES, None)
+        return frame
+
+
+def _process(
+    live: Live, film: Path, analyze: Callable[[float, Image], tuple[Image, dict[str, Any]]]
+) -> None:
+    """Analyze each frame; write what is drawn of it, and show what the viewer gets of it."""
+    with ExitStack() as stack:
+        video = stack.enter_context(live.open())
+        show = live.images(video.name)
+        progress = stack.enter_context(progress_bar(video.name))
+        write = stack.enter_context(video_writer(film, video.rate))
+        done = 0
+        while done < live.frames and (taken := video.read()) is not None:
+            drawn, shown = analyze(*taken)
+            write(drawn)
+            if show is not None:
+                show(*taken, **shown)
+            done += 1
+            progress(done)

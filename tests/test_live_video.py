@@ -1,0 +1,127 @@
+"""Frames of a live camera: which are taken, and what the commands make of them."""
+
+import csv
+from threading import Event
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade import live_video
+from saccade.errors import ImageError
+from saccade.live_video import LiveVideo
+from saccade.video import read_video, video_writer
+
+
+class Device:
+    """A camera whose frames are numbered by their gray value; it waits to be told to go on."""
+
+    def __init__(self, count):
+        self.numbers, self.may_go_on = iter(range(count)), Event()
+        self.is_released, self.is_done = False, Event()
+
+    def get(self, _):
+        return 0.0
+
+    def read(self):
+        number = next(self.numbers, None)
+        if number:
+            self.may_go_on.wait(10)
+        if number is None:
+            self.is_done.set()
+            return False, None
+        return True, np.full((2, 3, 3), number, np.uint8)
+
+    def release(self):
+        self.is_released = True
+
+
+@pytest.fixture
+def device(monkeypatch):
+    device = Device(6)
+    monkeypatch.setattr(live_video.cv2, "VideoCapture", lambda number: device)
+    return device
+
+
+def test_the_latest_frame_of_a_camera_is_taken_and_the_others_counted(device):
+    with LiveVideo("0") as video:
+        seconds, first = video.read()
+        assert seconds == 0
+        assert (first == 0).all()
+        device.may_go_on.set()
+        assert device.is_done.wait(10)
+        later, last = video.read()
+        assert later > 0
+        assert (last == 5).all()
+        assert video.dropped == 4
+        assert video.read() is None
+        assert video.size == (3, 2)
+        assert video.rate == live_video.USUAL_RATE
+    assert device.is_released
+
+
+def test_a_camera_that_is_stopped_gives_no_more_frames(device):
+    stopped = Event()
+    with LiveVideo("0", stopped.is_set) as video:
+        assert video.read() is not None
+        stopped.set()
+        assert video.read() is None
+        device.may_go_on.set()
+
+
+def test_a_camera_without_frames_is_refused(monkeypatch):
+    monkeypatch.setattr(live_video.cv2, "VideoCapture", lambda number: Device(0))
+    with pytest.raises(ImageError, match="camera 0: expected a camera, an address or a video"):
+        LiveVideo("0")
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory):
+    """A camera that turns past a wall of random tiles, 8 frames at 10 a second."""
+    path = tmp_path_factory.mktemp("film") / "wall.mp4"
+    tiles = np.random.default_rng(0).integers(0, 256, (12, 40, 3), np.uint8)
+    wall = cv2.resize(tiles, (640, 192), interpolation=cv2.INTER_NEAREST)
+    with video_writer(path, 10.0) as write:
+        for i in range(8):
+            write(wall[:, 4 * i : 4 * i + 256])
+    return path
+
+
+def test_of_a_video_file_every_frame_is_taken_in_turn(film):
+    with LiveVideo(str(film)) as video:
+        taken = list(iter(video.read, None))
+        assert video.dropped == 0
+    for (seconds, frame), (expected, recorded) in zip(taken, read_video(film), strict=True):
+        assert seconds == pytest.approx(expected)
+        np.testing.assert_array_equal(frame, recorded)
+
+
+def test_a_drive_of_a_camera_is_that_of_its_recording(run, film, tmp_path):
+    camera = ("--intrinsics", "200,200,128,96", "--no-film")
+    ride = tmp_path / "ride"
+    assert run("drive", ride, "--camera", film, *camera, "-o", tmp_path / "live")[0] == 0
+    assert run("drive", ride, "--no-film", "-o", tmp_path / "again")[0] == 0
+    live, again = ((tmp_path / name / "poses.csv").read_bytes() for name in ("live", "again"))
+    assert live == again
+    assert len(live.splitlines()) == 9
+    code, _, err = run("drive", ride, "--camera", film)
+    assert code == 2
+    assert "expected no images beside the recording" in err
+
+
+def test_saliency_and_keypoints_of_a_camera(run, film, tmp_path):
+    code, _, _ = run("look", "--camera", film, "--frames", 3, "-o", tmp_path)
+    assert code == 0
+    with np.load(tmp_path / "camera.look.npz") as arrays:
+        np.testing.assert_allclose(arrays["time"], [0, 0.1, 0.2])
+        assert arrays["saliency"].shape[0] == 3
+    assert len(list(read_video(tmp_path / "camera.look.mp4"))) == 3
+    code, _, _ = run("detect", "--camera", film, "--max", 20, "-o", tmp_path)
+    assert code == 0
+    with (tmp_path / "camera.keypoints.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {float(row["frame"]) for row in rows} == set(range(8))
+    assert len(rows) == 8 * 20
+    code, _, err = run("look", "a.png", "--camera", film)
+    assert code == 2
+    assert "expected images or --camera, found both" in err
