@@ -86,7 +86,7 @@ def oldest(session: nox.Session) -> None:
     run_tests(session)
 
 
-NUMBAS = ("0.61.2", "0.62", "0.63", "0.64", "0.65", "0.66", "0.67", "0.68")
+NUMBAS = ("0.60", "0.61.2", "0.62", "0.63", "0.64", "0.65", "0.66", "0.67", "0.68")
 
 
 @nox.session(python=PYTHONS[1])

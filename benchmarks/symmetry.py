@@ -8,13 +8,13 @@
 # [tool.uv.sources]
 # saccade = { path = "..", editable = true }
 # ///
-"""How long symmetry and its detectors take, and that speed costs no exactness.
+"""How long symmetry takes, and that speed costs no exactness.
 
 Run with `uv run benchmarks/symmetry.py`. The figures are in milliseconds on one thread, medians
 in turn with OpenCV's FineGrained saliency (of its contrib build, hence an environment of its own),
-so that a loaded machine shows. MUST and SymRoID are held to our SIFT, descriptors included. The
-plain twin of the tests, a loop over pixels and pairs in Python, says whether the map is the same:
-on a crop, since it takes seconds. `--json` prints the figures for a machine.
+so that a loaded machine shows. The plain twin of the tests, a loop over pixels and pairs in Python,
+says whether the map is the same: on a crop, since it takes seconds. `--json` prints the figures for
+a machine. benchmarks/must.py has the detectors.
 """
 
 import argparse
@@ -23,7 +23,6 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -37,8 +36,6 @@ PHOTO = Path(saccade.__file__).parent / "data" / "rocket.jpg"
 SOURCE = replace(saccade.SymmetryConfig.kootstra2010(), levels=(0, 1, 2), map_level=0)
 BARS = {"isotropic, levels 0-2": 40.0, "attention, default": 60.0}
 """Milliseconds at most."""
-TIMES_SIFT = 3.0
-"""What MUST and SymRoID may take at most, by what SIFT takes."""
 EXACT = 1e-4
 """Greatest difference from the twin, of maps in [0, 1]."""
 
@@ -60,9 +57,6 @@ def milliseconds(rgb: np.ndarray, rounds: int) -> dict[str, float]:
         "symmetry, default": lambda: saccade.symmetry_saliency(rgb),
         "contrast, default": lambda: saccade.contrast_saliency(rgb),
         "attention, default": lambda: saccade.attention_saliency(rgb),
-        "SIFT": partial(saccade.Sift(threads=1), rgb),
-        "MUST": partial(saccade.Must(threads=1), rgb),
-        "SymRoID": partial(saccade.SymRoid(threads=1), rgb),
         "FineGrained": lambda: peer.computeSaliency(bgr),
     }
     times: dict[str, list[float]] = {name: [] for name in actions}
@@ -108,10 +102,6 @@ def main() -> None:
         bar = BARS.get(name)
         verdict = "" if bar is None else f"  bar {bar:.0f} {'met' if value < bar else 'MISSED'}"
         print(f"{name:22} {value:7.1f} ms{verdict}")
-    for name in ("MUST", "SymRoID"):
-        times_sift = times[name] / times["SIFT"]
-        verdict = "met" if times_sift <= TIMES_SIFT else "MISSED"
-        print(f"{name:22} {times_sift:7.2f} x SIFT  bar {TIMES_SIFT:.0f} {verdict}")
     for kind, gap in gaps.items():
         verdict = "met" if gap <= EXACT else "MISSED"
         print(f"{kind:22} {gap:.1e} from the plain twin  bar {EXACT:.0e} {verdict}")

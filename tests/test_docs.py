@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from saccade import exchange
 from saccade.datasets import load, save_drive
 from saccade.datasets.drives.calibration import read_calibration
 from support.documentation import PAGES, code_of, prose_of
@@ -52,9 +53,12 @@ OF_PAGES = {
         and abs(names["chance"].sum() - 1) < 1e-9
         and len(names["logs"]) == 10
     ),
-    "matching.md": lambda names: len(names["right"]) > 50,
+    "matching.md": lambda names: (
+        len(names["right"]) > 50 < names["each"].verification.inliers.sum()
+    ),
     "exchange.md": lambda names: (
         len(names["database"].matches["left.jpg", "right.jpg"]) == len(names["pairs"]) > 50
+        and len(names["found"]["left.jpg/right.jpg"][0]) == len(names["pairs"])
     ),
     "viewing.md": lambda names: Path("points.png").stat().st_size > 100_000,
     "map-files.md": lambda names: (
@@ -67,6 +71,9 @@ OF_PAGES = {
         names["frame"].image.shape == (240, 320)
         and len(names["log"].truth) == len(names["log"].time)
     ),
+    "gaze.md": lambda names: (
+        len(names["result"].trajectory) == 12 and names["control"].decisions[-1].chosen.pan != 0
+    ),
     "live.md": lambda names: (
         12 < len(names["live"].ekf) <= 20
         and (names["step"].association >= 0).all()
@@ -77,6 +84,13 @@ OF_PAGES = {
         and len(names["described"]) > 100
         and np.allclose(names["points"][0].pt, names["keypoints"].xy[0])
         and names["mask"].sum() > 50 < names["checked"].inliers.sum()
+        and len(names["matched"]) > 200
+    ),
+    "coming-from/hloc.md": lambda names: (
+        len(names["run"].matched[0].indices) == len(names["found"]) > 50
+        and exchange.read_hloc_matches(names["matches"]).keys()
+        == exchange.read_hloc_matches("matches.h5").keys()
+        and names["pairs"].read_text() == "left.jpg right.jpg\n"
     ),
     "coming-from/colmap.md": lambda names: (
         len(names["described"]) == len(names["theirs"]) > 100
@@ -117,6 +131,7 @@ def run_code(text, folder):
         photo = (data / f"hallway_{number}.jpg").read_bytes()
         (folder / name).write_bytes(photo)
         (folder / "photos" / name).write_bytes(photo)
+    (folder / "pairs.txt").write_text("left.jpg right.jpg\n")
     (folder / "photo.jpg").write_bytes((data / "rocket.jpg").read_bytes())
     (folder / "mine.toml").write_text('features = ["attention", "border"]\nweights = [1.2, 1.0]\n')
     (folder / "victoria_park.txt").write_bytes((data / "victoria_park.txt").read_bytes())

@@ -32,6 +32,7 @@ def drive(said):
 
 FOUND = {
     "drive": drive,
+    "gaze": lambda said: numbers(said.splitlines()[-1])[0] < 0.2 and " decisions" in said,
     "landmark_slam": landmark_slam,
     "matching": matching,
     "regions": lambda said: "Regions(12 regions)" in said,
@@ -45,7 +46,7 @@ FOUND = {
 
 def test_there_is_a_check_of_every_example():
     assert [example.stem for example in EXAMPLES] == sorted(FOUND)
-    assert len(EXAMPLES) == 8
+    assert len(EXAMPLES) == 9
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.stem)

@@ -25,6 +25,7 @@ COMMANDS = {
     "look": ("bmp", "look {0}/a.bmp --json"),
     "detect": ("jpeg", "detect {0}/a.jpg -f npz -f csv"),
     "match": ("tiff", "match {0}/a.tif {0}/a.tif"),
+    "match-pairs": ("pairs", "match {0} --pairs {0}/pairs.txt --workers 1"),
     "slam": ("log-csv", "slam {0}/log.csv --json"),
     "convert": ("g2o", "convert {0}/log.g2o there.csv"),
     "check": ("kitti-odometry", "check {0}"),
@@ -40,9 +41,13 @@ COMMANDS = {
     "places": ("png", "evaluate places {0}/a.png --lap 2"),
     "trajectory": ("tum-poses", "evaluate trajectory {0}/poses.txt --truth {0}/poses.txt"),
     "consistency": ("world", "evaluate consistency --config {0}/world.toml --runs 1 --json"),
+    "gaze": (
+        "gaze-run",
+        "evaluate gaze -o {0} --world rooms --policy fixed --seeds 1 --frames 8",
+    ),
     "selection": (
         "selection-run",
-        "evaluate selection -o {0} --budget 1 --criterion strength --seeds 1 --frames 8",
+        "evaluate selection -o {0} --budget 4 --criterion strength --seeds 1 --frames 8",
     ),
     "world": ("world", "simulate world --config {0}/world.toml"),
     "simulate": ("drive-settings", "simulate drive --config {0}/drive.toml --frames 2"),

@@ -75,13 +75,9 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
         assert wheel.read("saccade/data/coffee.jpg") == (SOURCE / "data/coffee.jpg").read_bytes()
     info = f"saccade-{saccade.__version__}.dist-info"
     assert {name for name in names if not name.startswith(info)} == shipped
-    assert {"saccade/py.typed", "saccade/viewing/web/uPlot.iife.min.js"} < shipped
+    assert {"saccade/py.typed", "saccade/viewing/web/charts.js"} < shipped
     licences = {name.removeprefix(f"{info}/licenses/") for name in names if "/licenses/" in name}
-    assert licences == {
-        "LICENSE",
-        "src/saccade/data/README.md",
-        "src/saccade/viewing/web/uPlot.LICENSE",
-    }
+    assert licences == {"LICENSE", "src/saccade/data/README.md"}
 
 
 def test_the_wheel_says_of_itself_what_pyproject_says(built):
@@ -124,7 +120,7 @@ def test_the_sdist_holds_what_it_takes_to_test(built):
     with tarfile.open(built[1]) as sdist:
         names = {name.partition("/")[2] for name in sdist.getnames()}
     files = {"pyproject.toml", "LICENSE", "tests/conftest.py", "src/saccade/py.typed"}
-    assert files | {"docs/robustness.md", "mkdocs.yml", "noxfile.py"} < names
+    assert files | {"docs/robustness.md", "zensical.toml", "noxfile.py"} < names
     assert not [name for name in names if re.search(r"__pycache__|\.py[co]$|\.nb[ic]$", name)]
 
 

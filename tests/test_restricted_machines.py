@@ -92,7 +92,7 @@ LIBRARIES = {
 OFTEN = {
     "bytes": ("index", "find", "slam"),
     "full-disk": ("export", "index"),
-    "full": ("config", "textbook", "simulate drive"),
+    "full": ("config", "textbook", "simulate drive", "simulate world", "merge-maps"),
 }
 """Commands that once did not withstand an environment, or whose turn does not come."""
 TURNS = [name for name in ENVIRONMENTS if name not in ("bare", *LIBRARIES) and name[:3] != "no-"]

@@ -10,6 +10,7 @@ from saccade.scale_space import (
     difference_of_gaussians,
     gaussian_kernel,
     gaussian_scale_space,
+    interpolated,
     upsampled,
 )
 from saccade.scale_space_config import ScaleSpaceConfig
@@ -76,6 +77,20 @@ def test_samples_lie_evenly_about_the_middle(rng):
     for octave, origin, spacing in zip(space.octaves, space.origin, space.spacing, strict=True):
         last = origin + spacing * (np.array(octave.shape[:0:-1]) - 1)
         np.testing.assert_allclose(origin + last, [130, 89])
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (1.0, 0.0), (0.5, 1.0), (0.5, 0.5)])
+def test_interpolation_is_exact_for_polynomials_of_degree_five(rng, start):
+    factors = rng.normal(size=(2, 6)) / np.array([1, 10, 100, 1e3, 1e4, 1e5])
+
+    def surface(x, y):
+        return np.outer(np.polyval(factors[1][::-1], y), np.polyval(factors[0][::-1], x))
+
+    coarse = surface(start[0] + 2.0 * np.arange(14), start[1] + 2.0 * np.arange(12))
+    fine = interpolated(coarse.astype(np.float32), np.array(start), (24, 28))
+    inner = np.s_[8:-8, 8:-8]
+    expected = surface(np.arange(28.0), np.arange(24.0))[inner]
+    np.testing.assert_allclose(fine[inner], expected, atol=2e-6 * np.abs(coarse).max())
 
 
 def test_doubling_keeps_every_pixel(rng):

@@ -20,7 +20,9 @@ if (location.protocol === "file:") {
       });
     }
     tell(type, init) {
-      this.dispatchEvent(new MessageEvent(type, init));
+      const event = new MessageEvent(type, init);
+      this.dispatchEvent(event);
+      this[`on${type}`]?.(event);
     }
     postMessage(data) {
       this.ready.then((inside) => inside.dispatchEvent(new MessageEvent("message", { data })));

@@ -30,27 +30,6 @@ def photo(name: str) -> np.ndarray:
     return saccade.read_image(DATA / f"{name}.jpg")
 
 
-def story() -> Figure:
-    """The README's figure: scanpath, saliency, interest points and landmark map."""
-    image = photo("astronaut")
-    maps = saccade.attention_saliency(image)
-    path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
-    points = saccade.Sift(saccade.SiftConfig(max_keypoints=120, spread=True))(image)
-    figure = Figure(figsize=(13, 3.35), layout="compressed", dpi=110)
-    panels = figure.subplots(1, 4)
-    panels[0].imshow(image)
-    draw_scanpath(panels[0], path)
-    picture_axes(panels[0], "scanpath")
-    panels[1].imshow(viewing.attention.weighted_by(image, maps.saliency))
-    picture_axes(panels[1], "image weighted by saliency")
-    panels[2].imshow(image)
-    draw_keypoints(panels[2], points)
-    picture_axes(panels[2], "interest points")
-    _draw_park(panels[3])
-    picture_axes(panels[3], "landmark map with 3 sigma ellipses")
-    return figure
-
-
 def _draw_park(axes: Axes) -> None:
     _, run = _park()
     outlines = viewing.slam.ellipse_outlines(run.map.xy, run.map.covariance)
@@ -195,6 +174,17 @@ def symmetric_regions() -> Figure:
     return viewing.region_figure(image, find(image))
 
 
+def keypoint_frames() -> Figure:
+    """The strongest points of MUST in two photographs of a hallway."""
+    from saccade.cli.match_frames import in_frames
+
+    images, find = (photo("hallway_1"), photo("hallway_2")), saccade.Must()
+    points = find(images[0]), find(images[1])
+    pairs = saccade.match(*points)
+    inliers = saccade.verify(*points, pairs, "fundamental").inliers
+    return viewing.keypoint_frame_figure(*in_frames(find, images, points, pairs, inliers))
+
+
 def differences() -> Figure:
     """Gaussian images of a scale space and their differences (B.1-B.3)."""
     gray = cv2.cvtColor(photo("chelsea"), cv2.COLOR_RGB2GRAY)
@@ -337,7 +327,6 @@ def film_frame() -> Figure:
 
 
 PAGES: "dict[str, Callable[[], Figure]]" = {
-    "story": story,
     "pyramid": pyramid,
     "attention-steps": attention_steps,
     "promotion": promotion,
@@ -346,6 +335,7 @@ PAGES: "dict[str, Callable[[], Figure]]" = {
     "contrast-and-symmetry": contrast_and_symmetry,
     "must": must,
     "symmetric-regions": symmetric_regions,
+    "keypoint-frames": keypoint_frames,
     "differences": differences,
     "interest-points": interest_points,
     "park": park,

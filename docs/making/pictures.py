@@ -1,6 +1,6 @@
 """Draw the figures of the documentation: of the examples, the pages and the appendices.
 
-`python docs/making/pictures.py` draws the figure of the README.
+`python docs/making/pictures.py` makes the film of the README.
 """
 
 import hashlib
@@ -14,7 +14,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from appendices import draw as draw_appendix
-from figures import PAGES, story
+from figures import PAGES
+from gaze_film import write_film
 from saccade.viewing import save_figure
 
 ROOT = Path(__file__).parents[2]
@@ -62,4 +63,4 @@ def _source_hash() -> str:
 
 
 if __name__ == "__main__":
-    save_figure(story(), ROOT / "docs" / "story.jpg")
+    write_film(ROOT / "docs" / "gaze.webp")

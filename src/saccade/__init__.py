@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from saccade.errors import ImageWarning as ImageWarning
     from saccade.errors import KeypointsError as KeypointsError
     from saccade.errors import LogError as LogError
+    from saccade.errors import LogWarning as LogWarning
     from saccade.errors import OutputError as OutputError
     from saccade.errors import SaccadeError as SaccadeError
     from saccade.image import read_image as read_image
@@ -75,7 +76,7 @@ _MODULES = {
     ),
     "errors": (
         *("ConfigError", "DriveError", "ImageError", "ImageWarning", "KeypointsError"),
-        *("LogError", "OutputError", "SaccadeError"),
+        *("LogError", "LogWarning", "OutputError", "SaccadeError"),
     ),
     "image": ("read_image",),
     "keypoints.descriptor_config": ("DescriptorConfig",),

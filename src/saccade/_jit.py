@@ -51,12 +51,15 @@ class _Announcer(event.Listener):
 event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]
 
 
-def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
+def kernel(fastmath: Iterable[str] = (), *, inline: bool = False) -> Callable[[F], F]:
     """Compile a function at its first call, without the GIL, cached on disk.
 
     Args:
         fastmath: LLVM's fast-math flags by name, such as "reassoc" or "contract";
             leave out "nnan" and "ninf" wherever a NaN can occur.
+        inline: whether it is compiled as a part of each kernel that calls it, with the flags of
+            that one. This saves the time that a call takes to compile: seconds where tuples of
+            dozens of arrays are passed, so it is for kernels that are called in one place.
 
     A kernel whose name begins with an underscore is called by kernels only: it has no entry from
     Python, which takes as long to compile as a small kernel.
@@ -76,6 +79,7 @@ def kernel(fastmath: Iterable[str] = ()) -> Callable[[F], F]:
                 fastmath=set(fastmath),
                 no_cpython_wrapper=function.__name__.startswith("_"),
                 no_cfunc_wrapper=True,
+                inline="always" if inline else "never",
             )
             if cache:
                 _stamp_cache(dispatcher, kernel_stamp(function))
@@ -170,6 +174,12 @@ def needs_compiling(function: Callable[..., Any]) -> bool:
     """Whether a kernel is still to be compiled, and will be cached then; False if unknown."""
     file = _cache_file(function)
     return file is not None and not file._load_index()
+
+
+def compile_for(function: Callable[..., Any], *arguments: Any) -> None:
+    """Compile a kernel for arguments of these types, unless something of it is in the cache."""
+    if needs_compiling(function):
+        cast("Any", function).compile(tuple(map(numba.typeof, arguments)))
 
 
 def blas(name: str, *arguments: type) -> Callable[..., None]:

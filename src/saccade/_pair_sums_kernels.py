@@ -88,7 +88,9 @@ def add_radial(gradients: Gradients, pairs: PairKernel, out: Float32Array) -> No
     rows = np.empty((6, width), np.float32)
     total, total_cos, total_sin, highest, highest_cos, highest_sin = rows
     for y in range(height):
-        rows[:] = 0
+        for sums in rows:
+            for column in range(width):
+                sums[column] = 0
         for k in range(len(offsets)):
             dx, dy = offsets[k]
             edge = abs(dx) + MARGIN

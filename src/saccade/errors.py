@@ -21,6 +21,10 @@ class ImageWarning(UserWarning):
     """An image that is probably not meant as it is read."""
 
 
+class LogWarning(UserWarning):
+    """A part of a landmark log that is left out."""
+
+
 class KeypointsError(SaccadeError, ValueError):
     """Interest points that cannot be used, or a file that does not hold them."""
 

@@ -73,6 +73,14 @@ def open_file(path: Path) -> BinaryIO:
     return path.open("rb")
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a file; false where no file can have the name."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # too long a name, or a null in it
+        return False
+
+
 def read_bytes(path: Path, max_bytes: int = LARGEST_FILE) -> bytes:
     """The content of a file.
 

@@ -4,9 +4,10 @@ The robot's frame has x ahead, y to the left and z up; its origin is the point o
 motion odometry measures. The camera's has x to the right, y down and z along the optical axis.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from types import MappingProxyType
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +58,74 @@ class Camera:
         )
         require(valid, "rotation", "a rotation matrix (3, 3)", self.rotation.tolist())
 
+    def turned(self, turn: "CameraTurn | None") -> "Camera":
+        """The camera turned about its optical center; itself where it is as mounted."""
+        return self if turn is None else replace(self, rotation=turn.rotation @ self.rotation)
+
+
+class CameraTurn(NamedTuple):
+    """How far a camera that pans and tilts is turned from how it is mounted.
+
+    It turns about its optical center, a stereo rig about that of the left camera.
+    """
+
+    pan: float
+    """Radians to the left, about the vertical."""
+    tilt: float = 0.0
+    """Radians up."""
+    sigma: float = 0.0
+    """Standard deviation of both as measured, in radians."""
+    reason: str = ""
+    """Why it was turned so: the `Gaze.reason` of the last decision that it follows."""
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) rotation in the robot's frame: tilt, then pan."""
+        c, s = np.cos(self.pan), np.sin(self.pan)
+        a, b = np.cos(self.tilt), np.sin(self.tilt)
+        return np.array([[c * a, -s, -c * b], [s * a, c, -s * b], [b, 0.0, a]])
+
+
+@dataclass(frozen=True)
+class Gaze:
+    """A direction of view, and why it was chosen."""
+
+    pan: float
+    """Radians to the left of ahead."""
+    tilt: float = 0.0
+    """Radians up."""
+    reason: str = ""
+    """The term that decided."""
+    terms: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Value of each term of the chosen gaze, in the unit of its policy."""
+
+
+@dataclass(frozen=True)
+class GazeLimits:
+    """What a gaze can do.
+
+    Raises:
+        ConfigError: a limit outside its range.
+    """
+
+    pan: tuple[float, float] = (-2.6, 2.6)
+    """Least and greatest pan in radians."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """Least and greatest tilt in radians."""
+    rate: float = float(np.pi)
+    """Largest speed of pan and of tilt in radians per second."""
+    latency: float = 0.1
+    """Seconds from a decision to the start of the motion."""
+    horizon: float = 2.0
+    """Seconds over which the consequences of a decision are predicted."""
+
+    def __post_init__(self) -> None:
+        for name in ("pan", "tilt"):
+            low, high = getattr(self, name)
+            ordered = -2 * np.pi <= low <= high <= 2 * np.pi
+            require(ordered, name, "two ascending angles within 2 pi", (low, high))
+        require_ranges(self, rate=(1e-3, 1e3), latency=(0, 60), horizon=(1e-3, 600))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
@@ -96,11 +165,17 @@ class Frame:
     """(H, W) meters along the optical axis, NaN where unknown."""
     tracks: Tracks | None = None
     """Tracked points, instead of an image or with it."""
+    turn: CameraTurn | None = None
+    """Of a camera that turns, at this time; None where it is as mounted."""
 
     def __repr__(self) -> str:
         names = ("image", "right", "depth", "tracks")
         present = [name for name in names if getattr(self, name) is not None]
         return f"Frame({self.time:.3f} s, {', '.join(present) or 'empty'})"
+
+
+class EndOfDrive(Exception):  # noqa: N818 - as StopIteration
+    """Raised by `Drive.load` of a live camera that gives no more frames: the drive ends there."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,7 +198,8 @@ class Drive:
     control_covariance: FloatArray
     """(n - 1, 3, 3) covariances of `control`."""
     load: Callable[[int], Frame]
-    """Loads the frame of a number; raises `ImageError` where its file cannot be read."""
+    """Loads the frame of a number; raises `ImageError` where its file cannot be read, `EndOfDrive`
+    where a live camera has ended."""
     start: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) pose at the first frame."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -225,6 +225,7 @@ def as_rgb(
     *,
     background: Color = WHITE,
     white: float | None = None,
+    bgr: bool = False,
 ) -> npt.NDArray[Any]:
     """An image as (H, W, 3) RGB in [0, 1]; gray is repeated.
 
@@ -234,11 +235,12 @@ def as_rgb(
         dtype: float32 or float64 of the result.
         background: see `read_image`.
         white: see `read_image`; for uint8 and uint16.
+        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
 
     Raises:
         ImageError: as `check_image`.
     """
-    pixels = check_image(image, name, background=background, white=white)
+    pixels = check_image(image, name, background=background, white=white, bgr=bgr)
     return repeat_gray(in_unit_range(pixels, dtype, white))
 
 
@@ -265,7 +267,12 @@ def as_gray(image: Image, name: str = "image") -> Float32Array:
 
 
 def check_image(
-    image: Image, name: str = "image", *, background: Color = WHITE, white: float | None = None
+    image: Image,
+    name: str = "image",
+    *,
+    background: Color = WHITE,
+    white: float | None = None,
+    bgr: bool = False,
 ) -> npt.NDArray[Any]:
     """Validates an image; float values are clipped to [0, 1], transparency is composited.
 
@@ -274,10 +281,11 @@ def check_image(
         name: for error messages.
         background: see `read_image`.
         white: see `read_image`; for uint8 and uint16.
+        bgr: see `as_rgb`.
 
     Returns:
-        (H, W) or (H, W, 3) uint8, uint16, float32 or float64, in C order; the image itself where
-        nothing has to change.
+        (H, W) or (H, W, 3) RGB; uint8, uint16, float32 or float64, in C order; the image itself
+        where nothing has to change.
 
     Raises:
         ImageError: not an image, empty, not finite, or outside [0, 1] or [0, white].
@@ -291,6 +299,8 @@ def check_image(
         )
     if image.size == 0:
         raise ImageError(f"{name}: expected at least one pixel, found shape {image.shape}")
+    if bgr and image.ndim == 3:
+        image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]
     pixels = _check_values(image, name, white)
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         return composite(pixels, background, white)

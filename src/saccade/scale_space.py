@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from math import log2, sqrt
+from math import floor, log2, prod, sqrt
 
 import cv2
 import numpy as np
@@ -28,8 +28,8 @@ class ScaleSpace:
     """An image under growing blur, sampled half as densely from octave to octave (B.2-B.3)."""
 
     octaves: tuple[Float32Array, ...]
-    """Each (s + 3, h, w): plane i is blurred 2**(i / s) times as much as the first. The first
-    octave may have more scales than the others."""
+    """Each (s + 3, h, w), or fewer planes: plane i is blurred 2**(i / s) times as much as the
+    first. The first octave may have more scales than the others."""
     origin: FloatArray
     """(octaves, 2) image pixel (x, y) on which the first sample of each octave lies."""
     spacing: FloatArray
@@ -45,6 +45,7 @@ def gaussian_scale_space(
     config: ScaleSpaceConfig,
     *,
     min_side: int = MIN_SIDE,
+    further_planes: int = 3,
     workspace: Workspace | None = None,
 ) -> ScaleSpace:
     """The Gaussian scale space of a gray image.
@@ -53,6 +54,7 @@ def gaussian_scale_space(
         gray: (H, W).
         config: octaves, intervals and sampling.
         min_side: samples to a side of the smallest octave.
+        further_planes: of an octave, besides one for each interval: at least 1.
         workspace: holds the octaves; None for memory of their own.
 
     Returns:
@@ -64,7 +66,7 @@ def gaussian_scale_space(
     centered, kernel_radius = config.grid == "centered", config.kernel_radius
     spacing = 2.0**config.first_octave / config.density
     intervals = config.intervals + config.extra_intervals  # of the first octave
-    sigmas = [config.sigma(float(i)) for i in range(intervals + 3)]
+    sigmas = [config.sigma(float(i)) for i in range(intervals + further_planes)]
     blur = sqrt(max(sigmas[0] ** 2 - (config.camera_sigma / spacing) ** 2, 0.01))
     plane, origin = first_plane(gray, spacing, blur, config, workspace.threads)
 
@@ -72,7 +74,7 @@ def gaussian_scale_space(
     origins, spacings = [], []
     max_octaves = config.octaves or int(log2(max(plane.shape))) + 1
     while len(octaves) < max_octaves and min(plane.shape) >= min_side:
-        octave = workspace.array("octave", len(octaves), (intervals + 3, *plane.shape))
+        octave = workspace.array("octave", len(octaves), (len(sigmas), *plane.shape))
         octave[0] = plane
         for i, (before, after) in enumerate(pairwise(sigmas)):
             blurred(
@@ -98,7 +100,7 @@ def gaussian_scale_space(
             plane = octave[intervals, :height:2, :width:2]
         spacing *= 2
         first, intervals = sigmas[intervals] / 2, config.intervals
-        sigmas = [first * 2 ** (i / intervals) for i in range(intervals + 3)]
+        sigmas = [first * 2 ** (i / intervals) for i in range(intervals + further_planes)]
     return ScaleSpace(
         tuple(octaves), np.array(origins).reshape(-1, 2), np.array(spacings, np.float64)
     )
@@ -190,6 +192,40 @@ def downsampled(
             lines = lines[int(first) :: 2]
         plane = np.moveaxis(lines, 0, axis)
     return plane, np.array(start[::-1])
+
+
+def interpolated(plane: Float32Array, origin: FloatArray, shape: tuple[int, ...]) -> Float32Array:
+    """A plane of the next octave at the samples of this one.
+
+    By the polynomials through 6 samples each way; the plane is mirrored at its borders.
+
+    Args:
+        plane: (h', w'), every second sample.
+        origin: (2,) position (x, y) of its first sample, in samples of the result: 0, 0.5 or 1.
+        shape: (h, w) of the result.
+    """
+    padded = cv2.copyMakeBorder(plane, 0, 1, 0, 1, cv2.BORDER_REFLECT_101)
+    result = np.empty(shape, np.float32)
+    across, down = ([_taps((phase - start) / 2) for phase in (0, 1)] for start in origin.tolist())
+    for y in (0, 1):
+        for x in (0, 1):
+            part = result[y::2, x::2]
+            height, width = part.shape
+            part[:] = cv2.sepFilter2D(
+                padded, cv2.CV_32F, across[x], down[y], borderType=cv2.BORDER_REFLECT_101
+            )[:height, :width]
+    return result
+
+
+def _taps(offset: float) -> Float32Array:
+    """(7,) weights of samples -3 to 3 in the polynomial through the 6 around an offset, there."""
+    first = floor(offset) - 2
+    nodes = range(first, first + 6)
+    weights = np.zeros(7, np.float32)
+    for node in nodes:
+        others = [each for each in nodes if each != node]
+        weights[node + 3] = prod((offset - each) / (node - each) for each in others)
+    return weights
 
 
 def blurred(

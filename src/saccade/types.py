@@ -363,7 +363,7 @@ class FixationTable:
         return f"FixationTable({len(self)} fixations on {len(np.unique(self.image))} images)"
 
 
-Record = TypeVar("Record", Keypoints, SymmetricPairs)
+Record = TypeVar("Record", Keypoints, SymmetricPairs, FixationTable)
 
 
 def select_rows(record: Record, index: slice | npt.NDArray[Any]) -> Record:

@@ -33,7 +33,7 @@ def read_video(path: str | Path, every: int = 1) -> Iterator[tuple[float, npt.ND
         ImageError: the file is missing, or is no video.
     """
     rate, number = video_rate(path), 0
-    capture = _open(path)
+    capture = open_video(path)
     try:
         while capture.grab():
             if number % every == 0:
@@ -54,7 +54,7 @@ def video_rate(path: str | Path) -> float:
     Raises:
         ImageError: there is no such file.
     """
-    capture = _open(path)
+    capture = open_video(path)
     try:
         return capture.get(cv2.CAP_PROP_FPS) or 25.0
     finally:
@@ -105,7 +105,7 @@ class VideoFrames:
         self.path = Path(path)
         self.rate = video_rate(path)
         """Frames per second."""
-        self._capture, self._next = _open(path), 0
+        self._capture, self._next = open_video(path), 0
         self.declared = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
         """Number of frames in the header; too large in a truncated file."""
         while self._capture.grab():
@@ -128,7 +128,7 @@ class VideoFrames:
             raise ImageError(f"{self.path}: expected a frame below {self._count}, found {number}")
         if number < self._next - 1:  # seeking backwards is not exact in every format
             self._capture.release()
-            self._capture, self._next = _open(self.path), 0
+            self._capture, self._next = open_video(self.path), 0
         while self._next <= number and self._capture.grab():
             self._next += 1
         decoded, frame = self._capture.retrieve()
@@ -139,14 +139,18 @@ class VideoFrames:
 
 def _check_written(path: Path) -> None:
     """Detect a full disk, which OpenCV does not report: it cannot open an unfinished video."""
-    capture = _open(path)
+    capture = open_video(path)
     if not capture.isOpened():
         raise OSError(None, "the video is cut short; is the disk full?", str(path))
     capture.release()
 
 
-def _open(path: str | Path) -> cv2.VideoCapture:
-    """Open a video; OpenCV alone would open devices, and take a name for a pattern."""
+def open_video(path: str | Path) -> cv2.VideoCapture:
+    """Open a file; OpenCV alone would open devices, and take a name for a pattern.
+
+    Raises:
+        ImageError: there is no such file.
+    """
     try:
         check_file(Path(path))
     except (OSError, ValueError) as error:

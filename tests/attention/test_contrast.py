@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from saccade.attention import ContrastConfig, contrast_saliency
+from saccade.attention import ContrastConfig, contrast_pyramids, contrast_saliency
 from saccade.attention.channels import COLORS
 from saccade.attention.normalize import NORMALIZATIONS, normalize
 from saccade.errors import ConfigError, ImageError
@@ -315,3 +315,26 @@ def test_conspicuity_resembles_the_reference(shared, photo):
         expected = reference[f"CM_{theirs}"]
         ours = resize(ours, expected.shape)[3:-3, 3:-3].ravel()
         assert np.corrcoef(ours, expected[3:-3, 3:-3].ravel())[0, 1] > 0.7
+
+
+def test_pyramids_are_those_of_the_channels():
+    rgb = noise(2, (80, 64)) / np.float32(255)
+    config = dataclasses.replace(SOURCE, color="linear")
+    pyramids = contrast_pyramids(rgb, config)
+    features = contrast_saliency(rgb, config, keep_features=True).features
+    assert list(pyramids) == list(dict.fromkeys(each.channel for each in features))
+    red, green, blue = (rgb[..., i] for i in range(3))
+    for (name, _), plane in {
+        ("intensity", None): rgb.mean(axis=2),
+        ("red-green", None): red - green,
+        ("blue-yellow", None): blue - (red + green) / 2,
+    }.items():
+        levels = dyadic_pyramid(plane, 6)
+        found = pyramids[(name, None)]
+        assert sorted(found) == [2, 3, 5, 6]
+        for number, level in found.items():
+            np.testing.assert_allclose(level, levels[number], atol=1e-6)
+    assert "red-green" not in {
+        channel.name
+        for channel in contrast_pyramids(rgb, dataclasses.replace(config, color_weight=0))
+    }

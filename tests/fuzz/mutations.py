@@ -123,6 +123,8 @@ def broken_hdf5(data: bytes, chance: Random) -> bytes:
     file = io.BytesIO(data)
     with h5py.File(file, "a") as opened:
         (group,) = opened.values()
+        while isinstance(next(iter(group.values())), h5py.Group):
+            (group,) = group.values()
         name = chance.choice(list(group))
         values = broken_array(group[name][()], chance)
         del group[name]

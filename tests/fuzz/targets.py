@@ -5,11 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 import cv2
 import numpy as np
 
-from saccade import Keypoints, Sift, SiftConfig, exchange, slam
+from saccade import Keypoints, LogWarning, Sift, SiftConfig, exchange, slam
 from saccade.datasets import load, load_drive, save, save_drive
 from saccade.datasets.drives.sidecar_files import read_kitti_poses, read_tum_poses
 from saccade.datasets.fixations import read_fixations
@@ -383,15 +384,15 @@ def _own_map(folder: Path) -> object:
 def _one_run() -> Any:
     from saccade.evaluation.selection_runs import RunSeries
 
-    return RunSeries(None, 0, 8, (1,), ("strength",))
+    return RunSeries("ring", 0, 8, (4,), ("strength",))
 
 
 def _run(folder: Path) -> None:
     from saccade.evaluation.selection_runs import SCORES
 
-    path = _one_run().path(folder, 1, "strength")
+    path = _one_run().path(folder, 4, "strength")
     path.parent.mkdir(parents=True)
-    row = {"drive": "simulator", "budget": 1, "criterion": "strength", "seed": 0}
+    row = {"drive": "simulated ring", "budget": 4, "criterion": "strength", "seed": 0}
     path.write_text(json.dumps(row | dict.fromkeys(SCORES, 0.5)))
 
 
@@ -399,6 +400,33 @@ def _runs(folder: Path) -> object:
     from saccade.evaluation.selection_runs import run_series
 
     return run_series(_one_run(), folder)
+
+
+def _gaze_run() -> Any:
+    from saccade.evaluation.gaze_runs import GazeRun
+
+    return GazeRun("rooms", "fixed", 0, 8)
+
+
+def _gaze(folder: Path) -> None:
+    from saccade.evaluation.gaze_runs import SCORES, TIMES
+
+    path = _gaze_run().path(folder)
+    path.parent.mkdir(parents=True)
+    row = _gaze_run().identity | dict.fromkeys(SCORES, 0.5) | {"entropy_over_time": [0.5] * TIMES}
+    path.write_text(json.dumps(row))
+
+
+def _gazes(folder: Path) -> object:
+    from saccade.evaluation.gaze_runs import result_of
+
+    return result_of(_gaze_run(), folder)
+
+
+def _turns(folder: Path) -> object:
+    from saccade.datasets.drives.gaze import read_turns
+
+    return read_turns(folder / "gaze.csv")
 
 
 def _bag(version: int, file: str) -> Target:
@@ -410,17 +438,36 @@ def _bag(version: int, file: str) -> Target:
     return _drive(make, file, file.partition("/")[0])
 
 
+def _landmark_bag(version: int, kind: str, file: str) -> Target:
+    def make(folder: Path) -> None:
+        from support.landmark_bags import drive
+        from support.ros_bags import write_bag
+
+        write_bag(folder, version, lambda messages: drive(messages, kind))
+
+    def read(folder: Path) -> object:
+        with catch_warnings(action="ignore", category=LogWarning):
+            return slam.run(load("auto", folder / file.partition("/")[0]))
+
+    return Target(make, file, read)
+
+
 def _served(folder: Path) -> object:
     """What the server answers to a photograph."""
     return _answer("/photo", (folder / "a.jpg").read_bytes())
 
 
 WISHES = {"photo": "", "model": "contrast", "fixations": 2, "contrast": {"map_level": 3}}
+START = {"seed": 1, "landmarks": [[1.0, 2.0]], "filter": "standard", "noise": {}}
 
 
-def _wished(folder: Path) -> object:
-    """What the server answers to wishes about one."""
-    return _answer("/look", (folder / "wishes.json").read_bytes())
+def _requested(address: str, content: dict[str, object]) -> Target:
+    """A request to the server, and what it answers."""
+    return Target(
+        lambda folder: (folder / "request.json").write_text(json.dumps(content)),
+        "request.json",
+        lambda folder: _answer(address, (folder / "request.json").read_bytes()),
+    )
 
 
 def _answer(address: str, body: bytes) -> object:
@@ -428,10 +475,11 @@ def _answer(address: str, body: bytes) -> object:
 
     from saccade.serving.analysis import Photo, PhotoAnalyzer
     from saccade.serving.app import application
+    from saccade.serving.playground import Playground
 
     analyzer = PhotoAnalyzer()
     analyzer._photos[""] = Photo("", a_picture((64, 64, 3)).astype(np.float32) / 255)
-    app = application(analyzer, {}, 8014, 100_000, {})
+    app = application(analyzer, Playground(), {}, 8014, 100_000, {})
     client = TestClient(app, base_url="http://127.0.0.1:8014")
     answer = client.post(address, content=body)
     assert answer.status_code in (200, 400, 404, 413, 422), answer.text
@@ -472,6 +520,32 @@ def _untar(folder: Path) -> object:
 
     source = open_source(str(folder / "photos.tar"))
     return [decode(read_content(source[i]), "a.png") for i in range(len(source))]
+
+
+def _matched(folder: Path) -> None:
+    """Matches of two pictures, under a name that does not depend on the settings."""
+    from saccade.batch import Job, match_images
+
+    for name in ("a.png", "b.png"):
+        cv2.imwrite(str(folder / name), a_picture())
+    job = Job("sift", SiftConfig(max_keypoints=20), exact=True)
+    match_images(str(folder), folder / "out", job=job, formats=["hdf5"])
+    (part,) = (folder / "out" / "matches").glob("*.parquet")
+    part.rename(part.with_name("part-0.parquet"))
+
+
+def _rematched(folder: Path) -> object:
+    from saccade.batch.match_shards import read_keys, read_matches
+    from saccade.batch.store import LocalStore
+
+    store = LocalStore(str(folder / "out"))
+    return [list(read_matches(store, file)) for file, _ in read_keys(store)]
+
+
+def _pairs(folder: Path) -> object:
+    from saccade.batch.pairs import read_pairs
+
+    return read_pairs(folder / "pairs.txt")
 
 
 def _exchanged(name: str, write, read) -> Target:
@@ -529,6 +603,19 @@ TARGETS = {
         lambda p: exchange.write_parquet(p, {"a.png": points()}),
         exchange.read_parquet,
     ),
+    "hloc-matches": _exchanged(
+        "a.h5",
+        lambda p: exchange.write_hloc_matches(
+            p, {("a.png", "b.png"): np.array([[0, 1], [3, 2]])}, {"a.png": 4, "b.png": 3}
+        ),
+        exchange.read_hloc_matches,
+    ),
+    "matched-pairs": Target(_matched, "out/matches/part-0.parquet", _rematched),
+    "pairs": Target(
+        lambda folder: (folder / "pairs.txt").write_text("a.png b.png\nb c.png\tb/c.png\n"),
+        "pairs.txt",
+        _pairs,
+    ),
     "colmap": Target(_colmap, "points.db", lambda f: exchange.read_colmap(f / "points.db")),
     "settings": Target(
         lambda folder: (folder / "sift.toml").write_text("max_keypoints = 7\nbase_sigma = 2\n"),
@@ -550,12 +637,20 @@ TARGETS = {
     "rosbag1": _bag(1, "way.bag"),
     "rosbag2": _bag(2, "way/way.db3"),
     "rosbag2-metadata": _bag(2, "way/metadata.yaml"),
+    "rosbag1-log": _landmark_bag(1, "ros1_tags", "way.bag"),
+    "rosbag2-log": _landmark_bag(2, "markers", "way/way.db3"),
     "own-map": Target(lambda f: np.save(f / "a.npy", np.eye(9)), "a.npy", _own_map),
-    "selection-run": Target(_run, str(_one_run().path(Path(), 1, "strength")), _runs),
-    "served-photo": Target(_image("a.jpg", a_picture((64, 64, 3))).make, "a.jpg", _served),
-    "served-wishes": Target(
-        lambda f: (f / "wishes.json").write_text(json.dumps(WISHES)), "wishes.json", _wished
+    "gaze-run": Target(_gaze, str(_gaze_run().path(Path())), _gazes),
+    "gaze": Target(
+        lambda f: (f / "gaze.csv").write_text("pan_rad,tilt_rad,sigma_rad\n0.1,0,0.01\n"),
+        "gaze.csv",
+        _turns,
     ),
+    "selection-run": Target(_run, str(_one_run().path(Path(), 4, "strength")), _runs),
+    "served-photo": Target(_image("a.jpg", a_picture((64, 64, 3))).make, "a.jpg", _served),
+    "served-wishes": _requested("/look", WISHES),
+    "served-features": _requested("/features", {"photo": "", "contrast": {"map_level": 3}}),
+    "served-slam": _requested("/slam/start", START),
     "world": _written("world.toml", "steps = 20\nlandmarks = 5\n", "world"),
     "drive-settings": _written("drive.toml", "frames = 2\nimage_size = [64, 48]\n", "drive"),
 }

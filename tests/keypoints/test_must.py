@@ -15,22 +15,26 @@ from saccade.evaluation.degradation import Degradation
 from saccade.evaluation.features import score_detector
 from saccade.keypoints import SiftConfig
 from saccade.keypoints.must import octave_symmetry
+from saccade.scale_space import ScaleSpace, gaussian_scale_space
 from support import oracles_symmetry as oracles
 from support.symmetric_images import discs, texture
+
+
+def one_octave(planes, spacing=1.0):
+    return ScaleSpace((planes,), np.zeros((1, 2)), np.array([spacing]))
 
 
 @pytest.mark.parametrize("plane", [0, 4])
 @pytest.mark.parametrize("spacing", [1.0, 4.0])
 def test_the_octave_symmetry_a_plane_is_that_of_the_papers(plane, spacing):
-    """Of the pairs in a disc; where scale is wide, of those on the black squares of a board."""
-    octave = np.random.default_rng(plane).random((6, 17, 19), np.float32)
-    config = MustConfig(radius=1.6, falloff=1.1, gain=30.0)
-    symmetry = octave_symmetry(octave, spacing, config, contrast=0.3)
+    """Of the pairs in a disc."""
+    octave = np.random.default_rng(plane).random((5, 17, 19), np.float32)
+    config = MustConfig(intervals=3, base_sigma=2.6, radius=1.6, falloff=1.1, gain=30.0)
+    symmetry = octave_symmetry(one_octave(octave, spacing), 0, config, contrast=0.3)
     assert symmetry.shape == (5, 17, 19)
     sigma = 0.5 * config.base_sigma * 2 ** (plane / 3)
     radius, width = config.radius * sigma, 2 * 1.1 * sigma
     ring = [(x, y) for x, y in oracles.half_ring(1, int(radius)) if np.hypot(x, y) <= radius]
-    ring = [(x, y) for x, y in ring if plane == 0 or (x + y) % 2 == 0]
     gain = 30 * sigma / (8 * 0.3)
     expected = oracles.symmetry(
         octave[plane][:, :, None], "isotropic", 0, 0, width, gain, "mirror", ring
@@ -42,11 +46,25 @@ def test_the_octave_symmetry_a_plane_is_that_of_the_papers(plane, spacing):
 
 
 def test_the_smallest_disc_of_pairs_holds_the_nearest():
-    octave = np.random.default_rng(1).random((6, 17, 19), np.float32)
+    octave = np.random.default_rng(1).random((4, 17, 19), np.float32)
     config = MustConfig(radius=0.1, falloff=0.1, base_sigma=0.5)
-    symmetry = octave_symmetry(octave, 1.0, config, contrast=0.3)
+    symmetry = octave_symmetry(one_octave(octave), 0, config, contrast=0.3)
     assert np.isfinite(symmetry).all()
     assert (symmetry.max(axis=(1, 2)) > 0).all()
+
+
+@pytest.mark.parametrize("shape", [(240, 320), (241, 323), (243, 322)])
+def test_the_last_planes_of_an_octave_are_the_first_of_the_next(shape):
+    """Interpolated; they differ from planes that are computed only by the filter of gradients."""
+    image, config = texture(5, shape), MustConfig()
+    space = gaussian_scale_space(image, config.sift(), further_planes=2)
+    contrast, s = float(image.std()), config.intervals
+    coarser = octave_symmetry(space, 1, config, contrast)
+    computed = octave_symmetry(space, 0, config, contrast)
+    interpolated = octave_symmetry(space, 0, config, contrast, coarser)
+    np.testing.assert_array_equal(interpolated[:s], computed[:s])
+    inner = np.s_[s:, 16:-16, 16:-16]
+    assert np.corrcoef(interpolated[inner].ravel(), computed[inner].ravel())[0, 1] > 0.99
 
 
 @pytest.mark.parametrize("brightness", [0.1, 0.9])

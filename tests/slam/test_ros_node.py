@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import get_types_from_msg
 
-from saccade import slam
+from saccade import datasets, slam
 from saccade.simulation import WorldConfig, simulate_world
+from support.landmark_bags import START
 from support.paths import ROOT
 from support.ros_bags import STORES, write_bag
 
@@ -20,24 +20,8 @@ spec = importlib.util.spec_from_file_location(
 node = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(node)
 
-VISION = {
-    "ObjectHypothesis": "string class_id\nfloat64 score",
-    "ObjectHypothesisWithPose": (
-        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
-    ),
-    "BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
-    "Detection3D": (
-        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
-        "vision_msgs/BoundingBox3D bbox\nstring id"
-    ),
-    "Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
-}
-for name, fields in VISION.items():
-    STORES[2].register(get_types_from_msg(fields, f"vision_msgs/msg/{name}"))
 ODOMETRY, DETECTIONS = "nav_msgs/msg/Odometry", "vision_msgs/msg/Detection3DArray"
 KNOWN = slam.EkfConfig(association="known")
-START = 1_700_000_000.0
-"""Seconds of the first stamp, as large as those of clocks are."""
 
 
 @pytest.fixture(scope="module")
@@ -92,10 +76,14 @@ def detection(build, time, log, k):
 
 
 @pytest.fixture(scope="module")
-def recorded(log, tmp_path_factory):
+def bag(log, tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bag"), 2, messages(log))
+
+
+@pytest.fixture(scope="module")
+def recorded(bag):
     """The messages of a bag, in the order of recording."""
-    path = write_bag(tmp_path_factory.mktemp("bag"), 2, messages(log))
-    with AnyReader([path], default_typestore=STORES[2]) as reader:
+    with AnyReader([bag], default_typestore=STORES[2]) as reader:
         return [
             (connection.topic, reader.deserialize(raw, connection.msgtype))
             for connection, _, raw in reader.messages()
@@ -132,6 +120,18 @@ def test_recorded_messages_give_what_run_gives(log, recorded):
     np.testing.assert_array_equal(used, result.association)
     np.testing.assert_allclose(queue.filter.ekf.landmarks, result.map.xy, atol=1e-6)
     assert queue.dropped == queue.restarts == 0
+
+
+def test_the_bag_as_a_log_gives_what_the_node_gives(log, bag, recorded):
+    """With the covariances of the twist; odometry is composed to each scan."""
+    queue, _ = feed(recorded)
+    read = datasets.load("auto", bag)
+    np.testing.assert_array_equal(read.landmark, log.landmark)
+    result = slam.run(read, KNOWN)
+    np.testing.assert_allclose(result.map.xy, queue.filter.ekf.landmarks, atol=1e-6)
+    np.testing.assert_allclose(
+        result.map.covariance, queue.filter.ekf.landmark_covariances, atol=1e-8
+    )
 
 
 def test_landmarks_need_no_names(log, recorded):

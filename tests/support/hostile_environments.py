@@ -26,13 +26,14 @@ from saccade.cli import TRACEBACK, app
 from saccade.simulation import WorldConfig, simulate_world
 
 COMMANDS = {
-    "look": "{in}/photos/a.png --fixations 2",
+    "look": "{in}/photos/a.png --fixations 2 -f csv -f mat -f svg --maps npy --maps tiff",
     "detect": "{in}/photos/a.png --max 5 -f npz -f csv -f hdf5 -f parquet -o out",
     "extract": "{in}/photos --workers 1 -o out",
     "export": "{in}/points --format hdf5 -o out.h5",
     "index": "{in}/points",
     "find": "{in}/photos/a.png --in {in}/points",
     "match": "{in}/photos/a.png {in}/photos/b.png -o out",
+    "match --workers": "1 {in}/photos -o out",
     "slam": "{in}/log.csv --no-film -o out",
     "check": "{in}/drive",
     "convert": "{in}/log.csv log.g2o",
@@ -45,7 +46,8 @@ COMMANDS = {
     "evaluate features": "--pairs {in}/pairs --points 20",
     "evaluate features --drive": "{in}/kitti --points 20",
     "evaluate places": "{in}/photos --lap 2",
-    "evaluate selection": "--budget 1 --criterion strength --seeds 1 --frames 8 -o out",
+    "evaluate gaze": "--world rooms --policy sweep --seeds 1 --frames 8 -o out",
+    "evaluate selection": "--budget 4 --criterion strength --seeds 1 --frames 8 -o out",
     "evaluate consistency": "--config {in}/world.toml --runs 1",
     "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum --csv out/a.csv --report out/a.html",
     "merge-maps": "{in}/a.map.npz {in}/a.map.npz --out merged.npz",

@@ -2,7 +2,13 @@
 
 from saccade.attention.boolean_maps import BooleanConfig, BooleanMaps, boolean_saliency
 from saccade.attention.combined import AttentionConfig, AttentionMaps, attention_saliency
-from saccade.attention.contrast import ContrastConfig, ContrastMaps, FeatureMap, contrast_saliency
+from saccade.attention.contrast import (
+    ContrastConfig,
+    ContrastMaps,
+    FeatureMap,
+    contrast_pyramids,
+    contrast_saliency,
+)
 from saccade.attention.fitted import FittedMaps, FittedModel
 from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
@@ -31,6 +37,7 @@ __all__ = [
     "SymmetryMaps",
     "attention_saliency",
     "boolean_saliency",
+    "contrast_pyramids",
     "contrast_saliency",
     "next_fixation_density",
     "proto_object",

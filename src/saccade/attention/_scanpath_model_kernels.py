@@ -49,7 +49,7 @@ class AliasTable(NamedTuple):
 
 
 @kernel()
-def saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
+def _saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
     """Kernel of the saccade from the last row of `path` (k, 2) to a point; in (0, 1]."""
     last = len(path) - 1
     dx, dy = x - path[last, 0], y - path[last, 1]
@@ -68,7 +68,7 @@ def saccade_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> flo
 
 
 @kernel()
-def inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
+def _inhibition_weight(model: Dynamics, x: float, y: float, path: FloatArray) -> float:
     """What inhibition of return by the fixations of `path` (k, 2) leaves at a point; in (0, 1]."""
     weight, strength = 1.0, model.inhibition
     width = 2 * model.inhibition_sigma * model.inhibition_sigma
@@ -87,7 +87,7 @@ def fill_density(model: Dynamics, grid: Grid, path: FloatArray, density: FloatAr
     total = 0.0
     for i in range(len(density)):
         x, y = grid.x[i], grid.y[i]
-        weight = saccade_weight(model, x, y, path) * inhibition_weight(model, x, y, path)
+        weight = _saccade_weight(model, x, y, path) * _inhibition_weight(model, x, y, path)
         density[i] = grid.mass[i] * weight
         total += density[i]
     for i in range(len(density)):
@@ -137,8 +137,8 @@ def draw_paths(
                 dx, dy = x - path[k - 1, 0], y - path[k - 1, 1]
                 if bounded and u**order * (1 + (dx * dx + dy * dy) / squared_scale) > 1:
                     continue  # above a root that bounds the kernel, and is faster than its power
-                weight = saccade_weight(model, x, y, path)
-                if u < weight and u < weight * inhibition_weight(model, x, y, path):
+                weight = _saccade_weight(model, x, y, path)
+                if u < weight and u < weight * _inhibition_weight(model, x, y, path):
                     cell = proposed
                     break
             if cell < 0:
@@ -153,10 +153,11 @@ def draw_paths(
 def alias_table(probability: FloatArray) -> AliasTable:
     """Table of a distribution over cells, whose sum is 1 (Vose 1991)."""
     n = len(probability)
-    keep, other = probability * n, np.arange(n)
+    keep, other = np.empty(n), np.empty(n, np.int64)
     small, large = np.empty(n, np.int64), np.empty(n, np.int64)
     num_small, num_large = 0, 0
     for i in range(n):
+        keep[i], other[i] = probability[i] * n, i
         if keep[i] < 1:
             small[num_small] = i
             num_small += 1
@@ -172,11 +173,12 @@ def alias_table(probability: FloatArray) -> AliasTable:
             num_large -= 1
             small[num_small] = high
             num_small += 1
-    keep[small[:num_small]] = 1  # but for rounding
+    for i in range(num_small):
+        keep[small[i]] = 1  # but for rounding
     return AliasTable(keep, other)
 
 
-@kernel()
+@kernel(inline=True)
 def draw_cell(table: AliasTable, u: float) -> int:
     """The cell of a uniform number in [0, 1): its column of the table, or the alias of that."""
     scaled = u * len(table.keep)

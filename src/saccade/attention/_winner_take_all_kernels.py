@@ -4,6 +4,7 @@ While the conductance is held constant the recurrence has a closed form, so that
 up to `MAX_STRIDE` steps.
 """
 
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
@@ -98,7 +99,7 @@ def run_network(
     current = cells.current
     V, W, g = np.empty_like(current), np.empty_like(current), np.zeros_like(current)
     V_next, W_next = np.empty_like(current), np.empty_like(current)
-    bound_V, bound_W, lowest_g, free_W, active = 1.0, 0.0, 0.0, net.reset, 0
+    bound_V, bound_W, lowest_g, free_W = 1.0, 0.0, 0.0, net.reset
     winner, spike = np.empty(fixations, np.int64), np.empty(fixations, np.int64)
     size = 2 * fixations
     events = Events(
@@ -108,12 +109,15 @@ def run_network(
         np.zeros(size),
         np.zeros(size, np.int64),
     )
-    count, num_events, step, reset_at, steps = 0, 0, 0, 0, MAX_STRIDE
+    count, reset_at, steps = 0, 0, MAX_STRIDE
+    step: int = np.int64(0)  # type: ignore[assignment]  # a literal has another type
+    num_events: int = step
+    active: int = step
     while count < fixations and step < net.last_step:
         steps = 1 if step < reset_at else min(steps, net.last_step - step)
         resets = step + steps == reset_at
         stride = stride_of(net, steps)
-        first = advance(net, stride, active, cells, V, W, g, V_next, W_next)
+        first = _advance(net, stride, active, cells, V, W, g, V_next, W_next)
         if first >= 0 and steps > 1:
             steps = max(1, steps // 4)
             continue
@@ -129,15 +133,17 @@ def run_network(
         if active > known:
             new = slice(known, active)
             activated = Cells(cells.row[new], cells.column[new], cells.number[new], current[new])
-            replay(net, step, events, num_events, regions, activated, V[new], W[new])
+            _replay(net, step, events, num_events, regions, activated, V[new], W[new])
             continue
         step += steps
         V, V_next, W, W_next = V_next, V, W_next, W
-        g *= stride.decay
+        for i in range(len(g)):
+            g[i] *= stride.decay
         bound_V, bound_W, free_W = next_V, next_W, next_free
         lowest_g *= stride.decay
         if resets:
-            W[:active] = net.reset
+            for i in range(active):
+                W[i] = net.reset
             bound_W, free_W = 0.0, net.reset
             events.step[num_events], events.jump[num_events] = step, 0
             num_events += 1
@@ -154,14 +160,16 @@ def run_network(
                     W[i] = 0
             inhibit(net, events, num_events, regions, cells, g)
             num_events += 1
-            lowest_g = g[active:].min() if active < len(g) else 0.0
+            lowest_g = g[active] if active < len(g) else 0.0
+            for i in range(active, len(g)):
+                lowest_g = min(lowest_g, g[i])
             if reset_at <= step:
                 reset_at = step + 2
     return winner[:count], spike[:count]
 
 
 @kernel()
-def advance(
+def _advance(
     net: Network,
     stride: Stride,
     count: int,
@@ -185,8 +193,8 @@ def advance(
     return first
 
 
-@kernel()
-def replay(
+@kernel(inline=True)
+def _replay(
     net: Network,
     step: int,
     events: Events,
@@ -197,20 +205,23 @@ def replay(
     W: FloatArray,
 ) -> None:
     """Fill V and W of newly active cells at a step, from the onset through all events."""
-    V[:], W[:] = cells.current, net.reset
-    g, at = np.zeros_like(cells.current), 0
+    g, at = np.zeros(len(V)), 0
+    for i in range(len(V)):
+        V[i], W[i] = cells.current[i], net.reset
     for event in range(num_events + 1):
         until = events.step[event] if event < num_events else step
         while at < until:
             stride = stride_of(net, min(MAX_STRIDE, until - at))
-            advance(net, stride, len(V), cells, V, W, g, V, W)
-            g *= stride.decay
+            _advance(net, stride, len(V), cells, V, W, g, V, W)
+            for i in range(len(g)):
+                g[i] *= stride.decay
             at += stride.steps
         if event < num_events:
             if events.jump[event] > 0:
                 inhibit(net, events, event, regions, cells, g)
             else:
-                W[:] = net.reset
+                for i in range(len(W)):
+                    W[i] = net.reset
 
 
 @kernel()
@@ -224,23 +235,43 @@ def inhibit(
 ) -> None:
     """Raise the conductance in a region, or in a disc less a little in its surround."""
     jump, fixation = events.jump[event], events.fixation[event]
-    if fixation < len(regions) and regions[fixation].any():
+    if fixation < len(regions) and _is_filled(regions[fixation]):
         region = regions[fixation]
         for i in range(len(g)):
             if region[cells.row[i], cells.column[i]]:
                 g[i] += jump
         return
-    width = 2 * (4 * net.sigma) ** 2
-    rows, columns = np.arange(cells.row.max() + 1), np.arange(cells.column.max() + 1)
-    vertical = np.exp(-((rows - events.row[event]) ** 2) / width)
-    horizontal = np.exp(-((columns - events.column[event]) ** 2) / width)
+    vertical = _gaussian(cells.row, events.row[event], 4 * net.sigma)
+    horizontal = _gaussian(cells.column, events.column[event], 4 * net.sigma)
     for i in range(len(g)):
         wide = vertical[cells.row[i]] * horizontal[cells.column[i]]
         narrow = wide**16
         g[i] += jump * (narrow - net.surround * wide)
 
 
+@kernel(inline=True)
+def _is_filled(region: npt.NDArray[np.bool_]) -> bool:
+    """Whether a region (h, w) has any cell."""
+    for i in range(region.shape[0]):
+        for j in range(region.shape[1]):
+            if region[i, j]:
+                return True
+    return False
+
+
 @kernel()
+def _gaussian(number: IntArray, center: int, sigma: float) -> FloatArray:
+    """Gaussian about the row or column `center`, at all up to the last in `number` (n,)."""
+    last, width = 0, 2 * sigma * sigma
+    for i in range(len(number)):
+        last = max(last, number[i])
+    values = np.empty(last + 1)
+    for k in range(last + 1):
+        values[k] = exp(-((k - center) * (k - center)) / width)
+    return values
+
+
+@kernel(inline=True)
 def stride_of(net: Network, steps: int) -> Stride:
     """Coefficients of a stride of some steps."""
     b = 1 - net.winner_rate

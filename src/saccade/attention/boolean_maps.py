@@ -70,12 +70,15 @@ class BooleanMaps(SaliencyMaps):
     """(H, W) of the image."""
 
 
-def boolean_saliency(image: Image, config: BooleanConfig | None = None) -> BooleanMaps:
+def boolean_saliency(
+    image: Image, config: BooleanConfig | None = None, *, bgr: bool = False
+) -> BooleanMaps:
     """Saliency from the regions that are surrounded in thresholded color channels.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: size, thresholds and weights.
+        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
 
     Returns:
         Saliency (h, w), of the size of the image reduced to `config.longer_side`.
@@ -86,7 +89,7 @@ def boolean_saliency(image: Image, config: BooleanConfig | None = None) -> Boole
     Source: Zhang & Sclaroff, *Exploiting surroundedness for saliency detection: a Boolean map
     approach* (TPAMI 2016).
     """
-    pixels = check_image(image)  # (H, W) or (H, W, 3)
+    pixels = check_image(image, bgr=bgr)  # (H, W) or (H, W, 3)
     config = config or BooleanConfig()
     height, width = pixels.shape[:2]
     scale = min(1.0, config.longer_side / max(height, width))

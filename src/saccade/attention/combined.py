@@ -21,6 +21,7 @@ from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import Normalization, normalize, rescale, sharpen
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
 from saccade.errors import require, require_ranges, require_types
+from saccade.image import check_image
 from saccade.pyramid import FloatMap, resize
 from saccade.types import Image
 
@@ -135,6 +136,7 @@ def attention_saliency(
     *,
     keep_features: bool = False,
     faces: FaceDetector | None = None,
+    bgr: bool = False,
 ) -> AttentionMaps:
     """Saliency from contrast, symmetry and Boolean maps.
 
@@ -143,6 +145,7 @@ def attention_saliency(
         config: the weights, and the settings of the models.
         keep_features: whether the maps of contrast hold their feature maps.
         faces: finds (n, 4) boxes of faces in the image; None for a model without faces.
+        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
 
     Returns:
         Saliency (h, w), and the maps of each model.
@@ -151,6 +154,7 @@ def attention_saliency(
         ImageError: as `contrast_saliency` and `symmetry_saliency`.
     """
     config = config or AttentionConfig()
+    image = check_image(image, bgr=True) if bgr else image
     contrast = contrast_saliency(image, config.contrast, keep_features=keep_features)
     symmetry = symmetry_saliency(image, config.symmetry)
     shape = contrast.saliency.shape

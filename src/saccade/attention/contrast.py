@@ -23,7 +23,13 @@ from saccade.image import check_image
 from saccade.pyramid import FloatMap
 from saccade.types import Image
 
-__all__ = ["ContrastConfig", "ContrastMaps", "FeatureMap", "contrast_saliency"]
+__all__ = [
+    "ContrastConfig",
+    "ContrastMaps",
+    "FeatureMap",
+    "contrast_pyramids",
+    "contrast_saliency",
+]
 
 ARITHMETICS = {
     "mirrored": MirroredArithmetic,
@@ -86,7 +92,11 @@ class ContrastMaps(SaliencyMaps):
 
 
 def contrast_saliency(
-    image: Image, config: ContrastConfig | None = None, *, keep_features: bool = False
+    image: Image,
+    config: ContrastConfig | None = None,
+    *,
+    keep_features: bool = False,
+    bgr: bool = False,
 ) -> ContrastMaps:
     """Contrast saliency from intensity, color and orientation.
 
@@ -94,6 +104,7 @@ def contrast_saliency(
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: channels, scales and normalization; presets name their source.
         keep_features: whether the result holds the feature maps.
+        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
 
     Returns:
         Saliency and the three conspicuity maps, each (h, w), h = H / 2**map_level rounded up
@@ -104,11 +115,8 @@ def contrast_saliency(
 
     Source: Itti, Koch & Niebur (1998); equations A.1-A.14.
     """
-    pixels = check_image(image)  # (H, W) or (H, W, 3)
+    pixels, config, scales, arithmetic = _prepared(image, config, bgr)
     shape = pixels.shape[:2]
-    config = (config or ContrastConfig()).at_size(shape)
-    arithmetic = ARITHMETICS[config.arithmetic](config)
-    scales = existing_scales(shape, config, arithmetic)
     zeros = np.zeros(arithmetic.level_shape(shape, config.map_level), arithmetic.dtype)  # (h, w)
 
     pyramids = channel_pyramids(pixels, scales, arithmetic)  # A.1-A.6
@@ -139,6 +147,36 @@ def contrast_saliency(
         image_shape=shape,
         features=tuple(features),
     )
+
+
+def contrast_pyramids(
+    image: Image, config: ContrastConfig | None = None
+) -> dict[Channel, dict[int, FloatMap]]:
+    """The pyramids of the channels whose levels `contrast_saliency` compares (A.1-A.6).
+
+    Args:
+        image: as for `contrast_saliency`.
+        config: as for `contrast_saliency`.
+
+    Returns:
+        By channel and number of the level, 0 for the size of the image, the (h, w) level. Levels
+        that no scale compares are absent, and so are channels without weight.
+
+    Raises:
+        ImageError: as for `contrast_saliency`.
+    """
+    pixels, _, scales, arithmetic = _prepared(image, config)
+    return channel_pyramids(pixels, scales, arithmetic)
+
+
+def _prepared(
+    image: Image, config: ContrastConfig | None, bgr: bool = False
+) -> tuple[npt.NDArray[Any], ContrastConfig, Scales, MirroredArithmetic]:
+    """The checked image, the settings for its size, the scales it has, and their arithmetic."""
+    pixels = check_image(image, bgr=bgr)  # (H, W) or (H, W, 3)
+    config = (config or ContrastConfig()).at_size(pixels.shape[:2])
+    arithmetic = ARITHMETICS[config.arithmetic](config)
+    return pixels, config, existing_scales(pixels.shape[:2], config, arithmetic), arithmetic
 
 
 def existing_scales(

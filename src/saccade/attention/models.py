@@ -30,6 +30,13 @@ class SaliencyMaps:
         return {"saliency": self.saliency}
 
     @property
+    def full_size(self) -> "dict[str, Float32Array]":
+        """The maps by name at the size of the image, (H, W) each: bilinear where they grow."""
+        from saccade.pyramid import resize
+
+        return {name: resize(layer, self.image_shape) for name, layer in self.layers.items()}
+
+    @property
     def ranks(self) -> "Float32Array":
         """(h, w) in (0, 1): the fraction of cells of lower saliency, equal ones counted half.
 
@@ -78,7 +85,7 @@ class AttentionModel:
 
     def pairs(self, image: "Float32Array", xy: "npt.NDArray[Any]") -> "list[SymmetricPairs]":
         """The strongest symmetric pairs at each of (n, 2) positions; none without symmetry."""
-        from saccade.attention import symmetric_pairs
+        from saccade.attention.symmetric_pairs import symmetric_pairs_at
 
         if self.model in ("contrast", "boolean"):
             return []
@@ -86,7 +93,8 @@ class AttentionModel:
         if self.model != "symmetry":
             settings = getattr(settings, "attention", settings).symmetry
         radius = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
-        return [symmetric_pairs(image, (x, y), settings, radius=radius, max_pairs=2) for x, y in xy]
+        positions = [(x, y) for x, y in xy]
+        return symmetric_pairs_at(image, positions, settings, radius=radius, max_pairs=2)
 
 
 def contrast_of(maps: Any) -> Any:

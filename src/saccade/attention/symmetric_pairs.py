@@ -1,5 +1,6 @@
 """The pairs of gradients that contribute most to the symmetry at a position."""
 
+from collections.abc import Iterable
 from dataclasses import fields
 
 import numpy as np
@@ -41,24 +42,42 @@ def symmetric_pairs(
     Raises:
         ImageError: as `symmetry_saliency`, or the position lies outside the image.
     """
+    return symmetric_pairs_at(image, [xy], config, radius=radius, max_pairs=max_pairs)[0]
+
+
+def symmetric_pairs_at(
+    image: Image,
+    positions: Iterable[tuple[float, float]],
+    config: SymmetryConfig | None = None,
+    *,
+    radius: float = 0.0,
+    max_pairs: int = 4,
+) -> list[SymmetricPairs]:
+    """`symmetric_pairs` at each position; the symmetry of the image is computed once."""
     require(max_pairs >= 1, "max_pairs", "at least 1", max_pairs)
     require(radius >= 0, "radius", "0 px or more", radius)
-    pixels = check_image(image)
+    pixels, positions = check_image(image), list(positions)
     shape = pixels.shape[:2]
-    if not (-0.5 <= xy[0] < shape[1] - 0.5 and -0.5 <= xy[1] < shape[0] - 0.5):
-        raise ImageError(f"position: expected inside {shape[1]} x {shape[0]} px, found {xy}")
+    for xy in positions:
+        if not (-0.5 <= xy[0] < shape[1] - 0.5 and -0.5 <= xy[1] < shape[0] - 0.5):
+            raise ImageError(f"position: expected inside {shape[1]} x {shape[0]} px, found {xy}")
     config = (config or SymmetryConfig()).at_size(shape)
     kernel = pair_kernel(config.inner, config.outer, config.sigma)
     weights = dict(zip(config.levels, config.level_weights, strict=True))
-    selected = []
+    selected: list[list[SymmetricPairs]] = [[] for _ in positions]
     for number, gradients in gradient_pyramid(pixels, config, pyramid_of(config)).items():
         symmetry = symmetry_at(gradients, kernel, config)
-        cell = most_symmetric(symmetry, xy, radius, shape)
-        pairs = pairs_about(cell, gradients, kernel, number, shape, config.kind == "color")
-        strongest = pairs[np.argsort(-pairs.strength, kind="stable")[:max_pairs]]
-        strongest.strength[:] *= weights[number]
-        selected.append(strongest)
-    pairs = concatenated(selected)
+        for xy, parts in zip(positions, selected, strict=True):
+            cell = most_symmetric(symmetry, xy, radius, shape)
+            pairs = pairs_about(cell, gradients, kernel, number, shape, config.kind == "color")
+            strongest = pairs[np.argsort(-pairs.strength, kind="stable")[:max_pairs]]
+            strongest.strength[:] *= weights[number]
+            parts.append(strongest)
+    return [strongest_first(concatenated(parts)) for parts in selected]
+
+
+def strongest_first(pairs: SymmetricPairs) -> SymmetricPairs:
+    """The pairs of any strength, ordered by it."""
     order = np.argsort(-pairs.strength, kind="stable")
     return pairs[order[pairs.strength[order] > 0]]
 

@@ -67,12 +67,15 @@ class SymmetryMaps(SaliencyMaps):
     """(H, W) of the image."""
 
 
-def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> SymmetryMaps:
+def symmetry_saliency(
+    image: Image, config: SymmetryConfig | None = None, *, bgr: bool = False
+) -> SymmetryMaps:
     """Saliency from local symmetry.
 
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: kind, scales and kernel; presets name their source.
+        bgr: whether the image has OpenCV's order of colors, as `cv2.imread` returns it.
 
     Returns:
         Saliency (h, w), h = H / 2**map_level rounded up, with the level of
@@ -84,7 +87,7 @@ def symmetry_saliency(image: Image, config: SymmetryConfig | None = None) -> Sym
     Source: Kootstra, de Boer & Schomaker (2011); the phase weight is that of Reisfeld,
     Wolfson & Yeshurun (1995).
     """
-    pixels = check_image(image)  # (H, W) or (H, W, 3)
+    pixels = check_image(image, bgr=bgr)  # (H, W) or (H, W, 3)
     shape = pixels.shape[:2]
     config = (config or SymmetryConfig()).at_size(shape)
     pyramid = pyramid_of(config)

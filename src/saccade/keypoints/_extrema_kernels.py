@@ -51,20 +51,20 @@ def find_local_extrema(
     for row in range(first, last):
         for plane in range(1, planes - 1):
             samples = dog[plane, row]
-            fill_range(dog[plane, row - 1], samples, dog[plane, row + 1], high, low)
-            mark_peaks(samples, high, low, min_value, marks)
+            _fill_range(dog[plane, row - 1], samples, dog[plane, row + 1], high, low)
+            _mark_peaks(samples, high, low, min_value, marks)
             for word in range(len(words)):
                 if words[word] == 0:
                     continue
                 for column in range(max(8 * word, border), min(8 * word + 8, width - border)):
-                    if marks[column] and is_extremum(dog, plane, row, column, neighbors):
+                    if marks[column] and _is_extremum(dog, plane, row, column, neighbors):
                         out[count, 0], out[count, 1], out[count, 2] = plane, row, column
                         count += 1
     return count
 
 
 @kernel(fastmath=("nnan", "nsz"))
-def fill_range(
+def _fill_range(
     above: Float32Array,
     middle: Float32Array,
     below: Float32Array,
@@ -78,7 +78,7 @@ def fill_range(
 
 
 @kernel(fastmath=("nnan", "nsz"))
-def mark_peaks(
+def _mark_peaks(
     samples: Float32Array,
     high: Float32Array,
     low: Float32Array,
@@ -94,7 +94,7 @@ def mark_peaks(
 
 
 @kernel()
-def is_extremum(dog: Float32Array, plane: int, row: int, column: int, neighbors: int) -> bool:
+def _is_extremum(dog: Float32Array, plane: int, row: int, column: int, neighbors: int) -> bool:
     """Whether a sample lies above or below its neighbors; of equal ones the first does."""
     value = dog[plane, row, column]
     sign = 1 if value > 0 else -1

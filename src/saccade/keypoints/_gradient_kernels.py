@@ -66,13 +66,14 @@ def fill_orientation_histograms(
         weight_gradients(
             samples, count, ORIENTATION_SIGMA, bins_per_radian, float(ORIENTATION_BINS)
         )
-        interpolate_directions(samples, count, linear, lower, weights)
-        bins[:] = 0
+        _interpolate_directions(samples, count, linear, lower, weights)
+        for k in range(len(bins)):
+            bins[k] = 0
         for k in range(count):
             first = np.uint64(np.uint32(lower[k]))
             bins[first] += weights[0, k]
             bins[first + np.uint64(1)] += weights[1, k]
-        for k in range(ORIENTATION_BINS):  # assigning a slice takes seconds to compile
+        for k in range(ORIENTATION_BINS):
             histograms[i, k] = bins[k]
         histograms[i, 0] += bins[ORIENTATION_BINS]
         histograms[i, 1] += bins[ORIENTATION_BINS + 1]
@@ -94,7 +95,7 @@ def smooth_histograms(histograms: Float32Array, passes: int) -> None:
 
 
 @kernel(fastmath=("nnan", "nsz", "contract"))
-def interpolate_directions(
+def _interpolate_directions(
     samples: Float32Array, count: int, linear: bool, lower: Int32Array, weights: Float32Array
 ) -> None:
     """Find the two bins beside the direction of each sample, and its weights in them.
@@ -151,9 +152,10 @@ def fill_descriptors(
             -bins_per_radian,
             angle * bins_per_radian + 2 * DIRECTIONS,
         )
-        interpolate_trilinearly(samples, count, radius, corners, weights)
-        cells[:] = 0
-        add_weights(corners, weights, count, cells)
+        _interpolate_trilinearly(samples, count, radius, corners, weights)
+        for k in range(len(cells)):
+            cells[k] = 0
+        _add_weights(corners, weights, count, cells)
         for row in range(CELLS):
             for column in range(CELLS):
                 start = (row + 1) * ROW_STRIDE + (column + 1) * CELL_STRIDE
@@ -163,7 +165,7 @@ def fill_descriptors(
 
 
 @kernel(fastmath=("nnan", "nsz", "contract"))
-def interpolate_trilinearly(
+def _interpolate_trilinearly(
     samples: Float32Array, count: int, radius: float, corners: Int32Array, weights: Float32Array
 ) -> None:
     """Find the eight accumulators around each sample, and its weights in them.
@@ -200,8 +202,8 @@ def interpolate_trilinearly(
         weights[6, k] = lower_right - weights[7, k]
 
 
-@kernel()
-def add_weights(
+@kernel(inline=True)
+def _add_weights(
     corners: Int32Array, weights: Float32Array, count: int, cells: Float32Array
 ) -> None:
     """Add the weights of each sample to the eight accumulators from its corner."""
@@ -260,7 +262,7 @@ def gather_gradients(
             part = out[:, count : count + stop - start]
             u0, v0 = sine * dy, cosine * dy
             if stride == 1:
-                gather_row(plane[row - 1 : row + 2], columns, x, u0, v0, cosine, sine, part)
+                _gather_row(plane[row - 1 : row + 2], columns, x, u0, v0, cosine, sine, part)
             else:
                 for k in range(start, stop):
                     column = center + k * stride
@@ -274,7 +276,7 @@ def gather_gradients(
 
 
 @kernel(fastmath=("nsz", "contract"))
-def gather_row(
+def _gather_row(
     rows: Float32Array,
     columns: slice,
     x: float,

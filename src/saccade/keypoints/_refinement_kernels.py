@@ -96,14 +96,14 @@ def fit_extrema(
                 break
 
 
-@kernel()
+@kernel(inline=True)
 def step(offset: float) -> int:
     """The step to the sample nearest an offset, at most one."""
     return int(offset > 0.5) - int(offset < -0.5)
 
 
-@kernel()
-def clip_to_half(offset: float) -> float:
+@kernel(inline=True)
+def _clip_to_half(offset: float) -> float:
     """An offset, limited to half a sample."""
     return min(max(offset, -0.5), 0.5)
 
@@ -135,7 +135,7 @@ def fit_quadratic(
     ys = 0.25 * (
         dog[p + 1, r + 1, c] - dog[p + 1, r - 1, c] - dog[p - 1, r + 1, c] + dog[p - 1, r - 1, c]
     )
-    x, y, s, determinant_3d = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
+    x, y, s, determinant_3d = _newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
     value = v + 0.5 * (gx * x + gy * y + gs * s)
     return (x, y, s), value, xx + yy, xx * yy - xy * xy, determinant_3d
 
@@ -154,7 +154,7 @@ def refine_position(
         return x, y, scale
     weights_x, weights_y = np.empty((3, len(NODES))), np.empty((3, len(NODES)))
     columns = np.empty((3, len(NODES)))
-    start = clip_to_half(x), clip_to_half(y), clip_to_half(scale)
+    start = _clip_to_half(x), _clip_to_half(y), _clip_to_half(scale)
     u, v, t = start
     for _ in range(2):
         lagrange_weights(u, weights_x)
@@ -178,7 +178,7 @@ def refine_position(
             xy += at * dxy
             xs += slope * dx
             ys += slope * dy
-        du, dv, dt, _ = newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
+        du, dv, dt, _ = _newton_step(gx, gy, gs, xx, yy, ss, xy, xs, ys)
         u, v, t = u + du, v + dv, t + dt
         if not max(abs(u - start[0]), abs(v - start[1]), abs(t - start[2])) < MAX_CORRECTION:
             return x, y, scale
@@ -197,7 +197,9 @@ def interpolate(
         weights_y: (3, n) the same down a column.
         columns: (3, n) takes value, slope and curvature of every column.
     """
-    columns[:] = 0
+    for i in range(3):
+        for k in range(len(samples)):
+            columns[i, k] = 0
     for j in range(len(samples)):
         w, dw, ddw = weights_y[0, j], weights_y[1, j], weights_y[2, j]
         for k in range(len(samples)):
@@ -224,7 +226,8 @@ def lagrange_weights(t: float, out: FloatArray) -> None:
     The rows are for its value, slope and curvature.
     """
     value, slope, bend = out[0], out[1], out[2]
-    out[:] = 0
+    for node in range(len(value)):
+        value[node] = slope[node] = bend[node] = 0
     for power in range(len(LAGRANGE) - 1, -1, -1):  # Horner's rule, for the derivatives too
         for node in range(len(value)):
             bend[node] = bend[node] * t + 2 * slope[node]
@@ -233,7 +236,7 @@ def lagrange_weights(t: float, out: FloatArray) -> None:
 
 
 @kernel()
-def newton_step(
+def _newton_step(
     gx: float,
     gy: float,
     gs: float,

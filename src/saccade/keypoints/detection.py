@@ -1,9 +1,9 @@
 """Keypoint detection in a scale space: the loop over octaves that SIFT and MUST share."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +20,6 @@ from saccade.scale_space import MIN_SIDE, ScaleSpace, gaussian_scale_space
 from saccade.types import Float32Array, Image, IntArray, Keypoints
 from saccade.workspace import Threads, Workspace, WorkspacePool
 
-Response: TypeAlias = Callable[[Float32Array, float], Float32Array]
-"""The (s + 2, h, w) response to the (s + 3, h, w) planes of an octave, from its spacing."""
-
 
 class ScaleSpaceDetector(ABC):
     """A detector of the extrema of a response in scale space.
@@ -36,6 +33,9 @@ class ScaleSpaceDetector(ABC):
     A detector keeps the memory that its largest image took, for the next.
     """
 
+    further_planes = 2
+    """Gaussian planes of an octave besides one for each interval."""
+
     def __init__(self, config: Any, sift: SiftConfig, threads: int | None) -> None:
         self.config = config
         self._sift = sift
@@ -45,8 +45,13 @@ class ScaleSpaceDetector(ABC):
         return f"{type(self).__name__}({self.config})"
 
     @abstractmethod
-    def _response(self, gray: Float32Array, workspace: Workspace) -> Response:
-        """The response of an (H, W) image whose extrema are keypoints."""
+    def _responses(
+        self, gray: Float32Array, space: ScaleSpace, workspace: Workspace
+    ) -> Iterator[tuple[int, Float32Array]]:
+        """The responses whose extrema are keypoints: number of an octave, and its (s + 2, h, w).
+
+        Octaves come in any order; what was given may change when the next is asked for.
+        """
 
     def _selected(self, points: Points, space: ScaleSpace) -> IntArray:
         """Indices of the points to keep, the strongest first."""
@@ -79,12 +84,17 @@ class ScaleSpaceDetector(ABC):
         with self._workspaces.workspace() as workspace:
             threads = workspace.threads
             min_side = max(MIN_SIDE, 2 * config.border + 1)
-            space = gaussian_scale_space(gray, config, min_side=min_side, workspace=workspace)
-            response, threshold = self._response(gray, workspace), self.config.contrast_threshold
-            octaves = enumerate(zip(space.octaves, space.spacing.tolist(), strict=True))
+            space = gaussian_scale_space(
+                gray,
+                config,
+                min_side=min_side,
+                further_planes=self.further_planes,
+                workspace=workspace,
+            )
+            threshold = self.config.contrast_threshold
             points = Points.concatenate(
-                scale_space_extrema(response(octave, spacing), number, config, threshold, threads)
-                for number, (octave, spacing) in octaves  # B.1, B.4-B.10
+                scale_space_extrema(responses, octave, config, threshold, threads)
+                for octave, responses in self._responses(gray, space, workspace)  # B.1, B.4-B.10
             )
             if inside is not None:
                 points = points.inside(inside, space)
@@ -109,7 +119,7 @@ def scale_space_extrema(
     return Points(
         octave=np.full(len(found.scale), octave),
         # The refinement may have left the plane of the candidate.
-        plane=np.rint(found.scale).astype(np.int64).clip(0, len(responses)),
+        plane=np.rint(found.scale).astype(np.int64).clip(0, len(responses) - 1),
         xy=found.xy,
         sigma=config.sigma(level).astype(np.float32),
         angle=np.zeros(len(found.scale), np.float32),

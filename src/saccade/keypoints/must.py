@@ -1,18 +1,18 @@
 """MUST, the multi-scale symmetry transform: interest points from local symmetry over scales."""
 
+from collections.abc import Iterator
 from functools import cache
 
 import cv2
 import numpy as np
 
-from saccade.keypoints.detection import Response, ScaleSpaceDetector
+from saccade.keypoints.detection import ScaleSpaceDetector
 from saccade.keypoints.must_config import MustConfig
 from saccade.pair_sums import PairKernel, gradients_of, isotropic_sums, pair_kernel
+from saccade.scale_space import ScaleSpace, interpolated
 from saccade.types import Float32Array
 from saccade.workspace import Workspace
 
-DENSE_SIGMA = 2.5
-"""Scale in samples from which every second pair is left out: neighboring pairs are nearly alike."""
 SOBEL_GAIN = 8
 """Response of Sobel's filters to a slope of 1 per sample."""
 
@@ -31,8 +31,9 @@ class Must(ScaleSpaceDetector):
     - *The disc grows with the scale.* Within an octave every plane has the same samples, so a disc
       of fixed size would cover smaller structures on coarser planes. Here a pair may be `radius`
       scales from its middle, and is weighted by a normal density of `falloff` scales: smooth in
-      scale, so that extrema over scales are defined. There is no hole in the middle. Where samples
-      are dense every second pair is left out.
+      scale, so that extrema over scales are defined. There is no hole in the middle.
+    - *The last two planes of an octave are the first two of the next*, interpolated: they have the
+      same scales, and a quarter of the samples.
     - *Gradients are changes over one scale and the weights of a plane add up to 1*, as Lowe's
       differences are normalized by scale, *times a power of the scale* (`scale_power`): large
       structures come first, since noise and blur destroy small ones.
@@ -56,43 +57,52 @@ class Must(ScaleSpaceDetector):
         config = config or MustConfig()
         super().__init__(config, config.sift(), threads)
 
-    def _response(self, gray: Float32Array, workspace: Workspace) -> Response:
+    def _responses(
+        self, gray: Float32Array, space: ScaleSpace, workspace: Workspace
+    ) -> Iterator[tuple[int, Float32Array]]:
         contrast = float(gray.std(dtype=np.float64))
-        return lambda octave, spacing: octave_symmetry(
-            octave, spacing, self.config, contrast, workspace
-        )
+        coarser: Float32Array | None = None
+        for number in reversed(range(len(space.octaves))):
+            coarser = octave_symmetry(space, number, self.config, contrast, coarser, workspace)
+            yield number, coarser
 
 
 def octave_symmetry(
-    octave: Float32Array,
-    spacing: float,
+    space: ScaleSpace,
+    number: int,
     config: MustConfig,
     contrast: float,
+    coarser: Float32Array | None = None,
     workspace: Workspace | None = None,
 ) -> Float32Array:
     """(s + 2, h, w) isotropic symmetry of the planes of an octave; s of them have its maxima.
 
     Args:
-        octave: (s + 3, h, w) Gaussian planes.
-        spacing: image pixels from one of its samples to the next.
+        space: the scale space of the image.
+        number: of the octave.
         config: of the detector.
         contrast: standard deviation of the image.
-        workspace: its memory takes the place of the last octave's, its threads share the planes.
+        coarser: the symmetry of the next octave, from which the last two planes are interpolated;
+            None computes them.
+        workspace: holds the result; its threads share the planes.
     """
     workspace, sift = workspace or Workspace(), config.sift()
-    symmetry = workspace.array("symmetry", 0, (config.intervals + 2, *octave.shape[1:]))
+    octave, spacing = space.octaves[number], space.spacing[number]
+    symmetry = workspace.array("symmetry", number, (config.intervals + 2, *octave.shape[1:]))
     if contrast == 0:
         symmetry[:] = 0
         return symmetry
 
     def fill(planes: slice) -> None:
         for i in range(planes.start, planes.stop):
+            if coarser is not None and i >= config.intervals:
+                origin = (space.origin[number + 1] - space.origin[number]) / spacing
+                symmetry[i] = interpolated(coarser[i - config.intervals], origin, octave.shape[1:])
+                continue
             sigma = sift.sigma(float(i))  # samples
             gain = config.gain * sigma / (SOBEL_GAIN * contrast)
             gradients = gradients_of(octave[i], gain, cv2.BORDER_REFLECT_101)
-            pairs = pairs_in_disc(
-                config.radius * sigma, config.falloff * sigma, sigma > DENSE_SIGMA
-            )
+            pairs = pairs_in_disc(config.radius * sigma, config.falloff * sigma)
             sums = isotropic_sums([gradients], pairs)
             np.multiply(sums, np.float32((spacing * sigma) ** config.scale_power), out=symmetry[i])
 
@@ -101,19 +111,16 @@ def octave_symmetry(
 
 
 @cache
-def pairs_in_disc(radius: float, sigma: float, every_second: bool) -> PairKernel:
+def pairs_in_disc(radius: float, sigma: float) -> PairKernel:
     """The pairs within a radius of their middle; their weights add up to 1.
 
     Args:
         radius: in samples.
         sigma: of the normal density that weights them by that distance.
-        every_second: take one of two, in a checkerboard pattern.
     """
     pairs = pair_kernel(1, max(1, int(radius)), 2 * sigma)
     distance = np.hypot(*pairs.offsets.T)
     kept = distance <= max(radius, 1)
-    if every_second and radius >= 2:
-        kept &= pairs.offsets.sum(axis=1) % 2 == 0
     weights = np.exp((distance[kept].min() ** 2 - distance[kept] ** 2) / (2 * sigma**2))
     weights /= weights.sum()
     return PairKernel(pairs.offsets[kept], pairs.directions[kept], weights.astype(np.float32))

@@ -16,9 +16,9 @@ class MustConfig:
     """-1 begins at the scales of a doubled image; 0 at those of the image."""
     octaves: int | None = None
     """Maximum number of octaves; None for as many as the image has room for."""
-    intervals: int = 3
+    intervals: int = 2
     """s, intervals per octave."""
-    base_sigma: float = 2.6
+    base_sigma: float = 3.2
     """Blur of the first plane of an octave, in samples of a grid twice as dense as its own."""
     radius: float = 2.5
     """The largest distance of a pair from its middle, in scales of the plane."""

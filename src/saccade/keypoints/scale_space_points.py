@@ -108,8 +108,8 @@ def locate(keypoints: Keypoints, space: ScaleSpace, config: ScaleSpaceConfig) ->
     fits = (own >= 0) & (own <= last) & (plane >= 0) & (plane <= intervals + extra + 1)
     nearest = np.floor((level - config.extra_intervals - 0.5) / intervals)
     octave = np.where(fits, own, nearest.clip(0, last).astype(np.int64))
-    extra = config.extra_intervals * (octave == 0)
-    plane = np.rint(level - config.first_level(octave)).clip(0, intervals + extra + 2)
+    last_plane = np.array([len(planes) - 1 for planes in space.octaves])[octave]
+    plane = np.rint(level - config.first_level(octave)).clip(0, last_plane)
     spacing = space.spacing[octave]
     return Points(
         octave=octave,

@@ -1,5 +1,6 @@
 """The Scale-Invariant Feature Transform (section B.1)."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,15 @@ import numpy as np
 from saccade.errors import ImageError
 from saccade.image import as_gray
 from saccade.keypoints.descriptor import describe_points
-from saccade.keypoints.detection import Response, ScaleSpaceDetector, oriented
+from saccade.keypoints.detection import ScaleSpaceDetector, oriented
 from saccade.keypoints.scale_space_points import check_keypoints, locate
 from saccade.keypoints.sift_config import SiftConfig
-from saccade.scale_space import MIN_SIDE, difference_of_gaussians, gaussian_scale_space
+from saccade.scale_space import (
+    MIN_SIDE,
+    ScaleSpace,
+    difference_of_gaussians,
+    gaussian_scale_space,
+)
 from saccade.types import Float32Array, Image, Keypoints
 from saccade.workspace import Workspace
 
@@ -25,12 +31,17 @@ class Sift(ScaleSpaceDetector):
     Source: Lowe (2004); Kootstra (2010), equations B.1-B.12.
     """
 
+    further_planes = 3
+
     def __init__(self, config: SiftConfig | None = None, threads: int | None = None) -> None:
         config = config or SiftConfig.recommended()
         super().__init__(config, config, threads)
 
-    def _response(self, gray: Float32Array, workspace: Workspace) -> Response:
-        return lambda octave, _spacing: difference_of_gaussians(octave, workspace)  # B.1
+    def _responses(
+        self, gray: Float32Array, space: ScaleSpace, workspace: Workspace
+    ) -> Iterator[tuple[int, Float32Array]]:
+        for number, octave in enumerate(space.octaves):
+            yield number, difference_of_gaussians(octave, workspace)  # B.1
 
     def describe(self, image: Image, keypoints: Keypoints, *, orient: bool = False) -> Keypoints:
         """Describe keypoints from anywhere: another detector, a grid, an earlier image.

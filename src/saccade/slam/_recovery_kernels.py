@@ -102,7 +102,7 @@ def leaves_out(
     expected, S = np.empty((count, 2)), np.empty((count, 2, 2))
     predict_observations(f, landmark, expected, S)
     density, least = np.empty((len(z), count)), np.empty(len(z))
-    view = 2 * pi * max(values[REACH], z[:, 0].max())
+    view = 2 * pi * _reach(evidence, z)
     _fill_densities(expected, S, z, R, rule.gate, values[SCALE], view, density, least)
     for k in range(len(z)):
         if 0 <= association[k] < N:
@@ -116,7 +116,7 @@ def leaves_out(
     explained = _explained(density, p, owner)
     value = _evidence(evidence, density, p, owner, association, N, view)
     room = np.full(len(z), MAX_UNEXPLAINED)
-    rarity = log((values[CLUTTER] + p.sum()) / values[CLUTTER])
+    rarity = log((values[CLUTTER] + _total(p)) / values[CLUTTER])
     for k in range(len(z)):
         if explained[k]:
             room[k] = 0.0
@@ -125,12 +125,13 @@ def leaves_out(
     values[LATEST] = max(_limited(f, evidence, z, R, rule.gate, room, value), -MAX_EVIDENCE)
     values[TOTAL] = max(values[TOTAL] + values[LATEST], 0.0)
     if values[TOTAL] == 0.0:
-        evidence.points[:, EVIDENCE] = 0.0
+        for i in range(POINTS):
+            evidence.points[i, EVIDENCE] = 0.0
     named, contradictions = 0, 0
     for k in range(len(z)):
         if 0 <= association[k] < N:
             named += 1
-            contradictions += density[k].sum() == 0.0
+            contradictions += _total(density[k]) == 0.0
     enough = contradictions >= CONTRADICTIONS if named > 0 else values[TOTAL] >= PATIENCE
     if values[LATEST] >= LEFT_OUT and enough:
         values[SKIPPED] = 1.0
@@ -143,7 +144,7 @@ def leaves_out(
     return False
 
 
-@kernel()
+@kernel(inline=True)
 def _explained(density: FloatArray, p: FloatArray, owner: IntArray) -> BoolArray:
     """Fill the observation (c,) of each landmark; returns which observations (k,) have one.
 
@@ -163,7 +164,7 @@ def _explained(density: FloatArray, p: FloatArray, owner: IntArray) -> BoolArray
     return explained
 
 
-@kernel()
+@kernel(inline=True)
 def _learn(
     values: FloatArray, p: FloatArray, owner: IntArray, explained: BoolArray, least: FloatArray
 ) -> None:
@@ -174,17 +175,19 @@ def _learn(
         variance += p[j] * (1 - p[j])
     values[SQUARES] += (misses * misses - values[SQUARES]) / SCAN_MEMORY
     values[VARIANCE] += (variance - values[VARIANCE]) / SCAN_MEMORY
+    unexplained = 0
     for k in range(len(explained)):
         if explained[k]:
             values[SCALE] += (least[k] / 2 - values[SCALE]) / SCALE_MEMORY
+        else:
+            unexplained += 1
     values[SCALE] = max(values[SCALE], 1.0)
-    unexplained = len(explained) - explained.sum()
     values[CLUTTER] += (unexplained - values[CLUTTER]) / SCAN_MEMORY
     values[CLUTTER] = max(values[CLUTTER], RAREST)
     values[SQUARES] = max(values[SQUARES], RAREST)
 
 
-@kernel()
+@kernel(inline=True)
 def _landmarks_in_view(
     f: FilterState,
     evidence: LostEvidence,
@@ -198,9 +201,7 @@ def _landmarks_in_view(
 
     Returns how many.
     """
-    s, r, reach, count = f.state, f.robot_size, evidence.values[REACH], 0
-    for k in range(len(z)):
-        reach = max(reach, z[k, 0])
+    s, r, reach, count = f.state, f.robot_size, _reach(evidence, z), 0
     for i in range(f.counts[LANDMARKS]):
         is_named = False
         for k in association:
@@ -222,7 +223,7 @@ def _landmarks_in_view(
     return count
 
 
-@kernel()
+@kernel(inline=True)
 def _fill_densities(
     expected: FloatArray,
     S: FloatArray,
@@ -251,7 +252,7 @@ def _fill_densities(
                 least[k] = min(least[k], square)
 
 
-@kernel()
+@kernel(inline=True)
 def _evidence(
     evidence: LostEvidence,
     density: FloatArray,
@@ -269,12 +270,15 @@ def _evidence(
     landmarks count as far as misses were independent so far: what hides one may hide many.
     """
     total, misses, values = 0.0, 0.0, evidence.values
+    clutter, expected = values[CLUTTER], _total(p)
     for k in range(len(density)):
         if 0 <= association[k] < landmarks:
-            value = -log(WRONG_NAME + (1 - WRONG_NAME) * view * density[k].sum())
+            value = -log(WRONG_NAME + (1 - WRONG_NAME) * view * _total(density[k]))
         else:
-            clutter, known = values[CLUTTER], view * (p * density[k]).sum()
-            value = -log((clutter + known) / (clutter + p.sum()))
+            known = 0.0
+            for j in range(len(p)):
+                known += p[j] * density[k, j]
+            value = -log((clutter + view * known) / (clutter + expected))
         total += min(value, MAX_UNEXPLAINED)
     for j in range(len(p)):
         missed = 1.0 if owner[j] < 0 else 0.0
@@ -282,7 +286,7 @@ def _evidence(
     return float(total + misses * min(1.0, values[VARIANCE] / values[SQUARES]))
 
 
-@kernel()
+@kernel(inline=True)
 def _limited(
     f: FilterState,
     evidence: LostEvidence,
@@ -298,7 +302,9 @@ def _limited(
     """
     s, points = f.state, evidence.points
     row = np.empty(len(z), np.int64)
-    for k in np.flatnonzero(room):
+    for k in range(len(room)):
+        if room[k] == 0:
+            continue
         x, y = s[0] + z[k, 0] * cos(s[2] + z[k, 1]), s[1] + z[k, 0] * sin(s[2] + z[k, 1])
         variance = R[k, 0, 0] + z[k, 0] * z[k, 0] * R[k, 1, 1]
         least = inf
@@ -307,18 +313,23 @@ def _limited(
             if points[i, EVIDENCE] > 0 and square < least:
                 row[k], least = i, square
         if least > 2 * gate * variance:
-            row[k] = points[:, EVIDENCE].argmin()
+            row[k] = 0
+            for i in range(len(points)):
+                if points[i, EVIDENCE] < points[row[k], EVIDENCE]:
+                    row[k] = i
             points[row[k], EVIDENCE] = TINY
         points[row[k], 0], points[row[k], 1] = x, y
         room[k] = min(room[k], max(SIGHTINGS * room[k] - points[row[k], EVIDENCE], 0.0))
-    limited = min(value, room.sum(), MAX_EVIDENCE)
+    total = _total(room)
+    limited = min(value, total, MAX_EVIDENCE)
     if limited > 0:
-        for k in np.flatnonzero(room):
-            points[row[k], EVIDENCE] += limited * room[k] / room.sum()
+        for k in range(len(room)):
+            if room[k] > 0:
+                points[row[k], EVIDENCE] += limited * room[k] / total
     return float(limited)
 
 
-@kernel()
+@kernel(inline=True)
 def _count(evidence: LostEvidence, cell: IntArray, observed: bool) -> None:
     """Count a landmark that was expected in a cell (2,)."""
     i, k = cell[0], cell[1]
@@ -327,3 +338,21 @@ def _count(evidence: LostEvidence, cell: IntArray, observed: bool) -> None:
         evidence.observed[i, k] /= 2
     evidence.expected[i, k] += 1
     evidence.observed[i, k] += observed
+
+
+@kernel()
+def _reach(evidence: LostEvidence, z: FloatArray) -> float:
+    """Metres to the most distant landmark observed, in the scan z (k, 2) or before."""
+    reach = float(evidence.values[REACH])
+    for k in range(len(z)):
+        reach = max(reach, z[k, 0])
+    return reach
+
+
+@kernel()
+def _total(values: FloatArray) -> float:
+    """Sum of (n,) values, in their order."""
+    total = 0.0
+    for i in range(len(values)):
+        total += values[i]
+    return total

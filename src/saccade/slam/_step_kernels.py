@@ -6,7 +6,7 @@ import numpy as np
 
 from saccade._jit import Bound, kernel
 from saccade.slam._recovery_kernels import LostEvidence, LostRule, leaves_out
-from saccade.slam.association._kernels import DROPPED, NEW, Gates, associate_nearest
+from saccade.slam.association._kernels import DROPPED, NEW, Gates, _associate_nearest
 from saccade.slam.association._name_kernels import NameGates, associate_named
 from saccade.slam.association._name_table_kernels import STALE, NameTable, keep_named, may_cull
 from saccade.slam.filter._range_bearing_kernels import (
@@ -123,7 +123,7 @@ def take_steps(bound: Bound, end: int) -> bool:
     return True
 
 
-@kernel()
+@kernel(inline=True)
 def _take_step(
     f: FilterState,
     w: Scratch,
@@ -154,7 +154,8 @@ def _take_step(
         if rules.lost.enabled and end > start:
             named = known_landmarks(s, rules, names, start, end)
             if leaves_out(f, evidence, rules.lost, z, R, confirmed, named):
-                association[:] = -1
+                for k in range(end - start):
+                    association[k] = -1
                 write_pose(f, w, out.pose[i], out.covariance[i])
                 s.position[0], s.position[1] = i + 1, -1
                 return False
@@ -164,7 +165,7 @@ def _take_step(
                 f, w, names, rules.names, rules.gates, confirmed, z, R, name, association, refused
             )
         elif rules.nearest and end > start:
-            associate_nearest(f, z, R, rules.gates, association[:0], confirmed, association)
+            _associate_nearest(f, z, R, rules.gates, association[:0], confirmed, association)
         if not rules.adds:
             drop_new(names, association, f.counts[LANDMARKS])
         for k in range(start, end):
@@ -212,7 +213,7 @@ def known_landmarks(s: Steps, rules: Rules, names: NameTable, start: int, end: i
     return landmark
 
 
-@kernel()
+@kernel(inline=True)
 def drop_new(names: NameTable, association: IntArray, landmarks: int) -> None:
     """Drop observations (m,) of none of so many landmarks, and names of none."""
     for k in range(len(names.landmark)):

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from saccade.errors import ConfigError, LogError
 from saccade.files import atomic_write
 from saccade.formats import FORMATS
-from saccade.npz import read_arrays
+from saccade.npz import read_arrays, save_arrays
 
 FORMAT = FORMATS["checkpoint"]
 """Of the file; another one is not read."""
@@ -122,7 +122,7 @@ class Checkpoint:
             arrays[name] = np.array(value)
         arrays["checksum"] = np.array(checksum(arrays))
         with atomic_write(self.path) as temporary:
-            np.savez(temporary, allow_pickle=False, **arrays)
+            save_arrays(temporary, arrays, compressed=False)
         self.step = step
         self._last = time.monotonic()
 

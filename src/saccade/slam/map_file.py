@@ -14,7 +14,7 @@ import numpy as np
 from saccade.errors import LogError
 from saccade.files import atomic_write, one_line
 from saccade.formats import FORMATS, check_format
-from saccade.npz import read_arrays
+from saccade.npz import read_arrays, save_arrays
 from saccade.slam.checkpoint import Arrays, checksum
 from saccade.slam.config import EkfConfig
 
@@ -50,7 +50,7 @@ def write_map(path: str | Path, saved: SavedMap) -> None:
     }
     arrays["checksum"] = np.array(checksum(arrays))
     with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
+        save_arrays(file, arrays, compressed=False)
 
 
 def read_map(path: str | Path) -> SavedMap:

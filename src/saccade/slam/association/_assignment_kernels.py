@@ -38,9 +38,16 @@ def best_assignments(
         pair: (k, m) is filled; -1 for none.
     """
     m = len(first) - 1
-    cost[:], pair[:] = np.inf, -1
-    next_pair, chosen = first[:-1].copy(), np.full(m, -1)
-    used = np.zeros(landmark.max() + 1, np.bool_)
+    for k in range(len(cost)):
+        cost[k] = np.inf
+        for i in range(m):
+            pair[k, i] = -1
+    next_pair, chosen, landmarks = np.empty(m, np.int64), np.full(m, -1), 0
+    for i in range(m):
+        next_pair[i] = first[i]
+    for p in range(len(landmark)):
+        landmarks = max(landmarks, landmark[p] + 1)
+    used = np.zeros(landmarks, np.bool_)
     L, white = np.zeros((2 * m, 2 * m)), np.zeros(2 * m)
     total, pairs = np.zeros(m + 1), np.zeros(m + 1, np.int64)
     tried, i = 0, 0
@@ -81,10 +88,12 @@ def _insert(cost: FloatArray, pair: IntArray, total: float, chosen: IntArray) ->
     k = len(cost) - 1
     while k > 0 and cost[k - 1] > total:
         cost[k] = cost[k - 1]
-        pair[k] = pair[k - 1]
+        for i in range(len(chosen)):
+            pair[k, i] = pair[k - 1, i]
         k -= 1
     cost[k] = total
-    pair[k] = chosen
+    for i in range(len(chosen)):
+        pair[k, i] = chosen[i]
 
 
 @kernel()

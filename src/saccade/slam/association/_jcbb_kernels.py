@@ -43,7 +43,8 @@ def branch_and_bound(
         if i == m:
             if pairs[m] > max_pairs or (pairs[m] == max_pairs and total[m] < min_total):
                 max_pairs, min_total = int(pairs[m]), float(total[m])
-                best[:] = chosen
+                for k in range(m):
+                    best[k] = chosen[k]
             i -= 1
             continue
         if chosen[i] >= 0:

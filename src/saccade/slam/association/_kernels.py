@@ -147,7 +147,7 @@ def prefilter_landmarks(
 
 
 @kernel()
-def associate_nearest(
+def _associate_nearest(
     f: FilterState,
     z: FloatArray,
     R: FloatArray,
@@ -235,7 +235,8 @@ def pair_nearest_first(distance: FloatArray, gate: float, paired: IntArray) -> N
     Pairs over the gate are not made; a row without one is `DROPPED`.
     """
     used = np.zeros(distance.shape[1], np.bool_)
-    paired[:] = DROPPED
+    for i in range(len(paired)):
+        paired[i] = DROPPED
     while True:
         least, row, column = inf, -1, -1
         for i in range(len(distance)):

@@ -9,7 +9,7 @@ from saccade._jit import kernel
 from saccade.slam.association._kernels import (
     DROPPED,
     Gates,
-    associate_nearest,
+    _associate_nearest,
     predict_observations,
     squared_distance,
 )
@@ -83,22 +83,38 @@ def associate_named(
 
     Fills the landmark of each observation, or `NEW` or `DROPPED`, and whether its name was refused.
     """
-    table.counts[UNNAMED] += (name < 0).sum()
-    if (name < 0).all():
-        associate_nearest(f, z, R, gates, association[:0], confirmed, association)
+    unnamed = 0
+    for i in range(len(name)):
+        unnamed += name[i] < 0
+    table.counts[UNNAMED] += unnamed
+    if unnamed == len(name):
+        _associate_nearest(f, z, R, gates, association[:0], confirmed, association)
         return
-    seen = compare_scan(f, w, table, z, R, name)
+    seen = _compare_scan(f, w, table, z, R, name)
     judge_names(f, table, name_gates.gate, seen, name, association, refused)
-    rest = np.flatnonzero(association == UNDECIDED)
-    if len(rest) > 0:
-        near = np.empty(len(rest), np.int64)
-        taken = association[association >= 0]
-        associate_nearest(f, z[rest], R[rest], gates, taken, confirmed, near)
+    m = len(name)
+    rest, taken, num_rest, num_taken = np.empty(m, np.int64), np.empty(m, np.int64), 0, 0
+    rest_z, rest_R = np.empty((m, 2)), np.empty((m, 2, 2))
+    for i in range(m):
+        if association[i] >= 0:
+            taken[num_taken] = association[i]
+            num_taken += 1
+        elif association[i] == UNDECIDED:
+            for j in range(2):
+                rest_z[num_rest, j] = z[i, j]
+                for k in range(2):
+                    rest_R[num_rest, j, k] = R[i, j, k]
+            rest[num_rest] = i
+            num_rest += 1
+    if num_rest > 0:
+        rest, near = rest[:num_rest], np.empty(num_rest, np.int64)
+        z, R = rest_z[:num_rest], rest_R[:num_rest]
+        _associate_nearest(f, z, R, gates, taken[:num_taken], confirmed, near)
         settle_names(f, table, rest, near, name, association, refused)
 
 
 @kernel()
-def compare_scan(
+def _compare_scan(
     f: FilterState, w: Scratch, table: NameTable, z: FloatArray, R: FloatArray, name: IntArray
 ) -> NamedScan:
     """Compare a scan of ranges and bearings with the landmarks that its names say."""
@@ -160,12 +176,13 @@ def judge_names(
         else:
             num_accepted += 1
             table.counts[STREAK] = 0
-    believed = np.zeros(m, np.bool_)
+    believed, any_believed = np.zeros(m, np.bool_), False
     for i in range(m):
         believed[i] = refused[i] and _is_believed(
             f, table, name[i], seen.nis[i], num_accepted, start
         )
-    if believed.any():
+        any_believed = any_believed or believed[i]
+    if any_believed:
         table.counts[BELIEVED] = table.counts[CLOCK] + WINDOW
     elif num_accepted > 0:
         table.counts[BELIEVED] = -1
@@ -180,7 +197,7 @@ def judge_names(
             table.votes[k] = 0
 
 
-@kernel()
+@kernel(inline=True)
 def _num_closing(table: NameTable, seen: NamedScan, name: IntArray, refused: BoolArray) -> int:
     """Number of observations of a scan that close a loop if their names are right."""
     count = 0
@@ -191,7 +208,7 @@ def _num_closing(table: NameTable, seen: NamedScan, name: IntArray, refused: Boo
     return count
 
 
-@kernel()
+@kernel(inline=True)
 def _is_repeated(table: NameTable, k: int) -> bool:
     """Count an observation of name k that closes a loop by itself; whether there are enough."""
     clock = table.counts[CLOCK]
@@ -202,7 +219,7 @@ def _is_repeated(table: NameTable, k: int) -> bool:
     return bool(table.closings[k] >= JOINT)
 
 
-@kernel()
+@kernel(inline=True)
 def _is_duplicate(f: FilterState, table: NameTable, seen: NamedScan, i: int, k: int) -> bool:
     """Whether a landmark with a better known name is where the one named k is.
 
@@ -212,12 +229,12 @@ def _is_duplicate(f: FilterState, table: NameTable, seen: NamedScan, i: int, k: 
     for j in range(len(table.landmark)):
         a, b = table.landmark[k], table.landmark[j]
         known = b >= 0 and b != a and table.accepted[j] >= ESTABLISHED
-        if known and distances_agree(f, a, b, xy, C, xy, C):
+        if known and _distances_agree(f, a, b, xy, C, xy, C):
             return True
     return False
 
 
-@kernel()
+@kernel(inline=True)
 def _remember(table: NameTable, seen: NamedScan, i: int, k: int) -> None:
     """Note the refused observation i of name k."""
     v, w = seen.xy[i, 0] - table.xy[k, 0], seen.xy[i, 1] - table.xy[k, 1]
@@ -227,11 +244,14 @@ def _remember(table: NameTable, seen: NamedScan, i: int, k: int) -> None:
         table.votes[k] += 1
     else:
         table.votes[k], table.since[k], table.target[k] = 1, table.counts[CLOCK], UNDECIDED
-    table.xy[k], table.covariance[k] = seen.xy[i], seen.covariance[i]
+    for j in range(2):
+        table.xy[k, j] = seen.xy[i, j]
+        for n in range(2):
+            table.covariance[k, j, n] = C[j, n]
     table.refused_at[k] = table.counts[CLOCK]
 
 
-@kernel()
+@kernel(inline=True)
 def _is_believed(
     f: FilterState, table: NameTable, k: int, nis: float, num_accepted: int, scan_start: int
 ) -> bool:
@@ -251,7 +271,7 @@ def _is_believed(
         recent = table.votes[j] > 0 and table.refused_at[j] > first and table.landmark[j] >= 0
         if j == k or not recent or table.accepted[j] < ESTABLISHED:
             continue
-        if distances_agree(
+        if _distances_agree(
             f,
             table.landmark[k],
             table.landmark[j],
@@ -273,7 +293,7 @@ def _is_believed(
     return bool(table.counts[STREAK] >= enough and contradicting == 0)
 
 
-@kernel()
+@kernel(inline=True)
 def _refuse_inconsistent(
     f: FilterState, table: NameTable, seen: NamedScan, name: IntArray, refused: BoolArray
 ) -> None:
@@ -296,7 +316,7 @@ def _refuse_inconsistent(
                 continue
             a, b = table.landmark[a], table.landmark[b]
             if a >= 0 and b >= 0 and a != b:
-                conflicts[i, j] = conflicts[j, i] = not distances_agree(
+                conflicts[i, j] = conflicts[j, i] = not _distances_agree(
                     f,
                     a,
                     b,
@@ -305,20 +325,25 @@ def _refuse_inconsistent(
                     seen.xy[j],
                     seen.covariance[j],
                 )
+    count = np.empty(m, np.int64)
     while True:
-        count = conflicts.sum(1)
-        most = count.max()
+        most = 0
+        for i in range(m):
+            count[i] = 0
+            for j in range(m):
+                count[i] += conflicts[i, j]
+            most = max(most, count[i])
         if most == 0:
             return
         for i in range(m):
             if count[i] == most:
                 refused[i] = True
-                conflicts[i, :] = False
-                conflicts[:, i] = False
+                for j in range(m):
+                    conflicts[i, j] = conflicts[j, i] = False
 
 
 @kernel()
-def distances_agree(
+def _distances_agree(
     f: FilterState,
     a: int,
     b: int,
@@ -343,7 +368,7 @@ def distances_agree(
     return bool((observed - mapped) ** 2 <= PAIR_GATE * variance)
 
 
-@kernel()
+@kernel(inline=True)
 def _relative_variance(f: FilterState, a: int, b: int, ux: float, uy: float) -> float:
     """Variance of the difference of two landmarks of the map along a direction."""
     r, P = f.robot_size, f.P

@@ -106,7 +106,7 @@ def settle_names(
                 association[i] = j
 
 
-@kernel()
+@kernel(inline=True)
 def _moves(table: NameTable, k: int, j: int) -> bool:
     """Whether name k moves to landmark j, or to a new one for `NEW`."""
     if table.votes[k] < min(table.accepted[k] + 1, TRUSTED):
@@ -118,7 +118,7 @@ def _moves(table: NameTable, k: int, j: int) -> bool:
     return True
 
 
-@kernel()
+@kernel(inline=True)
 def _move(table: NameTable, k: int, j: int) -> None:
     """Give name k to landmark j; the one before is removed if few observations made it."""
     old = table.landmark[k]
@@ -134,10 +134,13 @@ def _move(table: NameTable, k: int, j: int) -> None:
 @kernel()
 def _is_named(table: NameTable, j: int) -> bool:
     """Whether landmark j has a name."""
-    return bool((table.landmark == j).any())
+    named = False
+    for n in range(len(table.landmark)):
+        named = named or table.landmark[n] == j
+    return bool(named)
 
 
-@kernel()
+@kernel(inline=True)
 def may_cull(table: NameTable) -> bool:
     """Whether there may be a landmark without a name; the others are not culled.
 
@@ -146,10 +149,13 @@ def may_cull(table: NameTable) -> bool:
     return bool(table.counts[UNNAMED] > 0)
 
 
-@kernel()
+@kernel(inline=True)
 def keep_named(table: NameTable, culled: BoolArray) -> bool:
     """Take landmarks with a name out of the `culled` (n,); returns whether any is left."""
     for j in table.landmark:
         if 0 <= j < len(culled):
             culled[j] = False
-    return bool(culled.any())
+    left = False
+    for i in range(len(culled)):
+        left = left or culled[i]
+    return bool(left)

@@ -17,7 +17,7 @@ from math import sin, sqrt
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.filter._row_kernels import add_product, add_two_rows, scale_and_add
+from saccade.slam.filter._row_kernels import _add_product, _add_two_rows, _scale_and_add
 from saccade.slam.filter._state_kernels import (
     CACHED,
     DOWNDATES,
@@ -53,7 +53,7 @@ def squared_norm(x: float, y: float) -> float:
 
 
 @kernel()
-def sandwich(
+def _sandwich(
     A: FloatArray,
     C: FloatArray,
     noise: FloatArray,
@@ -102,18 +102,18 @@ def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: Flo
         for i in range(r):
             covariance[i] += Q[i, 2]
         _add_heading_noise(f, turn, covariance[2] - before)
-    sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.6, Pxx
+    _sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.6, Pxx
     for i in range(r):
-        scale_and_add(old[i, r:n], 0.0, 1.0, P[i, r:n])
+        _scale_and_add(old[i, r:n], 0.0, 1.0, P[i, r:n])
     for i in range(r):
         row = P[i, r:n]
         if f.error_state == INVARIANT:
-            scale_and_add(row, G[i, i], -covariance[i], a[r:n])
+            _scale_and_add(row, G[i, i], -covariance[i], a[r:n])
         elif G[i, i] != 1:
-            scale_and_add(row, G[i, i], 0.0, row)
+            _scale_and_add(row, G[i, i], 0.0, row)
         for k in range(r):
             if k != i and G[i, k] != 0:
-                scale_and_add(row, 1.0, G[i, k], old[k, r:n])  # C.6, Pxm
+                _scale_and_add(row, 1.0, G[i, k], old[k, r:n])  # C.6, Pxm
         f.state[i] = moved[i]  # C.5
     a[0] = a[1] = 0.0
 
@@ -134,19 +134,19 @@ def _add_heading_noise(f: FilterState, turn: FloatArray, variance: float) -> Non
     if variance <= 0:
         return
     root, coupled = sqrt(variance), False
-    scale_and_add(y, 0.0, root, a)
+    _scale_and_add(y, 0.0, root, a)
     for k in range(r):
         if turn[k] != 0:
-            scale_and_add(x, 1.0 if coupled else 0.0, turn[k] / root, f.P[k, r:n])
+            _scale_and_add(x, 1.0 if coupled else 0.0, turn[k] / root, f.P[k, r:n])
             coupled = True
     if coupled:
-        scale_and_add(y, 1.0, -1.0, x)
+        _scale_and_add(y, 1.0, -1.0, x)
         _add_to_blocks(f, x, -1.0)
         f.counts[DOWNDATES] += 1
         f.mergeable_variance[0] = 0.0
     _add_to_blocks(f, y, 1.0)
     if f.mergeable_variance[0] > 0:
-        scale_and_add(
+        _scale_and_add(
             f.updates[f.counts[UPDATES] - 1, r:n],
             sqrt(1 + variance / f.mergeable_variance[0]),
             0.0,
@@ -201,7 +201,7 @@ def update(
     _downdate_blocks(f, V)
     x, y = V[0, :n], V[1, :n]
     for i in range(r):
-        add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
+        _add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
     f.counts[DOWNDATES] += 2
     retract(f, first, second, V)
     f.heading_variance[1] = P[2, 2]
@@ -226,8 +226,8 @@ def prepare_update(
     terms that it is the sum of is rounding.
     """
     q, C = f.robot_size + 2, w.C
-    joint_covariance(f, m, C)
-    sandwich(H, C, noise, scale, S, (2, q))
+    _joint_covariance(f, m, C)
+    _sandwich(H, C, noise, scale, S, (len(S), q))
     s0, s1 = 0.0, 0.0
     for i in range(q):
         deviation = sqrt(abs(C[i, i]))
@@ -250,7 +250,7 @@ def prepare_update(
 
 
 @kernel()
-def joint_covariance(f: FilterState, m: int, C: FloatArray) -> None:
+def _joint_covariance(f: FilterState, m: int, C: FloatArray) -> None:
     """Fill the covariance (r + 2, r + 2) of eta of the robot and of the landmark at row m."""
     r, P, blocks = f.robot_size, f.P, f.blocks[(m - f.robot_size) // 2]
     for i in range(r):
@@ -269,19 +269,19 @@ def _observed_rows(f: FilterState, m: int, D: FloatArray, V: FloatArray) -> None
     base = 2 * _cached_rows(f, m)
     for k in range(2):
         v, first, second = V[k, :n], D[k, r], D[k, r + 1]
-        scale_and_add(v, 0.0, D[k, 0], P[0, :n])
-        add_two_rows(v, D[k, 1], P[1, :n], D[k, 2], P[2, :n])
+        _scale_and_add(v, 0.0, D[k, 0], P[0, :n])
+        _add_two_rows(v, D[k, 1], P[1, :n], D[k, 2], P[2, :n])
         for i in range(3, r):
             if D[k, i] != 0:
-                scale_and_add(v, 1.0, D[k, i], P[i, :n])
+                _scale_and_add(v, 1.0, D[k, i], P[i, :n])
         for i in range(r):
             v[i] += first * P[i, m] + second * P[i, m + 1]
-        add_two_rows(v[r:], first, f.cached_rows[base, r:n], second, f.cached_rows[base + 1, r:n])
-    add_product(V, D, r, m, -1.0, f.downdates, f.counts[DOWNDATES], n)
-    add_product(V, D, r, m, 1.0, f.updates, f.counts[UPDATES], n)
+        _add_two_rows(v[r:], first, f.cached_rows[base, r:n], second, f.cached_rows[base + 1, r:n])
+    _add_product(V, D, r, m, -1.0, f.downdates, f.counts[DOWNDATES], n)
+    _add_product(V, D, r, m, 1.0, f.updates, f.counts[UPDATES], n)
 
 
-@kernel()
+@kernel(inline=True)
 def _cached_rows(f: FilterState, m: int) -> int:
     """Index of the pair of `FilterState.cached_rows` that holds rows m and m + 1 of P.
 
@@ -300,8 +300,8 @@ def _cached_rows(f: FilterState, m: int) -> int:
             first[j], second[j] = P[j, m], P[j, m + 1]
         first[m], first[m + 1] = P[m, m], P[m, m + 1]
         second[m], second[m + 1] = P[m, m + 1], P[m + 1, m + 1]
-        scale_and_add(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
-        scale_and_add(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
+        _scale_and_add(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
+        _scale_and_add(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
         f.cached_pair[i] = f.counts[CACHED]
         f.counts[CACHED] += 1
     return int(f.cached_pair[i])

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import (
+    _joint_covariance,
+    _sandwich,
     augment,
-    joint_covariance,
     predict,
-    sandwich,
     update,
     wrapped,
 )
@@ -74,7 +74,7 @@ def predict_by_control(
             for j in range(c):
                 Fx[i, 3 + k] += Fu[i, j] * D[j, k]
     moved[0], moved[1], moved[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[c - 1])
-    sandwich(Fu, U, Fx, 0.0, Q, (r, c))
+    _sandwich(Fu, U, Fx, 0.0, Q, (r, c))
     predict(f, w, moved, Fx, Q)
 
 
@@ -127,7 +127,7 @@ def linearize_range_bearing(
         _add_second_order(f, w, m, q, v)
 
 
-@kernel()
+@kernel(inline=True)
 def _add_second_order(f: FilterState, w: Scratch, m: int, q: float, v: FloatArray) -> None:
     """Subtract the mean of the second-order terms from v (2,), and add their covariance to w.R.
 
@@ -137,7 +137,7 @@ def _add_second_order(f: FilterState, w: Scratch, m: int, q: float, v: FloatArra
     the axes of the map y stands in the place of x (Jazwinski 1970, Gaussian second-order filter).
     """
     r, C, H, noise, D = f.robot_size, w.C, w.H, w.R, w.second_order
-    joint_covariance(f, m, C)
+    _joint_covariance(f, m, C)
     for i in range(3):
         for j in range(i + 1):
             total = 0.0
@@ -190,7 +190,7 @@ def update_scan(
     return k
 
 
-@kernel()
+@kernel(inline=True)
 def expected_observation(f: FilterState, landmark: int) -> tuple[float, float]:
     """Range and bearing of a landmark (C.14); zero within `MIN_RANGE`."""
     m = f.robot_size + 2 * landmark
@@ -207,7 +207,7 @@ def inverse_observe(
     Gz = w.Gz
     _inverse_jacobian(f.state, z, Gz)
     xy[0], xy[1] = f.state[0] + z[0] * Gz[0, 0], f.state[1] + z[0] * Gz[1, 0]
-    sandwich(Gz, R, R, 0.0, C, (2, 2))
+    _sandwich(Gz, R, R, 0.0, C, (len(xy), len(xy)))
 
 
 @kernel()
@@ -235,7 +235,7 @@ def augment_range_bearing(f: FilterState, w: Scratch, z: FloatArray, R: FloatArr
     augment(f, w, xy, Gx, noise)
 
 
-@kernel()
+@kernel(inline=True)
 def _inverse_jacobian(s: FloatArray, z: FloatArray, Gz: FloatArray) -> None:
     """Fill the Jacobian (2, 2) of an observed point's position by z (C.18)."""
     c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
@@ -252,4 +252,4 @@ def write_pose(f: FilterState, w: Scratch, pose: FloatArray, covariance: FloatAr
             F[i, k] = 1.0 if i == k else 0.0
     if f.error_state == INVARIANT:
         F[0, 2], F[1, 2] = f.heading_lever[0], f.heading_lever[1]
-    sandwich(F, f.P, F, 0.0, covariance, (3, 3))
+    _sandwich(F, f.P, F, 0.0, covariance, (len(pose), len(pose)))

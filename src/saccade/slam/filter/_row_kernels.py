@@ -7,14 +7,14 @@ from saccade.types import FloatArray
 
 
 @kernel(fastmath=("contract",))
-def scale_and_add(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None:
+def _scale_and_add(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None:
     """Set row = keep row + factor other."""
     for j in range(len(row)):
         row[j] = keep * row[j] + factor * other[j]
 
 
 @kernel(fastmath=("contract",))
-def add_two_rows(row: FloatArray, a: float, x: FloatArray, b: float, y: FloatArray) -> None:
+def _add_two_rows(row: FloatArray, a: float, x: FloatArray, b: float, y: FloatArray) -> None:
     """Add a x + b y to row."""
     for j in range(len(row)):
         row[j] += a * x[j] + b * y[j]
@@ -34,7 +34,7 @@ def _add_eight_rows(
 
 
 @kernel()
-def add_product(
+def _add_product(
     V: FloatArray, D: FloatArray, r: int, m: int, sign: float, Y: FloatArray, used: int, n: int
 ) -> None:
     """Add the product of D and sign Y^T Y, of the first `used` rows of Y, to V (2, n)."""
@@ -47,8 +47,8 @@ def add_product(
         _add_eight_rows(x, w[0, i : i + 8], Y, i, r, n)
         _add_eight_rows(y, w[1, i : i + 8], Y, i, r, n)
     for i in range(eights, used - 1, 2):
-        add_two_rows(x, w[0, i], Y[i, r:n], w[0, i + 1], Y[i + 1, r:n])
-        add_two_rows(y, w[1, i], Y[i, r:n], w[1, i + 1], Y[i + 1, r:n])
+        _add_two_rows(x, w[0, i], Y[i, r:n], w[0, i + 1], Y[i + 1, r:n])
+        _add_two_rows(y, w[1, i], Y[i, r:n], w[1, i + 1], Y[i + 1, r:n])
     if used % 2 == 1:
-        scale_and_add(x, 1.0, w[0, used - 1], Y[used - 1, r:n])
-        scale_and_add(y, 1.0, w[1, used - 1], Y[used - 1, r:n])
+        _scale_and_add(x, 1.0, w[0, used - 1], Y[used - 1, r:n])
+        _scale_and_add(y, 1.0, w[1, used - 1], Y[used - 1, r:n])

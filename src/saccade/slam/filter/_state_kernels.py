@@ -110,21 +110,21 @@ def num_rows(f: FilterState) -> int:
     return len(f.state) if f.auxiliary > 0 else int(f.robot_size + 2 * f.counts[LANDMARKS])
 
 
-@kernel()
+@kernel(inline=True)
 def is_full(f: FilterState) -> bool:
     """Whether there is no room for another step and another landmark."""
     full = len(f.downdates) - f.counts[DOWNDATES] < 3 or f.counts[UPDATES] == len(f.updates)
     return bool(full or f.counts[LANDMARKS] == len(f.blocks))
 
 
-@kernel()
+@kernel(inline=True)
 def is_spread_due(f: FilterState) -> bool:
     """Whether the covariance is to be `spread` before the next motion."""
     growth = f.heading_variance[1] - f.heading_variance[0]
     return bool(f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH)
 
 
-@kernel()
+@kernel(inline=True)
 def invalidate_cache(f: FilterState) -> None:
     """Invalidate the cached rows of P."""
     for i in range(f.counts[LANDMARKS]):

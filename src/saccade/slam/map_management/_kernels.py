@@ -69,13 +69,13 @@ class VisibilityCounts(NamedTuple):
     """(4,) since the start."""
 
 
-@kernel()
+@kernel(inline=True)
 def is_check(visibility: VisibilityCounts, rule: CullingRule) -> bool:
     """Whether the whole map is checked in the next scan."""
     return bool((visibility.totals[SCANS] + 1) % rule.interval == 0)
 
 
-@kernel()
+@kernel(inline=True)
 def predict_visible(f: FilterState, visibility: VisibilityCounts) -> None:
     """Fill the predicted observation of every landmark, before a scan is processed."""
     for i in range(f.counts[LANDMARKS]):
@@ -121,7 +121,7 @@ def check_visibility(
         visibility.culled[i] = _is_culled(visibility, rule, i)
 
 
-@kernel()
+@kernel(inline=True)
 def _count_detection(visibility: VisibilityCounts, i: int) -> None:
     """Count whether a landmark was detected, and whether that was expected."""
     detected = 1.0 if visibility.last_observed[i] == visibility.totals[SCANS] else 0.0
@@ -134,7 +134,7 @@ def _count_detection(visibility: VisibilityCounts, i: int) -> None:
         checks[row, column] += 1.0
 
 
-@kernel()
+@kernel(inline=True)
 def _bin(distance: float, bearing: float) -> tuple[int, int]:
     """Bins of range and bearing; ranges outside are in the first and the last bin."""
     row = int(4 * log2(max(distance, 1e-6)) + RANGE_BINS / 2)
@@ -142,7 +142,7 @@ def _bin(distance: float, bearing: float) -> tuple[int, int]:
     return min(max(row, 0), RANGE_BINS - 1), column % BEARING_BINS
 
 
-@kernel()
+@kernel(inline=True)
 def _is_culled(visibility: VisibilityCounts, rule: CullingRule, i: int) -> bool:
     """Whether a landmark is missed too often, or a candidate is not observed again."""
     if not visibility.confirmed[i]:

@@ -1,0 +1,46 @@
+"""The film of the README: a robot that decides where to look."""
+
+from pathlib import Path
+
+import cv2
+import PIL.Image
+
+from saccade import visual
+from saccade.cli.drive_run import film_frames
+from saccade.evaluation.gaze_runs import SETTINGS, gaze_drive
+from saccade.simulation import DriveConfig
+from saccade.slam import Recorder
+
+DRIVE = DriveConfig(
+    world="rooms",
+    frames=200,
+    frames_per_lap=200,
+    image_size=(320, 240),
+    field_of_view=50.0,
+    color=True,
+)
+SEED, STRIDE = 0, 2
+"""Of the drive; and frames of it from one of the film to the next."""
+SIZE, MILLISECONDS, QUALITY = (1080, 405), 160, 60
+"""Pixels, time of a frame, and quality of the WebP."""
+
+
+def write_film(path: Path) -> None:
+    """Simulate the drive, map it, and write the film as an animated WebP."""
+    drive, _, _ = gaze_drive(DRIVE, "informative", SEED)
+    recorder = Recorder(len(drive) // STRIDE)
+    result = visual.run(drive, SETTINGS, recorder=recorder)
+    frames = [
+        PIL.Image.fromarray(cv2.resize(frame, SIZE, interpolation=cv2.INTER_AREA))
+        for frame in film_frames(drive, recorder.snapshots, result, SETTINGS)
+    ]
+    first, *others = frames[: len(recorder.snapshots) + 12]
+    first.save(
+        path,
+        save_all=True,
+        append_images=others,
+        duration=MILLISECONDS,
+        loop=0,
+        quality=QUALITY,
+        method=6,
+    )
