@@ -107,7 +107,7 @@ def test_a_camera_that_pans_and_tilts_has_a_turn_in_each_frame(bag, rotation_at)
     for i in range(FRAMES):
         turn = drive.load(i).turn
         pan, pitch, _ = rotation_at(i / 5).as_euler("ZYX")
-        np.testing.assert_allclose(turn, (pan, -pitch, 0.0), atol=1e-6)
+        np.testing.assert_allclose(turn[:3], (pan, -pitch, 0.0), atol=1e-6)
         expected = rotation_at(i / 5).as_matrix() @ AHEAD
         np.testing.assert_allclose(drive.camera.turned(turn).rotation, expected, atol=1e-6)
     assert drive.assumptions == ()
