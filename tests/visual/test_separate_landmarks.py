@@ -144,8 +144,8 @@ def test_candidates_have_the_depth_of_their_neighborhood():
     prepared = prepare_frame(replace(frame, depth=None), config.camera)
     xy = np.random.default_rng(0).uniform((10, 40), (310, 230), (300, 2)).astype(np.float32)
     true = frame.depth[tuple(np.rint(xy[:, ::-1]).astype(int).T)]
-    usual = measure_depth(config.camera, prepared, xy, VisualConfig())
-    filled = measure_depth(config.camera, prepared, xy, VisualConfig(), from_neighbors=True)
+    usual = measure_depth(config.camera, prepared, xy, VisualConfig())[0]
+    filled = measure_depth(config.camera, prepared, xy, VisualConfig(), from_neighbors=True)[0]
     known = np.isfinite(usual)
     assert np.array_equal(filled[known], usual[known])
     new = np.isfinite(filled) & ~known

@@ -9,8 +9,9 @@ import numpy as np
 
 from saccade.diagnostics.camera_motion import FramePoints, match_points, motion_between, points_of
 from saccade.errors import ImageError
-from saccade.frames import Camera, Drive, Frame, Tracks
+from saccade.frames import Drive, Frame, Tracks
 from saccade.types import BoolArray, FloatArray, Image, IntArray
+from saccade.visual.camera import reduced_camera
 from saccade.visual.optical_flow import ByteArray, PreparedFrame, gray_bytes
 
 STRETCHES = 4
@@ -70,7 +71,7 @@ def survey_drive(
     factor = -(-drive.camera.width // MAX_WIDTH)
     if _has_tracks(drive, numbers):
         numbers, factor = list(range(len(drive))), 1
-    camera = _shrink_camera(drive.camera, factor)
+    camera = reduced_camera(drive.camera, factor)
     m, unreadable = len(numbers), dict[int, str]()
     brightness, contrast, sharpness = np.full((3, m), np.nan)
     rotation, translation = np.full((2, m, 3), np.nan)
@@ -125,19 +126,6 @@ def _has_tracks(drive: Drive, numbers: list[int]) -> bool:
         with suppress(ImageError):
             return drive.load(number).tracks is not None
     return False
-
-
-def _shrink_camera(camera: Camera, factor: int) -> Camera:
-    center = (factor - 1) / 2
-    return replace(
-        camera,
-        width=camera.width // factor,
-        height=camera.height // factor,
-        fx=camera.fx / factor,
-        fy=camera.fy / factor,
-        cx=(camera.cx - center) / factor,
-        cy=(camera.cy - center) / factor,
-    )
 
 
 def _shrink_frame(frame: Frame, factor: int) -> PreparedFrame:

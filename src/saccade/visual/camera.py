@@ -1,5 +1,6 @@
 """Camera geometry: projection, and range-bearing observations with their covariances."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,20 @@ class Intrinsics(NamedTuple):
     def matrix(self) -> FloatArray:
         """(3, 3) camera matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+
+def reduced_camera(camera: Camera, reduction: int) -> Camera:
+    """The calibration of images reduced by a whole number; what is left over is cut off."""
+    center = (reduction - 1) / 2
+    return replace(
+        camera,
+        width=camera.width // reduction,
+        height=camera.height // reduction,
+        fx=camera.fx / reduction,
+        fy=camera.fy / reduction,
+        cx=(camera.cx - center) / reduction,
+        cy=(camera.cy - center) / reduction,
+    )
 
 
 def directions(camera: Camera, xy: FloatArray) -> FloatArray:
@@ -91,6 +106,7 @@ def range_bearing(
     depth_sigma: FloatArray,
     config: VisualConfig,
     tilt: float,
+    pixel_size: Float32Array | None = None,
 ) -> RangeBearings:
     """Observations of k points of known depth, with first-order covariances.
 
@@ -102,14 +118,16 @@ def range_bearing(
         config: standard deviation of a pixel.
         tilt: standard deviation of roll and pitch in radians, which displace points above and
             below the camera.
+        pixel_size: (k,) of the pixels in which each was seen; by default 1.
     """
     points = from_pixels(camera, xy, depth)
     x, y, above = points[:, 0], points[:, 1], points[:, 2] - camera.position[2]
     r = np.maximum(np.hypot(x, y), MIN_DEPTH)
     J = np.stack([np.stack([x / r, y / r], 1), np.stack([-y, x], 1) / r[:, None] ** 2], 1)
     R = camera.rotation[:2]
-    by_u = depth[:, None] * (R[:, 0] / camera.fx) * config.pixel_sigma
-    by_v = depth[:, None] * (R[:, 1] / camera.fy) * config.pixel_sigma
+    sigma = config.pixel_sigma if pixel_size is None else config.pixel_sigma * pixel_size[:, None]
+    by_u = depth[:, None] * (R[:, 0] / camera.fx) * sigma
+    by_v = depth[:, None] * (R[:, 1] / camera.fy) * sigma
     by_depth = (directions(camera, xy) @ camera.rotation.T)[:, :2] * depth_sigma[:, None]
     root = J @ np.stack([by_u, by_v, by_depth], 2)  # (k, 2, 2) @ (k, 2, 3)
     covariance = root @ root.transpose(0, 2, 1)
@@ -124,7 +142,7 @@ def observe(
     """Observations of k points, and (k,) whether the range is within its limits and certain."""
     depth, sigma = (np.nan_to_num(each, nan=1.0) for each in (points.depth, points.depth_sigma))
     xy = points.xy.astype(np.float64)
-    observations = range_bearing(camera, xy, depth, sigma, config, tilt)
+    observations = range_bearing(camera, xy, depth, sigma, config, tilt, points.pixel_size)
     r, range_sigma = observations.z[:, 0], np.sqrt(observations.covariance[:, 0, 0])
     near, far = config.range_limits
     usable = np.isfinite(points.depth) & (r > near) & (r < far)
@@ -142,4 +160,5 @@ def observe_bearings(
     a, b = np.square(direction).sum(1), (origin * direction).sum(1)
     discriminant = np.maximum(b**2 - a * (np.square(origin).sum(1) - ranges**2), 0.0)
     depth = np.maximum(np.sqrt(discriminant) - b, MIN_DEPTH) / np.maximum(a, 1e-12)
-    return range_bearing(camera, xy, depth, UNKNOWN_DEPTH_SIGMA * depth, config, tilt)
+    sigma = UNKNOWN_DEPTH_SIGMA * depth
+    return range_bearing(camera, xy, depth, sigma, config, tilt, points.pixel_size)

@@ -106,7 +106,7 @@ def correspondences_of(
 def estimate_motion(
     camera: Camera,
     points: Correspondences,
-    pixel_sigma: float,
+    pixel_sigma: float | FloatArray,
     prior: Prior | None,
     before: Camera | None = None,
 ) -> Motion | None:
@@ -115,7 +115,7 @@ def estimate_motion(
     Args:
         camera: the calibration.
         points: k correspondences.
-        pixel_sigma: standard deviation of a pixel, in each axis.
+        pixel_sigma: standard deviation of a pixel in each axis, or (k,) one for each.
         prior: the expected control, which becomes part of the estimate; None where measured
             depths determine the whole motion.
         before: the camera as it was turned in the first frame; None if as in the second.
@@ -133,6 +133,7 @@ def estimate_motion(
         return None
     R, t = initial
     inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))
+    sigmas = np.full(len(squared), pixel_sigma, np.float64)
     weight = np.zeros((6, 6)) if prior is None else _prior_information(camera, prior[1], R, before)
     widths = KERNEL_WIDTHS[-2:] if prior is None else KERNEL_WIDTHS
     for i in range(MAX_ITERATIONS):
@@ -140,7 +141,7 @@ def estimate_motion(
         information, gradient = weight + 1e-9 * np.eye(6), -weight @ offset
         width = widths[min(i, len(widths) - 1)]
         accumulate_normal_equations(
-            *(points, Intrinsics.of(camera), R, t, pixel_sigma, width),
+            *(points, Intrinsics.of(camera), R, t, sigmas, width),
             *(inverse_depth, information, gradient, squared),
         )
         step = np.linalg.solve(information, gradient)
@@ -158,13 +159,14 @@ def estimate_motion(
 
 
 def agree_with_motion(
-    camera: Camera, points: Correspondences, pixel_sigma: float, motion: Motion
+    camera: Camera, points: Correspondences, pixel_sigma: float | FloatArray, motion: Motion
 ) -> BoolArray:
     """(k,) whether correspondences from which a motion was not estimated are inliers of it."""
     inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))
+    sigmas = np.full(len(squared), pixel_sigma, np.float64)
     for width in KERNEL_WIDTHS:
         accumulate_normal_equations(
-            *(points, Intrinsics.of(camera), motion.rotation, motion.translation, pixel_sigma),
+            *(points, Intrinsics.of(camera), motion.rotation, motion.translation, sigmas),
             *(width, inverse_depth, np.zeros((6, 6)), np.zeros(6), squared),
         )
     return np.asarray(squared < INLIER_SIGMAS**2)

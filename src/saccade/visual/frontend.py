@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from time import perf_counter
 from typing import Generic, Self, TypeVar, cast
 
@@ -19,7 +19,7 @@ from saccade.keypoints.sift import Sift
 from saccade.keypoints.sift_config import SiftConfig
 from saccade.keypoints.symroid import SymRoid
 from saccade.keypoints.symroid_config import SymRoidConfig
-from saccade.types import Image, Keypoints
+from saccade.types import Float32Array, Image, Keypoints
 from saccade.visual.camera import is_inside, move_pixels
 from saccade.visual.config import DetectorName, VisualConfig
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
@@ -32,13 +32,11 @@ from saccade.visual.egomotion import (
     estimate_motion,
 )
 from saccade.visual.optical_flow import (
-    LEVELS,
-    LEVELS_OF_GUESS,
     ByteArray,
     PreparedFrame,
-    match_brightness,
+    enlarged,
     prepare_frame,
-    track_points,
+    track_frame,
 )
 from saccade.visual.tables import TrackedPoints
 
@@ -158,13 +156,13 @@ class FeatureExtractor:
             if descriptors is None:
                 descriptors = np.zeros((len(tracks), 128), np.uint8)
             depth = depth_of(camera, tracks.disparity)
+            sigma = depth_sigma(camera, depth, self._config)
+            pixel_size = np.ones(len(points), np.float32)
         elif prepared.left is not None:
             detect = self._detect_landmarks if separate else self._detect_points
-            points = detect(prepared.left)
-            _, first = np.unique(points.xy, axis=0, return_index=True)
-            points = points[np.sort(first)]  # one for each position, whatever its orientations
+            points, pixel_size = _keypoints(prepared, detect)
             descriptors, track = cast("ByteArray", points.descriptors), np.full(len(points), -1)
-            depth = measure_depth(
+            depth, sigma = measure_depth(
                 camera, prepared, points.xy, self._config, from_neighbors=separate
             )
         else:
@@ -173,7 +171,7 @@ class FeatureExtractor:
             len(points),
             xy=points.xy,
             depth=depth,
-            depth_sigma=depth_sigma(camera, depth, self._config),
+            depth_sigma=sigma,
             landmark=np.full(len(points), -1),
             id=MAX_DETECTIONS * number + np.arange(len(points)),
             track=track,
@@ -182,8 +180,37 @@ class FeatureExtractor:
             size=points.size,
             response=points.response,
             descriptor=descriptors,
+            pixel_size=pixel_size,
         )
         return found.for_landmarks_only() if separate else found
+
+
+def _keypoints(
+    prepared: PreparedFrame, detect: Callable[[Image], Keypoints]
+) -> tuple[Keypoints, Float32Array]:
+    """Keypoints of a frame with an image, one for each position, and the sizes of pixels (k,).
+
+    Of a fovea those of its window, and of the periphery those around it.
+    """
+    assert prepared.left is not None
+    points, r, window = detect(prepared.left), prepared.reduction, prepared.window
+    pixel_size = np.full(len(points), r, np.float32)
+    if window is not None:
+        points = replace(points, xy=enlarged(points.xy, r), size=r * points.size)
+        points = points[~window.contains(points.xy, 0.0)]
+        fine = detect(window.left)
+        points = _joined(replace(fine, xy=window.whole(fine.xy)), points)
+        pixel_size = np.where(np.arange(len(points)) < len(fine), 1, r).astype(np.float32)
+    _, first = np.unique(points.xy, axis=0, return_index=True)
+    first = np.sort(first)  # of points with several orientations
+    return points[first], pixel_size[first]
+
+
+def _joined(first: Keypoints, second: Keypoints) -> Keypoints:
+    """The points of both."""
+    names = [each.name for each in fields(Keypoints)]
+    columns = [[getattr(points, name) for points in (first, second)] for name in names]
+    return Keypoints(*map(np.concatenate, columns))
 
 
 def _detector(
@@ -282,32 +309,35 @@ def track(
         _, old, new = np.intersect1d(tracked.track, tracks.id, return_indices=True)
         tracked, xy = tracked[old], tracks.xy[new].astype(np.float32)
         depth = depth_of(camera, tracks.disparity[new])
+        sigma = depth_sigma(camera, depth, config)
+        pixel_size = tracked.pixel_size
     elif current.left is not None and previous.left is not None:
-        image = match_brightness(current, previous)
-        guess, levels = None, LEVELS
-        if previous.frame.turn != current.frame.turn:
+        guess = None
+        if previous.frame.turn != current.frame.turn or current.window is not None:
             pose = camera_motion(camera, prior[0], before)
             guess = move_pixels(camera, pose, tracked.xy, tracked.depth)
-            levels = LEVELS_OF_GUESS
-        xy, ok = track_points(previous.left, image, tracked.xy, guess, levels)
+        xy, ok, pixel_size = track_frame(previous, current, tracked.xy, guess)
         ok &= is_inside(camera, xy, BORDER)
-        tracked, xy = tracked[ok], xy[ok]
-        depth = measure_depth(camera, current, xy, config, tracked.depth)
+        tracked, xy, pixel_size = tracked[ok], xy[ok], pixel_size[ok]
+        depth, sigma = measure_depth(camera, current, xy, config, tracked.depth)
     else:
         return TrackedPoints(), None
-    sigma = depth_sigma(camera, depth, config)
+    pixel_sigma = config.pixel_sigma * pixel_size.astype(np.float64)
     has_depth = measures_depth(camera, current.frame)
     previous_depth = tracked.depth if has_depth else np.full(len(tracked), np.nan)
     points = correspondences_of(tracked.xy, xy, previous_depth, tracked.depth_sigma, depth, sigma)
     agrees, others = ~tracked.landmark_only, tracked.landmark_only
-    expected = None if has_depth and current.frame.turn is None else prior
-    motion = estimate_motion(camera, points.take(agrees), config.pixel_sigma, expected, before)
+    moves = current.frame.turn is not None or current.window is not None
+    expected = None if has_depth and not moves else prior
+    motion = estimate_motion(camera, points.take(agrees), pixel_sigma[agrees], expected, before)
     if motion is None:
         return TrackedPoints(), None
     motion = motion._replace(includes_prior=not has_depth)
     agrees[agrees] = motion.inliers
-    agrees[others] = agree_with_motion(camera, points.take(others), config.pixel_sigma, motion)
-    return replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)[agrees], motion
+    agrees[others] = agree_with_motion(camera, points.take(others), pixel_sigma[others], motion)
+    size = np.maximum(tracked.pixel_size, pixel_size)
+    tracked = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma, pixel_size=size)
+    return tracked[agrees], motion
 
 
 def extend(

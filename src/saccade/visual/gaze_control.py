@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from saccade.attention.contrast import contrast_saliency
-from saccade.frames import Camera, CameraTurn, Frame, steps_between
+from saccade.frames import Camera, Frame, steps_between
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray
@@ -18,19 +18,18 @@ from saccade.visual.visual_map import VisualMap
 
 LEAVING = 0.15
 """Radians from which a turn leaves so many points behind that new ones are detected before it."""
-MAX_RANGE = 8.0
-"""Metres within which landmarks and salient places count."""
 MAX_LANDMARKS = 60
 """Landmarks of a belief, those least recently observed first."""
-NEIGHBORHOOD, DIRECTIONS = 1.5, 18
-"""Metres of the cells, and directions, by which it is remembered what was looked at."""
+NEIGHBORHOOD, DIRECTIONS = 3 / 16, 18
+"""Size of the cells, as a fraction of `GazeLimits.max_range`, and number of directions, by which it
+is remembered what was looked at."""
 DWELL = 1.0
 """Seconds for which the camera rests until it has looked at what it sees."""
 STEP = np.radians(20.0)
 """Between candidates, by default."""
-CELL, MIN_SALIENCY, PLACES_PER_FRAME = 0.5, 0.3, 8
-"""Of the memory of salient places: metres between two, and how salient and how many are kept of a
-frame."""
+SPACING, MIN_SALIENCY, PLACES_PER_FRAME = 1 / 16, 0.3, 8
+"""Of the memory of salient places: distance between two, as a fraction of `GazeLimits.max_range`,
+and how salient and how many are kept of a frame."""
 
 
 def pan_candidates(camera: Camera, limits: GazeLimits) -> Candidates:
@@ -63,6 +62,8 @@ class GazeControl:
         limits: of the motion.
         turn: carries a decision out; called with the time in seconds and the gaze.
         interval: seconds between decisions.
+        latency: frames from a decision to the first one that follows it, at least; as many less one
+            are read ahead.
     """
 
     def __init__(
@@ -72,10 +73,11 @@ class GazeControl:
         limits: GazeLimits,
         turn: Callable[[float, Gaze], object],
         interval: float = 0.2,
+        latency: int = 1,
     ) -> None:
         self._policy, self._candidates, self._limits = policy, candidates, limits
-        self._turn, self._interval = turn, interval
-        self._places = PlaceMemory()
+        self._turn, self._interval, self.frames_ahead = turn, interval, latency - 1
+        self._places = PlaceMemory(limits.max_range)
         self._viewpoints: dict[int, FloatArray] = {}
         self._looked: dict[tuple[int, ...], float] = {}
         self._last: tuple[float, FloatArray] | None = None
@@ -109,7 +111,7 @@ class GazeControl:
             tracked: points tracked in it.
             detected: points detected in it, if any.
         """
-        pose, turn = visual_map.ekf.pose, frame.turn or CameraTurn(0.0)
+        pose, present = visual_map.ekf.pose, frame.gaze
         if self._last is not None and time > self._last[0]:
             seconds = time - self._last[0]
             self._velocity = steps_between(np.stack([self._last[1], pose]))[0] / seconds
@@ -118,19 +120,19 @@ class GazeControl:
             self._observed[landmark] = time
             self._viewpoints.setdefault(landmark, pose[:2])
         width = self._candidates.field_of_view[0]
-        self._places.attend(time, pose, turn.pan, width)
-        if abs(turn.pan - self._rest[1]) > LEAVING:
-            self._rest = time, turn.pan
+        self._places.attend(time, pose, present.pan, width)
+        if abs(present.pan - self._rest[1]) > LEAVING:
+            self._rest = time, present.pan
         elif time - self._rest[0] >= DWELL:
-            self._looked[self._cell(pose, pose[2] + turn.pan)] = time
-        if len(detected) and frame.image is not None:
-            maps = contrast_saliency(frame.image)
-            saliency = sample_saliency(maps.saliency, frame.image.shape, detected.xy)
+            self._looked[self._cell(pose, pose[2] + present.pan)] = time
+        whole = frame.image if frame.periphery is None else frame.periphery.image
+        if len(detected) and whole is not None:
+            size = visual_map.camera.height, visual_map.camera.width
+            saliency = sample_saliency(contrast_saliency(whole).saliency, size, detected.xy)
             self._places.add(time, pose, visual_map.camera, detected, saliency)
         previous = self.decisions[-1].time if self.decisions else -np.inf
         if time - previous < self._interval - 1e-6:
             return
-        present = Gaze(turn.pan, turn.tilt)
         belief = self._belief(time, present, visual_map, tracked)
         places = self._places.around(time, pose)
         chosen = self._policy(belief, places, self._candidates, self._limits)
@@ -171,10 +173,10 @@ class GazeControl:
             unattended=self._unattended(time, pose),
         )
 
-    @staticmethod
-    def _cell(pose: FloatArray, direction: float) -> tuple[int, ...]:
+    def _cell(self, pose: FloatArray, direction: float) -> tuple[int, ...]:
         """Place and direction of a view."""
-        x, y = np.floor(pose[:2] / NEIGHBORHOOD).astype(int).tolist()
+        size = NEIGHBORHOOD * self._limits.max_range
+        x, y = np.floor(pose[:2] / size).astype(int).tolist()
         return x, y, round(direction / (2 * np.pi / DIRECTIONS)) % DIRECTIONS
 
     def _unattended(self, time: float, pose: FloatArray) -> FloatArray:
@@ -186,7 +188,7 @@ class GazeControl:
     def _nearby(self, time: float, visual_map: VisualMap) -> IntArray:
         """Rows of the landmarks near the robot."""
         ekf, ids = visual_map.ekf, visual_map.landmarks.id
-        near = np.flatnonzero(np.hypot(*(ekf.landmarks - ekf.pose[:2]).T) < MAX_RANGE)
+        near = np.flatnonzero(np.hypot(*(ekf.landmarks - ekf.pose[:2]).T) < self._limits.max_range)
         seen = np.array([self._observed.get(i, time) for i in ids[near].tolist()])
         return np.sort(near[np.argsort(seen, kind="stable")[:MAX_LANDMARKS]])
 
@@ -212,6 +214,8 @@ def joint_innovations(ekf: EkfSlam, rows: IntArray) -> tuple[FloatArray, FloatAr
 class PlaceMemory:
     """Salient places of the map, and when each was last looked at: inhibition of return."""
 
+    max_range: float
+    """Metres within which places count."""
     xy: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     """(p, 2) metres in the map's frame."""
     saliency: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -234,11 +238,11 @@ class PlaceMemory:
         xyz = from_pixels(camera, points.xy.astype(np.float64), np.nan_to_num(points.depth))
         c, s = np.cos(pose[2]), np.sin(pose[2])
         places = pose[:2] + xyz[:, :2] @ np.array([[c, s], [-s, c]])
-        known &= np.hypot(*xyz[:, :2].T) < MAX_RANGE
+        known &= np.hypot(*xyz[:, :2].T) < self.max_range
         order = np.argsort(-saliency[known], kind="stable")[:PLACES_PER_FRAME]
         for xy, value in zip(places[known][order], saliency[known][order], strict=True):
             distance = np.hypot(*(self.xy - xy).T)
-            if len(distance) and distance.min() < CELL:
+            if len(distance) and distance.min() < SPACING * self.max_range:
                 nearest = int(distance.argmin())
                 self.saliency[nearest] = max(self.saliency[nearest], value)
                 continue
@@ -251,11 +255,11 @@ class PlaceMemory:
         """Mark the places in a view as looked at."""
         offset = self.xy - pose[:2]
         bearing = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - pose[2] - pan)
-        seen = (np.abs(bearing) < width / 2) & (np.hypot(*offset.T) < MAX_RANGE)
+        seen = (np.abs(bearing) < width / 2) & (np.hypot(*offset.T) < self.max_range)
         self.attended[seen] = time
 
     def around(self, time: float, pose: FloatArray) -> SalientPlaces:
         """The places near a pose."""
-        near = np.hypot(*(self.xy - pose[:2]).T) < MAX_RANGE
+        near = np.hypot(*(self.xy - pose[:2]).T) < self.max_range
         unattended = time - self.attended[near]
         return SalientPlaces(self.xy[near], self.saliency[near], unattended, self.viewpoint[near])

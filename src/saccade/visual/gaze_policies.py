@@ -25,8 +25,8 @@ RECOVERY_TIME = 4.0
 return."""
 MARGIN = 0.1
 """Fraction of the width of a view at each side that does not count."""
-NEAR, FAR = 0.5, 8.0
-"""Metres of range within which a landmark is re-detected."""
+NEAR = 0.5
+"""Metres of range from which a landmark is re-detected."""
 MAX_VIEW_CHANGE, MAX_RANGE_RATIO = np.radians(40.0), 1.8
 """Change of the direction in which a landmark is seen, and of its range, from where it was first
 seen, up to which its descriptor matches."""
@@ -119,7 +119,8 @@ def redetections(belief: Belief, candidates: Candidates, limits: GazeLimits) -> 
         pose = belief.after(time)
         inside, r = visible(pose, belief.landmarks, candidates)
         similar = looks_alike(pose, belief.landmarks, belief.viewpoint) | belief.tracked
-        total += inside * (similar & (r > NEAR) & (r < FAR)) * (arrival <= time)[:, None]
+        similar &= (r > NEAR) & (r < limits.max_range)
+        total += inside * similar * (arrival <= time)[:, None]
     return np.asarray(total / SAMPLES * belief.redetection)
 
 
@@ -175,7 +176,7 @@ def informative(
     of_pose, of_map = information(belief, redetections(belief, candidates, limits))
     inside, r = visible(belief.pose, belief.landmarks, candidates)
     alike = looks_alike(belief.pose, belief.landmarks, belief.viewpoint)
-    known = inside @ ((r < FAR) & alike).astype(np.float64)
+    known = inside @ ((r < limits.max_range) & alike).astype(np.float64)
     fresh = np.exp(-known / 5) * novelty(belief, candidates)
     attention = attraction(belief, places, candidates)
     terms = {

@@ -117,6 +117,12 @@ def run(
         return pipeline.result()
 
 
+def _reduction(frames: dict[int, Frame]) -> int:
+    """Of the periphery in the first frame; 1 without one."""
+    peripheries = (frame.periphery for frame in frames.values())
+    return max((each.reduction for each in peripheries if each is not None), default=1)
+
+
 class Pipeline:
     """Visual SLAM over the frames of a drive.
 
@@ -126,7 +132,7 @@ class Pipeline:
         drive: frames and odometry.
         config: the settings.
         cache: features of earlier runs over the same frames.
-        gaze: turns the camera after each frame; no frame is then read ahead.
+        gaze: turns the camera after each frame.
     """
 
     def __init__(
@@ -151,11 +157,11 @@ class Pipeline:
         self.log = RunLog(drive)
         self._cameras = drive.camera, drive.camera  # as turned in the last frame and in this one
         self._camera_trajectory = CameraTrajectory()
-        self._ground = GroundTracker(drive.camera)
+        self._ground = GroundTracker(drive.camera, _reduction(first))
         adjusts = has_depth and config.window > 2
         self._window = SlidingWindow(drive.camera, config) if adjusts else None
         self._extract = FeatureExtractor(drive, config, cache, first)
-        ahead = config.detect_interval if gaze is None else 0
+        ahead = config.detect_interval if gaze is None else gaze.frames_ahead
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
         self._previous = PreparedFrame(Frame(float(drive.time[0])))

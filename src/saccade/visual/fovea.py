@@ -1,0 +1,149 @@
+"""A fovea: of each wide image a window at full resolution, and the whole at a reduced one."""
+
+from bisect import bisect_right
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from saccade.errors import require, require_ranges
+from saccade.frames import Camera, Drive, Frame, Gaze, GazeLimits, Periphery
+from saccade.types import FloatArray, Image
+from saccade.visual.camera import directions, to_pixels
+from saccade.visual.gaze import Candidates
+
+FASTEST = 1e3
+"""Radians per second: a window jumps at once."""
+
+
+@dataclass(frozen=True)
+class FoveaConfig:
+    """Budget of pixels, and how often and how late a window moves.
+
+    Raises:
+        ConfigError: a setting outside its range, or a budget that the periphery alone exceeds.
+    """
+
+    budget: float = 0.25
+    """Pixels of window and periphery together, as a fraction of those of the image."""
+    reduction: int = 4
+    """Pixels of the image along each side of a pixel of the periphery."""
+    height: float = 0.5
+    """Height of the window, as a fraction of that of the image; it is centered on the horizon."""
+    interval: int = 4
+    """The window may move in every so many frames: those in which points are detected."""
+    latency: int = 4
+    """Frames from a decision to the first one that follows it; one less are read ahead."""
+    max_range: float = 8.0
+    """Meters within which landmarks and salient places count."""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, budget=(0, 1), reduction=(2, 64), interval=(1, 1000))
+        require_ranges(self, latency=(1, 1000), height=(0.01, 1))
+        least = 1 / self.reduction**2
+        expected = f"more than {least:.3g}, the part of the periphery"
+        require(self.budget > least, "budget", expected, self.budget)
+
+    def window_size(self, camera: Camera) -> tuple[int, int]:
+        """Width and height of the window in pixels."""
+        share = (self.budget - 1 / self.reduction**2) / self.height
+        width = min(max(1, int(share * camera.width)), camera.width)
+        return width, max(1, int(self.height * camera.height))
+
+
+class Fovea:
+    """A window of the images of a drive that moves as it is told.
+
+    Args:
+        drive: a drive with images.
+        config: the budget of pixels.
+    """
+
+    def __init__(self, drive: Drive, config: FoveaConfig | None = None) -> None:
+        self.config = config or FoveaConfig()
+        self.drive = replace(drive, load=self._load)
+        """The drive with a `Periphery` in each frame; a frame can be loaded once all commands up
+        to `FoveaConfig.latency` frames before it were given."""
+        self._source, camera = drive, drive.camera
+        self.window = self.config.window_size(camera)
+        """Width and height in pixels."""
+        width, height = self.window
+        overlapping = max(2 * round(camera.width / width - 1), 2 * (camera.width > width)) + 1
+        pan = self._pan(np.linspace(0, camera.width - width, overlapping))
+        seconds = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
+        self.interval = self.config.interval * seconds
+        """Seconds between the frames in which the window may move."""
+        latency = self.config.latency * seconds
+        self.limits = GazeLimits(
+            pan=(float(pan.min()), float(pan.max())),
+            rate=FASTEST,
+            latency=latency,
+            max_range=self.config.max_range,
+        )
+        """Of its motion: it jumps after the latency."""
+        angles = (float(2 * np.arctan(width / 2 / camera.fx)), float(height / camera.fy))
+        self.candidates = Candidates(pan, np.zeros(len(pan)), angles)
+        """Windows that overlap by half."""
+        self._time, self._commands = [-np.inf], [(self._corner(0.0), "")]
+
+    def turn_to(self, time: float, gaze: Gaze) -> None:
+        """Move the window after the latency; commands come in the order of their times."""
+        self._commands.append((self._corner(gaze.pan), gaze.reason))
+        self._time.append(time)
+
+    def _corner(self, pan: float) -> tuple[int, int]:
+        """First column and row of the window nearest to a pan."""
+        camera = self._source.camera
+        ahead = camera.position + np.array([np.cos(pan), np.sin(pan), 0.0])
+        center = to_pixels(camera, ahead[None])[0][0]
+        column, row = np.rint(center - (np.array(self.window) - 1) / 2)
+        width, height = self.window
+        last = camera.width - width, camera.height - height
+        return int(np.clip(column, 0, last[0])), int(np.clip(row, 0, last[1]))
+
+    def _pan(self, columns: FloatArray) -> FloatArray:
+        """(n,) directions of the middle of windows that begin at columns (n,)."""
+        camera = self._source.camera
+        xy = np.stack([columns + (self.window[0] - 1) / 2, np.full(len(columns), camera.cy)], 1)
+        x, y, _ = (directions(camera, xy) @ camera.rotation.T).T
+        return np.asarray(np.arctan2(y, x))
+
+    def _load(self, number: int) -> Frame:
+        frame, config, source = self._source.load(number), self.config, self._source
+        if frame.image is None:
+            return frame
+        decided = number - number % config.interval - config.latency
+        before = float(source.time[decided]) if decided >= 0 else -np.inf
+        corner, reason = self._commands[bisect_right(self._time, before) - 1]
+        r, right_column, right, right_window = config.reduction, corner[0], None, None
+        whole, window = reduced_image(frame.image, r), self._crop(frame.image, corner)
+        if frame.right is not None:
+            right = reduced_image(frame.right, r)
+            right_column -= r * vergence(
+                whole, right, *(each // r for each in (*corner, *self.window))
+            )
+            right_column = max(right_column, 0)
+            right_window = self._crop(frame.right, (right_column, corner[1]))
+        pan = float(self._pan(np.array([corner[0]]))[0])
+        periphery = Periphery(whole, right, r, corner, right_column, pan, reason)
+        return replace(frame, image=window, right=right_window, periphery=periphery)
+
+    def _crop(self, image: Image, corner: tuple[int, int]) -> Image:
+        (column, row), (width, height) = corner, self.window
+        return np.ascontiguousarray(image[row : row + height, column : column + width])
+
+
+def reduced_image(image: Image, reduction: int) -> Image:
+    """Means of squares of pixels; rows and columns that are left over are cut off."""
+    h, w = (size // reduction for size in image.shape[:2])
+    whole = image[: h * reduction, : w * reduction]
+    return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
+
+
+def vergence(left: Image, right: Image, column: int, row: int, width: int, height: int) -> int:
+    """Columns by which a window of the left image is found to the left in the right image."""
+    rows = slice(row, row + height)
+    window = np.ascontiguousarray(left[rows, column : column + width])
+    strip = np.ascontiguousarray(right[rows, : column + window.shape[1]])
+    match = cv2.matchTemplate(strip, window, cv2.TM_CCOEFF_NORMED)
+    return column - int(np.argmax(match[0]))
