@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from saccade import visual
-from saccade.evaluation.gaze_runs import LAPS, PAN_DRIVE, SETTINGS
+from saccade.evaluation.gaze_drives import LAPS, PAN_DRIVE, SETTINGS
 from saccade.frames import Gaze, GazeLimits, steps_between
 from saccade.simulation import PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import saccade
+from fovea_figure import fovea
 from saccade import datasets, slam, viewing
 from saccade.attention.normalize import normalize
 from saccade.frames import Frame
@@ -328,6 +329,7 @@ def film_frame() -> Figure:
 
 PAGES: "dict[str, Callable[[], Figure]]" = {
     "pyramid": pyramid,
+    "fovea": fovea,
     "attention-steps": attention_steps,
     "promotion": promotion,
     "presets": presets,

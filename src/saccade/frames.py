@@ -206,6 +206,11 @@ class Frame:
             return Gaze(self.periphery.pan, 0.0, self.periphery.reason)
         return Gaze(0.0)
 
+    @property
+    def reduction(self) -> int:
+        """Pixels of the image along each side of a pixel of the whole view."""
+        return 1 if self.periphery is None else self.periphery.reduction
+
     def __repr__(self) -> str:
         names = ("image", "right", "depth", "tracks", "periphery")
         present = [name for name in names if getattr(self, name) is not None]

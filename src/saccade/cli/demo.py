@@ -72,7 +72,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
     from saccade.cli.precompile import filter_compiled_ahead
     from saccade.cli.run_output import RunOutput
     from saccade.cli.slam_run import map_log
-    from saccade.evaluation.gaze_runs import SETTINGS, gaze_drive
+    from saccade.evaluation.gaze_drives import SETTINGS, gaze_drive
     from saccade.keypoints.sift import Sift
     from saccade.settings import load_settings
     from saccade.simulation import DriveConfig

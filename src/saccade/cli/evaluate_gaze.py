@@ -1,4 +1,4 @@
-"""`saccade evaluate gaze`: gaze policies compared over simulated worlds."""
+"""`saccade evaluate gaze`: gaze policies compared, of a camera that turns or of a fovea."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,19 +13,22 @@ if TYPE_CHECKING:
 
     from saccade.evaluation.gaze import GazeScores
 
+MAIN = "ate_m", "end_m", "closed", "frames_to_close"
+"""Scores of the first of two tables, which fit into 80 columns."""
 LEAD = "Gaze policies compared, at equal numbers of frames and of pixels."
 COMPARED = "All worlds, relative to {}"
 MEANING_OF_COMPARISON = (
     "ATE ratio: geometric mean over worlds and seeds, with its 95 % interval over the seeds; lower "
-    "is better. Closed: drives in which the loop was closed. Consistent: frames whose true "
-    "position lies in the 99.7 % ellipse."
+    "is better. Closed: drives in which the loop was closed. Inside: frames whose true position "
+    "lies in the 99.7 % ellipse. Speed: frames per second, reading excluded."
 )
 MEANING = (
     "ATE: absolute trajectory error. Return: position error at the end, where the robot is back "
     "at its start. Closed: drives in which at least three landmarks were re-identified in a frame "
     "5 m of travel after they were last observed; frames: until then. Entropy: of the pose, mean "
-    "over the drive, in nats. Again: landmarks re-identified. Precision: correct ones of the "
-    "re-identifications. Consistent: frames whose true position lies in the 99.7 % ellipse."
+    "over the drive, in nats. Again: landmarks re-identified. Right: correct ones of the "
+    "re-identifications. Inside: frames whose true position lies in the 99.7 % ellipse. Speed: "
+    "frames per second, reading excluded."
 )
 SCORES = {
     "ate_m": Score("ATE [m]", 1, 3),
@@ -34,10 +37,10 @@ SCORES = {
     "frames_to_close": Score("frames"),
     "entropy": Score("entropy", 1, 1),
     "redetected": Score("again"),
-    "association_precision": Score("precision [%]", 100, 1, 100),
-    "inside_3sigma": Score("consistent [%]", 100, 1, 100),
+    "association_precision": Score("right [%]", 100, 1, 100),
+    "inside_3sigma": Score("inside [%]", 100, 1, 100),
+    "frames_per_second": Score("speed [1/s]", 1, 0),
 }
-HEADINGS = [score.heading for score in SCORES.values()]
 
 
 def gaze(
@@ -47,14 +50,26 @@ def gaze(
     worlds: Annotated[
         list[str] | None,
         Option(
-            "--world", help="ring, crossing or rooms; may be repeated.", show_default="all of them"
+            "--world",
+            help="ring, crossing or rooms; with --fovea ring, or the folder of a recorded drive, "
+            "which is driven out and back. May be repeated.",
+            show_default="all of them; with --fovea ring",
         ),
     ] = None,
+    fovea: Annotated[
+        bool,
+        Option(
+            "--fovea",
+            help="Instead of the camera, a window at full resolution moves in wide images, which "
+            "are reduced around it: a quarter of the pixels.",
+        ),
+    ] = False,
     policies: Annotated[
         list[str] | None,
         Option(
             "--policy",
-            help="fixed, random, sweep, salient, informative or behaviors; may be repeated.",
+            help="fixed, random, sweep, salient, informative or behaviors; with --fovea also whole "
+            "(all pixels) and window (the window in the middle alone). May be repeated.",
             show_default="all of them",
         ),
     ] = None,
@@ -62,16 +77,17 @@ def gaze(
         int, Option(min=1, help="Number of drives of each, with consecutive seeds.")
     ] = 10,
     first_seed: Annotated[int, Option(min=0, help="Seed of the first drive.")] = 0,
-    frames: Annotated[int, Option(min=8, metavar="N", help="Frames of each drive.")] = 200,
+    frames: Annotated[int, Option(min=8, metavar="N", help="Frames of each drive, at most.")] = 200,
     jobs: Annotated[int, Option(min=1, help="Number of processes.")] = 1,
     figures: FigureFormats = None,
     report: Report = None,
     as_json: Json = False,
 ) -> None:
-    """Compare gaze policies in simulated worlds, with a camera that turns.
+    """Compare gaze policies: where a camera that turns, or a fovea in wide images, shall look.
 
     Each table has the means over the seeds, with half of their 95 % bootstrap intervals. The last
-    ones compare each policy with a camera that does not turn and with a steady sweep.
+    ones compare each policy with a camera that does not turn and with a steady sweep; of a fovea,
+    with the whole images and with the window in their middle alone.
 
     --out receives a figure (gaze.png) and every run: an interrupted evaluation resumes, and more
     seeds add to it.
@@ -79,19 +95,25 @@ def gaze(
     from saccade.cli.output import print_json, print_message, print_table, progress_bar
     from saccade.errors import require
     from saccade.evaluation.gaze import GazeScores
-    from saccade.evaluation.gaze_runs import WORLDS, GazeRun, run_all
+    from saccade.evaluation.gaze_drives import WIDE_WORLD, WITHOUT_FOVEA, WORLDS
+    from saccade.evaluation.gaze_runs import GazeRun, run_all
     from saccade.files import make_folder
     from saccade.viewing import save_figures
     from saccade.visual.gaze_policies import POLICIES
 
-    chosen = list(dict.fromkeys(policies or POLICIES))
+    known = [*WITHOUT_FOVEA, *POLICIES] if fovea else list(POLICIES)
+    chosen = list(dict.fromkeys(policies or known))
     for each in chosen:
-        require(each in POLICIES, "policy", f"one of {', '.join(POLICIES)}", each)
-    places = list(dict.fromkeys(worlds or WORLDS))
+        require(each in known, "policy", f"one of {', '.join(known)}", each)
+    places = list(dict.fromkeys(worlds or ([WIDE_WORLD] if fovea else WORLDS)))
     for each in places:
-        require(each in WORLDS, "world", f"one of {', '.join(WORLDS)}", each)
+        if fovea:
+            recorded = each == WIDE_WORLD or Path(each).is_dir()
+            require(recorded, "world", f"{WIDE_WORLD} or the folder of a recorded drive", each)
+        else:
+            require(each in WORLDS, "world", f"one of {', '.join(WORLDS)}", each)
     runs = [
-        GazeRun(world, policy, seed, frames)
+        GazeRun(world, policy, seed, frames, fovea)
         for seed in range(first_seed, first_seed + seeds)
         for world in places
         for policy in chosen
@@ -100,7 +122,8 @@ def gaze(
     with progress_bar("driving", len(runs)) as progress:
         scores = GazeScores.of(run_all(runs, out, jobs, progress))
     rows = list(scores.rows())
-    references = [name for name in ("fixed", "sweep") if name in scores.policy]
+    compared = WITHOUT_FOVEA if fovea else ("fixed", "sweep")
+    references = [name for name in compared if name in scores.policy]
     comparisons = {name: scores.comparison(name) for name in references}
     figure = _figure(scores)
     picture = save_figures(figure, out / "gaze", figure_formats(figures))
@@ -110,18 +133,31 @@ def gaze(
             {"frames": frames, "seeds": scores.seed, "rows": rows, "comparisons": comparisons}
         )
     else:
+        shown = _shown(rows)
         for world in scores.world:
-            shown = [[row["policy"], *_cells(row)] for row in rows if row["world"] == world]
-            print_table(f"{world}, {frames} frames, {seeds} seeds", ["", *HEADINGS], shown)
+            for names in (MAIN, [name for name in shown if name not in MAIN]):
+                part = {name: shown[name] for name in names if name in shown}
+                title = f"{world}, at most {frames} frames, {seeds} seeds"
+                headings = ["", *(score.heading for score in part.values())]
+                of_world = [row for row in rows if row["world"] == world]
+                cells = [[row["policy"], *_cells(row, part)] for row in of_world]
+                print_table(title, headings, cells)
         for name, comparison in comparisons.items():
             print_table(COMPARED.format(name), *_comparison_table(comparison))
     print_message(f"wrote {picture}")
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
+def _shown(rows: list[dict[str, Any]]) -> dict[str, Score]:
+    """The scores that any run has."""
+    return {
+        name: score for name, score in SCORES.items() if any(row[name] is not None for row in rows)
+    }
+
+
+def _cells(row: dict[str, Any], shown: dict[str, Score]) -> list[str]:
     """Mean and half of the interval of each score."""
     cells = []
-    for name, score in SCORES.items():
+    for name, score in shown.items():
         if row[name] is None:
             cells.append("-")
             continue
@@ -137,8 +173,11 @@ def _comparison_table(comparison: list[dict[str, Any]]) -> tuple[list[str], list
         mean, low, high = row["ate_m_ratio"]
         ratio = "-" if mean is None else f"{mean:.2f} [{low:.2f} {high:.2f}]"
         inside = "-" if row["inside_3sigma"] is None else f"{100 * row['inside_3sigma']:.1f}"
-        cells.append([row["policy"], ratio, f"{row['closed']} of {row['drives']}", inside])
-    return ["", "ATE ratio", "closed", "consistent [%]"], cells
+        closed, speed = f"{row['closed']} of {row['drives']}", row["frames_per_second_ratio"]
+        fast = [] if speed is None else [f"{speed:.2f}"]
+        cells.append([row["policy"], ratio, closed, inside, *fast])
+    headings = ["", "ATE ratio", "closed", "inside [%]", "speed ratio"]
+    return headings[: len(cells[0])], cells
 
 
 def _figure(scores: "GazeScores") -> "Figure":
@@ -148,7 +187,7 @@ def _figure(scores: "GazeScores") -> "Figure":
 
     panels = [
         Panel(score.heading, score.factor * means(scores.tables[name]), score.limit)
-        for name, score in SCORES.items()
+        for name, score in _shown(list(scores.rows())).items()
     ]
     return gaze_figure(panels, scores.world, scores.policy, scores.entropy)
 
@@ -181,8 +220,9 @@ def _write_report(
         )
         for i, (name, comparison) in enumerate(comparisons.items())
     ]
-    cells = [[row["policy"], row["world"], *_cells(row)] for row in rows]
-    columns = ["", "world", *HEADINGS]
+    shown = _shown(rows)
+    cells = [[row["policy"], row["world"], *_cells(row, shown)] for row in rows]
+    columns = ["", "world", *(score.heading for score in shown.values())]
     tables.append(
         Table("Each world", columns, cells, MEANING, "policy", [] if tables else [picture])
     )

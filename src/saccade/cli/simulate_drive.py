@@ -55,7 +55,7 @@ def drive(
         simulated = simulate_drive(settings, seed)
     else:
         from saccade.errors import require
-        from saccade.evaluation.gaze_runs import gaze_drive
+        from saccade.evaluation.gaze_drives import gaze_drive
         from saccade.visual.gaze_policies import POLICIES
 
         require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)

@@ -4,88 +4,34 @@ import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import cv2
 import numpy as np
 
 import saccade
-from saccade import visual
 from saccade.errors import ConfigError
 from saccade.evaluation.drives import summarize_drive
+from saccade.evaluation.gaze_drives import WORLDS, fovea_run
 from saccade.files import atomic_write, read_text, reason_of
 from saccade.frames import Drive
-from saccade.simulation import DriveConfig, PanCamera, simulate_drive
-from saccade.simulation.drive_config import WorldName
-from saccade.slam import Recorder
 from saccade.types import FloatArray
-from saccade.visual import ObservationKind, VisualConfig, VisualResult
-from saccade.visual.gaze_control import GazeControl, pan_candidates
-from saccade.visual.gaze_policies import POLICIES
+from saccade.visual import ObservationKind, VisualResult
 
 SCORES = (
     *("ate_m", "end_m", "closed", "frames_to_close", "entropy", "redetected"),
-    *("association_precision", "inside_3sigma"),
+    *("association_precision", "inside_3sigma", "frames_per_second"),
 )
-"""Scores that are stored of each run."""
+"""Scores that are stored of each run; the last one where the frames are in memory."""
 LOOP_DISTANCE, LOOP_LANDMARKS = 5.0, 3
 """Metres that the robot travelled since it last observed the landmarks that close a loop, and how
 many of them it re-identifies in one frame."""
 TIMES = 20
 """Times at which the entropy of the pose is stored, evenly over the drive."""
-PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
-"""A stereo camera that pans; the ring is smaller than by default."""
-SETTINGS = VisualConfig(recover=False)
-"""Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
-LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
-"""Of each drive; after each the robot is where it began."""
-
-Run: TypeAlias = Callable[[str, int, int], tuple[Drive, VisualResult]]
-"""A drive and its result by policy, seed, and number of frames."""
-
-
-def gaze_drive(
-    config: DriveConfig,
-    policy: str,
-    seed: int,
-    progress: Callable[[int, int], None] | None = None,
-    recorder: Recorder | None = None,
-) -> tuple[Drive, VisualResult, GazeControl]:
-    """Map a simulated drive whose camera is turned by a policy.
-
-    Args:
-        config: of the drive.
-        policy: name of one of `POLICIES`.
-        seed: of the world, of all noise, and of what the policy draws.
-        progress: called with the number of frames done and of all frames.
-        recorder: takes snapshots of the map while it grows.
-
-    Returns:
-        The drive, whose frames can now be loaded in any order; its result, and the decisions.
-    """
-    pan = PanCamera(seed=seed)
-    drive = simulate_drive(config, seed, pan)
-    candidates = pan_candidates(drive.camera, pan.limits)
-    control = GazeControl(POLICIES[policy](seed), candidates, pan.limits, pan.turn_to)
-    return drive, visual.run(drive, SETTINGS, progress, recorder=recorder, gaze=control), control
-
-
-def _pan_run(world: WorldName, policy: str, seed: int, frames: int) -> tuple[Drive, VisualResult]:
-    lap = max(2, frames // LAPS[world])
-    config = replace(PAN_DRIVE, world=world, frames=frames, frames_per_lap=lap)
-    return gaze_drive(config, policy, seed)[:2]
-
-
-WORLDS: dict[str, Run] = {
-    "ring": partial(_pan_run, "ring"),
-    "crossing": partial(_pan_run, "crossing"),
-    "rooms": partial(_pan_run, "rooms"),
-}
-"""Drives of the study by name."""
 
 
 @dataclass(frozen=True)
@@ -93,21 +39,30 @@ class GazeRun:
     """One drive with one policy and one seed."""
 
     world: str
+    """Of `WORLDS`; of a fovea also the folder of a recorded drive."""
     policy: str
     seed: int
     """Of the world, of all noise, and of what the policy draws."""
     frames: int
-    """Number of frames."""
+    """Largest number of frames."""
+    fovea: bool = False
+    """Whether it is a fovea in wide images that looks around, not the camera."""
 
     def path(self, out: Path) -> Path:
         """The file of the run; each version of the package has its own."""
-        name = f"{self.world}-{self.frames}-{self.policy}-{self.seed}.json"
+        eye = "-fovea" if self.fovea else ""
+        name = f"{self.name}{eye}-{self.frames}-{self.policy}-{self.seed}.json"
         return out / "runs" / saccade.__version__ / name
+
+    @property
+    def name(self) -> str:
+        """Of the world."""
+        return self.world if self.world in WORLDS else Path(self.world).resolve().name
 
     @property
     def identity(self) -> dict[str, Any]:
         """What tells it from other runs."""
-        return {"world": self.world, "policy": self.policy, "seed": self.seed}
+        return {"world": self.name, "policy": self.policy, "seed": self.seed}
 
 
 def run_all(
@@ -143,8 +98,12 @@ def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
     path = run.path(out)
     if path.exists():
         return _stored(path, run.identity)
-    drive, result = WORLDS[run.world](run.policy, run.seed, run.frames)
-    row = run.identity | score(drive, result)
+    speed = None
+    if run.fovea:
+        drive, result, speed = fovea_run(run.world, run.policy, run.seed, run.frames)
+    else:
+        drive, result = WORLDS[run.world](run.policy, run.seed, run.frames)
+    row = run.identity | score(drive, result) | {"frames_per_second": speed}
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
     return row

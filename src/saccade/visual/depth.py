@@ -86,7 +86,7 @@ def measure_depth(
     if prepared.left is None or prepared.right is None:
         unknown = np.full(len(xy), np.nan)
         return unknown, unknown
-    r = prepared.reduction
+    r = prepared.frame.reduction
     own = reduced(xy, r)
     if previous is not None:
         initial = camera.fx * camera.baseline / previous / r

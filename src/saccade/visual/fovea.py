@@ -10,7 +10,8 @@ from saccade.errors import require, require_ranges
 from saccade.frames import Camera, Drive, Frame, Gaze, GazeLimits, Periphery
 from saccade.types import FloatArray, Image
 from saccade.visual.camera import directions, to_pixels
-from saccade.visual.gaze import Candidates
+from saccade.visual.gaze import Candidates, Policy
+from saccade.visual.gaze_control import GazeControl
 
 FASTEST = 1e3
 """Radians per second: a window jumps at once."""
@@ -71,8 +72,7 @@ class Fovea:
         overlapping = max(2 * round(camera.width / width - 1), 2 * (camera.width > width)) + 1
         pan = self._pan(np.linspace(0, camera.width - width, overlapping))
         seconds = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
-        self.interval = self.config.interval * seconds
-        """Seconds between the frames in which the window may move."""
+        self._interval = (self.config.interval - 0.5) * seconds  # half a frame of jitter
         latency = self.config.latency * seconds
         self.limits = GazeLimits(
             pan=(float(pan.min()), float(pan.max())),
@@ -85,6 +85,28 @@ class Fovea:
         self.candidates = Candidates(pan, np.zeros(len(pan)), angles)
         """Windows that overlap by half."""
         self._time, self._commands = [-np.inf], [(self._corner(0.0), "")]
+
+    def control(self, policy: Policy) -> GazeControl:
+        """What decides where the window is, for `saccade.visual.run`."""
+        arguments = policy, self.candidates, self.limits, self.turn_to
+        return GazeControl(*arguments, self._interval, self.config.latency)
+
+    def middle(self) -> Drive:
+        """The drive with the window in the middle of its images, and nothing around it."""
+        (column, row), (width, height) = self._corner(0.0), self.window
+        camera = self._source.camera
+        cx, cy = camera.cx - column, camera.cy - row
+        camera = replace(camera, width=width, height=height, cx=cx, cy=cy)
+
+        def load(number: int) -> Frame:
+            frame = self._source.load(number)
+            left, right = (
+                None if image is None else self._crop(image, (column, row))
+                for image in (frame.image, frame.right)
+            )
+            return replace(frame, image=left, right=right)
+
+        return replace(self._source, camera=camera, load=load)
 
     def turn_to(self, time: float, gaze: Gaze) -> None:
         """Move the window after the latency; commands come in the order of their times."""

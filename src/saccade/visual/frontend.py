@@ -11,6 +11,7 @@ from typing import Generic, Self, TypeVar, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from saccade.attention.contrast import contrast_saliency
 from saccade.errors import ImageError
 from saccade.frames import Camera, Drive, Frame
 from saccade.keypoints.must import Must
@@ -63,6 +64,8 @@ class FrameFeatures:
     detected, and in blank ones."""
     candidates: TrackedPoints | None
     """Points of `VisualConfig.detector`, for landmarks; the same points if that is SIFT."""
+    saliency: Float32Array | None
+    """(h, w) contrast of the whole image, where points were detected and a gaze is decided."""
     remarks: list[str]
     """Why the frame could not be read, if so."""
     seconds: dict[str, float]
@@ -85,6 +88,7 @@ class FeatureExtractor:
         config: the settings.
         cache: features of earlier runs over the same frames.
         read: frames that have been read, by number; each is used once, then dropped.
+        attends: whether to compute the saliency of frames in which points are detected.
     """
 
     def __init__(
@@ -93,8 +97,9 @@ class FeatureExtractor:
         config: VisualConfig,
         cache: FeatureCache | None = None,
         read: Mapping[int, Frame] | None = None,
+        attends: bool = False,
     ) -> None:
-        self._drive, self._config, self._cache = drive, config, cache
+        self._drive, self._config, self._cache, self._attends = drive, config, cache, attends
         self._read = dict(read or {})
         self._detect_points = _detector("sift", config, drive.camera, separate=False)
         self._detect_landmarks = _detector(config.detector, config, drive.camera, separate=True)
@@ -129,7 +134,8 @@ class FeatureExtractor:
         candidates = points
         if self._config.separate_landmarks:
             candidates = self._detect(features.frame, number, separate=True)
-        return replace(features, detected=points, candidates=candidates)
+        saliency = self._saliency(features.frame, points)
+        return replace(features, detected=points, candidates=candidates, saliency=saliency)
 
     def _extract(self, number: int) -> FrameFeatures:
         """A frame with the points for the egomotion, which are its candidates too."""
@@ -142,8 +148,19 @@ class FeatureExtractor:
         read = perf_counter()
         if frame.tracks is not None or number % self._config.detect_interval == 0:
             detected = self._detect(prepared, number, separate=False)
+        saliency = self._saliency(prepared, detected)
         seconds = {"read": read - start, "detect": perf_counter() - read}
-        return FrameFeatures(prepared, detected, detected, remarks, seconds)
+        return FrameFeatures(prepared, detected, detected, saliency, remarks, seconds)
+
+    def _saliency(
+        self, prepared: PreparedFrame, detected: TrackedPoints | None
+    ) -> Float32Array | None:
+        """Where the whole image is salient, if points were detected."""
+        frame = prepared.frame
+        whole = frame.image if frame.periphery is None else frame.periphery.image
+        if not self._attends or detected is None or whole is None:
+            return None
+        return contrast_saliency(whole).saliency
 
     def _detect(
         self, prepared: PreparedFrame, number: int, *, separate: bool
@@ -193,7 +210,7 @@ def _keypoints(
     Of a fovea those of its window, and of the periphery those around it.
     """
     assert prepared.left is not None
-    points, r, window = detect(prepared.left), prepared.reduction, prepared.window
+    points, r, window = detect(prepared.left), prepared.frame.reduction, prepared.window
     pixel_size = np.full(len(points), r, np.float32)
     if window is not None:
         points = replace(points, xy=enlarged(points.xy, r), size=r * points.size)
@@ -355,7 +372,10 @@ def extend(
         config: number of tracks, and their spacing.
     """
     radius = config.min_spacing / 2
-    others = tracked[~tracked.near(reidentified, radius)]
+    replaced = tracked.near(reidentified, radius)
+    coarse = (tracked.pixel_size > 1) & ~tracked.is_landmark
+    replaced[coarse] |= tracked[coarse].near(detected[detected.pixel_size == 1], radius)
+    others = tracked[~replaced]
     tracked = TrackedPoints.concatenate([others, reidentified])
     new = detected[~detected.near(tracked, radius)]
     capacity = max(0, config.max_tracks - len(tracked))

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.attention.contrast import contrast_saliency
-from saccade.frames import Camera, Frame, steps_between
+from saccade.frames import Camera, steps_between
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import from_pixels
+from saccade.visual.frontend import FrameFeatures
 from saccade.visual.gaze import Belief, Candidates, Gaze, GazeLimits, Policy, SalientPlaces
 from saccade.visual.selection import sample_saliency
 from saccade.visual.tables import TrackedPoints
@@ -76,7 +76,8 @@ class GazeControl:
         latency: int = 1,
     ) -> None:
         self._policy, self._candidates, self._limits = policy, candidates, limits
-        self._turn, self._interval, self.frames_ahead = turn, interval, latency - 1
+        self._turn, self._interval = turn, interval
+        self.frames_ahead = latency - 1
         self._places = PlaceMemory(limits.max_range)
         self._viewpoints: dict[int, FloatArray] = {}
         self._looked: dict[tuple[int, ...], float] = {}
@@ -97,21 +98,19 @@ class GazeControl:
     def decide(
         self,
         time: float,
-        frame: Frame,
+        features: FrameFeatures,
         visual_map: VisualMap,
         tracked: TrackedPoints,
-        detected: TrackedPoints,
     ) -> None:
         """Update the memory by a frame; decide, and turn the camera if it is time to.
 
         Args:
             time: of the frame in seconds.
-            frame: the frame.
+            features: the frame, and the points detected in it, if any.
             visual_map: the map after it.
             tracked: points tracked in it.
-            detected: points detected in it, if any.
         """
-        pose, present = visual_map.ekf.pose, frame.gaze
+        pose, present = visual_map.ekf.pose, features.frame.frame.gaze
         if self._last is not None and time > self._last[0]:
             seconds = time - self._last[0]
             self._velocity = steps_between(np.stack([self._last[1], pose]))[0] / seconds
@@ -125,11 +124,10 @@ class GazeControl:
             self._rest = time, present.pan
         elif time - self._rest[0] >= DWELL:
             self._looked[self._cell(pose, pose[2] + present.pan)] = time
-        whole = frame.image if frame.periphery is None else frame.periphery.image
-        if len(detected) and whole is not None:
-            size = visual_map.camera.height, visual_map.camera.width
-            saliency = sample_saliency(contrast_saliency(whole).saliency, size, detected.xy)
-            self._places.add(time, pose, visual_map.camera, detected, saliency)
+        if features.candidates is not None and features.saliency is not None:
+            camera, points = visual_map.camera, features.candidates
+            saliency = sample_saliency(features.saliency, (camera.height, camera.width), points.xy)
+            self._places.add(time, pose, camera, points, saliency)
         previous = self.decisions[-1].time if self.decisions else -np.inf
         if time - previous < self._interval - 1e-6:
             return

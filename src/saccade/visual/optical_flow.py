@@ -83,11 +83,6 @@ class PreparedFrame:
     """What a fovea sees at full resolution; None without one."""
 
     @property
-    def reduction(self) -> int:
-        """Pixels of the image along each side of a pixel of `left`."""
-        return 1 if self.frame.periphery is None else self.frame.periphery.reduction
-
-    @property
     def is_blank(self) -> bool:
         """Whether it has neither a usable image nor tracks."""
         return self.left is None and self.frame.tracks is None
@@ -236,7 +231,7 @@ def track_frame(
     gain = brightness_gain(current, previous)
     assert previous.left is not None
     assert current.left is not None
-    whole, r = brightened(current.left, gain), current.reduction
+    whole, r = brightened(current.left, gain), current.frame.reduction
     if previous.window is None or current.window is None:
         levels = LEVELS if guess is None else LEVELS_OF_GUESS
         moved, ok = track_points(previous.left, whole, xy, guess, levels)

@@ -70,7 +70,7 @@ def run(
         config: the settings.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
-        cache: features of earlier runs over the same frames.
+        cache: features of earlier runs over the same frames; unused with a gaze.
         checkpoint: saves the state of the run; an interrupted run resumes from it.
         tracks: records the tracked points.
         gaze: turns the camera after each frame. Its state is no part of a checkpoint.
@@ -117,12 +117,6 @@ def run(
         return pipeline.result()
 
 
-def _reduction(frames: dict[int, Frame]) -> int:
-    """Of the periphery in the first frame; 1 without one."""
-    peripheries = (frame.periphery for frame in frames.values())
-    return max((each.reduction for each in peripheries if each is not None), default=1)
-
-
 class Pipeline:
     """Visual SLAM over the frames of a drive.
 
@@ -131,7 +125,7 @@ class Pipeline:
     Args:
         drive: frames and odometry.
         config: the settings.
-        cache: features of earlier runs over the same frames.
+        cache: features of earlier runs over the same frames; unused with a gaze.
         gaze: turns the camera after each frame.
     """
 
@@ -157,10 +151,12 @@ class Pipeline:
         self.log = RunLog(drive)
         self._cameras = drive.camera, drive.camera  # as turned in the last frame and in this one
         self._camera_trajectory = CameraTrajectory()
-        self._ground = GroundTracker(drive.camera, _reduction(first))
+        reduction = max((frame.reduction for frame in first.values()), default=1)
+        self._ground = GroundTracker(drive.camera, reduction)
         adjusts = has_depth and config.window > 2
         self._window = SlidingWindow(drive.camera, config) if adjusts else None
-        self._extract = FeatureExtractor(drive, config, cache, first)
+        cache = cache if gaze is None else None  # what a frame shows depends on the gaze
+        self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
         ahead = config.detect_interval if gaze is None else gaze.frames_ahead
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
@@ -215,9 +211,8 @@ class Pipeline:
         if not frame.is_blank:
             self._previous, self.log.last_visible = frame, number
         if self._gaze is not None:
-            time, none = float(self.drive.time[number]), TrackedPoints()
-            seen = none if detected is None else detected
-            self._gaze.decide(time, frame.frame, self.map, self.tracked, seen)
+            time = float(self.drive.time[number])
+            self._gaze.decide(time, features, self.map, self.tracked)
 
     @property
     def pose_covariance(self) -> FloatArray:
