@@ -12,6 +12,7 @@ from saccade.errors import ConfigError, DriveError
 from saccade.evaluation.drives import summarize_drive
 from saccade.frames import AHEAD, Camera, Drive, Frame, Gaze, Periphery
 from saccade.simulation import DriveConfig, simulate_drive
+from saccade.viewing.fovea import foveated_image
 from saccade.visual.camera import reduced_camera, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
@@ -211,3 +212,23 @@ def test_a_periphery_of_another_size_is_named():
     odd = Periphery(image[::4, ::8], None, 4, (10, 10), 10, 0.0)
     with pytest.raises(DriveError, match="expected an image of 160 x 50"):
         prepare_frame(Frame(0.0, image[10:60, 10:200], periphery=odd), CAMERA)
+
+
+def test_landmarks_count_as_far_as_a_robot_comes_in_four_seconds():
+    for speed, expected in ((0.5, 8.0), (5.0, 20.0), (90.0, 100.0)):
+        drive = drive_of([gray(texture(0))] * 5)
+        drive = replace(drive, control=np.tile([speed, 0.0, 0.0], (4, 1)))
+        assert Fovea(drive).limits.max_range == pytest.approx(expected)
+    assert Fovea(drive, FoveaConfig(max_range=3.0)).limits.max_range == 3.0
+
+
+def test_a_frame_is_shown_whole_its_periphery_in_coarse_pixels():
+    image = gray(texture(0))
+    fovea = Fovea(drive_of([image] * 2))
+    frame = fovea.drive.load(0)
+    shown, (column, row), (h, w) = foveated_image(frame), frame.periphery.corner, frame.image.shape
+    assert shown.shape == (200, 640)
+    inside = np.s_[row : row + h, column : column + w]
+    assert_array_equal(shown[inside], image[inside])
+    assert_array_equal(shown[:4, :4], frame.periphery.image[0, 0])
+    assert foveated_image(Frame(0.0, image)) is image

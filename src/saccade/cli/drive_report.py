@@ -11,6 +11,7 @@ from saccade.frames import Drive
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import Image, MapSnapshot
 from saccade.viewing.film import Eye
+from saccade.viewing.fovea import foveated_image
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part
 from saccade.viewing.report_map import (
@@ -78,7 +79,8 @@ def image_loader(drive: Drive) -> Callable[[int], Image | None]:
 
     def load(number: int) -> Image | None:
         try:
-            return drive.load(number).image
+            frame = drive.load(number)
+            return None if frame.image is None else foveated_image(frame)
         except ImageError:
             return None
 
@@ -87,13 +89,18 @@ def image_loader(drive: Drive) -> Callable[[int], Image | None]:
 
 def eye_loader(drive: Drive) -> Callable[[int], Eye | None] | None:
     """A function from the number of a frame to where its camera looks; None for a fixed one."""
-    width = 2 * float(np.arctan(drive.camera.width / 2 / drive.camera.fx))
 
     def load(number: int) -> Eye | None:
         try:
-            turn = drive.load(number).turn
+            frame = drive.load(number)
         except ImageError:
             return None
-        return None if turn is None else Eye(turn.pan, width, turn.reason)
+        if frame.turn is None and frame.periphery is None:
+            return None
+        width = drive.camera.width
+        if frame.periphery is not None and frame.image is not None:
+            width = frame.image.shape[1]
+        field_of_view = 2 * float(np.arctan(width / 2 / drive.camera.fx))
+        return Eye(frame.gaze.pan, field_of_view, frame.gaze.reason)
 
     return load if load(0) is not None else None

@@ -16,7 +16,7 @@ from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName
 from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
-from saccade.visual.fovea import Fovea, FoveaConfig
+from saccade.visual.fovea import Fovea
 from saccade.visual.frontend import dedicated_process
 from saccade.visual.gaze_control import GazeControl, pan_candidates
 from saccade.visual.gaze_policies import POLICIES
@@ -29,8 +29,6 @@ SETTINGS = VisualConfig(recover=False)
 """Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
 LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
 """Of each drive; after each the robot is where it began."""
-STREET_RANGE = 40.0
-"""Meters within which landmarks count for the gaze in a recorded drive."""
 WITHOUT_FOVEA = "whole", "window"
 """Instead of a policy: the whole images, or the window in their middle alone."""
 
@@ -97,9 +95,7 @@ def fovea_run(world: str, policy: str, seed: int, frames: int) -> tuple[Drive, V
         The drive, its result, and frames per second, reading and rendering excluded.
     """
     drive = _in_memory(world, seed, frames)
-    near = world == WIDE_WORLD
-    fovea = Fovea(drive, FoveaConfig() if near else FoveaConfig(max_range=STREET_RANGE))
-    control = None
+    fovea, control = Fovea(drive), None
     if policy == "window":
         drive = fovea.middle()
     elif policy != "whole":

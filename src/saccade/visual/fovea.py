@@ -6,15 +6,18 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from saccade.errors import require, require_ranges
+from saccade.errors import DriveError, require, require_ranges
 from saccade.frames import Camera, Drive, Frame, Gaze, GazeLimits, Periphery
 from saccade.types import FloatArray, Image
 from saccade.visual.camera import directions, to_pixels
 from saccade.visual.gaze import Candidates, Policy
 from saccade.visual.gaze_control import GazeControl
+from saccade.visual.optical_flow import ByteArray, gray_bytes
 
 FASTEST = 1e3
 """Radians per second: a window jumps at once."""
+SECONDS_AHEAD, MIN_RANGE, MAX_RANGE = 4.0, 8.0, 100.0
+"""Of the way within which landmarks count, and the least and greatest such range in meters."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +38,15 @@ class FoveaConfig:
     """The window may move in every so many frames: those in which points are detected."""
     latency: int = 4
     """Frames from a decision to the first one that follows it; one less are read ahead."""
-    max_range: float = 8.0
-    """Meters within which landmarks and salient places count."""
+    max_range: float | None = None
+    """Meters within which landmarks and salient places count; by default the way of 4 seconds at
+    the median speed, and at least 8 m."""
 
     def __post_init__(self) -> None:
         require_ranges(self, budget=(0, 1), reduction=(2, 64), interval=(1, 1000))
         require_ranges(self, latency=(1, 1000), height=(0.01, 1))
+        if self.max_range is not None:
+            require_ranges(self, max_range=(0.1, 1e4))
         least = 1 / self.reduction**2
         expected = f"more than {least:.3g}, the part of the periphery"
         require(self.budget > least, "budget", expected, self.budget)
@@ -64,7 +70,8 @@ class Fovea:
         self.config = config or FoveaConfig()
         self.drive = replace(drive, load=self._load)
         """The drive with a `Periphery` in each frame; a frame can be loaded once all commands up
-        to `FoveaConfig.latency` frames before it were given."""
+        to `FoveaConfig.latency` frames before it were given. `load` raises `DriveError` for tracked
+        points."""
         self._source, camera = drive, drive.camera
         self.window = self.config.window_size(camera)
         """Width and height in pixels."""
@@ -78,7 +85,7 @@ class Fovea:
             pan=(float(pan.min()), float(pan.max())),
             rate=FASTEST,
             latency=latency,
-            max_range=self.config.max_range,
+            max_range=self.config.max_range or _usual_range(drive),
         )
         """Of its motion: it jumps after the latency."""
         angles = (float(2 * np.arctan(width / 2 / camera.fx)), float(height / camera.fy))
@@ -132,6 +139,8 @@ class Fovea:
 
     def _load(self, number: int) -> Frame:
         frame, config, source = self._source.load(number), self.config, self._source
+        if frame.tracks is not None:
+            raise DriveError(f"{source.name}: expected images for a fovea, found tracked points")
         if frame.image is None:
             return frame
         decided = number - number % config.interval - config.latency
@@ -141,9 +150,8 @@ class Fovea:
         whole, window = reduced_image(frame.image, r), self._crop(frame.image, corner)
         if frame.right is not None:
             right = reduced_image(frame.right, r)
-            right_column -= r * vergence(
-                whole, right, *(each // r for each in (*corner, *self.window))
-            )
+            place = (each // r for each in (*corner, *self.window))
+            right_column -= r * vergence(gray_bytes(whole), gray_bytes(right), *place)
             right_column = max(right_column, 0)
             right_window = self._crop(frame.right, (right_column, corner[1]))
         pan = float(self._pan(np.array([corner[0]]))[0])
@@ -155,6 +163,15 @@ class Fovea:
         return np.ascontiguousarray(image[row : row + height, column : column + width])
 
 
+def _usual_range(drive: Drive) -> float:
+    """Meters within which landmarks count for a robot that is as fast as this one."""
+    if len(drive) < 2:
+        return MIN_RANGE
+    seconds = np.maximum(np.diff(drive.time), 1e-6)
+    speed = float(np.median(np.hypot(*drive.control[:, :2].T) / seconds))
+    return min(max(MIN_RANGE, SECONDS_AHEAD * speed), MAX_RANGE)
+
+
 def reduced_image(image: Image, reduction: int) -> Image:
     """Means of squares of pixels; rows and columns that are left over are cut off."""
     h, w = (size // reduction for size in image.shape[:2])
@@ -162,7 +179,9 @@ def reduced_image(image: Image, reduction: int) -> Image:
     return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
 
 
-def vergence(left: Image, right: Image, column: int, row: int, width: int, height: int) -> int:
+def vergence(
+    left: ByteArray, right: ByteArray, column: int, row: int, width: int, height: int
+) -> int:
     """Columns by which a window of the left image is found to the left in the right image."""
     rows = slice(row, row + height)
     window = np.ascontiguousarray(left[rows, column : column + width])
