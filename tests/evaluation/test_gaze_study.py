@@ -82,7 +82,7 @@ def test_a_run_is_computed_stored_and_repeated_to_the_bit(tmp_path):
     assert row["inside_3sigma"] > 0.8
 
 
-@pytest.mark.parametrize("policy", ["whole", "window", "informative"])
+@pytest.mark.parametrize("policy", ["whole", "reduced", "window", "informative"])
 def test_a_run_with_a_fovea_has_a_file_and_a_speed_of_its_own(tmp_path, policy):
     wide = GazeRun("ring", policy, 0, 8, fovea=True)
     assert wide.path(tmp_path) != replace(wide, fovea=False).path(tmp_path)

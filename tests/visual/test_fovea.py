@@ -16,7 +16,7 @@ from saccade.viewing.fovea import foveated_image
 from saccade.visual.camera import reduced_camera, to_pixels
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import measure_depth
-from saccade.visual.fovea import Fovea, FoveaConfig
+from saccade.visual.fovea import Fovea, FoveaConfig, reduced_drive
 from saccade.visual.gaze_policies import POLICIES
 from saccade.visual.optical_flow import prepare_frame, track_frame
 
@@ -196,6 +196,16 @@ def test_the_middle_alone_is_a_camera_of_its_own(ring):
     column, row = round(u - x), round(v - y)
     h, w = image.shape[:2]
     assert_array_equal(image, whole[row : row + h, column : column + w])
+
+
+def test_an_evenly_reduced_drive_has_the_blocks_and_the_rays_of_the_whole(ring):
+    small = reduced_drive(ring, 2)
+    whole, image = ring.load(0).image, small.load(0).image
+    assert image.shape[:2] == (small.camera.height, small.camera.width) == (96, 320)
+    assert_allclose(image[3, 5], whole[6:8, 10:12].mean((0, 1)), atol=0.51)
+    xyz = np.array([[3.0, 0.2, 0.9]])
+    own, xy = (to_pixels(each.camera, xyz)[0] for each in (small, ring))
+    assert_allclose(own, (xy + 0.5) / 2 - 0.5)
 
 
 @pytest.mark.parametrize(

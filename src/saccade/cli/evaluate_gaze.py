@@ -69,7 +69,8 @@ def gaze(
         Option(
             "--policy",
             help="fixed, random, sweep, salient, informative or behaviors; with --fovea also whole "
-            "(all pixels) and window (the window in the middle alone). May be repeated.",
+            "(all pixels), reduced (as many as a fovea has, evenly) and window (that in the middle "
+            "alone). May be repeated.",
             show_default="all of them",
         ),
     ] = None,
@@ -87,7 +88,7 @@ def gaze(
 
     Each table has the means over the seeds, with half of their 95 % bootstrap intervals. The last
     ones compare each policy with a camera that does not turn and with a steady sweep; of a fovea,
-    with the whole images and with the window in their middle alone.
+    with the whole images, with these evenly reduced, and with the window in their middle alone.
 
     --out receives a figure (gaze.png) and every run: an interrupted evaluation resumes, and more
     seeds add to it.

@@ -16,7 +16,7 @@ from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName
 from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
-from saccade.visual.fovea import Fovea
+from saccade.visual.fovea import Fovea, reduced_drive
 from saccade.visual.frontend import dedicated_process
 from saccade.visual.gaze_control import GazeControl, pan_candidates
 from saccade.visual.gaze_policies import POLICIES
@@ -29,8 +29,9 @@ SETTINGS = VisualConfig(recover=False)
 """Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
 LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
 """Of each drive; after each the robot is where it began."""
-WITHOUT_FOVEA = "whole", "window"
-"""Instead of a policy: the whole images, or the window in their middle alone."""
+WITHOUT_FOVEA = "whole", "reduced", "window"
+"""Instead of a policy: the whole images; these evenly reduced to the pixels of a fovea; or the
+window in their middle alone."""
 
 Run: TypeAlias = Callable[[str, int, int], tuple[Drive, VisualResult]]
 """A drive and its result by policy, seed, and number of frames."""
@@ -98,6 +99,8 @@ def fovea_run(world: str, policy: str, seed: int, frames: int) -> tuple[Drive, V
     fovea, control = Fovea(drive), None
     if policy == "window":
         drive = fovea.middle()
+    elif policy == "reduced":
+        drive = reduced_drive(drive, round(fovea.config.budget**-0.5))
     elif policy != "whole":
         drive, control = fovea.drive, fovea.control(POLICIES[policy](seed))
     with dedicated_process():

@@ -9,7 +9,7 @@ import numpy as np
 from saccade.errors import DriveError, require, require_ranges
 from saccade.frames import Camera, Drive, Frame, Gaze, GazeLimits, Periphery
 from saccade.types import FloatArray, Image
-from saccade.visual.camera import directions, to_pixels
+from saccade.visual.camera import directions, reduced_camera, to_pixels
 from saccade.visual.gaze import Candidates, Policy
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.optical_flow import ByteArray, gray_bytes
@@ -177,6 +177,22 @@ def reduced_image(image: Image, reduction: int) -> Image:
     h, w = (size // reduction for size in image.shape[:2])
     whole = image[: h * reduction, : w * reduction]
     return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
+
+
+def reduced_drive(drive: Drive, reduction: int) -> Drive:
+    """A drive whose images are evenly reduced by a whole number, and its camera with them."""
+
+    def load(number: int) -> Frame:
+        frame = drive.load(number)
+        left, right = (
+            None if image is None else reduced_image(image, reduction)
+            for image in (frame.image, frame.right)
+        )
+        depth = None if frame.depth is None else frame.depth[reduction // 2 :: reduction]
+        depth = None if depth is None else depth[:, reduction // 2 :: reduction]
+        return replace(frame, image=left, right=right, depth=depth)
+
+    return replace(drive, camera=reduced_camera(drive.camera, reduction), load=load)
 
 
 def vergence(
