@@ -1,4 +1,7 @@
-"""The maps at full size and the tables of scanpaths that `saccade look` writes."""
+"""The maps at full size and the tables of scanpaths that `saccade look` writes.
+
+It imports what writes them when it is needed: without options nothing is written here.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,9 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.cli.output import relative_names
-from saccade.datasets.fixations import write_fixations
-from saccade.evaluation.scanpaths import durations_of
-from saccade.exchange import write_map
 from saccade.types import FixationTable, Float32Array, FloatArray, Scanpath, ScanpathSamples
 
 
@@ -38,6 +38,10 @@ class LookFiles:
 
     def write_maps(self, out: Path, name: str, layers: Mapping[str, Float32Array]) -> list[str]:
         """Write maps (H, W) into a folder for each layer; returns the files."""
+        if not self.maps:
+            return []
+        from saccade.exchange import write_map
+
         files = [
             (out / "maps" / layer / f"{name}.{kind}", values)
             for kind in self.maps
@@ -49,6 +53,10 @@ class LookFiles:
 
     def write_tables(self, out: Path) -> dict[str, str]:
         """Write scanpaths and samples of all images; returns the files."""
+        if not self.tables or not self.paths:
+            return {}
+        from saccade.evaluation.scanpaths import durations_of
+
         names = relative_names(list(self.paths))
         scans, drawn = [], []
         for path, (scan, samples) in self.paths.items():
@@ -58,7 +66,7 @@ class LookFiles:
                 for number in range(len(samples))
             ]
         files = {}
-        for kind in self.tables if self.paths else ():
+        for kind in self.tables:
             for stem, paths in (("scanpaths", scans), ("samples", drawn)):
                 files[f"{stem}_{kind}"] = str(out / f"{stem}.{kind}")
                 _write(out / f"{stem}.{kind}", paths)
@@ -66,6 +74,8 @@ class LookFiles:
 
 
 def _write(file: Path, paths: Sequence[_Path]) -> None:
+    from saccade.datasets.fixations import write_fixations
+
     lengths = [len(each.path) for each in paths]
     onset = np.concatenate([each.path.time for each in paths])
     table = FixationTable(
