@@ -10,7 +10,7 @@ from scipy.ndimage import fourier_shift, gaussian_filter
 from saccade import visual
 from saccade.errors import ConfigError, DriveError
 from saccade.evaluation.drives import summarize_drive
-from saccade.frames import AHEAD, Camera, Drive, Frame, Gaze, Periphery
+from saccade.frames import AHEAD, Camera, CameraTurn, Drive, Frame, Gaze, Periphery
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.viewing.fovea import foveated_image
 from saccade.visual.camera import reduced_camera, to_pixels
@@ -222,6 +222,24 @@ def test_a_periphery_of_another_size_is_named():
     odd = Periphery(image[::4, ::8], None, 4, (10, 10), 10, 0.0)
     with pytest.raises(DriveError, match="expected an image of 160 x 50"):
         prepare_frame(Frame(0.0, image[10:60, 10:200], periphery=odd), CAMERA)
+
+
+@pytest.mark.parametrize("pan", [np.pi / 2, np.pi, -2.0])
+def test_a_camera_that_looks_to_the_side_or_back_has_a_fovea_too(pan):
+    camera = CAMERA.turned(CameraTurn(pan))
+    fovea = Fovea(drive_of([gray(texture(0))] * 20, camera=camera))
+    middle = fovea.drive.load(0).periphery
+    assert abs(middle.corner[0] + (fovea.window[0] - 1) / 2 - (WIDTH - 1) / 2) <= 1
+    assert abs((middle.pan - pan + np.pi) % (2 * np.pi) - np.pi) < 0.01
+    assert np.ptp(fovea.candidates.pan) < 1.2
+    fovea.turn_to(0.0, Gaze(pan + 2.0 - 2 * np.pi))  # beyond the image, a turn less
+    assert fovea.drive.load(8).periphery.corner[0] == 0
+
+
+def test_images_too_small_for_a_fovea_are_told():
+    small = replace(CAMERA, width=60, height=40)
+    with pytest.raises(DriveError, match=r"found 22 x 20 pixels of 60 x 40"):
+        Fovea(drive_of([gray(texture(0))[:40, :60]] * 2, camera=small))
 
 
 def test_landmarks_count_as_far_as_a_robot_comes_in_four_seconds():

@@ -8,12 +8,15 @@ import numpy as np
 
 from saccade.errors import DriveError, require, require_ranges
 from saccade.frames import Camera, Drive, Frame, Gaze, GazeLimits, Periphery
+from saccade.slam.models import wrap
 from saccade.types import FloatArray, Image
 from saccade.visual.camera import directions, reduced_camera, to_pixels
 from saccade.visual.gaze import Candidates, Policy
 from saccade.visual.gaze_control import GazeControl
 from saccade.visual.optical_flow import ByteArray, gray_bytes
 
+MIN_SIDE = 8
+"""Reduced pixels of the sides of a window, at least."""
 FASTEST = 1e3
 """Radians per second: a window jumps at once."""
 SECONDS_AHEAD, MIN_RANGE, MAX_RANGE = 4.0, 8.0, 100.0
@@ -64,6 +67,9 @@ class Fovea:
     Args:
         drive: a drive with images.
         config: the budget of pixels.
+
+    Raises:
+        DriveError: the images are too small for a periphery.
     """
 
     def __init__(self, drive: Drive, config: FoveaConfig | None = None) -> None:
@@ -76,8 +82,15 @@ class Fovea:
         self.window = self.config.window_size(camera)
         """Width and height in pixels."""
         width, height = self.window
+        if min(width, height) < MIN_SIDE * self.config.reduction:
+            raise DriveError(
+                f"{drive.name}: expected a fovea's window of at least {MIN_SIDE} reduced pixels on "
+                f"each side, found {width} x {height} pixels of {camera.width} x {camera.height}"
+            )
         overlapping = max(2 * round(camera.width / width - 1), 2 * (camera.width > width)) + 1
         pan = self._pan(np.linspace(0, camera.width - width, overlapping))
+        self._center = float(pan[len(pan) // 2])
+        pan = self._center + wrap(pan - self._center)
         seconds = float(np.median(np.diff(drive.time))) if len(drive) > 1 else 0.0
         self._interval = (self.config.interval - 0.5) * seconds  # half a frame of jitter
         latency = self.config.latency * seconds
@@ -91,7 +104,9 @@ class Fovea:
         angles = (float(2 * np.arctan(width / 2 / camera.fx)), float(height / camera.fy))
         self.candidates = Candidates(pan, np.zeros(len(pan)), angles)
         """Windows that overlap by half."""
-        self._time, self._commands = [-np.inf], [(self._corner(0.0), "")]
+        sees_ahead = self.limits.pan[0] <= 0 <= self.limits.pan[1]
+        self._start = self._corner(0.0 if sees_ahead else self._center)
+        self._time, self._commands = [-np.inf], [(self._start, "")]
 
     def control(self, policy: Policy) -> GazeControl:
         """What decides where the window is, for `saccade.visual.run`."""
@@ -100,7 +115,7 @@ class Fovea:
 
     def middle(self) -> Drive:
         """The drive with the window in the middle of its images, and nothing around it."""
-        (column, row), (width, height) = self._corner(0.0), self.window
+        (column, row), (width, height) = self._start, self.window
         camera = self._source.camera
         cx, cy = camera.cx - column, camera.cy - row
         camera = replace(camera, width=width, height=height, cx=cx, cy=cy)
@@ -122,7 +137,8 @@ class Fovea:
 
     def _corner(self, pan: float) -> tuple[int, int]:
         """First column and row of the window nearest to a pan."""
-        camera = self._source.camera
+        camera, limits = self._source.camera, np.array(self.limits.pan)
+        pan = self._center + float(np.clip(wrap(pan - self._center), *(limits - self._center)))
         ahead = camera.position + np.array([np.cos(pan), np.sin(pan), 0.0])
         center = to_pixels(camera, ahead[None])[0][0]
         column, row = np.rint(center - (np.array(self.window) - 1) / 2)
