@@ -24,8 +24,8 @@ def demo(
 ) -> None:
     """Run look, match, slam and drive on built-in data, and write index.html.
 
-    Everything needed ships with the package. The first run compiles for up to
-    a minute, later ones take seconds.
+    Everything needed ships with the package. The first run also compiles, for
+    up to a minute.
     """
     from importlib.resources import as_file, files
 
