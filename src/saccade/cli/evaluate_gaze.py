@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from saccade.cli.evaluate_selection import Score
+from saccade.cli.evaluate_selection import Score, score_cells
 from saccade.cli.options import FigureFormats, Json, Report, figure_formats
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def gaze(
                 title = f"{world}, at most {frames} frames, {seeds} seeds"
                 headings = ["", *(score.heading for score in part.values())]
                 of_world = [row for row in rows if row["world"] == world]
-                cells = [[row["policy"], *_cells(row, part)] for row in of_world]
+                cells = [[row["policy"], *score_cells(row, part)] for row in of_world]
                 print_table(title, headings, cells)
         for name, comparison in comparisons.items():
             print_table(COMPARED.format(name), *_comparison_table(comparison))
@@ -153,18 +153,6 @@ def _shown(rows: list[dict[str, Any]]) -> dict[str, Score]:
     return {
         name: score for name, score in SCORES.items() if any(row[name] is not None for row in rows)
     }
-
-
-def _cells(row: dict[str, Any], shown: dict[str, Score]) -> list[str]:
-    """Mean and half of the interval of each score."""
-    cells = []
-    for name, score in shown.items():
-        if row[name] is None:
-            cells.append("-")
-            continue
-        mean, low, high = (score.factor * value for value in row[name])
-        cells.append(f"{mean:.{score.decimals}f} ±{(high - low) / 2:.{score.decimals}f}")
-    return cells
 
 
 def _comparison_table(comparison: list[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
@@ -222,7 +210,7 @@ def _write_report(
         for i, (name, comparison) in enumerate(comparisons.items())
     ]
     shown = _shown(rows)
-    cells = [[row["policy"], row["world"], *_cells(row, shown)] for row in rows]
+    cells = [[row["policy"], row["world"], *score_cells(row, shown)] for row in rows]
     columns = ["", "world", *(score.heading for score in shown.values())]
     tables.append(
         Table("Each world", columns, cells, MEANING, "policy", [] if tables else [picture])

@@ -1,5 +1,6 @@
 """`saccade evaluate selection`: landmark selection criteria compared at equal budgets."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -136,7 +137,7 @@ def selection(
         for drive in scores.drive:
             for budget in scores.budget:
                 shown = [
-                    [row["criterion"], *_cells(row)]
+                    [row["criterion"], *score_cells(row, SCORES)]
                     for row in rows
                     if (row["drive"], row["budget"]) == (drive, budget)
                 ]
@@ -145,10 +146,10 @@ def selection(
     print_message(f"wrote {picture}")
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
+def score_cells(row: dict[str, Any], scores: Mapping[str, Score]) -> list[str]:
     """Mean and half of the interval of each score."""
     cells = []
-    for name, score in SCORES.items():
+    for name, score in scores.items():
         if row[name] is None:
             cells.append("-")
             continue
@@ -202,7 +203,10 @@ def _write_report(
         "Means over the seeds, with 95 % bootstrap intervals.",
         wide=True,
     )
-    cells = [[row["criterion"], row["drive"], str(row["budget"]), *_cells(row)] for row in rows]
+    cells = [
+        [row["criterion"], row["drive"], str(row["budget"]), *score_cells(row, SCORES)]
+        for row in rows
+    ]
     columns = ["", "drive", "landmarks", *HEADINGS]
     write_tables(
         path,

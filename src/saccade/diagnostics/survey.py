@@ -12,7 +12,7 @@ from saccade.errors import ImageError
 from saccade.frames import Drive, Frame, Tracks
 from saccade.types import BoolArray, FloatArray, Image, IntArray
 from saccade.visual.camera import reduced_camera
-from saccade.visual.optical_flow import ByteArray, PreparedFrame, gray_bytes
+from saccade.visual.optical_flow import ByteArray, PreparedFrame, gray_bytes, reduced_image
 
 STRETCHES = 4
 """Sequences of successive frames, evenly spread, that are surveyed of a longer drive."""
@@ -138,11 +138,7 @@ def _shrink_image(image: Image | None, factor: int) -> ByteArray | None:
     if image is None:
         return None
     gray = gray_bytes(image)
-    height, width = (side // factor for side in gray.shape)
-    if factor > 1:
-        whole = gray[: height * factor, : width * factor]
-        gray = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
-    return gray
+    return gray if factor == 1 else np.asarray(reduced_image(gray, factor), np.uint8)
 
 
 def _is_copy(previous: PreparedFrame, current: PreparedFrame) -> bool:

@@ -1,23 +1,17 @@
 """Drives with each gaze policy, scored, and stored so that the study can be resumed."""
 
-import json
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 import saccade
-from saccade.errors import ConfigError
 from saccade.evaluation.drives import summarize_drive
 from saccade.evaluation.gaze_drives import WORLDS, fovea_run
-from saccade.files import atomic_write, read_text, reason_of
+from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
 from saccade.frames import Drive
 from saccade.types import FloatArray
 from saccade.visual import ObservationKind, VisualResult
@@ -79,48 +73,21 @@ def run_all(
         jobs: number of processes; with several, each has a single OpenCV thread.
         progress: called with the runs done and their number.
     """
-    results = []
-    with ExitStack() as stack:
-        mapped: Any = map
-        if jobs > 1:
-            one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
-            pool = ProcessPoolExecutor(jobs, get_context("spawn"), one_thread)
-            mapped = stack.enter_context(pool).map
-        for row in mapped(partial(result_of, out=out), runs):
-            results.append(row)
-            if progress is not None:
-                progress(len(results), len(runs))
-    return results
+    return map_in_processes(partial(result_of, out=out), runs, jobs, progress)
 
 
 def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
     """The scores of a run, read from its file or computed."""
     path = run.path(out)
     if path.exists():
-        return _stored(path, run.identity)
+        return read_run(path, run.identity, SCORES, {"entropy_over_time": TIMES})
     speed = None
     if run.fovea:
         drive, result, speed = fovea_run(run.world, run.policy, run.seed, run.frames)
     else:
         drive, result = WORLDS[run.world](run.policy, run.seed, run.frames)
     row = run.identity | score(drive, result) | {"frames_per_second": speed}
-    with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
-    return row
-
-
-def _stored(path: Path, expected: dict[str, Any]) -> dict[str, Any]:
-    """A run read from its file, which has to match `expected`."""
-    try:
-        content: Any = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
-    row: dict[str, Any] = content if isinstance(content, dict) else {}
-    scored = all(isinstance(row.get(name, ""), (float, int, type(None))) for name in SCORES)
-    series = row.get("entropy_over_time")
-    scored = scored and isinstance(series, list) and len(series) == TIMES
-    if not scored or any(row.get(name) != value for name, value in expected.items()):
-        raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
+    write_run(path, row)
     return row
 
 

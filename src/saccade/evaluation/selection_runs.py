@@ -1,25 +1,18 @@
 """Runs over drives with each landmark selection criterion, stored so that they can be resumed."""
 
-import json
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from multiprocessing import get_context
 from pathlib import Path
-from types import NoneType
 from typing import Any
 
-import cv2
 from threadpoolctl import threadpool_limits
 
 import saccade
 from saccade import datasets, visual
-from saccade.errors import ConfigError
 from saccade.evaluation.drives import summarize_drive
 from saccade.evaluation.out_and_back import OutAndBackConfig, out_and_back
-from saccade.files import atomic_write, read_text, reason_of
+from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
 from saccade.frames import Drive
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual import FeatureCache, VisualConfig
@@ -112,18 +105,7 @@ def run_all(
         jobs: number of processes; with several, each has a single OpenCV thread.
         progress: called with the series done and their number.
     """
-    results = []
-    work = partial(run_series, out=out)
-    with ExitStack() as stack:
-        run: Any = map
-        if jobs > 1:
-            one_thread = partial(cv2.setNumThreads, 1)  # in each child process alone
-            pool = ProcessPoolExecutor(jobs, get_context("spawn"), one_thread)
-            run = stack.enter_context(pool).map
-        for rows in run(work, series):
-            results.append(rows)
-            if progress is not None:
-                progress(len(results), len(series))
+    results = map_in_processes(partial(run_series, out=out), series, jobs, progress)
     return [row for rows in results for row in rows]
 
 
@@ -144,7 +126,7 @@ def _runs(series: RunSeries, out: Path) -> Iterator[dict[str, Any]]:
                 "seed": series.seed,
             }
             if path.exists():
-                yield _stored(path, row)
+                yield read_run(path, row, SCORES)
                 continue
             if drive is None:
                 drive = _load(series)
@@ -153,22 +135,8 @@ def _runs(series: RunSeries, out: Path) -> Iterator[dict[str, Any]]:
                 new_per_frame=budget, max_tracked=budget, shared_points=False, seed=series.seed
             )
             row |= _score(drive, replace(config, **CRITERIA[criterion]), features)
-            with atomic_write(path) as temporary:
-                temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
+            write_run(path, row)
             yield row
-
-
-def _stored(path: Path, expected: dict[str, Any]) -> dict[str, Any]:
-    """A run read from its file, which has to match `expected`."""
-    try:
-        content: Any = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}; delete it") from error
-    row: dict[str, Any] = content if isinstance(content, dict) else {}
-    scored = all(isinstance(row.get(name, ""), (float, int, NoneType)) for name in SCORES)
-    if not scored or any(row.get(name) != value for name, value in expected.items()):
-        raise ConfigError(f"{path}: expected a run with its scores, found none; delete it")
-    return row
 
 
 def _load(series: RunSeries) -> Drive:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from saccade.types import FloatArray
-from saccade.viewing.selection import Panel
+from saccade.viewing.selection import Panel, finish_panel
 from saccade.viewing.style import GRAY
 
 ROW_HEIGHT = 0.34
@@ -43,7 +43,7 @@ def gaze_figure(
             axes.scatter(mean, rows, color=colors, s=22, zorder=3)
             names = policies if p == 0 else [""] * len(policies)
             axes.set_yticks(rows, names)
-            _finish(axes, panel.title if w == 0 else "", len(policies))
+            finish_panel(axes, panel.title if w == 0 else "", len(policies), size=10.5, ticks=4)
         grid[w, 0].set_ylabel(world, fontsize=11, fontweight="bold", labelpad=10)
         _draw_entropy(grid[w, -1], entropy[w], policies, colors)
     grid[0, -1].set_title("entropy of the pose over the drive", fontsize=10.5, pad=8)
@@ -63,15 +63,3 @@ def _draw_entropy(
     axes.tick_params(labelsize=8.5)
     axes.grid(color=GRAY, alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _finish(axes: Axes, title: str, rows: int) -> None:
-    axes.set_title(title, fontsize=10.5, pad=8)
-    axes.set_ylim(rows - 0.5, -0.5)
-    for i in range(0, rows, 2):
-        axes.axhspan(i - 0.5, i + 0.5, color=GRAY, alpha=0.09, linewidth=0)
-    axes.tick_params(axis="y", length=0)
-    axes.tick_params(axis="x", labelsize=8.5)
-    axes.grid(axis="x", color=GRAY, alpha=0.25, linewidth=0.6)
-    axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.locator_params(axis="x", nbins=4)

@@ -83,7 +83,12 @@ def _finish(axes: Axes, title: str, rows: int, limit: float) -> None:
     low, high = axes.get_xlim()
     if high >= limit:
         axes.set_xlim(min(low, 0.9 * limit), 1.005 * limit)
-    axes.set_title(title, fontsize=11, pad=8)
+    finish_panel(axes, title, rows, size=11, ticks=5)
+
+
+def finish_panel(axes: Axes, title: str, rows: int, *, size: float, ticks: int) -> None:
+    """Title, striped rows from the top, and no frame; at most so many ticks."""
+    axes.set_title(title, fontsize=size, pad=8)
     axes.set_ylim(rows - 0.5, -0.5)
     for i in range(0, rows, 2):
         axes.axhspan(i - 0.5, i + 0.5, color=GRAY, alpha=0.09, linewidth=0)
@@ -91,4 +96,4 @@ def _finish(axes: Axes, title: str, rows: int, limit: float) -> None:
     axes.tick_params(axis="x", labelsize=8.5)
     axes.grid(axis="x", color=GRAY, alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.locator_params(axis="x", nbins=5)
+    axes.locator_params(axis="x", nbins=ticks)

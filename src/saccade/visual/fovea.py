@@ -13,7 +13,7 @@ from saccade.types import FloatArray, Image
 from saccade.visual.camera import directions, reduced_camera, to_pixels
 from saccade.visual.gaze import Candidates, Policy
 from saccade.visual.gaze_control import GazeControl
-from saccade.visual.optical_flow import ByteArray, gray_bytes
+from saccade.visual.optical_flow import ByteArray, gray_bytes, reduced_image
 
 MIN_SIDE = 8
 """Reduced pixels of the sides of a window, at least."""
@@ -186,13 +186,6 @@ def _usual_range(drive: Drive) -> float:
     seconds = np.maximum(np.diff(drive.time), 1e-6)
     speed = float(np.median(np.hypot(*drive.control[:, :2].T) / seconds))
     return min(max(MIN_RANGE, SECONDS_AHEAD * speed), MAX_RANGE)
-
-
-def reduced_image(image: Image, reduction: int) -> Image:
-    """Means of squares of pixels; rows and columns that are left over are cut off."""
-    h, w = (size // reduction for size in image.shape[:2])
-    whole = image[: h * reduction, : w * reduction]
-    return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
 
 
 def reduced_drive(drive: Drive, reduction: int) -> Drive:

@@ -143,6 +143,13 @@ def gray_bytes(image: Image) -> ByteArray:
     return np.rint(as_gray(image) * 255).astype(np.uint8)
 
 
+def reduced_image(image: Image, reduction: int) -> Image:
+    """Means of squares of pixels; rows and columns that are left over are cut off."""
+    h, w = (size // reduction for size in image.shape[:2])
+    whole = image[: h * reduction, : w * reduction]
+    return cv2.resize(whole, (w, h), interpolation=cv2.INTER_AREA)
+
+
 class ImageGradients(NamedTuple):
     """An image and its derivatives (Sobel)."""
 
