@@ -260,3 +260,18 @@ def test_a_frame_is_shown_whole_its_periphery_in_coarse_pixels():
     assert_array_equal(shown[inside], image[inside])
     assert_array_equal(shown[:4, :4], frame.periphery.image[0, 0])
     assert foveated_image(Frame(0.0, image)) is image
+
+
+def test_depth_images_are_cut_and_reduced_as_the_images_are():
+    image = gray(texture(0))
+    depth = 1.0 + np.arange(image.size, dtype=float).reshape(image.shape)
+    drive = drive_of([image] * 2)
+    drive = replace(drive, load=lambda i: Frame(float(i), image, depth=depth))
+    fovea = Fovea(drive)
+    column, row = fovea.drive.load(0).periphery.corner
+    w, h = fovea.window
+    middle = fovea.middle().load(0)
+    assert_array_equal(middle.depth, depth[row : row + h, column : column + w])
+    assert middle.depth.shape == middle.image.shape
+    small = reduced_drive(drive, 4).load(0)
+    assert_array_equal(small.depth[:50, :160], depth[2:202:4, 2:642:4])

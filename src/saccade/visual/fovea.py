@@ -1,6 +1,7 @@
 """A fovea: of each wide image a window at full resolution, and the whole at a reduced one."""
 
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -120,15 +121,10 @@ class Fovea:
         cx, cy = camera.cx - column, camera.cy - row
         camera = replace(camera, width=width, height=height, cx=cx, cy=cy)
 
-        def load(number: int) -> Frame:
-            frame = self._source.load(number)
-            left, right = (
-                None if image is None else self._crop(image, (column, row))
-                for image in (frame.image, frame.right)
-            )
-            return replace(frame, image=left, right=right)
+        def crop(image: Image) -> Image:
+            return self._crop(image, (column, row))
 
-        return replace(self._source, camera=camera, load=load)
+        return _with_images(self._source, camera, crop, crop)
 
     def turn_to(self, time: float, gaze: Gaze) -> None:
         """Move the window after the latency; commands come in the order of their times."""
@@ -191,17 +187,30 @@ def _usual_range(drive: Drive) -> float:
 def reduced_drive(drive: Drive, reduction: int) -> Drive:
     """A drive whose images are evenly reduced by a whole number, and its camera with them."""
 
+    def nearest(depth: FloatArray) -> FloatArray:
+        return depth[reduction // 2 :: reduction, reduction // 2 :: reduction]
+
+    camera = reduced_camera(drive.camera, reduction)
+    return _with_images(drive, camera, lambda image: reduced_image(image, reduction), nearest)
+
+
+def _with_images(
+    drive: Drive,
+    camera: Camera,
+    change: Callable[[Image], Image],
+    change_depth: Callable[[FloatArray], FloatArray],
+) -> Drive:
+    """A drive of another camera, whose images and depth images are changed as they are loaded."""
+
     def load(number: int) -> Frame:
         frame = drive.load(number)
         left, right = (
-            None if image is None else reduced_image(image, reduction)
-            for image in (frame.image, frame.right)
+            None if image is None else change(image) for image in (frame.image, frame.right)
         )
-        depth = None if frame.depth is None else frame.depth[reduction // 2 :: reduction]
-        depth = None if depth is None else depth[:, reduction // 2 :: reduction]
+        depth = None if frame.depth is None else change_depth(frame.depth)
         return replace(frame, image=left, right=right, depth=depth)
 
-    return replace(drive, camera=reduced_camera(drive.camera, reduction), load=load)
+    return replace(drive, camera=camera, load=load)
 
 
 def vergence(
