@@ -40,7 +40,7 @@ def fixations(
         Option(
             metavar="[NAME=]DIR",
             help="Folder of saliency maps to score: .npy, .mat, or images named as the images. "
-            "Repeatable.",
+            "Several with commas.",
         ),
     ] = None,
     model: Annotated[
@@ -48,7 +48,7 @@ def fixations(
         Option(
             metavar="[NAME=]MODEL",
             help="attention, contrast, symmetry or boolean, with :PRESET where wished, a file of "
-            "saccade fit (.toml), or module:function. Repeatable; attention by default.",
+            "saccade fit (.toml), or module:function. Several with commas; attention by default.",
         ),
     ] = None,
     preset: Preset = None,
@@ -96,6 +96,7 @@ def fixations(
     from saccade.cli.evaluate_fixations_run import Task, chosen_models, draw, run, write_csv
     from saccade.cli.output import print_json
     from saccade.evaluation.comparison import paired_difference
+    from saccade.files import results_in
     from saccade.viewing.report import Table, write_tables
 
     task = Task(images, fixations, drop, sigma, only_present)
@@ -130,7 +131,8 @@ def fixations(
     for path in figure or []:
         draw(results, path, DRAWN)
     if csv is not None:
-        write_csv(csv, results, rows_of_fixations)
+        with results_in(csv):
+            write_csv(csv, results, rows_of_fixations)
     if as_json:
         print_json(_as_json(results, differences))
         return

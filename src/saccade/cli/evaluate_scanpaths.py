@@ -113,6 +113,7 @@ def scanpaths(
     from saccade.evaluation.scanpath_similarity import ScanMatchConfig
     from saccade.evaluation.scanpath_summary import summary
     from saccade.evaluation.scanpaths import PathSettings, mean_fixations, score_paths, viewings
+    from saccade.files import results_in
     from saccade.image import read_image
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
@@ -140,7 +141,8 @@ def scanpaths(
         fixation_rows += score_fixations(name, people, saliency, chosen, degree)
     paths, predicted = summary(path_rows), summary(fixation_rows)
     if out is not None:
-        _write(out, path_rows, fixation_rows, degree)
+        with results_in(out):
+            _write(out, path_rows, fixation_rows, degree)
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
     similarity = f"{title}: paths of {settings.fixations} fixations, {columns} x {rows} cells"
     tables = [
