@@ -183,6 +183,8 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
     whole = json.loads(run("slam", short, "--out", "whole", "--no-film", "--json")[1])
     command = ["slam", short, "--out", "stopped", "--no-film", "--checkpoint", "0"]
     kept = tmp_path / "stopped" / "checkpoint.npz"
+    kept.parent.mkdir()
+    (kept.parent / "landmarks.csv").write_text("of an earlier run")
     running = subprocess.run(
         [sys.executable, interrupted_run.__file__, str(int(how)), *map(str, command)],
         cwd=tmp_path,
@@ -193,6 +195,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
     )
     assert running.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)
     assert kept.exists()
+    assert (kept.parent / "landmarks.csv").read_text() == "of an earlier run"
     if how == signal.SIGINT:
         assert (
             f"run the same command again to resume from {Path('stopped', 'checkpoint.npz')}"
@@ -203,6 +206,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
     assert code == 0
     resumed = json.loads(out)
     assert not kept.exists()
+    assert not (kept.parent / ".partial").exists()
     for name in ("trajectory", "landmarks", "poses", "innovations"):
         assert Path(resumed["files"][name]).read_bytes() == Path(whole["files"][name]).read_bytes()
     resumed["files"] = whole["files"]
