@@ -117,9 +117,8 @@ def scanpaths(
     Means over the images with 95 % bootstrap intervals.
     """
     from saccade.attention.scanpath_model import ScanpathModelConfig
-    from saccade.cli.fixation_tables import fixation_format
+    from saccade.cli.fixation_tables import fixation_format, load_fixations
     from saccade.cli.output import print_json, print_message, print_table, tracked
-    from saccade.datasets.fixations import read_fixations
     from saccade.evaluation.conditional import score_fixations
     from saccade.evaluation.prediction import fixations_by_image
     from saccade.evaluation.scanpath_similarity import ScanMatchConfig
@@ -129,12 +128,7 @@ def scanpaths(
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 
-    table = read_fixations(
-        fixations,
-        images,
-        fixation_format(columns, xy, offset),
-        only_present=only_present,
-    )
+    table = load_fixations(fixations, images, fixation_format(columns, xy, offset), only_present)
     _, sizes, outside = fixations_by_image(table, images, drop)
     if outside:
         print_message(f"{outside} fixations outside their images are left out")
