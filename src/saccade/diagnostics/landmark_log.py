@@ -7,6 +7,7 @@ No filter is run: gates and wrong associations have no part in it.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -292,7 +293,8 @@ def _pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
     elapsed = time[order] - time[0]
     key = np.unique(track[order], return_inverse=True)[1] * 4 * (np.ptp(log.time) + 1) + elapsed
     duration = np.diff(log.time)
-    lag, found = float(np.median(duration[duration > 0])), []
+    lag = float(np.median(duration[duration > 0]))
+    found: list[tuple[IntArray, IntArray]] = []
     while lag < np.ptp(log.time) and len(found) < 3:
         later = np.minimum(np.searchsorted(key, key + lag * (1 - 1e-6)), len(key) - 1)
         apart = key[later] - key
@@ -324,7 +326,7 @@ def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
     if (log.landmark >= 0).any():
         return np.where(log.landmark >= 0, log.landmark, -1 - number)
     scans = np.split(number, np.flatnonzero(np.diff(log.observation_pose)) + 1)
-    for last, scan in zip(scans, scans[1:], strict=False):
+    for last, scan in pairwise(scans):
         distance = np.hypot(*(xy[last][:, None] - xy[scan]).transpose(2, 0, 1))
         near = distance.argmin(1)
         mutual = np.flatnonzero(distance.argmin(0)[near] == np.arange(len(last)))
@@ -391,7 +393,7 @@ def _normalized(residual: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatA
 
 def _over(nis: FloatArray, log_det: FloatArray, guess: float) -> FloatArray:
     """(m,) Gaussian log-likelihoods over that of a guess, at least 0: any may be an outlier."""
-    return np.maximum(-nis / 2 - np.log(2 * np.pi) - log_det / 2 - guess, 0.0)
+    return np.asarray(np.maximum(-nis / 2 - np.log(2 * np.pi) - log_det / 2 - guess, 0.0))
 
 
 def _guess(log: Readings) -> float:

@@ -20,7 +20,7 @@ MIN_SIGHTINGS, MIN_SHARE, MIN_SECOND = 16, 0.1, 0.003
 fraction that these are of all observations."""
 MIN_NAME_REFUSED = 0.1
 """Fraction of the sightings of a shared name that are refused."""
-MIN_SEPARATION = 5.0
+MIN_SEPARATION = 3.0
 """Distance of two places of a name, over the spread at either and over their uncertainty."""
 MAX_ORDER = 0.6
 """Difference of the mean ranks in time of two places between which a robot goes to and fro; 1 is
@@ -49,7 +49,7 @@ def check_run(
 
 def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     """What is wrong with a run, without its cause."""
-    advice = "See the page 'My map is wrong'"
+    advice = "See the page 'My map is wrong' of the documentation"
     observations, used = len(result.association), int((result.association >= 0).sum())
     if result.warning:
         unused = float(observations - used)
@@ -88,7 +88,8 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
     if not used.any():
         return
     noise = _spread(log.observation[used], log.observation_covariance[used])
-    near = cKDTree(landmarks.xy).query(landmarks.xy, k=2)[0][:, 1] < np.median(noise) / 2
+    nearest = np.asarray(cKDTree(landmarks.xy).query(landmarks.xy, k=2)[0])[:, 1]
+    near = nearest < np.median(noise) / 2
     if near.sum() > max(2.0, 2 * MAX_DUPLICATES * count):
         what = f"{near.sum()} of {count} landmarks are at the place of another landmark"
         yield Finding("warning", "duplicate places", what, advice, float(near.sum()), "landmarks")
@@ -103,15 +104,15 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             time = float(log.time[log.observation_pose[change]] - log.time[0])
             after = 100 * float(refused[change:].mean())
             what = (
-                f"names change their meaning about {time:.0f} s after the first pose: {after:.0f} % are "
-                f"refused after it, {100 * refused[:change].mean():.1f} % before"
+                f"names change their meaning about {time:.0f} s after the first pose: "
+                f"{after:.0f} % are refused after it, {100 * refused[:change].mean():.1f} % before"
             )
             advice = "Give a landmark the same name in all of the log, or map its parts one by one"
             yield Finding("error", "names change", what, advice, time, "s")
             return
     shared = _shared_names(log, result)
     if shared:
-        name, count, distance = max(shared, key=lambda each: each[1])
+        name, _, distance = max(shared, key=lambda each: each[1])
         what = f"several landmarks share the name {name}: it is observed at places {distance:.1f} m"
         what += " apart, in turn"
         if len(shared) > 1:
@@ -176,7 +177,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         apart = np.hypot(*np.diff(place[sightings], axis=0).T)
         apart = apart[np.diff(log.observation_pose[sightings]) == 0]  # seen twice at once
         at_once = float(np.mean(apart > distance / 2)) if len(apart) > MIN_SIGHTINGS else 0.0
-        narrow = distance > 2 * MIN_SEPARATION * float(np.median(noise[sightings]))
+        narrow = distance > 3 * MIN_SEPARATION * float(np.median(noise[sightings]))
         if distance > MIN_SEPARATION * max(*widths, uncertainty) or (at_once > 0.5 and narrow):
             found.append((name, int(share * len(sightings)), distance))
     return found
