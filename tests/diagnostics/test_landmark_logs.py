@@ -13,7 +13,7 @@ from saccade.simulation import WorldConfig, simulate_world
 from saccade.types import LandmarkLog
 
 WORLD = WorldConfig(
-    course_length=40.0,
+    course_length=30.0,
     curvature_amplitude=1.5,
     steps=600,
     step_length=0.5,

@@ -14,13 +14,14 @@ MAX_UNUSED = 0.3
 MAX_DUPLICATES = 0.1
 """Fraction of the landmarks that may stand for a name, or a place, that has one."""
 MIN_REFUSED, MIN_JUMP = 0.04, 3.0
-"""Fraction of names refused from which they may have changed, and its ratio after and before."""
-MIN_SIGHTINGS, MIN_SHARE, MIN_SECOND = 16, 0.1, 0.003
+"""Fraction of named observations refused or not used from which names may have changed, and its
+ratio after and before."""
+MIN_SIGHTINGS, MIN_SHARE, MIN_SECOND = 16, 0.1, 0.005
 """Sightings of a name whose places are compared, the fraction of them at the second place, and the
 fraction that these are of all observations."""
 MIN_NAME_REFUSED = 0.1
 """Fraction of the sightings of a shared name that are refused."""
-MIN_SEPARATION = 3.0
+MIN_SEPARATION = 4.0
 """Distance of two places of a name, over the spread at either and over their uncertainty."""
 MAX_ORDER = 0.6
 """Difference of the mean ranks in time of two places between which a robot goes to and fro; 1 is
@@ -97,7 +98,7 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
 
 def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     """Names that change their meaning, or that several landmarks share."""
-    refused = result.refused
+    refused = (log.landmark >= 0) & (result.refused | (result.association < 0))
     if refused.mean() > MIN_REFUSED:
         change = _change(refused, log.landmark)
         if change is not None:
@@ -105,7 +106,7 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             after = 100 * float(refused[change:].mean())
             what = (
                 f"names change their meaning about {time:.0f} s after the first pose: "
-                f"{after:.0f} % are refused after it, {100 * refused[:change].mean():.1f} % before"
+                f"{after:.0f} % are not used after it, {100 * refused[:change].mean():.1f} % before"
             )
             advice = "Give a landmark the same name in all of the log, or map its parts one by one"
             yield Finding("error", "names change", what, advice, time, "s")
@@ -177,7 +178,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         apart = np.hypot(*np.diff(place[sightings], axis=0).T)
         apart = apart[np.diff(log.observation_pose[sightings]) == 0]  # seen twice at once
         at_once = float(np.mean(apart > distance / 2)) if len(apart) > MIN_SIGHTINGS else 0.0
-        narrow = distance > 3 * MIN_SEPARATION * float(np.median(noise[sightings]))
+        narrow = distance > 2 * MIN_SEPARATION * float(np.median(noise[sightings]))
         if distance > MIN_SEPARATION * max(*widths, uncertainty) or (at_once > 0.5 and narrow):
             found.append((name, int(share * len(sightings)), distance))
     return found
