@@ -234,7 +234,7 @@ def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):
     )
     code, out, err = run("slam", "one.csv", "--smooth", "--json")
     assert code == 0
-    assert "warning: nothing is mapped: there are no observations" in err
+    assert "warning: Nothing is mapped: there are no observations" in err
     row = json.loads(out)
     assert (row["poses"], row["landmarks"], row["nis_mean"]) == (1, 0, None)
     assert all(Path(file).stat().st_size > 0 for file in row["files"].values())
