@@ -6,6 +6,7 @@ import pytest
 
 import saccade
 from saccade.errors import ConfigError, ImageError
+from saccade.image_motion import camera_motion
 
 H, W = 180, 320
 RATE = 25.0
@@ -109,6 +110,13 @@ def test_a_pan_leaves_only_what_moves_by_itself():
         assert changes.max() < 0.1 * object_changes.max()
         assert changes.mean() < 0.02
     assert abs(position(both.motion) - (180, 100)).max() < 16
+
+
+def test_the_motion_of_the_camera_is_that_of_most_of_the_image():
+    expected = [[1, 0, -2.3], [0, 1, -0.7], [0, 0, 1]]
+    np.testing.assert_allclose(camera_motion(panned(0), panned(1)), expected, atol=0.1)
+    lone = [cv2.resize(disc(plain(0), x, 90, 12), (160, 90)) for x in (160, 166)]
+    np.testing.assert_array_equal(camera_motion(*lone), np.eye(3))
 
 
 def test_noise_is_no_change(rng):

@@ -60,8 +60,9 @@ class VideoConfig:
     """Time between the two frames that are compared: the earlier is the nearest to that."""
     time_constant: float = 0.1
     """Of the temporal low-pass filter of the saliency; 0 for none."""
-    scanpath: ScanpathModelConfig = field(default_factory=ScanpathModelConfig)
-    """Model of the gaze."""
+    scanpath: ScanpathModelConfig = field(default_factory=lambda: ScanpathModelConfig(exponent=2))
+    """Model of the gaze. The exponent is not fitted: people's gazes agree more in videos than in
+    photographs (Dorr, Martinetz, Gegenfurtner & Barth 2010)."""
     seed: int = 0
     """Of the random numbers of the gaze."""
 
@@ -166,13 +167,13 @@ class VideoSaliency:
         """
         config, pixels = self.config, check_image(frame)
         shape = pixels.shape[0], pixels.shape[1]
-        if self._past and shape != self._shape:
+        if self._shape and shape != self._shape:
             raise ImageError(f"frame: expected {self._shape} px as before, found {shape}")
         require(np.isfinite(time), "time", "a finite number of seconds", time)
         contrast = config.contrast.at_size(shape)
-        luminance = luminance_at(frame, min(center for center, _ in contrast.scales))
-        if not self._past:
-            self._past.append(_Past(-np.inf, luminance, np.eye(3)))  # nothing has changed
+        luminance = luminance_at(pixels, min(center for center, _ in contrast.scales))
+        if not self._shape:  # the first frame is compared with itself
+            self._past = deque([_Past(-np.inf, luminance, np.eye(3))])
         last = self._past[-1]
         require(time > last.time, "time", "later than the frame before", time)
 
@@ -266,9 +267,8 @@ class _Gaze:
         return float(self._rng.gamma(shape, self._model.duration_mean / shape))
 
 
-def luminance_at(frame: Image, level: int) -> Float32Array:
-    """A level of the pyramid of luminance, in [0, 1] (A.1, A.4)."""
-    pixels = check_image(frame)
+def luminance_at(pixels: Image, level: int) -> Float32Array:
+    """A level of the pyramid of the luminance of a checked image, in [0, 1] (A.1, A.4)."""
     for _ in range(level):
         pixels = halve(pixels)
     return np.asarray(intensity(repeat_gray(in_unit_range(pixels))), np.float32)

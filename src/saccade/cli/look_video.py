@@ -1,5 +1,6 @@
 """Saliency and gaze of a video, written as a film and as arrays."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention.models import AttentionModel
-from saccade.attention.scanpath_model import ScanpathModelConfig
 from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 from saccade.cli.output import progress_bar, write_arrays
 from saccade.types import Image
@@ -25,7 +25,7 @@ class VideoRecord:
     def __init__(self, attention: AttentionModel) -> None:
         config = VideoConfig()
         if getattr(attention.settings, "center_prior", None) is not None:
-            config = VideoConfig(scanpath=ScanpathModelConfig(center_sigma=None))
+            config = replace(config, scanpath=replace(config.scanpath, center_sigma=None))
         self._video = VideoSaliency(config, lambda frame: attention.maps(frame).saliency)
         self._times = list[float]()
         self._maps = list[VideoMaps]()
