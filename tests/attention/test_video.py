@@ -1,10 +1,13 @@
 """Flicker, motion and gaze in films whose answer is known."""
 
+import doctest
+
 import cv2
 import numpy as np
 import pytest
 
 import saccade
+import saccade.attention.video
 from saccade.errors import ConfigError, ImageError
 from saccade.image_motion import camera_motion
 
@@ -153,6 +156,11 @@ def test_the_gaze_pursues_a_slow_dot(seed):
     assert (error < 12).mean() > 0.7
     steps = np.diff(gaze[25:], axis=0)[(error[1:] < 12) & (error[:-1] < 12)]
     np.testing.assert_allclose(np.median(steps, 0), (1.2, 0), atol=0.1)
+
+
+def test_the_example_runs():
+    results = doctest.testmod(saccade.attention.video, extraglobs={"saccade": saccade})
+    assert (results.attempted, results.failed) == (6, 0)
 
 
 def test_invalid_frames_and_settings_are_named():
