@@ -13,10 +13,11 @@ import saccade
 from support.limits import TIMEOUT
 
 SOURCE = Path(saccade.__file__).parent
-FOUNDATION = {"types", "frames", "errors", "files", "extras", "npz", "formats"}
+FOUNDATION = {"types", "landmark_names", "frames", "errors", "files", "extras", "npz", "formats"}
 ALLOWED = {
     "errors": set(),
-    "types": {"errors"},
+    "landmark_names": {"errors"},
+    "types": {"errors", "landmark_names"},
     "frames": {"types", "errors"},
     "files": {"errors"},
     "extras": {"errors"},

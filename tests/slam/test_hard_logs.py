@@ -243,3 +243,35 @@ def test_a_log_that_ends_within_a_line_names_it(tmp_path):
         log, refusal = result_or_refusal(lambda: load("auto", path))
         assert log is None
         assert refusal.startswith(f"{path}, line 41: expected")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"time": [0.0, 1.0]}, "any: time: expected an array of numbers, found"),
+        ({"landmark": np.array([1.5])}, "any: landmark: expected names .*, found 1.5"),
+        ({"landmark": np.array([-2])}, "any: landmark: expected names .*, found -2"),
+        ({"landmark": np.array([10**18])}, "any: landmark: expected names .*, found 1000"),
+        ({"time": np.array([1.0, 0.0])}, "any: time: goes back at entry 1"),
+        ({"observation": np.array([[-1.0, 0.0]])}, "observation 0: expected a range of 0 m"),
+        ({"observation": np.array([[1.0, 300.0]])}, "observation 0: expected a bearing .* 300"),
+    ],
+)
+def test_a_log_of_impossible_values_is_refused(change, message):
+    """The sensor of a log is not known before it is run."""
+    fields = {
+        "name": "any",
+        "start": np.zeros(3),
+        "time": np.array([0.0, 1.0]),
+        "motion": "drive",
+        "control": np.zeros((1, 2)),
+        "control_covariance": np.eye(2)[None],
+        "observation_pose": np.array([1]),
+        "observation": np.array([[1.0, 0.0]]),
+        "observation_covariance": np.eye(2)[None],
+        "landmark": np.array([4]),
+    }
+    slam.run(LandmarkLog(**fields))
+    with pytest.raises(LogError, match=message) as caught:
+        slam.run(LandmarkLog(**fields | change))
+    assert "\n" not in str(caught.value)
