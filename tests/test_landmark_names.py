@@ -52,12 +52,14 @@ def test_truth_is_found_by_name(numbered, named, results):
     of_numbers, of_texts = results
     expected = landmark_rmse(of_numbers.map, numbered.landmark_truth)
     assert landmark_rmse(of_texts.map, named.landmark_truth) == pytest.approx(expected, rel=1e-9)
-    expected = landmark_nees(of_numbers.map, numbered.landmark_truth)
-    np.testing.assert_allclose(landmark_nees(of_texts.map, named.landmark_truth), expected)
+    expected = landmark_nees(of_numbers.map, numbered.landmark_truth, 0.0, "invariant")
+    np.testing.assert_allclose(
+        landmark_nees(of_texts.map, named.landmark_truth, 0.0, "invariant"), expected
+    )
 
 
 def test_steps_maps_and_sessions_know_names(named, results, tmp_path):
-    robot, z, R = slam.Slam(start=named.start), named.observation, named.observation_covariance
+    robot, z, R = slam.slam_for(named), named.observation, named.observation_covariance
     for i, time in enumerate(named.time):
         u, U = (named.control[i - 1], named.control_covariance[i - 1]) if i else (None, None)
         scan = named.observation_pose == i
@@ -111,7 +113,7 @@ def test_the_command_writes_the_names(named, tmp_path, monkeypatch, capsys):
 
 
 def test_formats_of_numbers_refuse_text(named, tmp_path):
-    with pytest.raises(LogError, match=r"a landmark number for every .*write it as CSV"):
+    with pytest.raises(LogError, match=r"the identity of every landmark as a number.*as CSV"):
         save(tmp_path / "log.g2o", named)
 
 

@@ -5,6 +5,7 @@ A name that is an integer is its own number. Any other name is text, as tags hav
 """
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,11 @@ def renumber(
     of_text, other = number_names(table, other)
     text = np.maximum(numbers - FIRST_TEXT, 0)
     return np.where(numbers >= FIRST_TEXT, of_text[text], numbers), other
+
+
+def stored_texts(arrays: Mapping[str, npt.NDArray[Any]]) -> tuple[str, ...]:
+    """The table of a state that was stored as arrays; empty if it has none."""
+    return tuple(arrays["text_names"].tolist()) if "text_names" in arrays else ()
 
 
 def name_texts(numbers: npt.NDArray[np.int64], table: tuple[str, ...]) -> npt.NDArray[Any]:

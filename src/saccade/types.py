@@ -5,15 +5,15 @@ Image points are (x, y) with the center of the top-left pixel at (0, 0); arrays 
 from the x axis.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import DriveError, KeypointsError, LogError
+from saccade.errors import KeypointsError, LogError
 from saccade.landmark_names import name_texts, number_names
+from saccade.validation import check_arrays
 
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
@@ -391,46 +391,3 @@ def select_rows(record: Record, index: slice | npt.NDArray[Any]) -> Record:
     columns: dict[str, Any] = {field.name: getattr(record, field.name) for field in fields(record)}
     selected = {name: column[index] for name, column in columns.items() if column is not None}
     return replace(record, **selected)
-
-
-def check_arrays(
-    record: Any,
-    shapes: Mapping[str, tuple[int, ...]],
-    ascending: Sequence[str],
-    error: type[LogError | DriveError],
-) -> None:
-    """Raise `error` unless the arrays of a named record have these shapes and are finite.
-
-    Args:
-        record: has a `name`, for the message.
-        shapes: by name of the array.
-        ascending: names of those that must not decrease.
-        error: to raise.
-    """
-    for name, shape in shapes.items():
-        array = getattr(record, name)
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in "iuf":
-            raise error(f"{record.name}: {name}: expected an array of numbers, found {array!r:.60}")
-        if array.shape != shape:
-            raise error(f"{record.name}: {name}: expected shape {shape}, found {array.shape}")
-        if not np.isfinite(array).all():
-            raise error(f"{record.name}: {name}: expected finite numbers, found NaN")
-    for name in ascending:
-        decreases = np.diff(getattr(record, name)) < 0
-        if decreases.any():
-            entry = int(np.argmax(decreases)) + 1
-            raise error(f"{record.name}: {name}: goes back at entry {entry}; sort by {name}")
-
-
-def invalid_range_bearing(z: FloatArray) -> tuple[int, str, str] | None:
-    """The first of observations (k, 2) that is no range and bearing, with what was expected.
-
-    Returns:
-        Its number, what was expected and what was found; None if all are valid.
-    """
-    below, beyond = z[:, 0] < 0, np.abs(z[:, 1]) > 2 * np.pi
-    for k in np.flatnonzero(below | beyond)[:1].tolist():
-        if below[k]:
-            return k, "a range of 0 m or more", f"{z[k, 0]:g}"
-        return k, "a bearing in radians, within 2 pi", f"{z[k, 1]:g} (degrees?)"
-    return None

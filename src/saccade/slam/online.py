@@ -6,8 +6,8 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import LogError, require
-from saccade.landmark_names import name_texts, number_names, renumber
+from saccade.errors import require
+from saccade.landmark_names import name_texts, renumber, stored_texts
 from saccade.slam._step_kernels import StepResults, Steps
 from saccade.slam.association._name_table_kernels import NameTable
 from saccade.slam.association.choice import association_rule
@@ -21,20 +21,14 @@ from saccade.slam.custom_steps import take_custom_step
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.odometry_bias import bias_jacobian
-from saccade.slam.filter.validation import (
-    MIN_SIGMA,
-    as_array,
-    as_number,
-    as_numbers,
-    check_noise,
-    check_range_bearing,
-)
+from saccade.slam.filter.validation import MIN_SIGMA, check_noise, check_range_bearing
 from saccade.slam.lost_steps import leave_out, take_lost_step
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult, check_diverged
 from saccade.slam.scan_memory import ScanMemory, new_steps
+from saccade.slam.step_arguments import step_arguments
 from saccade.slam.strides import new_stride, take_stride
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -63,8 +57,7 @@ class Slam:
             still change, as their covariance lets them.
 
     Raises:
-        LogError: here and in `step`, an argument that is not of numbers, not finite or of the wrong
-            shape.
+        LogError: here and in `step`, an argument that is no number, not finite or of another shape.
 
     Examples:
         >>> import numpy as np
@@ -83,7 +76,6 @@ class Slam:
     def __new__(
         cls, config: EkfConfig = EkfConfig(), *, association: Association | None = None, **_: Any
     ) -> Self:
-        """The class for the settings."""
         if cls is Slam and config.association == "multiple" and association is None:
             from saccade.slam.multiple import MultiHypothesisSlam
 
@@ -178,40 +170,19 @@ class Slam:
         Raises:
             LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
         """
-        if z is not None:
-            z = np.atleast_1d(as_numbers("observations", z))
-        k, c = 0 if z is None else len(z), self._control_size
-        moves, c = control is not None, c or (1 if control is None else np.size(control))
-        table, seconds = self.text_names, as_number("time", time)
-        if seconds < self._time:
-            raise LogError(f"time: expected {self._time:g} or later, found {seconds:g}")
-        s, out = self._scan.room_for(k, c, self.ekf.robot_filter.robot_size - 3)
+        known = self._time, self._control_size, self.text_names
+        given = step_arguments(time, control, U, z, R, names, *known)
+        k, moves = len(given.z), given.control is not None
+        s, out = self._scan.room_for(k, len(given.U), self.ekf.robot_filter.robot_size - 3)
         s.first[0], s.still[0], s.edge[1] = self.num_steps, not moves, k
-        s.time[0] = seconds
-        if moves:
-            s.control[0] = as_array("control", (c,), control)
-            s.U[0] = as_array("covariance of the control", (c, c), U)
-        s.z[:k] = as_array("observations", (k, 2), z)
-        s.R[:k] = as_array("covariances of the observations", (k, 2, 2), R)
-        s.identity[:k] = -1
-        if names is not None:
-            identity, table = number_names(names, table)
-            s.identity[:k] = as_array("names", (k,), identity)
+        s.time[0] = given.time
+        if given.control is not None:
+            s.control[0], s.U[0] = given.control, given.U
+        s.z[:k], s.R[:k], s.identity[:k] = given.z, given.R, given.identity
         self._complete(s, int(moves), k)
-        self._time, self.text_names = seconds, table
+        self._time, self.text_names = given.time, given.text_names
         culled = self.advance(s, 1, out)
-        return StepResult(
-            pose=out.pose[0].copy(),
-            covariance=out.covariance[0].copy(),
-            association=np.maximum(s.landmark[:k], -1),
-            innovations=out.innovations.value[:k].copy(),
-            innovation_covariances=out.innovations.covariance[:k].copy(),
-            nis=out.innovations.nis[:k].copy(),
-            refused=s.refused[:k].copy(),
-            culled=culled[0] if culled else np.empty(0, np.int64),
-            lost=bool(out.lost[0]),
-            hypotheses=self.recovery.hypotheses,
-        )
+        return StepResult.of(s, out, k, culled, self.recovery.hypotheses)
 
     def prepare(
         self,
@@ -420,14 +391,10 @@ class Slam:
             part.from_arrays(select(arrays, name))
         self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
         self.num_steps = int(arrays["num_steps"])
-        self.text_names = tuple(arrays.get("text_names", np.array([], np.str_)).tolist())
+        self.text_names = stored_texts(arrays)
 
     def _parts(self) -> dict[str, Stateful]:
-        return {
-            "ekf": self.ekf,
-            "associate": self.associate,
-            "culling": self.culling,
-        }
+        return {"ekf": self.ekf, "associate": self.associate, "culling": self.culling}
 
     def __repr__(self) -> str:
         return f"Slam({self.num_steps} steps, {self.ekf!r})"

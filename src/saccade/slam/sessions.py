@@ -7,6 +7,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
+from saccade.landmark_names import stored_texts
 from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, merge, select
@@ -90,7 +91,7 @@ def load(
         slam.culling.from_arrays(select(arrays, "culling"))
     if start is not None or mode == "localize":
         drop_candidates(slam)
-    slam.text_names = tuple(arrays.get("text_names", np.array([], np.str_)).tolist())
+    slam.text_names = stored_texts(arrays)
     slam.sessions = [*arrays["sessions"].tolist(), slam.ekf.num_added]
     slam.descriptors = arrays.get("descriptors")
     return slam

@@ -130,7 +130,7 @@ def require_numbered(log: LandmarkLog, form: str) -> None:
     if unknown or log.text_names:
         found = f"none for {unknown} observations" if unknown else repr(log.text_names[0])
         raise LogError(
-            f"{log.name}: expected a landmark number for every observation, which {form} needs, "
+            f"{log.name}: expected the identity of every landmark as a number, which {form} needs, "
             f"found {found}; write it as CSV"
         )
 

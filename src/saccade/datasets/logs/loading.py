@@ -14,7 +14,8 @@ from saccade.datasets.logs.rosbag import read_rosbag_log
 from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
 from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, LogError, require
-from saccade.types import LandmarkLog, invalid_range_bearing
+from saccade.types import LandmarkLog
+from saccade.validation import invalid_range_bearing
 
 Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr", "rosbag"]
 """Formats to read; "auto" detects the format from the path and the content."""

@@ -1,12 +1,15 @@
 """Validates inputs before the state changes."""
 
 from math import isfinite
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.errors import LogError
 from saccade.slam.filter._validation_kernels import LARGEST, first_invalid, prepare_noise
-from saccade.types import FloatArray, invalid_range_bearing
+from saccade.types import FloatArray
+from saccade.validation import invalid_range_bearing
 
 MIN_SIGMA = 1e-4
 """Metres and radians: standard deviation added to observations with a singular covariance. Exact
@@ -94,7 +97,8 @@ def as_numbers(name: str, value: object) -> FloatArray:
     try:
         return np.asarray(np.nan if value is None else value, np.float64)
     except (TypeError, ValueError) as error:
-        raise LogError(f"{name}: expected numbers, found {value!r:.60}") from error
+        found = " ".join(repr(value).split())[:60]
+        raise LogError(f"{name}: expected numbers, found {found}") from error
 
 
 def as_array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
@@ -102,9 +106,14 @@ def as_array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
     array = as_numbers(name, value)
     if 0 in shape and (value is None or array.size == 0):
         return np.empty(shape)
+    require_shape(name, shape, array)
+    return array
+
+
+def require_shape(name: str, shape: tuple[int, ...], array: npt.NDArray[Any]) -> None:
+    """Raise unless an array has this shape."""
     if array.shape != shape:
         raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
-    return array
 
 
 def as_number(name: str, value: object) -> float:
