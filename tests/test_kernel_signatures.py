@@ -36,7 +36,7 @@ for i, (name, size, how) in enumerate(
 log, world = out / "log.csv", simulate_world(WorldConfig(steps=150, landmarks=8))
 save(log, world)
 (out / "whole.toml").write_text("motion_noise_scale = 1\\nsensor_noise_scale = 2\\n")
-(out / "sift.toml").write_text("contrast_threshold = 0\\nsigma = 2\\n")
+(out / "sift.toml").write_text("contrast_threshold = 0\\nbase_sigma = 2\\n")
 
 run("look", *photos, "--out", out / "look")
 for name in ("contrast", "symmetry", "boolean"):

@@ -66,6 +66,8 @@ def parse_name(value: Any) -> int | str | None:
         text = value.strip()
         if text in UNKNOWN:
             return -1
+        if text.isdecimal() and text.startswith("0") and text != "0":
+            return text  # 007 need not be 7
         if not _NUMBER.fullmatch(text):
             return text if text.isprintable() else None
         value = int(text) if text.isdecimal() else None

@@ -76,6 +76,7 @@ class Slam:
     def __new__(
         cls, config: EkfConfig = EkfConfig(), *, association: Association | None = None, **_: Any
     ) -> Self:
+        """The class for the settings."""
         if cls is Slam and config.association == "multiple" and association is None:
             from saccade.slam.multiple import MultiHypothesisSlam
 
@@ -157,8 +158,7 @@ class Slam:
             control: (c,) from the last pose to this one; None where the robot has not moved, as
                 at the first pose.
             U: (c, c) its covariance.
-            z: (k, 2) range in metres, not negative; bearing in radians, within 2 pi; None without
-                observations.
+            z: (k, 2) range in metres, bearing in radians within 2 pi; None without observations.
             R: (k, 2, 2) their covariances.
             names: (k,) landmark names, integers from 0 on or text, -1 or "" where unknown; compared
                 with the map, and not believed if they contradict it, unless
