@@ -49,7 +49,8 @@ for name in ("auto", "known", "nearest", "mutual", "joint", "multiple"):
     run("slam", log, "--association", name, "--no-film", "--out", out / name)
 run("slam", log, "--config", out / "whole.toml", "--save-map", out / "map.npz", "--no-film",
     "--out", out / "w")
-run("slam", log, "--map", out / "map.npz", "--mode", "localize", "--start", "log", "--no-film", "--out", out / "l")
+run("slam", log, "--map", out / "map.npz", "--mode", "localize", "--start", "log", "--no-film",
+    "--out", out / "l")
 run("simulate", "drive", "--frames", "12", "--out", out / "seen")
 run("drive", out / "seen", "--no-film", "--out", out / "drive")
 run("check", out / "seen")
