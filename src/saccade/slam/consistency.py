@@ -25,8 +25,8 @@ MIN_OBSERVATIONS = 20
 TOLERATED_FRACTION = 1.5
 """Factor by which standard deviations may be wrong without a message."""
 WRONG_FRACTION = 0.1
-"""Fraction of observations that may be outliers, or of other landmarks than their names say, without
-a warning."""
+"""Fraction of observations that may be outliers, or of other landmarks than their names say,
+without a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
