@@ -4,11 +4,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
 
-import numpy as np
-
 from saccade.errors import LogError
-from saccade.slam.filter._range_bearing_kernels import Innovations
-from saccade.slam.hypotheses import PoseHypotheses
+from saccade.slam.relocalization import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MAX_COORDINATE = 1e9
@@ -24,15 +21,6 @@ class Innovation(NamedTuple):
     """(2, 2) S of C.12, before the update."""
     nis: float
     """Normalized innovation squared; chi-square with two degrees if the filter is right."""
-
-
-class PredictedObservations(NamedTuple):
-    """Predicted observations of every landmark."""
-
-    z: FloatArray
-    """(n, 2)."""
-    covariance: FloatArray
-    """(n, 2, 2) H P H^T of each, without the noise of an observation."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,20 +60,15 @@ class StepResult:
         )
 
 
-def new_innovations(k: int) -> Innovations:
-    """Room for the innovations of so many observations."""
-    return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))
-
-
-def check_diverged(pose: FloatArray, first: int) -> None:
-    """Check that no pose (t, 3) diverged; the number of the first is `first`.
+def check_diverged(pose: FloatArray, number: int) -> None:
+    """Check that a pose (3,) did not diverge.
 
     Raises:
-        LogError: names the pose.
+        LogError: names the pose by its number.
     """
-    for i, (x, y, theta) in enumerate(pose.tolist(), first):
-        if not (abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE and isfinite(theta)):
-            raise LogError(
-                f"pose {i}: expected a position within {MAX_COORDINATE:g} m, found that the "
-                "estimate diverged; observations or controls contradict their standard deviations"
-            )
+    x, y, theta = pose.tolist()
+    if not (abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE and isfinite(theta)):
+        raise LogError(
+            f"pose {number}: expected a position within {MAX_COORDINATE:g} m, found that the "
+            "estimate diverged; observations or controls contradict their standard deviations"
+        )

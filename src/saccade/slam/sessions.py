@@ -7,8 +7,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
-from saccade.slam.association.known import KnownIdentity
-from saccade.slam.association.rule import Association
+from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
