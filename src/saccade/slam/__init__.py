@@ -9,7 +9,6 @@ from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
-from saccade.slam.hypotheses import MultiHypothesisSlam
 from saccade.slam.merging import MergeConfig, MergedMaps, merge_maps
 from saccade.slam.models import (
     RANGE_BEARING,
@@ -48,7 +47,6 @@ __all__ = [
     "MergeConfig",
     "MergedMaps",
     "Motion",
-    "MultiHypothesisSlam",
     "NearestNeighbor",
     "PoseHypotheses",
     "Recorder",

@@ -50,7 +50,7 @@ class EkfConfig:
     name_gate: float = 0.99999
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
-    max_hypotheses: int = 20
+    max_hypotheses: int = 8
     """Association "multiple": hypotheses that are kept at most."""
     recover: bool = True
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its

@@ -7,7 +7,6 @@ probable ones are kept. The alternatives are joint associations of the scan (Nei
 
 import copy
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -19,15 +18,12 @@ from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.joining import join_landmarks
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.filter.state import spread_if_due
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import wrap
-from saccade.slam.online import NONE, Slam
-from saccade.slam.results import StepResult
 from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray
 
-PRUNED = 16.0
+PRUNED = 8.0
 """Log likelihood ratio to the most probable hypothesis at which another one is dropped."""
 TEMPER = 0.5
 """Power of the likelihood of a scan in the weight of a hypothesis: the noise of successive scans
@@ -39,13 +35,22 @@ MAX_CO_OBSERVED = 0.05
 """Two landmarks are not one if this fraction of the observations of either were in a scan with the
 other."""
 MIN_GAIN = 3.0
-"""Log likelihood ratio from which two landmarks are one."""
+"""Log likelihood ratio from which two landmarks may be one."""
+MORE_GAIN = 1.5
+"""By which it must grow for a hypothesis in which they are two to be split again."""
+MAX_JOINED = 4
+"""Hypotheses into which one is split after a scan."""
 MAX_DISTANCE = 4.0
 """Of two landmarks that may be one: standard deviations of their difference."""
-EQUAL_POSE, EQUAL_MAP, MIN_HEADING = 0.5, 1.5, 0.005
-"""Two hypotheses are one if their poses differ by less than this fraction of their standard
-deviation, their landmarks by less than this one of an observation's, and their headings by less
-than so many radians."""
+EQUAL, EQUAL_MAP, MIN_HEADING = 0.5, 1.5, 0.005
+"""Two hypotheses are one if they have as many landmarks, and the poses and the landmarks differ by
+less than the first, a fraction of their standard deviations: then they differ in the observations
+of few scans, not in what is in the map. Differences of landmarks under the second, a fraction of
+the standard deviation of an observation, and of the heading under the third, in radians, never
+count."""
+MAX_LANDMARKS = 40
+"""Of the map of the most probable hypothesis, from which it is the only one: they then cost more
+than a step, and a robot that has come so far is seldom in doubt about a few."""
 
 
 @dataclass
@@ -64,43 +69,60 @@ class Hypothesis:
     """Those of the present scan, see `Innovation`."""
     culled: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(g,) landmarks that were removed after the present scan."""
+    refused: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """(N, N) log likelihood ratio, at least, at which two landmarks may be one; 0 for `MIN_GAIN`."""
 
     def copy(self) -> "Hypothesis":
         """An independent one that is equal."""
         ekf, culling = copy.copy(self.ekf), copy.copy(self.culling)
         for part in (ekf, culling):
             part.from_arrays({name: array.copy() for name, array in part.to_arrays().items()})
-        return Hypothesis(ekf, culling, self.weight, self.co_observations.copy(), self.association.copy())
+        own = self.co_observations.copy(), self.association.copy(), self.innovations, self.culled
+        return Hypothesis(ekf, culling, self.weight, *own, self.refused.copy())
 
-    def observe(self, z: FloatArray, R: FloatArray, association: IntArray, size: float) -> None:
-        """Update by a scan (C.10-C.18), then join and cull landmarks.
+    def observe(
+        self, z: FloatArray, R: FloatArray, association: IntArray, size: float
+    ) -> list["Hypothesis"]:
+        """Update by a scan (C.10-C.18), and cull landmarks.
 
         Args:
             z: (m, 2) observations.
             R: (m, 2, 2) their covariances.
             association: (m,) numbers of landmarks and `NEW`.
             size: metres, standard deviation of the position of an observed point.
+
+        Returns:
+            This hypothesis, and others in which two of its landmarks are one.
         """
-        ekf, mapped = self.ekf, len(self.ekf)
-        culling = self.culling
+        ekf, culling, mapped = self.ekf, self.culling, len(self.ekf)
         ekf.reserve(len(z))
         culling.reserve(mapped + len(z))
         culling.add_reach(float(z[:, 0].max()))
         if check := culling.is_due():
-            custom = not ekf.models.observes_ranges
-            culling.predict(ekf.view, ekf.predict_observations().z if custom else None)
+            culling.predict(ekf.view)
         new = association == NEW
         association = np.where(new, mapped + np.cumsum(new) - 1, association)
         self.innovations = ekf.update_scan(z, R, association)
-        self.co_observations = np.pad(self.co_observations, (0, len(ekf) - len(self.co_observations)))
+        added = len(ekf) - len(self.refused)
+        if added > 0:
+            self.co_observations = np.pad(self.co_observations, (0, added))
+            self.refused = np.pad(self.refused, (0, added))
         self.co_observations[np.ix_(association, association)] += 1
         culling.update(check, mapped, len(ekf), association)
         self.association = np.append(self.association, association)
-        ids = ekf.ids
-        while (pair := self._duplicate(self.association[-len(z) :], size)) is not None:
-            self._join(*pair)
-        self._remove(np.zeros(0, np.int64))
-        self.culled = np.flatnonzero(~np.isin(ids, ekf.ids))
+        ids, found = ekf.ids, [self]
+        for each in found:  # those that are found on the way are looked at, too
+            while (pair := each._duplicate(each.association[-len(z) :], size)) is not None:
+                gain, i, j = pair
+                if len(found) < MAX_JOINED:
+                    separate = each.copy()
+                    separate.refused[[i, j], [j, i]] = gain + MORE_GAIN
+                    found.append(separate)
+                each._join(gain, i, j)
+        for each in found:
+            each._remove(np.zeros(0, np.int64))
+            each.culled = np.flatnonzero(~np.isin(ids, each.ekf.ids))
+        return found
 
     def _duplicate(self, observed: IntArray, size: float) -> tuple[float, int, int] | None:
         """Log likelihood ratio and numbers of the two landmarks that are most probably one."""
@@ -123,7 +145,7 @@ class Hypothesis:
             S = blocks[k, :, k] + blocks[-1, :, -1] - cross - cross.transpose(0, 2, 1) + systematic
             nis = normalized_squared(d[near], S)
             gain = (Alternatives.new_cost - nis - log_determinant(S) + 4 * np.log(size)) / 2
-            gain[nis > MAX_DISTANCE**2] = -np.inf
+            gain[(nis > MAX_DISTANCE**2) | (gain < self.refused[j, near])] = -np.inf
             i = int(gain.argmax())
             if gain[i] > (MIN_GAIN if best is None else best[0]):
                 best = float(gain[i]), min(int(near[i]), j), max(int(near[i]), j)
@@ -148,24 +170,40 @@ class Hypothesis:
             number[kept] = np.arange(len(kept))
             self.association = number[self.association]
             self.co_observations = self.co_observations[np.ix_(kept, kept)]
+            self.refused = self.refused[np.ix_(kept, kept)]
             self.ekf.remove(removed)
 
     def equals(self, other: "Hypothesis", size: float) -> bool:
         """Whether the poses and the maps are almost the same."""
         variance = np.maximum(self.ekf.pose_covariance.diagonal(), 0.0)
-        tolerance = np.maximum(EQUAL_POSE * np.sqrt(variance), [size, size, MIN_HEADING])
+        tolerance = np.maximum(EQUAL * np.sqrt(variance), [size, size, MIN_HEADING])
         difference = self.ekf.pose - other.ekf.pose
         difference[2] = wrap(difference[2])
-        maps = [each.ekf.landmarks[each.culling.confirmed(len(each.ekf))] for each in (self, other)]
-        if (np.abs(difference) > tolerance).any() or len(maps[0]) != len(maps[1]):
+        if (np.abs(difference) > tolerance).any():
             return False
-        distance = np.abs(maps[0][:, None] - maps[1]).max(2)
-        return len(distance) == 0 or bool(distance.min(1).max() < EQUAL_MAP * size)
+        (one, two), deviation = (self.points, other.points), other.deviations
+        if len(one) != len(two) or len(one) == 0:
+            return len(one) == len(two)
+        distance = np.abs(one[:, None] - two).max(2)
+        equal = distance < np.maximum(EQUAL_MAP * size, EQUAL * deviation)
+        return bool(equal.any(0).all() and equal.any(1).all())
+
+    @property
+    def points(self) -> FloatArray:
+        """(n, 2) landmarks of the map."""
+        return self.ekf.landmarks[self.culling.confirmed(len(self.ekf))]
+
+    @property
+    def deviations(self) -> FloatArray:
+        """(n,) standard deviations of their coordinates."""
+        covariance = self.ekf.landmark_covariances[self.culling.confirmed(len(self.ekf))]
+        return np.sqrt(covariance.trace(0, 1, 2) / 2)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, between two steps."""
         parts = {"ekf": arrays_of("ekf", self.ekf), "culling": arrays_of("culling", self.culling)}
         arrays = {"co_observations": self.co_observations, "association": self.association}
+        arrays["refused"] = self.refused
         return {**merge(parts), **arrays, "weight": np.array(self.weight)}
 
     def from_arrays(self, arrays: Arrays) -> None:
@@ -173,91 +211,91 @@ class Hypothesis:
         self.ekf.from_arrays(select(arrays, "ekf"))
         self.culling.from_arrays(select(arrays, "culling"))
         self.co_observations, self.association = arrays["co_observations"], arrays["association"]
-        self.weight = float(arrays["weight"])
+        self.refused, self.weight = arrays["refused"], float(arrays["weight"])
 
 
-class MultiHypothesisSlam(Slam):
-    """EKF-SLAM with several association hypotheses, each a filter with a map of its own.
+class Hypotheses:
+    """The hypotheses that are followed; none where there is one filter only.
 
-    The results of a step are those of the most probable hypothesis after it, and so are the filter
-    and the map. Once another one is the most probable, its map and its numbers of landmarks take
-    the place of the former ones; what was reported stays.
-
-    Names of landmarks are not used. `load` of this class goes on with all hypotheses, `Slam.load`
-    with the most probable one. In the mode "localize" there is one filter, with the rule "mutual".
+    Args:
+        gate: probability with which an observation of a landmark is inside its gate.
+        most: hypotheses that are kept.
     """
 
-    @cached_property
-    def hypotheses(self) -> list[Hypothesis]:
-        """The most probable one first, which has the filter of this object."""
-        return [Hypothesis(self.ekf, self.culling)]
+    def __init__(self, gate: float, most: int) -> None:
+        self.alternatives = Alternatives(gate)
+        self.most = most
+        self.alive: list[Hypothesis] = []
+        """The most probable one first."""
 
-    def process(self, scan: Scan) -> StepResult:
-        """Take one step; see `Slam.process`."""
-        if self.mode == "localize":
-            return super().process(scan)
-        for each in self.hypotheses:
+    @property
+    def probability(self) -> float:
+        """Of the most probable hypothesis among those that are followed."""
+        return float(1 / np.exp([each.weight for each in self.alive]).sum()) if self.alive else 1.0
+
+    def begin(self, ekf: EkfSlam, culling: Culling) -> None:
+        """Follow hypotheses, of which the first has this filter."""
+        self.alive = [Hypothesis(ekf, culling)]
+
+    def settle(self) -> None:
+        """Follow none any more."""
+        self.alive = []
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the map of the most probable one is so large that it is to be the only one."""
+        return len(self.alive[0].ekf) > MAX_LANDMARKS and len(self.alive[0].points) > MAX_LANDMARKS
+
+    def predict(self, scan: Scan) -> None:
+        """Move the robots of all but the first, which has been moved (C.5-C.9)."""
+        for each in self.alive[1:]:
             if scan.control is not None:
+                each.ekf.spread()
                 each.ekf.reserve()
-                spread_if_due(each.ekf.view)
-                each.ekf.models.predict(each.ekf.view, scan.control, scan.U)  # C.5-C.9
-        if len(scan.z) == 0:
-            return self._result(scan, NONE)
-        self._observe(scan.z, scan.R)
-        best = self.hypotheses[0]
-        self.ekf, self.culling = best.ekf, best.culling
-        association = best.association[-len(scan.z) :].copy()
-        return self._result(scan, association, best.innovations, best.culled)
+                each.ekf.models.predict(each.ekf.view, scan.control, scan.U)
 
-    def renumber(self, association: IntArray, result: StepResult) -> None:
-        """See `Slam.renumber`; they become those of the hypothesis that is now the best."""
-        if self.mode == "localize":
-            super().renumber(association, result)
-        else:
-            k = len(result.association)
-            association[:] = self.hypotheses[0].association[-k - len(association) : -k or None]
+    def observe(self, z: FloatArray, R: FloatArray) -> Hypothesis:
+        """Split the hypotheses by the alternatives of a scan, and keep the most probable ones.
 
-    def _observe(self, z: FloatArray, R: FloatArray) -> None:
-        """Split the hypotheses by the alternatives of a scan, and keep the most probable ones."""
-        alternatives = Alternatives(self.config.gate)
+        Returns:
+            The most probable one.
+        """
         options = [
             (hypothesis.weight - TEMPER * cost / 2, i, association)
-            for i, hypothesis in enumerate(self.hypotheses)
-            for cost, association in alternatives(hypothesis.ekf, z, R)
+            for i, hypothesis in enumerate(self.alive)
+            for cost, association in self.alternatives(hypothesis.ekf, z, R)
         ]
         options.sort(key=lambda option: -option[0])
-        likely = [each for each in options if each[0] > options[0][0] - PRUNED]
-        options = likely[: self.config.max_hypotheses]
+        # twice as many as are kept: some become equal, and they would displace what differs
+        options = [each for each in options if each[0] > options[0][0] - PRUNED][: 2 * self.most]
         left = [i for _, i, _ in options]
-        split = []
+        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
+        found: list[Hypothesis] = []
         for weight, i, association in options:
             left.remove(i)
-            hypothesis = self.hypotheses[i].copy() if i in left else self.hypotheses[i]
+            hypothesis = self.alive[i].copy() if i in left else self.alive[i]
             hypothesis.weight = weight
-            split.append((hypothesis, association))
-        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
-        for hypothesis, association in split:
-            hypothesis.observe(z, R, association, size)
-        split.sort(key=lambda each: -each[0].weight)
+            found += hypothesis.observe(z, R, association, size)
+        found.sort(key=lambda each: -each.weight)
         kept: list[Hypothesis] = []
-        for hypothesis, _ in split:
-            if not any(hypothesis.equals(better, size) for better in kept):
-                kept.append(hypothesis)
-        for hypothesis in reversed(kept):
-            hypothesis.weight -= kept[0].weight
-        self.hypotheses = kept
+        for each in found:
+            if each.weight < found[0].weight - PRUNED or len(kept) == self.most:
+                break
+            if not any(each.equals(better, size) for better in kept):
+                kept.append(each)
+        for each in reversed(kept):
+            each.weight -= kept[0].weight
+        self.alive = kept
+        return kept[0]
 
     def to_arrays(self) -> Arrays:
-        """Its state as named arrays; see `Slam.to_arrays`."""
-        parts = {str(i): each.to_arrays() for i, each in enumerate(self.hypotheses)}
-        arrays = merge({"hypotheses": {**merge(parts), "count": np.array(len(parts))}})
-        return {**super().to_arrays(), **arrays}
+        """Its state as named arrays."""
+        parts = {str(i): each.to_arrays() for i, each in enumerate(self.alive)}
+        return {**merge(parts), "count": np.array(len(parts))}
 
-    def from_arrays(self, arrays: Arrays) -> None:
-        """Restore what `to_arrays` gave."""
-        super().from_arrays(arrays)
-        saved = select(arrays, "hypotheses")
-        self.hypotheses = [Hypothesis(self.ekf, self.culling).copy() for _ in range(saved["count"])]
-        for i, hypothesis in enumerate(self.hypotheses):
-            hypothesis.from_arrays(select(saved, str(i)))
-        self.ekf, self.culling = self.hypotheses[0].ekf, self.hypotheses[0].culling
+    def from_arrays(self, arrays: Arrays, ekf: EkfSlam, culling: Culling) -> None:
+        """Restore what `to_arrays` gave; the first has this filter, restored as well."""
+        first = Hypothesis(ekf, culling)
+        self.alive = [first if i == 0 else first.copy() for i in range(arrays["count"])]
+        for i, hypothesis in enumerate(self.alive):
+            hypothesis.from_arrays(select(arrays, str(i)))

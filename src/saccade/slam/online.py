@@ -17,6 +17,7 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import new_innovations
+from saccade.slam.hypotheses import Hypotheses
 from saccade.slam.filter.state import spread_if_due
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.map_management.culling import Culling
@@ -81,8 +82,7 @@ class Slam:
         bias = odometry_bias if estimated else ()
         self.config = config
         built_in_rule = association is None or isinstance(association, (KnownIdentity, GatedIdentity))
-        whole = config.submaps == "never" or config.association == "multiple"
-        whole = whole or not (built_in and built_in_rule)
+        whole = config.submaps == "never" or not (built_in and built_in_rule)
         self.ekf: EkfSlam = (EkfSlam if whole else LargeMapSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
@@ -103,6 +103,10 @@ class Slam:
         self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
         gate = float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
         self._choice = LocalMapChoice(config.submaps == "always", gate)
+        several = association is None and config.association in ("auto", "multiple")
+        self._may_follow_several = several and built_in and adds and config.max_hypotheses > 1
+        self.several = Hypotheses(config.gate, config.max_hypotheses)
+        """The association hypotheses, of which `ekf` and `culling` are the most probable one's."""
         self.num_steps = 0
         """Steps that were taken."""
         self.sessions = [0]
@@ -150,6 +154,7 @@ class Slam:
             LogError: the estimate diverged; names the step.
         """
         named = self.known_landmarks(scan.names)
+        self._choose_hypotheses(scan)
         self._choose_view(scan, named)
         self._predict(scan)  # C.5-C.9
         if self.recovery.lost:
@@ -158,6 +163,8 @@ class Slam:
             return self._result(scan, NONE)
         if self._contradicts(scan, named):
             return self._leave_out(scan, named)
+        if self.several.alive:
+            return self._observe_several(scan)
         association = self._associate(scan)
         check = self._predict_visible(scan)
         innovations = self._update(scan, association)  # C.10-C.14
@@ -165,6 +172,23 @@ class Slam:
         self._augment(scan, association)  # C.15-C.18
         culled = self._cull(check, mapped, association)
         return self._result(scan, association, innovations, culled)
+
+    def _choose_hypotheses(self, scan: Scan) -> None:
+        """Follow several hypotheses of a robot that names no landmark, while its map is small."""
+        if len(scan.z) == 0 or not self._may_follow_several:
+            return
+        named = self.config.association == "auto" and scan.names.max() >= 0
+        if self.several.alive and (named or self.several.is_large):
+            self.several.settle()
+        elif not named and len(self.ekf) == 0 and self.culling.counts.totals.scans == 0:
+            self.several.begin(self.ekf, self.culling)
+
+    def _observe_several(self, scan: Scan) -> StepResult:
+        """Update all hypotheses by a scan (C.10-C.18); the filter is then that of the best one."""
+        best = self.several.observe(scan.z, scan.R)
+        self.ekf, self.culling = best.ekf, best.culling
+        association = best.association[-len(scan.z) :].copy()
+        return self._result(scan, association, best.innovations, best.culled)
 
     def _choose_view(self, scan: Scan, named: IntArray) -> None:
         """Choose the local map of a large map in which the step works, and make room for it."""
@@ -189,10 +213,11 @@ class Slam:
         if scan.control is not None:
             spread_if_due(self.ekf.view)
             self.ekf.models.predict(self.ekf.view, scan.control, scan.U)
+        self.several.predict(scan)
 
     def _contradicts(self, scan: Scan, named: IntArray) -> bool:
         """Whether a scan contradicts that the robot is where the filter believes."""
-        if not self.recovery.rule.enabled:
+        if not self.recovery.rule.enabled or self.several.alive:
             return False
         confirmed = self.culling.in_view.confirmed
         return self.recovery.contradicts(self.ekf, scan.z, scan.R, confirmed, named)
@@ -299,6 +324,7 @@ class Slam:
             culled,
             self.recovery.lost,
             self.recovery.hypotheses,
+            len(self.several.alive) or 1,
         )
 
     def remove(self, landmarks: IntArray, association: IntArray) -> None:
@@ -315,7 +341,14 @@ class Slam:
             self.descriptors = self.descriptors[kept[: len(self.descriptors)]]
 
     def renumber(self, association: IntArray, result: StepResult) -> None:
-        """Bring the associations (k,) of earlier steps up to date with a step, in place."""
+        """Bring the associations (k,) of earlier steps up to date with a step, in place.
+
+        Of several hypotheses, they become those of the one that is now the most probable.
+        """
+        if self.several.alive:
+            m, found = len(result.association), self.several.alive[0].association
+            association[:] = found[len(found) - m - len(association) : len(found) - m]
+            return
         if len(result.culled) > 0:
             kept = np.ones(len(self.ekf) + len(result.culled), np.bool_)
             kept[result.culled] = False
@@ -408,6 +441,7 @@ class Slam:
         """
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
         parts["recovery"] = self.recovery.to_arrays()
+        parts["several"] = self.several.to_arrays()
         return {**merge(parts), "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
@@ -415,6 +449,7 @@ class Slam:
         for name, part in self._parts().items():
             part.from_arrays(select(arrays, name))
         self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
+        self.several.from_arrays(select(arrays, "several"), self.ekf, self.culling)
         self.num_steps = int(arrays["num_steps"])
 
     def _parts(self) -> dict[str, Stateful]:

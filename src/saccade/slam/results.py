@@ -50,6 +50,8 @@ class StepResult:
     until the robot is found in it."""
     hypotheses: PoseHypotheses | None = None
     """Of the pose of a lost robot, after its first scan."""
+    num_hypotheses: int = 1
+    """Association hypotheses that are followed after it."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose

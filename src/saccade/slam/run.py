@@ -12,7 +12,6 @@ from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
-from saccade.slam.hypotheses import MultiHypothesisSlam
 from saccade.slam.online import Slam
 from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
@@ -185,8 +184,7 @@ def slam_for(
     Raises:
         LogError: as `run`.
     """
-    several = config.association == "multiple" and associate is None
-    return (MultiHypothesisSlam if several else Slam)(
+    return Slam(
         config,
         start=log.start,
         motion=motion_of(log, motion),
