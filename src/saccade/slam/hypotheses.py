@@ -19,7 +19,6 @@ from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.joining import join_landmarks
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.filter.state import spread_if_due
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import wrap
 from saccade.slam.online import NONE, Slam
@@ -70,7 +69,9 @@ class Hypothesis:
         ekf, culling = copy.copy(self.ekf), copy.copy(self.culling)
         for part in (ekf, culling):
             part.from_arrays({name: array.copy() for name, array in part.to_arrays().items()})
-        return Hypothesis(ekf, culling, self.weight, self.co_observations.copy(), self.association.copy())
+        return Hypothesis(
+            ekf, culling, self.weight, self.co_observations.copy(), self.association.copy()
+        )
 
     def observe(self, z: FloatArray, R: FloatArray, association: IntArray, size: float) -> None:
         """Update by a scan (C.10-C.18), then join and cull landmarks.
@@ -92,7 +93,9 @@ class Hypothesis:
         new = association == NEW
         association = np.where(new, mapped + np.cumsum(new) - 1, association)
         self.innovations = ekf.update_scan(z, R, association)
-        self.co_observations = np.pad(self.co_observations, (0, len(ekf) - len(self.co_observations)))
+        self.co_observations = np.pad(
+            self.co_observations, (0, len(ekf) - len(self.co_observations))
+        )
         self.co_observations[np.ix_(association, association)] += 1
         culling.update(check, mapped, len(ekf), association)
         self.association = np.append(self.association, association)
@@ -198,8 +201,8 @@ class MultiHypothesisSlam(Slam):
             return super().process(scan)
         for each in self.hypotheses:
             if scan.control is not None:
+                each.ekf.spread()
                 each.ekf.reserve()
-                spread_if_due(each.ekf.view)
                 each.ekf.models.predict(each.ekf.view, scan.control, scan.U)  # C.5-C.9
         if len(scan.z) == 0:
             return self._result(scan, NONE)
