@@ -61,7 +61,7 @@ class Consistency:
         if self._factor > TOLERATED_FRACTION:
             found.append(
                 f"the noise of the log is too small: the innovations are {self._factor:.1f} times "
-                "as large as it lets expect; --tune finds one that fits"
+                "as large as it lets expect; see motion_noise_scale and sensor_noise_scale"
             )
         elif self._impossible.mean() > WRONG_FRACTION:
             found.append(
@@ -82,7 +82,7 @@ class Consistency:
         if self._factor < 1 / TOLERATED_FRACTION:
             found.append(
                 f"the noise of the log is cautious, the innovations are {self._factor:.2f} of what "
-                "it lets expect; --tune finds one that fits"
+                "it lets expect; see motion_noise_scale and sensor_noise_scale"
             )
         wrong = self._impossible
         if 0 < wrong.mean() <= WRONG_FRACTION and self.mean > self.band[1]:

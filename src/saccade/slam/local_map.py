@@ -159,9 +159,7 @@ class LargeMapSlam(EkfSlam):
         C, L = _block(f, rows, rows), len(rows)
         root = _root(C)
         q, room = root.shape[1], k + max(k // 4, SPARE)
-        local = new_state(
-            f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, auxiliary=q + 1
-        )
+        local = new_state(f.state[:r], f.P[:r, :r], room, f.error_state, f.huber, auxiliary=q + 1)
         for name in HEADING_AND_NONLINEARITY:
             setattr(local.now, name, getattr(f.now, name))
         local.state[:L], local.heading_lever[:L] = f.state[rows], f.heading_lever[rows]
@@ -353,7 +351,10 @@ def _block(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
 def _pending(f: FilterState, rows: IntArray, columns: IntArray) -> FloatArray:
     """What is still to be added to P at these rows and columns."""
     total = np.zeros((len(rows), len(columns)))
-    for sign, pending, used in ((-1.0, f.downdates, f.now.downdates), (1.0, f.updates, f.now.updates)):
+    for sign, pending, used in (
+        (-1.0, f.downdates, f.now.downdates),
+        (1.0, f.updates, f.now.updates),
+    ):
         left, right = (pending[:used, each] for each in (rows, columns))
         left[:, rows < f.robot_size] = right[:, columns < f.robot_size] = 0.0
         total += sign * left.T @ right

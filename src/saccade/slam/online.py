@@ -18,7 +18,6 @@ from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.hypotheses import Hypotheses
-from saccade.slam.filter.state import spread_if_due
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
@@ -81,7 +80,9 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        built_in_rule = association is None or isinstance(association, (KnownIdentity, GatedIdentity))
+        built_in_rule = association is None or isinstance(
+            association, (KnownIdentity, GatedIdentity)
+        )
         whole = config.submaps == "never" or not (built_in and built_in_rule)
         self.ekf: EkfSlam = (EkfSlam if whole else LargeMapSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
@@ -101,7 +102,9 @@ class Slam:
         )
         ranges = type(sensor) is RangeBearing
         self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
-        gate = float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
+        gate = (
+            float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
+        )
         self._choice = LocalMapChoice(config.submaps == "always", gate)
         several = association is None and config.association in ("auto", "multiple")
         self._may_follow_several = several and built_in and adds and config.max_hypotheses > 1
@@ -117,6 +120,7 @@ class Slam:
         self.motion = motion
         """The motion model."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
+
     def step(
         self,
         time: float,
@@ -192,7 +196,8 @@ class Slam:
 
     def _choose_view(self, scan: Scan, named: IntArray) -> None:
         """Choose the local map of a large map in which the step works, and make room for it."""
-        ekf, culling = self.ekf, self.culling
+        ekf, culling, before = self.ekf, self.culling, None
+        ekf.spread()
         if isinstance(ekf, LargeMapSlam):
             expects = self.recovery.rule.enabled or (culling.rule.enabled and self._may_cull)
             reach = max(culling.reach, 0.0) if expects else 0.0
@@ -211,7 +216,6 @@ class Slam:
     def _predict(self, scan: Scan) -> None:
         """Move the robot (C.5-C.9)."""
         if scan.control is not None:
-            spread_if_due(self.ekf.view)
             self.ekf.models.predict(self.ekf.view, scan.control, scan.U)
         self.several.predict(scan)
 

@@ -21,6 +21,7 @@ from saccade.slam._recovery_kernels import (
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.state import scalars
 from saccade.slam.models import Motion, wrap
 from saccade.slam.relocalization import PoseHypotheses, Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -156,14 +157,15 @@ class Recovery:
             "landmarks": self._landmarks,
             "scans": np.array([self._agreeing, self._scans]),
         }
-        evidence = {name: getattr(self.evidence, name) for name in ("expected", "observed", "points")}
+        evidence = {
+            name: getattr(self.evidence, name) for name in ("expected", "observed", "points")
+        }
         now = np.array([float(getattr(self.evidence.now, name)) for name in SCALARS])
         return {**evidence, "now": now, **own, **search}
 
     def from_arrays(self, arrays: Arrays, ekf: EkfSlam) -> None:
         """Restore what `to_arrays` gave, with the filter of the same step."""
-        *numbers, left_out = arrays["now"].tolist()
-        now = EvidenceScalars(*numbers, int(left_out))
+        now = scalars(EvidenceScalars, arrays["now"])
         fields = (arrays[name] for name in ("expected", "observed", "points"))
         self.evidence = share(bind_evidence, *fields, now)
         self._landmarks = arrays["landmarks"]

@@ -208,7 +208,9 @@ def dead_reckon(
     )
     slam = slam_for(blind, config, motion)
     results = [slam.process(scan) for scan in scans_of(blind, config)]
-    pose, covariance = (np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance"))
+    pose, covariance = (
+        np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
+    )
     return Trajectory(log.time, pose, covariance)
 
 

@@ -15,6 +15,7 @@ from saccade.slam.filter.state import (
     compact,
     dense,
     from_arrays,
+    is_spread_due,
     landmark_blocks,
     like,
     marginal,
@@ -23,7 +24,7 @@ from saccade.slam.filter.state import (
     replace_pose,
     rescale,
     room_for_scan,
-    spread_if_due,
+    spread,
     state_size,
     to_arrays,
 )
@@ -85,8 +86,8 @@ class EkfSlam:
         """
         u = check_vector("control", u)
         U = check_covariance("covariance of the control", U, len(u))
+        self.spread()
         self.reserve()
-        spread_if_due(self.filter_state)
         self.models.predict(self.filter_state, u, U)
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
@@ -251,6 +252,11 @@ class EkfSlam:
     def reserve(self, observations: int = 1) -> None:
         """Make room for a motion and so many observations, each perhaps of a new landmark."""
         self.filter_state = room_for_scan(self.filter_state, observations)
+
+    def spread(self) -> None:
+        """Account for a heading that has become less certain where due, before a motion."""
+        if is_spread_due(self.robot):
+            spread(self.filter_state)
 
     def to_arrays(self, *, spare: bool = True) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a filter with the same models.

@@ -47,7 +47,9 @@ class Models:
         """Move the robot by a control (c,) with covariance (c, c) (C.5-C.9)."""
         predict_by_control(f, u, U, control_bias(u, f.robot_size))
 
-    def update(self, f: FilterState, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
+    def update(
+        self, f: FilterState, z: FloatArray, R: FloatArray, landmark: IntArray
+    ) -> Innovations:
         """Update by observations (k, 2) of landmarks (k,), in their order (C.10-C.14).
 
         The next free number augments, a negative one leaves the observation out.
@@ -90,7 +92,9 @@ class CustomMotion(Models):
 class CustomSensor(CustomMotion):
     """A custom sensor model, and any motion model."""
 
-    def update(self, f: FilterState, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
+    def update(
+        self, f: FilterState, z: FloatArray, R: FloatArray, landmark: IntArray
+    ) -> Innovations:
         """See `Models.update`."""
         out = new_innovations(len(z))
         for k, number in enumerate(landmark.tolist()):

@@ -5,7 +5,8 @@ added in one pass over the matrix (a blocked symmetric rank-k update), which is 
 arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
-from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
+from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_void_p
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,8 +23,19 @@ from saccade.slam.filter._state_kernels import (
 )
 from saccade.types import FloatArray, IntArray
 
+Record = TypeVar("Record", bound=Structure)
 SCALARS = tuple(name for name, _ in Scalars._fields_)
-ARRAYS = ("state", "heading_lever", "P", "blocks", "downdates", "updates", "cached_rows", "cached_pair", "robot_rows")
+ARRAYS = (
+    "state",
+    "heading_lever",
+    "P",
+    "blocks",
+    "downdates",
+    "updates",
+    "cached_rows",
+    "cached_pair",
+    "robot_rows",
+)
 """Fields of a `FilterState` that are arrays."""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
@@ -100,7 +112,7 @@ def to_arrays(f: FilterState) -> Arrays:
 def from_arrays(f: FilterState, arrays: Arrays) -> FilterState:
     """A state with arrays of `to_arrays` or of `compact`, and the parameters of another one."""
     if "now" in arrays:
-        now = Scalars(*(kind(each).value for (_, kind), each in zip(Scalars._fields_, arrays["now"], strict=True)))
+        now = scalars(Scalars, arrays["now"])
         parameters = f.robot_size, f.error_state, f.huber, f.auxiliary
         return share(bind_state, *parameters, *(arrays[name] for name in ARRAYS), now)
     r, n, N = f.robot_size, len(arrays["state"]), len(arrays["blocks"])
@@ -109,10 +121,21 @@ def from_arrays(f: FilterState, arrays: Arrays) -> FilterState:
     P[:r, :r] = symmetric(P[:r, :r])
     new = like(f, arrays["state"], P, max(N, FIRST_CAPACITY))
     new.heading_lever[:n], new.blocks[:N] = arrays["heading_lever"], arrays["blocks"]
-    now, (lowest, last), (total, count) = new.now, arrays["heading_variance"], arrays["nonlinearity"]
+    now, (lowest, last), (total, count) = (
+        new.now,
+        arrays["heading_variance"],
+        arrays["nonlinearity"],
+    )
     now.lowest_heading_variance, now.heading_variance = lowest, last
     now.nonlinearity, now.nonlinear_updates = total, int(count)
     return new
+
+
+def scalars(kind: type[Record], values: FloatArray) -> Record:
+    """The record of numbers with these values, in their order."""
+    types = (c_type for _, c_type in kind._fields_)  # type: ignore[misc]
+    pairs = zip(types, values.tolist(), strict=True)
+    return kind(*(int(value) if each is c_int64 else value for each, value in pairs))
 
 
 def compact(f: FilterState) -> Arrays:
@@ -149,11 +172,10 @@ def room_for_scan(f: FilterState, observations: int) -> FilterState:
     return make_room(f, observations, 2 * observations + 1)
 
 
-def spread_if_due(f: FilterState) -> None:
-    """Account for a heading that has become less certain, see `spread`; before a motion."""
+def is_spread_due(f: FilterState) -> bool:
+    """Whether the heading has become so uncertain that the covariance is to be `spread`."""
     growth = f.now.heading_variance - f.now.lowest_heading_variance
-    if f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH:
-        spread(f)
+    return f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH
 
 
 def state_rows(landmarks: IntArray, r: int) -> IntArray:
@@ -181,7 +203,10 @@ def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
         rank=rank,
     )
     for old_rows, new_rows in ((slice(n), slice(n)), (auxiliary_rows(f), auxiliary_rows(new))):
-        new.state[new_rows], new.heading_lever[new_rows] = f.state[old_rows], f.heading_lever[old_rows]
+        new.state[new_rows], new.heading_lever[new_rows] = (
+            f.state[old_rows],
+            f.heading_lever[old_rows],
+        )
         new.P[:n, new_rows] = f.P[:n, old_rows]
     new.P[auxiliary_rows(new), auxiliary_rows(new)] = f.P[auxiliary_rows(f), auxiliary_rows(f)]
     new.blocks[: now.landmarks] = f.blocks[: now.landmarks]

@@ -5,6 +5,7 @@ import numpy as np
 from saccade._jit import share
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter._state_kernels import FilterState
+from saccade.slam.filter.state import scalars
 from saccade.slam.map_management._kernels import (
     BEARING_BINS,
     RANGE_BINS,
@@ -233,13 +234,15 @@ class Culling:
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
         arrays = {name: getattr(self.counts, name) for name in (*PER_LANDMARK, *BINS)}
-        return {**arrays, "totals": np.array([getattr(self.counts.totals, name) for name in TOTALS])}
+        return {
+            **arrays,
+            "totals": np.array([getattr(self.counts.totals, name) for name in TOTALS]),
+        }
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        *totals, reach = arrays["totals"].tolist()
         fields = (arrays[name] for name in (*PER_LANDMARK, *BINS))
-        self._whole = share(bind_counts, *fields, Totals(*map(int, totals), reach))
+        self._whole = share(bind_counts, *fields, scalars(Totals, arrays["totals"]))
         self._local = None
 
 
