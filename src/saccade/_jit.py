@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, dataclass_transform
 
 import numpy as np
 
@@ -99,6 +99,7 @@ def kernel(fastmath: Iterable[str] = (), *, inline: bool = False) -> Callable[[F
     return compile_lazily
 
 
+@dataclass_transform(eq_default=False)
 def structure(fields: C) -> C:
     """Class decorator: a structure that kernels take as one argument, by reference.
 
@@ -108,8 +109,8 @@ def structure(fields: C) -> C:
     names = tuple(inspect.get_annotations(fields))
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         plain = dataclass(eq=False)(fields)
-        plain._fields = names  # type: ignore[attr-defined]
-        return plain
+        cast("Any", plain)._fields = names
+        return cast("C", plain)
     own = {name: each for name, each in vars(fields).items() if name[:2] != "__"}
     home = {"__module__": fields.__module__}
     kind = type(f"_{fields.__name__}Type", (types.StructRef,), home)
@@ -136,7 +137,7 @@ def _record(structure: ctypes.Structure) -> Any:
     """The same memory as a record of NumPy's, as Numba knows it."""
     names, kinds = zip(*structure._fields_, strict=True)
     dtype = np.dtype({"names": names, "formats": [np.dtype(each) for each in kinds]}, align=True)
-    return np.frombuffer(structure, dtype).view(np.recarray)[0]
+    return np.frombuffer(cast("Any", structure), dtype).view(np.recarray)[0]
 
 
 def kernel_stamp(function: Callable[..., Any]) -> str:

@@ -203,7 +203,7 @@ class MultiHypothesisSlam(Slam):
             if scan.control is not None:
                 each.ekf.spread()
                 each.ekf.reserve()
-                each.ekf.models.predict(each.ekf.view, scan.control, scan.U)  # C.5-C.9
+                each.ekf.models.predict(each.ekf.view, *scan.control)  # C.5-C.9
         if len(scan.z) == 0:
             return self._result(scan, NONE)
         self._observe(scan.z, scan.R)

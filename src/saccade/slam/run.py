@@ -11,8 +11,8 @@ from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.hypotheses import MultiHypothesisSlam
+from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder

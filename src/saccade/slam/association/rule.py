@@ -57,7 +57,8 @@ class KnownIdentity(Association):
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Look each identity up; see `Association`. New landmarks get the next free numbers."""
-        number, mapped, association = self.number, len(ekf), []
+        number, mapped = self.number, len(ekf)
+        association: list[int] = []
         for name in identity.tolist():
             known = number.get(name, -1)
             if name < 0 or known >= mapped:
