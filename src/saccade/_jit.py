@@ -5,6 +5,7 @@ the top level. A kernel that is cached on disk is compiled again when one of the
 and no other.
 """
 
+import copy
 import ctypes
 import hashlib
 import inspect
@@ -115,7 +116,8 @@ def structure(fields: C) -> C:
     home = {"__module__": fields.__module__}
     kind = type(f"_{fields.__name__}Type", (types.StructRef,), home)
     setattr(sys.modules[fields.__module__], kind.__name__, kind)  # where the cache looks for it
-    proxy = type(fields.__name__, (structref.StructRefProxy,), {**own, **home, "_fields": names})
+    own |= {**home, "_fields": names, "__deepcopy__": _copy_shared}
+    proxy = type(fields.__name__, (structref.StructRefProxy,), own)
     structref.register(kind)  # type: ignore[no-untyped-call]
     structref.define_proxy(proxy, kind, names)  # type: ignore[no-untyped-call]
     return cast("C", proxy)
@@ -129,8 +131,13 @@ def share(make: Callable[..., T], *fields: Any) -> T:
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return make(*fields)
     shared = make(*(_record(f) if isinstance(f, ctypes.Structure) else f for f in fields))
-    vars(shared).update(zip(cast("Any", shared)._fields, fields, strict=True))
+    vars(shared).update(zip(cast("Any", shared)._fields, fields, strict=True), _made=(make, fields))
     return shared
+
+
+def _copy_shared(shared: Any, memo: dict[int, Any]) -> Any:
+    make, fields = shared._made
+    return share(make, *copy.deepcopy(fields, memo))
 
 
 def _record(structure: ctypes.Structure) -> Any:
