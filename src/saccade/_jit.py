@@ -5,6 +5,7 @@ the top level. A kernel that is cached on disk is compiled again when one of the
 and no other.
 """
 
+import copy
 import ctypes
 import hashlib
 import inspect
@@ -16,7 +17,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, dataclass_transform
 
 import numpy as np
 
@@ -99,6 +100,7 @@ def kernel(fastmath: Iterable[str] = (), *, inline: bool = False) -> Callable[[F
     return compile_lazily
 
 
+@dataclass_transform(eq_default=False)
 def structure(fields: C) -> C:
     """Class decorator: a structure that kernels take as one argument, by reference.
 
@@ -108,13 +110,14 @@ def structure(fields: C) -> C:
     names = tuple(inspect.get_annotations(fields))
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         plain = dataclass(eq=False)(fields)
-        plain._fields = names  # type: ignore[attr-defined]
-        return plain
+        cast("Any", plain)._fields = names
+        return cast("C", plain)
     own = {name: each for name, each in vars(fields).items() if name[:2] != "__"}
     home = {"__module__": fields.__module__}
     kind = type(f"_{fields.__name__}Type", (types.StructRef,), home)
     setattr(sys.modules[fields.__module__], kind.__name__, kind)  # where the cache looks for it
-    proxy = type(fields.__name__, (structref.StructRefProxy,), {**own, **home, "_fields": names})
+    own |= {**home, "_fields": names, "__deepcopy__": _copy_shared}
+    proxy = type(fields.__name__, (structref.StructRefProxy,), own)
     structref.register(kind)  # type: ignore[no-untyped-call]
     structref.define_proxy(proxy, kind, names)  # type: ignore[no-untyped-call]
     return cast("C", proxy)
@@ -128,15 +131,20 @@ def share(make: Callable[..., T], *fields: Any) -> T:
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return make(*fields)
     shared = make(*(_record(f) if isinstance(f, ctypes.Structure) else f for f in fields))
-    vars(shared).update(zip(cast("Any", shared)._fields, fields, strict=True))
+    vars(shared).update(zip(cast("Any", shared)._fields, fields, strict=True), _made=(make, fields))
     return shared
+
+
+def _copy_shared(shared: Any, memo: dict[int, Any]) -> Any:
+    make, fields = shared._made
+    return share(make, *copy.deepcopy(fields, memo))
 
 
 def _record(structure: ctypes.Structure) -> Any:
     """The same memory as a record of NumPy's, as Numba knows it."""
     names, kinds = zip(*structure._fields_, strict=True)
     dtype = np.dtype({"names": names, "formats": [np.dtype(each) for each in kinds]}, align=True)
-    return np.frombuffer(structure, dtype).view(np.recarray)[0]
+    return np.frombuffer(cast("Any", structure), dtype).view(np.recarray)[0]
 
 
 def kernel_stamp(function: Callable[..., Any]) -> str:

@@ -147,7 +147,9 @@ def contradicts(
     now.latest = max(_limited(f, evidence.points, z, R, rule.gate, room, value), -MAX_EVIDENCE)
     now.total = max(now.total + now.latest, 0.0)
     if now.total == 0.0:
-        evidence.points[:, EVIDENCE] = 0.0
+        points = evidence.points
+        for i in range(POINTS):
+            points[i, EVIDENCE] = 0.0
     named, contradictions = 0, 0
     for k in range(len(z)):
         if 0 <= association[k] < N:

@@ -33,7 +33,7 @@ class EkfConfig:
     association: Literal["auto", "known", "nearest", "mutual", "multiple"] = "auto"
     """Data association. "auto": by identity where an observation has one that agrees with the map
     (`name_gate`), else "mutual". "known": by identity, which is never doubted. By geometry alone,
-    to the nearest landmark, to the mutually nearest one, or by several hypotheses at once, with names
+    to the nearest landmark, to the mutually nearest one, or by several hypotheses at once, names
     not used (`MultiHypothesisSlam`, which `run` takes for it; `Slam` itself takes "mutual")."""
     gate: float = 0.99
     """Unknown association: probability with which an observation of a landmark is accepted."""

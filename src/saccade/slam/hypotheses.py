@@ -252,7 +252,7 @@ class Hypotheses:
             if scan.control is not None:
                 each.ekf.spread()
                 each.ekf.reserve()
-                each.ekf.models.predict(each.ekf.view, scan.control, scan.U)
+                each.ekf.models.predict(each.ekf.view, *scan.control)
 
     def observe(self, z: FloatArray, R: FloatArray) -> Hypothesis:
         """Split the hypotheses by the alternatives of a scan, and keep the most probable ones.

@@ -1,7 +1,7 @@
 """The local map of a large one: steps at a cost that does not grow with the map.
 
-The compressed filter of Guivant & Nebot (2001): while the robot stays among some landmarks A, the changes of the
-others B are linear in their covariance with A at its arrival. With J a quarter turn,
+The compressed filter of Guivant & Nebot (2001): while the robot stays among some landmarks A, the
+changes of the others B are linear in their covariance with A at its arrival. With J a quarter turn,
 E = [K, J K, d, J d] of that time, C_BA = K T^T with C_AA = T T^T, d the differences of the
 points of B from their first estimates, at any later time
 
@@ -147,8 +147,8 @@ class LargeMapSlam(EkfSlam):
 
     def __len__(self) -> int:
         if self.local_map is None:
-            return self._whole.now.landmarks
-        return self.local_map.state.now.landmarks + len(self.local_map.rest)
+            return int(self._whole.now.landmarks)
+        return int(self.local_map.state.now.landmarks) + len(self.local_map.rest)
 
     def enter(self, inside: IntArray) -> LocalMap:
         """Work among these landmarks (k,), ascending, until `leave`."""

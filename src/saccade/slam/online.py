@@ -201,9 +201,8 @@ class Slam:
         if isinstance(ekf, LargeMapSlam):
             expects = self.recovery.rule.enabled or (culling.rule.enabled and self._may_cull)
             reach = max(culling.reach, 0.0) if expects else 0.0
-            control = None if scan.control is None else (scan.control, scan.U)
             before = ekf.local_map
-            self._choice.choose(ekf, control, scan.z, scan.R, named, reach)
+            self._choice.choose(ekf, scan.control, scan.z, scan.R, named, reach)
         ekf.reserve(len(scan.z))
         rows = ekf.view.now.landmarks + len(scan.z)
         if not isinstance(ekf, LargeMapSlam) or ekf.local_map is None:
@@ -216,7 +215,7 @@ class Slam:
     def _predict(self, scan: Scan) -> None:
         """Move the robot (C.5-C.9)."""
         if scan.control is not None:
-            self.ekf.models.predict(self.ekf.view, scan.control, scan.U)
+            self.ekf.models.predict(self.ekf.view, *scan.control)
         self.several.predict(scan)
 
     def _contradicts(self, scan: Scan, named: IntArray) -> bool:
@@ -294,7 +293,7 @@ class Slam:
         """Search a lost robot by a scan."""
         association = np.full(len(scan.z), -1)
         if scan.control is not None:
-            self.recovery.predict(scan.control, scan.U)
+            self.recovery.predict(*scan.control)
         if len(scan.z) > 0:
             self._contradicts(scan, named)
             self.recovery.search(scan.z, scan.R, named)
@@ -314,7 +313,7 @@ class Slam:
         check_diverged(pose, self.num_steps)
         self.num_steps += 1
         refused, used = np.zeros(k, np.bool_), innovations is not None
-        if used and isinstance(self.associate, GatedIdentity):
+        if used and isinstance(self.associate, GatedIdentity) and not self.several.alive:
             refused = self.associate.refused
         innovations = innovations or new_innovations(k)
         return StepResult(

@@ -18,10 +18,8 @@ class Scan(NamedTuple):
 
     time: float
     """Of the pose."""
-    control: FloatArray | None
-    """(c,) from the last pose to this one; None where the robot has not moved."""
-    U: FloatArray | None
-    """(c, c) its covariance."""
+    control: tuple[FloatArray, FloatArray] | None
+    """(c,) from the last pose to this one and its covariance (c, c); None without a motion."""
     z: FloatArray
     """(k, 2) range in metres, bearing in radians."""
     R: FloatArray
@@ -45,22 +43,21 @@ def validated_scan(
     Raises:
         LogError: one of them has another shape, is not finite, or no covariance.
     """
-    time = as_number("time", time)
+    time, motion = as_number("time", time), None
     if control is not None:
         c = control_size or np.size(control)
-        u = as_array("control", (c,), control).astype(np.float64)
-        U = as_array("covariance of the control", (c, c), U).astype(np.float64)
+        u = np.array(as_array("control", (c,), control), np.float64)
+        U = np.array(as_array("covariance of the control", (c, c), U), np.float64)
         check_noise("control", u[None], U[None], 0, 1, config.motion_noise_scale**2, 0.0)
-    else:
-        u = U = None
+        motion = u, U
     k = 0 if z is None else len(z)
     if k == 0:
-        return Scan(time, u, U, *NO_SCAN)
+        return Scan(time, motion, *NO_SCAN)
     z = as_array("observations", (k, 2), z).astype(np.float64)
     R = as_array("covariances of the observations", (k, 2, 2), R).astype(np.float64)
     identity = np.full(k, -1) if names is None else as_names(k, names).astype(np.int64)
     check_noise("observation", z, R, 0, k, config.sensor_noise_scale**2, MIN_SIGMA)
-    return Scan(time, u, U, z, R, identity)
+    return Scan(time, motion, z, R, identity)
 
 
 def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
@@ -78,9 +75,9 @@ def scans_of(log: LandmarkLog, config: EkfConfig) -> Iterator[Scan]:
 
     def scans() -> Iterator[Scan]:
         for i, time in enumerate(times):
-            control = (None, None) if i == 0 else (u[i - 1], U[i - 1])
+            motion = None if i == 0 else (u[i - 1], U[i - 1])
             start, end = edge[i], edge[i + 1]
             scan = NO_SCAN if start == end else (z[start:end], R[start:end], names[start:end])
-            yield Scan(time, *control, *scan)
+            yield Scan(time, motion, *scan)
 
     return scans()

@@ -7,8 +7,8 @@ from saccade.frames import CameraTurn, Drive, steps_between
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT
-from saccade.slam.models import compose
 from saccade.slam.filter.models import PredictedObservations
+from saccade.slam.models import compose
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig

@@ -1,6 +1,6 @@
 """Mahalanobis gating and pairing of observations with landmarks."""
 
-from math import atan2, hypot, inf, sqrt
+from math import atan2, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np

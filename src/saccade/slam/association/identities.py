@@ -257,7 +257,7 @@ class GatedIdentity(Association):
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         columns = [arrays[name] for name in Identity.FIELDS]
-        columns = [each if each.ndim > 1 else each.tolist() for each in columns]  # type: ignore[misc]
+        columns = [each if each.ndim > 1 else each.tolist() for each in columns]
         rows = [Identity(*row) for row in zip(*columns, strict=True)]
         self.known = dict(zip(arrays["identity"].tolist(), rows, strict=True))
         self.stale = arrays["stale"].tolist()
@@ -363,7 +363,7 @@ class GatedIdentity(Association):
                     conflicts[p, q] = conflicts[q, p] = not agree
         while conflicts.any():
             count = conflicts.sum(1)
-            for p in np.flatnonzero(count == count.max()):
+            for p in np.flatnonzero(count == count.max()).tolist():
                 refused.add(names[p])
                 conflicts[p] = conflicts[:, p] = False
 

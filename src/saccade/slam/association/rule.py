@@ -57,14 +57,16 @@ class KnownIdentity(Association):
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Look each identity up; see `Association`. New landmarks get the next free numbers."""
-        number, mapped, association = self.number, len(ekf), []
+        new: set[int] = set()  # identities first observed in this scan
+        association = []
         for name in identity.tolist():
-            known = number.get(name, -1)
-            if name < 0 or known >= mapped:
-                known = DROPPED
-            elif known < 0:
-                number[name] = known = mapped + sum(each >= mapped for each in association)
-            association.append(known)
+            if name < 0 or name in new:
+                association.append(DROPPED)
+                continue
+            if name not in self.number:
+                self.number[name] = len(ekf) + len(new)
+                new.add(name)
+            association.append(self.number[name])
         return np.array(association, np.int64)
 
     def landmarks(self, names: list[int]) -> list[int]:

@@ -144,13 +144,14 @@ def models_of(motion: Motion, sensor: Sensor, robot_size: int) -> Models:
 
 def control_bias(u: FloatArray, robot_size: int) -> FloatArray:
     """(c, r - 3) Jacobian of a control by the robot's states beyond the pose."""
-    if robot_size == 3:
-        return _NO_BIAS[len(u)]
-    return bias_jacobian(u[None])[0]
+    jacobian: FloatArray = _NO_BIAS[len(u)] if robot_size == 3 else bias_jacobian(u[None])[0]
+    return jacobian
 
 
 def new_innovations(k: int) -> Innovations:
     """Room for the innovations of so many observations."""
+    if k == 0:
+        return Innovations(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
     return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))
 
 

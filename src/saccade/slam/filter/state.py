@@ -185,7 +185,7 @@ def state_rows(landmarks: IntArray, r: int) -> IntArray:
 
 def state_size(f: FilterState) -> int:
     """n: numbers in the state."""
-    return f.robot_size + 2 * f.now.landmarks
+    return int(f.robot_size + 2 * f.now.landmarks)
 
 
 def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:

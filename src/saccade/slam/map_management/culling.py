@@ -90,22 +90,22 @@ class Culling:
     @property
     def removed(self) -> int:
         """Landmarks that were culled."""
-        return self._whole.totals.culled
+        return int(self._whole.totals.culled)
 
     @property
     def forgotten(self) -> int:
         """Candidates that were dropped."""
-        return self._whole.totals.dropped
+        return int(self._whole.totals.dropped)
 
     @property
     def reach(self) -> float:
         """Largest range that was observed so far; minus infinity without any."""
-        return self._whole.totals.reach
+        return float(self._whole.totals.reach)
 
     @property
     def ambiguous(self) -> int:
         """Observations that were dropped because they may be of several landmarks."""
-        return self._whole.totals.ambiguous
+        return int(self._whole.totals.ambiguous)
 
     def warning(self, association: IntArray) -> str:
         """Why nothing was mapped, or most observations were not used; empty if neither is so.
