@@ -5,16 +5,21 @@ the top level. A kernel that is cached on disk is compiled again when one of the
 and no other.
 """
 
+import copy
 import ctypes
 import hashlib
 import inspect
 import logging
 import os
+import sys
 import warnings
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
+from typing import Any, TypeVar, cast, dataclass_transform, get_args, get_type_hints
+
+import numpy as np
 
 from saccade.errors import ConfigError
 
@@ -32,6 +37,8 @@ except (RuntimeWarning, ValueError) as error:
 _logger = logging.getLogger(__name__)
 
 F = TypeVar("F", bound=Callable[..., Any])
+C = TypeVar("C", bound=type[Any])
+T = TypeVar("T")
 
 
 class _Announcer(event.Listener):
@@ -93,30 +100,51 @@ def kernel(fastmath: Iterable[str] = (), *, inline: bool = False) -> Callable[[F
     return compile_lazily
 
 
-class _BoundType(types.StructRef):
-    """Numba's type of `Bound`."""
+@dataclass_transform(eq_default=False)
+def structure(fields: C) -> C:
+    """Class decorator: a structure that kernels take as one argument, by reference.
+
+    Its annotations are its fields, in order: numbers that stay, arrays, and records (see `share`).
+    Passing it takes a quarter of the time of passing a tuple of its arrays, and compiles faster.
+    """
+    names = tuple(inspect.get_annotations(fields))
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        plain = dataclass(eq=False)(fields)
+        cast("Any", plain)._fields = names
+        return cast("C", plain)
+    own = {name: each for name, each in vars(fields).items() if name[:2] != "__"}
+    home = {"__module__": fields.__module__}
+    kind = type(f"_{fields.__name__}Type", (types.StructRef,), home)
+    setattr(sys.modules[fields.__module__], kind.__name__, kind)  # where the cache looks for it
+    own |= {**home, "_fields": names, "__deepcopy__": _copy_shared}
+    proxy = type(fields.__name__, (structref.StructRefProxy,), own)
+    structref.register(kind)  # type: ignore[no-untyped-call]
+    structref.define_proxy(proxy, kind, names)  # type: ignore[no-untyped-call]
+    return cast("C", proxy)
 
 
-structref.register(_BoundType)  # type: ignore[no-untyped-call]
-if getattr(numba.config, "DISABLE_JIT", False):
+def share(make: Callable[..., T], *fields: Any) -> T:
+    """A structure with these fields, made by the kernel `make`, whose fields Python reads as well.
 
-    class Bound(NamedTuple):
-        """Arguments of a kernel."""
+    A field that is a `ctypes.Structure` is a record: kernels and Python write to the same numbers.
+    """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return make(*fields)
+    shared = make(*(_record(f) if isinstance(f, ctypes.Structure) else f for f in fields))
+    vars(shared).update(zip(cast("Any", shared)._fields, fields, strict=True), _made=(make, fields))
+    return shared
 
-        arguments: tuple[Any, ...]
 
-else:
+def _copy_shared(shared: Any, memo: dict[int, Any]) -> Any:
+    make, fields = shared._made
+    return share(make, *copy.deepcopy(fields, memo))
 
-    class Bound(structref.StructRefProxy):  # type: ignore[no-redef]
-        """Arguments of a kernel, unboxed once for many calls; a kernel makes it.
 
-        Unboxing dozens of arrays takes as long as a small step of the filter.
-        """
-
-        arguments: tuple[Any, ...]
-        """For kernels only."""
-
-    structref.define_proxy(Bound, _BoundType, ["arguments"])  # type: ignore[no-untyped-call]
+def _record(structure: ctypes.Structure) -> Any:
+    """The same memory as a record of NumPy's, as Numba knows it."""
+    names, kinds = zip(*structure._fields_, strict=True)
+    dtype = np.dtype({"names": names, "formats": [np.dtype(each) for each in kinds]}, align=True)
+    return np.frombuffer(cast("Any", structure), dtype).view(np.recarray)[0]
 
 
 def kernel_stamp(function: Callable[..., Any]) -> str:

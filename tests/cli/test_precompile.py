@@ -11,7 +11,7 @@ import pytest
 from saccade import _jit
 from saccade._jit import needs_compiling
 from saccade.cli import precompile
-from saccade.slam import Slam, compiling
+from saccade.slam import Slam
 
 SOURCE = """
 from saccade._jit import kernel
@@ -59,7 +59,8 @@ def test_another_process_is_started_only_where_there_is_something_to_compile(col
     monkeypatch.setattr(subprocess, "Popen", Process)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     monkeypatch.setattr("saccade._jit.needs_compiling", lambda _: cold)
-    monkeypatch.setattr("saccade.slam.compiling.compile_half", halves.append)
+    monkeypatch.setattr(precompile, "_compile_updates", lambda: halves.append(0))
+    monkeypatch.setitem(precompile.TASKS, "filter", lambda: halves.append(1))
     with precompile.filter_compiled_ahead(also="points") as finish:
         finish()
     assert len(started) == (3 if cold else 0)
@@ -76,13 +77,12 @@ def test_another_process_is_started_only_where_there_is_something_to_compile(col
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-@pytest.mark.parametrize("half", [0, 1])
-def test_the_halves_are_compiled_for_the_types_with_which_the_step_calls_them(half, monkeypatch):
+def test_kernels_are_compiled_for_the_types_with_which_the_step_calls_them(monkeypatch):
     slam = Slam()
     slam.step(0.0, z=np.ones((1, 2)), R=np.eye(2)[None], names=np.zeros(1, np.int64))
     parts = []
-    monkeypatch.setattr(compiling, "compile_for", lambda *part: parts.append(part))
-    compiling.compile_half(half)
+    monkeypatch.setattr(_jit, "compile_for", lambda *part: parts.append(part))
+    precompile.compile_filter()
     for part, *arguments in parts:
         cached = {key[0] for key in _jit._cache_file(part)._load_index()}
         assert tuple(map(numba.typeof, arguments)) in cached, part

@@ -126,31 +126,6 @@ def test_raw_log_without_names_comes_close_to_gps(raw_log, noise, limit):
 
 
 @pytest.mark.shared
-def test_joint_compatibility_goes_the_same_way(raw_log):
-    """The first thousand scans, in which trees are a few metres apart."""
-    last = int(np.searchsorted(raw_log.observation_pose, 1000))
-    start = dataclasses.replace(
-        raw_log,
-        time=raw_log.time[:1000],
-        control=raw_log.control[:999],
-        control_covariance=raw_log.control_covariance[:999],
-        observation_pose=raw_log.observation_pose[:last],
-        observation=raw_log.observation[:last],
-        observation_covariance=raw_log.observation_covariance[:last],
-        landmark=raw_log.landmark[:last],
-        truth=None,
-    )
-    joint, mutual = (
-        slam.run(start, slam.EkfConfig(association=rule)) for rule in ("joint", "mutual")
-    )
-    apart = np.hypot(*(joint.trajectory.pose - mutual.trajectory.pose)[:, :2].T)
-    assert apart.max() < 0.2
-    assert abs(len(joint.map) - len(mutual.map)) <= 2
-    assert ((joint.association >= 0) == (mutual.association >= 0)).mean() > 0.99
-    assert (joint.association >= 0).mean() > 0.8
-
-
-@pytest.mark.shared
 def test_city_of_trees_is_found_where_it_was_made(shared):
     folder = shared / "data/logs/citytrees"
     log = load("auto", folder / "cityTrees10000.txt")

@@ -103,7 +103,7 @@ def test_a_session_is_started_driven_and_switched():
     same = again.start({"seed": 4})
     second = again.step({"session": same["session"], "commands": ask["commands"]})
     assert as_json({"": first["steps"]}) == as_json({"": second["steps"]})
-    changed = {"add": [[0, -9]], "remove": [0, 3], "filter": "first-estimates"}
+    changed = {"add": [[0, -9]], "remove": [0, 3], "filter": "standard"}
     after = playground.step({"session": token, **changed})
     assert after["steps"] == []
     assert after["names"] == [1, 2, *range(4, 17)]
@@ -140,7 +140,7 @@ def test_only_the_last_sessions_are_kept_and_steps_are_limited(monkeypatch):
     [
         ({"session": None}, "no longer in memory"),
         ({"session": ["x"]}, "no longer in memory"),
-        ({"filter": "none"}, "filter: expected one of invariant, standard, first-estimates"),
+        ({"filter": "none"}, "filter: expected one of invariant, standard"),
         ({"filter": ["standard"]}, "filter: expected one of"),
         ({"commands": 3}, "commands: expected at most 50 pairs of numbers, or null"),
         ({"commands": [None] * 51}, "commands: expected at most 50"),

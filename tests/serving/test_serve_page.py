@@ -277,7 +277,7 @@ def test_a_robot_is_driven_by_keys_and_buttons_among_landmarks_that_are_placed(o
     page.wait_for_selector("#slam[data-steps='0']")
     assert page.locator("#photograph").is_hidden()
     rows = page.locator("#slam tbody tr")
-    assert rows.locator("th").all_inner_texts() == ["invariant", "standard", "first-estimates"]
+    assert rows.locator("th").all_inner_texts() == ["invariant", "standard"]
     page.get_by_role("button", name="No landmarks").click()
     counter = page.locator(".steps")
     expect(counter).to_have_text("0 steps, 0 landmarks, 0 in the map of the filter")

@@ -141,7 +141,7 @@ def test_consistency_from_the_command_line(run):
     code, out, _ = run("evaluate", "consistency", "-p", "loop", "--runs", 3, "--json")
     assert code == 0
     found = json.loads(out)["worlds"]["loop"]
-    assert set(found) == {"invariant", "standard", "first-estimates"}
+    assert set(found) == {"invariant", "standard"}
     assert found["invariant"]["anees"] == pytest.approx(
         _trials(WorldConfig.loop(), "invariant", 3).anees
     )

@@ -1,25 +1,20 @@
 """Who is who: gates, exclusion, and what becomes a landmark."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.linalg import block_diag
 
 from saccade.errors import LogError
 from saccade.slam import (
     RANGE_BEARING,
     EkfSlam,
-    JointCompatibility,
     KnownIdentity,
     NearestNeighbor,
     Retraction,
     observe,
 )
-from saccade.slam.association._jcbb_kernels import branch_and_bound
 from saccade.slam.association._kernels import (
     DROPPED,
     NEW,
@@ -28,7 +23,7 @@ from saccade.slam.association._kernels import (
     prefilter_landmarks,
     squared_distance,
 )
-from saccade.slam.association.gating import mahalanobis_squared
+from saccade.slam.association.nearest_neighbor import mahalanobis_squared
 from saccade.slam.models import RangeBearing
 
 R = np.diag([0.01, 1e-4])
@@ -83,16 +78,15 @@ def test_near_is_taken_far_is_new_and_between_is_dropped():
     assert found == [0, DROPPED, NEW]
 
 
-@pytest.mark.parametrize("rule", [NearestNeighbor(mutual=True), JointCompatibility()])
-def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too(rule):
+def test_what_could_as_well_be_of_another_is_dropped_unless_that_one_is_seen_too():
     """Two landmarks a little over a sigma to either side of where something is seen."""
-    pair = np.array([[5.0, -0.1], [5.0, 0.12]])
+    rule, pair = NearestNeighbor(mutual=True), np.array([[5.0, -0.1], [5.0, 0.12]])
     z, noise = _scan([[5.0, 0.0], [5.0, 0.2]])
     assert rule(_filter(pair), z[:1], noise[:1], UNKNOWN[:1]).tolist() == [DROPPED]
     assert rule(_filter(pair), z, noise, UNKNOWN[:2]).tolist() == [0, 1]
     for confirmed, expected in (([1, 1], DROPPED), ([1, 0], 0), ([0, 0], DROPPED)):
         ekf = _filter(pair)
-        ekf.confirmed = np.array(confirmed, bool)
+        ekf.confirmed_in_view = np.array(confirmed, bool)
         assert rule(ekf, z[:1], noise[:1], UNKNOWN[:1]).tolist() == [expected]
     far = pair * [1.0, 9.0]
     z, noise = _scan(far[0])
@@ -130,28 +124,6 @@ def test_known_identities_are_looked_up():
     assert associate(ekf, z, noise, identity).tolist() == [0, 0, DROPPED, 1]
 
 
-@given(st.lists(st.lists(st.integers(-1, 4), max_size=5), max_size=6))
-def test_numbers_of_many_scans_are_those_found_scan_by_scan(scans):
-    number, found = {}, []
-    for names in scans:
-        before = dict(number)
-        for k, name in enumerate(names):
-            repeated = name in names[:k] and name not in before
-            if name < 0 or repeated:
-                found.append(DROPPED)
-            else:
-                found.append(number.setdefault(name, len(number)))
-    pose = np.repeat(np.arange(len(scans)), [len(names) for names in scans])
-    identity = np.array([name for names in scans for name in names], np.int64)
-    cut = int((pose < 3).sum())
-    ahead, halves = KnownIdentity(), KnownIdentity()
-    assert ahead.number_ahead(identity, pose, 0).tolist() == found
-    first = halves.number_ahead(identity[:cut], pose[:cut], 0)
-    second = halves.number_ahead(identity[cut:], pose[cut:], len(halves.number))
-    assert [*first, *second] == found
-    assert ahead.number == halves.number == number
-
-
 @given(
     arrays(np.float64, (6, 2), elements=st.floats(-9, 9)),
     arrays(np.float64, (6, 2, 2), elements=st.floats(-2, 2)),
@@ -179,8 +151,8 @@ def test_a_sensor_of_ones_own_finds_the_same_distances(retraction):
         filters.append(ekf)
     compiled, own = filters
     own.from_arrays(compiled.to_arrays())  # its own updates are of first order
-    assert compiled.is_compiled
-    assert not own.is_compiled
+    assert compiled.models.compiled
+    assert not own.models.compiled
     expected = mahalanobis_squared(compiled, z, noise)
     np.testing.assert_allclose(mahalanobis_squared(own, z, noise), expected, rtol=1e-9)
     near = mahalanobis_squared(own, z, noise, 9.0)
@@ -225,80 +197,6 @@ def test_expectation_is_that_of_the_dense_covariance(rng, retraction):
         at = [0, 1, 2, 3 + 2 * i, 4 + 2 * i]
         S = H[i] @ ekf.covariance[np.ix_(at, at)] @ H[i].T
         np.testing.assert_allclose(expected.covariance[i], S, rtol=1e-9, atol=1e-15)
-
-
-def _by_trying_all(near, limit, v, S, R, gates):
-    """The most pairs that fit together, and the smallest joint distance of so many."""
-    best = (0, 0.0)
-    for columns in product(range(-1, near.shape[1]), repeat=len(near)):
-        pairs = [(i, j) for i, j in enumerate(columns) if j >= 0]
-        used = [j for _, j in pairs]
-        if len(set(used)) < len(used) or any(near[i, j] > limit for i, j in pairs) or not pairs:
-            continue
-        at = np.concatenate([[2 * j, 2 * j + 1] for j in used])
-        joint = S[np.ix_(at, at)] + block_diag(*(R[i] for i, _ in pairs))
-        innovation = np.concatenate([v[i, j] for i, j in pairs])
-        total = innovation @ np.linalg.solve(joint, innovation)
-        if total <= gates[len(pairs) - 1] and (-len(pairs), total) < (-best[0], best[1]):
-            best = (len(pairs), total)
-    return best
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_joint_search_finds_what_trying_all_finds(seed):
-    rng = np.random.default_rng(seed)
-    m, c = 4, 3
-    root = rng.normal(size=(2 * c, 3))  # errors that hang together, as those of a pose do
-    S = root @ root.T + 0.05 * np.eye(2 * c)
-    noise = np.tile(0.1 * np.eye(2), (m, 1, 1))
-    v = rng.normal(size=(m, c, 2)) * 1.5
-    near = np.array(
-        [
-            [
-                v[i, j]
-                @ np.linalg.solve(S[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] + noise[i], v[i, j])
-                for j in range(c)
-            ]
-            for i in range(m)
-        ]
-    )
-    # of fewer pairs too: a set can be compatible of which a part is not
-    gates = np.array([4.6, 7.8, 10.6, 13.4])
-    found = np.full(m, -1)
-    branch_and_bound(near, 4.6, v, S, noise, gates, 100000, found)
-    pairs = [(i, j) for i, j in enumerate(found.tolist()) if j >= 0]
-    most, least = _by_trying_all(near, 4.6, v, S, noise, gates)
-    if pairs:
-        at = np.concatenate([[2 * j, 2 * j + 1] for _, j in pairs])
-        joint = S[np.ix_(at, at)] + block_diag(*(noise[i] for i, _ in pairs))
-        innovation = np.concatenate([v[i, j] for i, j in pairs])
-        total = innovation @ np.linalg.solve(joint, innovation)
-        assert total <= gates[len(pairs) - 1] + 1e-9
-        if len(pairs) == most:
-            assert total >= least - 1e-9
-    assert most - 1 <= len(pairs) <= most
-
-
-def test_joint_compatibility_sees_that_the_robot_is_shifted():
-    """Alone each observation is nearest to the wrong landmark; together they cannot be."""
-    row = np.array([[6.0, 0.0], [6.0, 1.0], [6.0, 2.0], [6.0, 3.0], [3.0, -3.0]])
-    ekf = EkfSlam(np.zeros(3), np.zeros((3, 3)))
-    for landmark in row:
-        ekf.augment(observe(np.zeros(3), landmark)[0], 1e-4 * R)
-    ekf.predict(np.zeros(2), np.diag([1e-9, 0.02]))  # it does not know how far it turned
-    turned = np.array([0.0, 0.0, 0.1])
-    z = observe(turned, row)[0]
-    noise = np.tile(1e-2 * R, (len(z), 1, 1))
-    assert JointCompatibility()(ekf, z, noise, UNKNOWN[:5]).tolist() == [0, 1, 2, 3, 4]
-
-
-def test_bounded_search_ends():
-    row = np.stack([np.full(12, 6.0), np.linspace(-1, 1, 12)], 1)
-    ekf = _filter(row, spread=0.1)
-    z, noise = _scan(row)
-    found = JointCompatibility(max_nodes=50)(ekf, z, noise, np.full(12, -1))
-    used = found[found >= 0]
-    assert len(set(used.tolist())) == len(used)
 
 
 def test_removed_landmarks_leave_the_others_as_they_were(rng):

@@ -27,7 +27,7 @@ def _same(one, two):
         assert a.tobytes() == b.tobytes()
 
 
-@pytest.mark.parametrize("kind", ["standard", "invariant", "first-estimates"])
+@pytest.mark.parametrize("kind", ["standard", "invariant"])
 @pytest.mark.parametrize("association", ["known", "nearest"])
 @pytest.mark.parametrize("pose", [1, 7, 90])
 def test_resumed_run_is_the_uninterrupted_one(rng, tmp_path, kind, association, pose):

@@ -1,4 +1,4 @@
-"""The compressed filter against the whole one, and scans against single observations."""
+"""A local map against the whole one, and scans against single observations."""
 
 import copy
 
@@ -7,7 +7,6 @@ import pytest
 
 from saccade.errors import LogError
 from saccade.slam import (
-    FIRST_ESTIMATES,
     INVARIANT,
     STANDARD,
     EkfSlam,
@@ -17,16 +16,11 @@ from saccade.slam import (
     inverse_observe,
     observe,
 )
-from saccade.slam.filter._compressed_kernels import read_block, write_block
-from saccade.slam.filter._range_bearing_kernels import (
-    augment_range_bearing,
-    predict_by_control,
-    update_range_bearing,
-)
-from saccade.slam.filter.compressed import CompressedSlam
+from saccade.slam._local_map_kernels import read_block, write_block
+from saccade.slam.local_map import LargeMapSlam
 
 U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])
-every = pytest.mark.parametrize("retraction", [STANDARD, INVARIANT, FIRST_ESTIMATES])
+every = pytest.mark.parametrize("retraction", [STANDARD, INVARIANT])
 
 
 def _avenue(rng, steps=240):
@@ -44,13 +38,13 @@ def _avenue(rng, steps=240):
 
 
 @every
-def test_compressed_is_the_whole_filter(retraction, rng):
+def test_a_local_map_is_the_whole_filter(retraction, rng):
     """Among changing landmarks, at random, of which some are never observed and some are new."""
-    kinds = EkfSlam, CompressedSlam
+    kinds = EkfSlam, LargeMapSlam
     whole, small = (
         kind(np.zeros(3), np.diag([0.01, 0.01, 0.001]), retraction=retraction) for kind in kinds
     )
-    world, pose, no_bias = rng.uniform([-5, -6], [15, 6], (50, 2)), np.zeros(3), np.zeros((2, 0))
+    world, pose = rng.uniform([-5, -6], [15, 6], (50, 2)), np.zeros(3)
     for ekf in (whole, small):
         for z in observe(np.zeros(3), world)[0]:
             ekf.augment(z, NOISE)
@@ -62,29 +56,24 @@ def test_compressed_is_the_whole_filter(retraction, rng):
             pose = drive(pose, u)[0]
             u = u + rng.normal(size=2) * np.sqrt(U.diagonal())
             whole.predict(u, U)
-            place.reserve(1)
-            predict_by_control(place.filter_state, place.scratch, u, U, no_bias)
+            small.reserve()
+            small.models.predict(small.view, u, U)
             for local in rng.integers(8, size=2).tolist():
                 z = observe(pose, world[inside[local]])[0] + rng.normal(size=2) * [0.1, 0.02]
-                one, v, S = (
-                    whole.update(z, NOISE, int(inside[local])),
-                    np.empty(2),
-                    np.empty((2, 2)),
-                )
-                place.reserve(1)
-                place.mark(np.array([local]))
-                row = 3 + 2 * local
-                nis = update_range_bearing(place.filter_state, place.scratch, row, z, NOISE, v, S)
-                np.testing.assert_allclose(v, one.value, atol=1e-9)
-                assert nis == pytest.approx(one.nis, abs=1e-6)
+                one, number = whole.update(z, NOISE, int(inside[local])), np.array([local])
+                small.reserve()
+                place.observed[number] = True
+                v, _, nis = small.models.update(small.view, z[None], NOISE[None], number)
+                np.testing.assert_allclose(v[0], one.value, atol=1e-9)
+                assert nis[0] == pytest.approx(one.nis, abs=1e-6)
         for bearing in range(6 if visit == 1 else 0):  # more than there was room for
             z = np.array([4.0, bearing])
             whole.augment(z, NOISE)
-            place.reserve(1)
-            augment_range_bearing(place.filter_state, place.scratch, z, NOISE)
+            small.reserve()
+            small.models.augment(small.view, z, NOISE)
         np.testing.assert_allclose(small.pose, whole.pose, atol=1e-9)
         np.testing.assert_allclose(small.pose_covariance, whole.pose_covariance, atol=1e-9)
-        assert small.neighborhood is place
+        assert small.local_map is place
         assert len(small) == len(whole)
         if visit != 2:  # else by way of a read-out
             small.leave()
@@ -93,17 +82,17 @@ def test_compressed_is_the_whole_filter(retraction, rng):
         np.testing.assert_allclose(
             small.landmark_covariances, whole.landmark_covariances, atol=1e-9
         )
-        assert small.neighborhood is None
+        assert small.local_map is None
     with pytest.raises(LogError, match="from 0 to"):
         small.update(np.ones(2), NOISE, len(small))
 
 
-def test_numbers_of_a_neighborhood():
-    ekf = CompressedSlam(np.zeros(3), np.eye(3))
+def test_numbers_of_a_local_map():
+    ekf = LargeMapSlam(np.zeros(3), np.eye(3))
     for bearing in range(6):
         ekf.augment(np.array([3.0, bearing]), NOISE)
     place = ekf.enter(np.array([1, 4]))
-    assert place.from_map(np.array([4, 0, -2, 1, 6, 7])).tolist() == [1, -1, -2, 0, 2, 3]
+    assert place.to_local(np.array([4, 0, -2, 1, 6, 7])).tolist() == [1, -1, -2, 0, 2, 3]
     assert place.to_map(np.array([1, -2, 0, 2, 3])).tolist() == [4, -2, 1, 6, 7]
     assert place.numbers(4).tolist() == [1, 4, 6, 7]
 

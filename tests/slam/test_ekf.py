@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from saccade.errors import LogError
 from saccade.slam import (
-    FIRST_ESTIMATES,
     INVARIANT,
     RANGE_BEARING,
     STANDARD,
@@ -21,7 +20,6 @@ from saccade.slam import (
 from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, state_size
 from support.oracles_slam import (
     DenseEkf,
-    DenseFirstEstimatesEkf,
     DenseInvariantEkf,
 )
 
@@ -30,7 +28,6 @@ U = np.diag([0.01, 0.0004])
 DENSE = {
     STANDARD: DenseEkf,
     INVARIANT: DenseInvariantEkf,
-    FIRST_ESTIMATES: DenseFirstEstimatesEkf,
 }
 every = pytest.mark.parametrize("retraction", DENSE, ids=lambda kind: kind.name.lower())
 

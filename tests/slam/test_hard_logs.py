@@ -14,7 +14,7 @@ from saccade.types import LandmarkLog
 from support.circular_log import simulate
 from support.error_checks import result_or_refusal
 
-FILTERS = ["standard", "invariant", "first-estimates"]
+FILTERS = ["standard", "invariant"]
 each_filter = pytest.mark.parametrize("kind", FILTERS)
 each_association = pytest.mark.parametrize("association", ["known", "nearest"])
 

@@ -58,7 +58,7 @@ def assert_two_sessions_equal_one(log, config, pose, path):
     assert second.num_steps == whole.num_steps
 
 
-@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+@pytest.mark.parametrize("kind", ["invariant", "standard"])
 @pytest.mark.parametrize("named", [True, False])
 @pytest.mark.parametrize("pose", [7, 150])
 def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from saccade import datasets, slam
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import DROPPED, EkfConfig, EkfSlam, observe
-from saccade.slam.map_management._kernels import CULLED
 from saccade.slam.map_management.culling import Culling
 from support.circular_log import simulate
 from support.oracles_slam import ListedLandmarks
@@ -85,9 +84,11 @@ def test_counts_are_those_of_a_list(seed):
             ekf.augment(np.array([1.0, 0.0]), R)
         candidates = mapped + int(rng.integers(0, added + 1))
         is_check, none = culling.is_due(), np.empty(0, np.int64)
-        culling.update(
-            ekf, predicted if is_check else None, candidates, 5.0, np.array(found, np.int64)
-        )
+        culling.reserve(len(ekf))
+        culling.add_reach(5.0)
+        if is_check:
+            culling.predict(ekf.view, predicted)
+        culling.update(is_check, candidates, len(ekf), np.array(found, np.int64))
         removed = culling.remove_culled(none)
         assert removed.tolist() == listed.update(predicted, candidates, found)
         ekf.remove(removed)
@@ -139,7 +140,7 @@ def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
     )
     assert "there are no observations" in slam.run(blind).warning
     culling = Culling(True, 3, 5, 0.4)
-    culling.counts.totals[CULLED] = 7
+    culling.counts.totals.culled = 7
     assert "all of 7 landmarks were culled" in culling.warning(np.full(9, -1))
     assert culling.warning(np.array([-1, 0])) == ""
 

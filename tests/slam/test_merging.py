@@ -29,7 +29,7 @@ def mapped(log):
 
 def without_names(robot):
     robot = copy.deepcopy(robot)
-    robot.doubted.from_arrays(slam.DoubtedIdentity().to_arrays())
+    robot.associate.from_arrays(slam.GatedIdentity().to_arrays())
     return robot
 
 

@@ -11,7 +11,6 @@ from saccade.evaluation.trajectory import position_rmse
 from saccade.slam import EkfConfig, EkfSlam, MultiHypothesisSlam, Retraction
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives
-from saccade.slam.association.jcbb import predict_jointly
 from saccade.slam.filter.joining import join_landmarks
 from support.clustered_world import clustered_world
 
@@ -97,7 +96,7 @@ def test_alternatives_are_those_of_all_joint_associations(seed):
         cost = config.new_cost * (3 - len(pairs))
         if pairs:
             rows, columns = (list(each) for each in zip(*pairs, strict=True))
-            predicted, S = predict_jointly(ekf, np.array(columns))
+            predicted, S = ekf.predict_jointly(np.array(columns))
             noise = np.kron(np.eye(len(pairs)), R[0])
             v = ekf.sensor.difference(z[rows], predicted).ravel()
             cost += v @ np.linalg.solve(S + noise, v)

@@ -7,24 +7,14 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.datasets import load
 from saccade.errors import LogError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import DoubtedIdentity, EkfConfig, NearestNeighbor, drive, observe, online
+from saccade.slam import EkfConfig, drive, observe, online
 from saccade.slam.run import slam_for
 from support.circular_log import simulate
-
-
-class OneByOne(NearestNeighbor):
-    """The same rule, but not the one of which there is a kernel."""
-
-
-class NamesOneByOne(DoubtedIdentity):
-    """The same rule, but not the one of which there is a kernel."""
 
 
 def _cluttered(rng, steps=250):
@@ -52,26 +42,6 @@ def _cluttered(rng, steps=250):
 CULLING = EkfConfig(candidate_scans=4, confirm_after=3, culling_ratio=0.9)
 
 
-@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
-@pytest.mark.parametrize(("rule", "biased"), [("mutual", True), ("nearest", False)])
-def test_many_poses_at_once_are_the_same_as_one_by_one(rng, kind, rule, biased):
-    log = _cluttered(rng)
-    if biased:
-        log = dataclasses.replace(log, odometry_bias=(0.05, 0.02, 0.02))
-    config = dataclasses.replace(CULLING, filter=kind, association=rule)
-    many = slam.run(log, config)
-    one = slam.run(log, config, associate=OneByOne(mutual=rule == "mutual"))
-    np.testing.assert_array_equal(many.association, one.association)
-    np.testing.assert_allclose(many.trajectory.pose, one.trajectory.pose, atol=1e-9)
-    np.testing.assert_allclose(many.trajectory.covariance, one.trajectory.covariance, atol=1e-9)
-    np.testing.assert_allclose(many.map.xy, one.map.xy, atol=1e-9)
-    np.testing.assert_allclose(many.map.covariance, one.map.covariance, atol=1e-9)
-    np.testing.assert_allclose(many.consistency.nis, one.consistency.nis, rtol=1e-6)
-    np.testing.assert_allclose(many.innovation_covariance, one.innovation_covariance, atol=1e-9)
-    assert many.removed == one.removed > 1  # so that all of it has been tried
-    assert len(many.map) >= 15
-
-
 def _scan_of(log, step):
     """The arguments of `Slam.step`."""
     k = log.observation_pose == step
@@ -81,10 +51,10 @@ def _scan_of(log, step):
     )))  # fmt: skip
 
 
-def _check_steps(log, config, associate=None):
+def _check_steps(log, config):
     """That the steps of a log have the bits of its run; returns the run and the number culled."""
-    whole = slam.run(log, config, associate=associate() if associate else None)
-    live = slam_for(log, config, associate=associate() if associate else None)
+    whole = slam.run(log, config)
+    live = slam_for(log, config)
     steps, association = [], np.empty(0, np.int64)
     for i in range(len(log.time)):
         mapped = len(live.ekf)
@@ -119,66 +89,11 @@ def test_steps_of_victoria_park_have_the_bits_of_its_run():
     assert len(whole.map) > 40
 
 
-@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
-@pytest.mark.parametrize("association", ["auto", "known", "mutual", "joint"])
-def test_steps_of_a_simulated_world_have_the_bits_of_its_run(kind, association):
-    log = simulate_world(WorldConfig(steps=200), seed=3)
-    config = dataclasses.replace(CULLING, filter=kind, association=association)
-    whole, _ = _check_steps(log, config)
-    assert len(whole.map) > 5
-
-
 def test_steps_have_the_bits_of_a_run_where_landmarks_are_culled_and_biases_are_found(rng):
     log = dataclasses.replace(_cluttered(rng), odometry_bias=(0.05, 0.02, 0.02))
     whole, culled = _check_steps(log, CULLING)
     assert whole.odometry_bias is not None
     assert culled > 1
-    log = dataclasses.replace(log, odometry_bias=(0.0, 0.0, 0.0))
-    assert _check_steps(log, CULLING, lambda: OneByOne(mutual=True))[1] > 1
-
-
-def test_steps_of_known_identities_at_uneven_times_have_the_bits_of_their_run(rng):
-    """As in MRCLAM: most poses without observations, some repeated, some of unknown identity."""
-    log, _, _ = simulate(rng, "compose", steps=400)
-    kept = np.flatnonzero(rng.random(len(log.landmark)) < 0.15)
-    kept = np.sort(np.concatenate([kept, kept[::5]]))  # seen twice in a scan
-    named = np.where(rng.random(len(kept)) < 0.1, -1, log.landmark[kept] * 3 + 6)
-    log = dataclasses.replace(
-        log,
-        time=np.cumsum(rng.integers(0, 3, len(log.time)) * 0.02),
-        observation_pose=log.observation_pose[kept],
-        observation=log.observation[kept],
-        observation_covariance=log.observation_covariance[kept],
-        landmark=named,
-    )
-    whole, _ = _check_steps(log, EkfConfig(association="known"))
-    assert len(whole.map) == len(np.unique(named[named >= 0]))
-
-
-@given(
-    st.integers(0, 10**6),
-    st.sampled_from(["auto", "known", "nearest", "mutual"]),
-    st.sampled_from(["invariant", "standard", "first-estimates"]),
-    st.sampled_from(["drive", "compose"]),
-)
-def test_steps_of_any_log_have_the_bits_of_its_run(seed, association, kind, motion):
-    rng = np.random.default_rng(seed)
-    log, _, _ = simulate(rng, motion, steps=int(rng.integers(1, 40)), reach=rng.uniform(2, 12))
-    order = np.argsort(log.observation_pose + 0.5 * rng.random(len(log.landmark)))
-    kept = order[rng.random(len(order)) < rng.random()]
-    kept = kept if len(kept) > 0 else order[:1]
-    log = dataclasses.replace(
-        log,
-        observation_pose=log.observation_pose[kept],
-        observation=log.observation[kept],
-        observation_covariance=log.observation_covariance[kept],
-        landmark=np.maximum(log.landmark[kept], 0),
-        odometry_bias=(0.05, 0.01, 0.01) if rng.random() < 0.5 else (0.0, 0.0, 0.0),
-    )
-    config = dataclasses.replace(
-        CULLING, filter=kind, association=association, confirm_after=int(rng.integers(1, 4))
-    )
-    _check_steps(log, config)
 
 
 def test_state_that_is_saved_goes_on_to_the_same_bits(rng):
@@ -268,22 +183,6 @@ def _misnamed(seed, hidden=0.3, steps=250):
     landmark[wrong] = rng.choice(np.unique(landmark), wrong.sum())
     landmark[rng.random(len(landmark)) < hidden] = -1
     return dataclasses.replace(log, landmark=landmark)
-
-
-@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
-def test_steps_with_wrong_and_missing_names_have_the_bits_of_their_run(kind):
-    whole, _ = _check_steps(_misnamed(5), EkfConfig(filter=kind))
-    assert whole.refused.any()
-
-
-def test_many_steps_with_wrong_names_are_the_same_as_one_by_one():
-    for log in (_misnamed(6), _misnamed(7, hidden=0.0)):
-        many, one = slam.run(log), slam.run(log, associate=NamesOneByOne())
-        np.testing.assert_array_equal(many.association, one.association)
-        np.testing.assert_array_equal(many.refused, one.refused)
-        np.testing.assert_allclose(many.trajectory.pose, one.trajectory.pose, atol=1e-9)
-        np.testing.assert_allclose(many.map.xy, one.map.xy, atol=1e-9)
-        assert many.removed == one.removed
 
 
 def test_names_that_are_saved_go_on_to_the_same_bits():

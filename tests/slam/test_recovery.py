@@ -99,7 +99,7 @@ def test_a_lost_robot_leaves_its_map_alone():
     assert result.map.xy == pytest.approx(before.ekf.landmarks, abs=0.02)
 
 
-@pytest.mark.parametrize("kind", ["invariant", "standard", "first-estimates"])
+@pytest.mark.parametrize("kind", ["invariant", "standard"])
 def test_a_replaced_pose_leaves_the_landmarks_and_depends_on_none(kind):
     log = kidnapped(2, named=True)
     live = slam_for(log, slam.EkfConfig(filter=kind))

@@ -1,4 +1,4 @@
-"""Runs by the compressed filter against runs on the whole map."""
+"""Runs in local maps against runs on the whole map."""
 
 import dataclasses
 
@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from saccade import slam
 from saccade.errors import ConfigError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import Checkpoint, EkfConfig, Recorder, submaps
-from saccade.slam.filter.compressed import CompressedSlam
-from saccade.slam.run import slam_for
+from saccade.slam import Checkpoint, EkfConfig, Recorder, local_map
+from saccade.slam.local_map import LargeMapSlam
 from support.interrupted_run import interrupt_at
 
 WORLD = WorldConfig(
@@ -43,20 +42,20 @@ def _close(one, two, tolerance=1e-6):
 
 @pytest.fixture
 def entries(monkeypatch):
-    """The sizes of the neighborhoods that were entered, and of their maps."""
-    sizes, enter = [], CompressedSlam.enter
+    """The sizes of the local maps that were entered, and of their maps."""
+    sizes, enter = [], LargeMapSlam.enter
 
     def counted(ekf, inside):
         sizes.append((len(inside), len(ekf)))
         return enter(ekf, inside)
 
-    monkeypatch.setattr(CompressedSlam, "enter", counted)
+    monkeypatch.setattr(LargeMapSlam, "enter", counted)
     return sizes
 
 
 @settings(max_examples=4, deadline=None)
 @given(
-    st.sampled_from(["invariant", "standard", "first-estimates"]),
+    st.sampled_from(["invariant", "standard"]),
     st.sampled_from(["known", "mutual", "nearest"]),
     st.sampled_from([(0.0, 0.0, 0.0), (0.05, 0.02, 0.02)]),
     st.sampled_from([180.0, 360.0]),
@@ -99,26 +98,11 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     log = simulate_world(WORLD, 1)
     whole = slam.run(log, EkfConfig(submaps="never"))
     assert not entries
-    monkeypatch.setattr(submaps, "LARGE", 30)
-    monkeypatch.setattr(submaps, "MAX_FRACTION", 0.5)
+    monkeypatch.setattr(local_map, "LARGE", 30)
+    monkeypatch.setattr(local_map, "MAX_FRACTION", 0.5)
     _close(slam.run(log, EkfConfig()), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)
-
-
-@pytest.mark.parametrize(("association", "mode"), [("known", "always"), ("mutual", "auto")])
-def test_steps_have_the_bits_of_the_run(monkeypatch, association, mode):
-    monkeypatch.setattr(submaps, "LARGE", 20)
-    log = simulate_world(dataclasses.replace(WORLD, steps=200), 3)
-    log = dataclasses.replace(log, odometry_bias=(0.05, 0.02, 0.02))
-    config = EkfConfig(association=association, confirm_after=2, submaps=mode)
-    whole, live = slam.run(log, config), slam_for(log, config)
-    for i, pose in enumerate(whole.trajectory.pose):
-        k = log.observation_pose == i
-        moved = (log.control[i - 1], log.control_covariance[i - 1]) if i > 0 else (None, None)
-        scan = log.observation[k], log.observation_covariance[k], log.landmark[k]
-        assert live.step(log.time[i], *moved, *scan).pose.tobytes() == pose.tobytes()
-    assert live.ekf.landmarks.tobytes() == whole.map.xy.tobytes()
 
 
 def test_a_filter_may_be_read_between_steps():

@@ -112,51 +112,6 @@ class DenseInvariantEkf(DenseEkf):
         return corrected
 
 
-class DenseFirstEstimatesEkf(DenseEkf):
-    """First-estimates Jacobians: slopes where the landmarks, and the pose moved, were first."""
-
-    def __init__(self, pose, covariance):
-        super().__init__(pose, covariance)
-        self.first = self.s.copy()
-
-    def predict(self, u, U):
-        place = self.s[:2].copy()
-        (d, phi), theta = u, self.s[2]
-        n, c, s = len(self.s), np.cos(theta + phi), np.sin(theta + phi)
-        self.s[:3] = place[0] + d * c, place[1] + d * s, theta + phi
-        F = np.eye(n)
-        F[:2, 2] = QUARTER_TURN @ (self.s[:2] - self.first[:2])
-        G = np.zeros((n, 2))
-        G[:3] = [[c, -d * s], [s, d * c], [0, 1]]
-        self.P = F @ self.P @ F.T + G @ U @ G.T
-        self.first[:3] = self.s[:3]
-
-    def update(self, z, R, landmark):
-        """The map is turned about the first estimates, as Huang, Mourikis & Roumeliotis do it."""
-        m = 3 + 2 * landmark
-        rows = [0, 1, 2, m, m + 1]
-        back, d = rotation(-self.s[2]), self.s[m : m + 2] - self.s[:2]
-        moved = d - (self.first[m : m + 2] - self.first[:2])
-
-        def observed(error):
-            turned = d + error[3:] - error[:2] + QUARTER_TURN @ moved * error[2]
-            return polar(back @ turned) - [0, error[2]]
-
-        H = np.zeros((2, len(self.s)))
-        H[:, rows] = numerical_jacobian(observed, np.zeros(5))
-        mean, extra = second_order(observed, self.P[np.ix_(rows, rows)])
-        v = z - observed(np.zeros(5)) - mean
-        v[1] = (v[1] + np.pi) % (2 * np.pi) - np.pi
-        S = H @ self.P @ H.T + R + extra
-        W = self.P @ H.T @ np.linalg.inv(S)
-        self.s = self.s + W @ v
-        self.P = self.P - W @ S @ W.T
-
-    def augment(self, z, R):
-        augment_to_second_order(self, z, R, self.first[:2])
-        self.first = np.append(self.first, self.s[-2:])
-
-
 class ListedLandmarks:
     """`Culling` as a list of landmarks, and of what was seen in each bin."""
 

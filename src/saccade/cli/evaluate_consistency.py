@@ -16,7 +16,7 @@ WIDE = (
     *("far", "sonar", "precise", "turning", "skidding"),
     *("sparse", "narrow", "laps", "exploring", "radar"),
 )
-FILTERS = ("standard", "first-estimates", "invariant")
+FILTERS = ("standard", "invariant")
 COLUMNS = ["", "ANEES", "landmarks", "RMSE [m]", "in band", "nonlinear"]
 MEANING = (
     "ANEES: normalized estimation error squared of the pose, averaged over poses and runs; 3 for "
@@ -44,7 +44,7 @@ def consistency(
         list[str] | None,
         Option(
             "--filter",
-            help="standard, first-estimates or invariant; several with commas.",
+            help="standard or invariant; several with commas.",
             show_default="all",
         ),
     ] = None,

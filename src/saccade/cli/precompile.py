@@ -21,14 +21,13 @@ def filter_compiled_ahead(also: str = "") -> Iterator[Callable[[], None]]:
     Yields:
         A function that compiles the other half and waits for the process.
     """
-    from saccade.slam._step_kernels import take_steps
-    from saccade.slam.compiling import compile_half
+    from saccade.slam._recovery_kernels import contradicts
 
-    with _compiled_ahead(take_steps, *also.split(), "filter") as wait:
+    with _compiled_ahead(contradicts, *also.split(), "filter") as wait:
 
         def finish() -> None:
             if wait is not None:
-                compile_half(0)
+                _compile_updates()
                 wait()
 
         yield finish
@@ -68,10 +67,36 @@ def _compiled_ahead(kernel: Callable[..., Any], *tasks: str) -> Iterator[Callabl
 
 
 def compile_filter() -> None:
-    """Compile half of the filter."""
-    from saccade.slam.compiling import compile_half
+    """Compile what a step calls beside the filter: association, recovery and culling."""
+    import numpy as np
 
-    compile_half(1)
+    from saccade._jit import compile_for
+    from saccade.slam import NearestNeighbor, Slam
+    from saccade.slam._recovery_kernels import contradicts
+    from saccade.slam.association._kernels import associate_nearest, compare_identities
+    from saccade.slam.map_management._kernels import check_visibility, predict_visible
+
+    slam, z, R = Slam(), np.zeros((1, 2)), np.zeros((1, 2, 2))
+    f, counts, names = slam.ekf.view, slam.culling.in_view, np.zeros(1, np.int64)
+    recovery, rule, gates = slam.recovery, slam.culling.rule, NearestNeighbor().gates
+    evidence, confirmed = (recovery.evidence, recovery.rule), counts.confirmed
+    compile_for(contradicts, f, *evidence, z, R, confirmed, names, 0)
+    compile_for(associate_nearest, f, z, R, gates, names, confirmed, names)
+    compile_for(compare_identities, f, z, R, names, z[:, 0].copy(), z[:, 1].copy())
+    compile_for(check_visibility, counts, rule, True, 0, 0, names)
+    compile_for(predict_visible, f, counts.predicted)
+
+
+def _compile_updates() -> None:
+    """Compile the filter: predict, augment and update."""
+    import numpy as np
+
+    from saccade.slam import EkfSlam
+
+    ekf, z, R = EkfSlam(np.zeros(3), np.eye(3)), np.array([1.0, 0.1]), np.eye(2)
+    ekf.augment(z, R)
+    ekf.predict(np.zeros(2), np.eye(2))
+    ekf.update(z, R, 0)
 
 
 def compile_points() -> None:

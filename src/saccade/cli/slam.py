@@ -37,7 +37,6 @@ def slam(
             "map, else mutual."
         ),
     ] = None,
-    tune: Annotated[bool, Option("--tune", help="First fit the noise to the innovations.")] = False,
     smooth: Annotated[
         bool, Option("--smooth", help="Batch-smooth the trajectory at the end (needs GTSAM).")
     ] = False,
@@ -99,7 +98,6 @@ def slam(
         from saccade.errors import ConfigError
         from saccade.files import results_in
         from saccade.settings import load_settings
-        from saccade.slam.tuning import tune as fit_noise
 
         settings = load_settings("slam", preset, config)
         if association is not None:
@@ -107,10 +105,6 @@ def slam(
         kind = "auto" if kind is None else kind
         recorded = datasets.load(cast("datasets.Kind", kind), log, robot=robot, topic=topic)
         finish()
-        if tune:
-            tuned = fit_noise(recorded, settings)
-            settings = tuned.config
-            print_message(tuned.words)
         output = RunOutput(
             out, film, checkpoint_interval=checkpoint, figures=figure_formats(figures)
         )
@@ -119,7 +113,7 @@ def slam(
         if map_file is not None and smoothing is not None:
             raise ConfigError("--smooth: expected a log that begins its map, found --map")
         if map_file is not None:
-            changed = tune or any(each is not None for each in (association, preset, config))
+            changed = any(each is not None for each in (association, preset, config))
             session = open_map(
                 recorded, map_file, mode, start, settings if changed else None, save_map
             )

@@ -1,17 +1,14 @@
 """Range-bearing landmark SLAM; independent of images."""
 
 from saccade.slam.association._kernels import DROPPED, NEW
-from saccade.slam.association.doubted import DoubtedIdentity
-from saccade.slam.association.jcbb import JointCompatibility
-from saccade.slam.association.known import KnownIdentity
+from saccade.slam.association.identities import GatedIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
-from saccade.slam.association.rule import Association
+from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Checkpoint
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
-from saccade.slam.hypotheses import PoseHypotheses, RelocalizationConfig
+from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
 from saccade.slam.merging import MergeConfig, MergedMaps, merge_maps
 from saccade.slam.models import (
     RANGE_BEARING,
@@ -24,9 +21,8 @@ from saccade.slam.models import (
     observe,
     wrap,
 )
-from saccade.slam.multiple import MultiHypothesisSlam
 from saccade.slam.online import Slam
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
 from saccade.slam.results import Innovation, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
 from saccade.slam.sessions import find_start
@@ -36,7 +32,6 @@ from saccade.slam.snapshots import Recorder
 
 __all__ = [
     "DROPPED",
-    "FIRST_ESTIMATES",
     "INVARIANT",
     "NEW",
     "RANGE_BEARING",
@@ -44,16 +39,14 @@ __all__ = [
     "Association",
     "Checkpoint",
     "Consistency",
-    "DoubtedIdentity",
     "EkfConfig",
     "EkfSlam",
+    "GatedIdentity",
     "Innovation",
-    "JointCompatibility",
     "KnownIdentity",
     "MergeConfig",
     "MergedMaps",
     "Motion",
-    "MultiHypothesisSlam",
     "NearestNeighbor",
     "PoseHypotheses",
     "Recorder",

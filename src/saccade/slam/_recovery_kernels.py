@@ -1,14 +1,16 @@
 """Evidence of a scan that the robot is not where the filter believes."""
 
+from ctypes import Structure, c_double, c_int64
 from math import atan2, cos, exp, floor, hypot, inf, log, log2, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from saccade._jit import kernel
-from saccade.slam.association._kernels import predict_observations, squared_distance
+from saccade._jit import kernel, structure
+from saccade.slam.association._kernels import squared_distance
 from saccade.slam.filter._kernels import wrapped
-from saccade.slam.filter._state_kernels import LANDMARKS, FilterState
+from saccade.slam.filter._range_bearing_kernels import expected_observations
+from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import BoolArray, FloatArray, IntArray
 
 RANGES, BEARINGS = 64, 16
@@ -45,8 +47,6 @@ takes if the scan has no names: gates protect the filter from most of a single w
 CONTRADICTIONS = 3
 """Landmarks named in a scan that must not be where the filter expects them for the scan to be left
 out; of fewer, the doubt of each name takes care."""
-TOTAL, LATEST, REACH, SKIPPED, CLUTTER, SCALE, SQUARES, VARIANCE, OUTSIDE = range(9)
-"""Indices into `LostEvidence.values`."""
 
 
 class LostRule(NamedTuple):
@@ -60,24 +60,45 @@ class LostRule(NamedTuple):
     """Squared Mahalanobis distance up to which an observation may be of a landmark."""
 
 
-class LostEvidence(NamedTuple):
+class EvidenceScalars(Structure):
+    """Numbers of `LostEvidence`."""
+
+    _fields_ = (
+        ("total", c_double),  # cumulative evidence
+        ("latest", c_double),  # of the latest scan
+        ("reach", c_double),  # metres to the most distant landmark observed
+        ("clutter", c_double),  # mean number of unexplained observations in a scan
+        ("scale", c_double),  # mean of half the normalized innovation squared
+        ("squares", c_double),  # mean of the square of excess misses in a scan
+        ("variance", c_double),  # mean of its variance if they were independent
+        ("left_out", c_int64),  # 1 if the latest scan is not processed
+    )
+
+
+@structure
+class LostEvidence:
     """What was expected and observed so far."""
 
     expected: FloatArray
     """(RANGES, BEARINGS) landmarks that were predicted in each cell of the view."""
     observed: FloatArray
     """(RANGES, BEARINGS) of these, how many were observed."""
-    values: FloatArray
-    """(9,) cumulative evidence; that of the latest scan; metres to the most distant landmark
-    observed; 1 if the latest scan was left out; means of unexplained observations in a scan, of
-    half the normalized innovation squared, of the square of excess misses in a scan, and of its
-    variance if they were independent; landmarks of the map that are not in the filter state."""
     points: FloatArray
     """(POINTS, 3) x, y in metres and the evidence of unexplained points, 0 for free rows."""
+    now: EvidenceScalars
+    """Numbers that change from scan to scan."""
 
 
 @kernel()
-def leaves_out(
+def bind_evidence(
+    expected: FloatArray, observed: FloatArray, points: FloatArray, now: EvidenceScalars
+) -> LostEvidence:
+    """Evidence of these fields, see `_jit.share`."""
+    return LostEvidence(expected, observed, points, now)
+
+
+@kernel()
+def contradicts(
     f: FilterState,
     evidence: LostEvidence,
     rule: LostRule,
@@ -85,62 +106,64 @@ def leaves_out(
     R: FloatArray,
     confirmed: BoolArray,
     association: IntArray,
+    others: int,
 ) -> bool:
     """Add the evidence of a scan to the cumulative sum (Page 1954); whether to leave it out.
 
     Of a scan that is not left out, the landmarks that were expected and observed are counted.
     Only `confirmed` and named landmarks are expected; of none, all. The association (k,) has the
-    landmarks of named observations; others are negative.
+    landmarks of named observations; others are negative. The map has `others` that are not in f.
     """
-    N, values = f.counts[LANDMARKS], evidence.values
-    values[LATEST] = values[SKIPPED] = 0.0
-    if N + values[OUTSIDE] < MIN_LANDMARKS:
+    N, now = f.now.landmarks, evidence.now
+    now.latest, now.left_out = 0.0, 0
+    if N + others < MIN_LANDMARKS:
         return False
     landmark, cell = np.empty(N, np.int64), np.empty((N, 2), np.int64)
-    count = _landmarks_in_view(f, evidence, z, confirmed, association, landmark, cell)
+    count = _landmarks_in_view(f, now.reach, z, confirmed, association, landmark, cell)
     landmark = landmark[:count]
     expected, S = np.empty((count, 2)), np.empty((count, 2, 2))
-    predict_observations(f, landmark, expected, S)
+    expected_observations(f, landmark, expected, S)
     density, least = np.empty((len(z), count)), np.empty(len(z))
-    view = 2 * pi * _reach(evidence, z)
-    _fill_densities(expected, S, z, R, rule.gate, values[SCALE], view, density, least)
+    view = 2 * pi * _reach(now.reach, z)
+    _fill_densities(expected, S, z, R, rule.gate, now.scale, view, density, least)
     for k in range(len(z)):
         if 0 <= association[k] < N:
             for j in range(count):
                 if landmark[j] != association[k]:
                     density[k, j] = 0.0
     p, owner = np.empty(count), np.full(count, -1)
+    hits, tries = evidence.observed, evidence.expected
     for j in range(count):
-        row, column = cell[j, 0], cell[j, 1]
-        p[j] = evidence.observed[row, column] / (evidence.expected[row, column] + UNTRIED)
+        p[j] = hits[cell[j, 0], cell[j, 1]] / (tries[cell[j, 0], cell[j, 1]] + UNTRIED)
     explained = _explained(density, p, owner)
     value = _evidence(evidence, density, p, owner, association, N, view)
     room = np.full(len(z), MAX_UNEXPLAINED)
-    rarity = log((values[CLUTTER] + _total(p)) / values[CLUTTER])
+    rarity = log((now.clutter + _total(p)) / now.clutter)
     for k in range(len(z)):
         if explained[k]:
             room[k] = 0.0
         elif not 0 <= association[k] < N:
             room[k] = min(rarity, MAX_UNEXPLAINED)
-    values[LATEST] = max(_limited(f, evidence, z, R, rule.gate, room, value), -MAX_EVIDENCE)
-    values[TOTAL] = max(values[TOTAL] + values[LATEST], 0.0)
-    if values[TOTAL] == 0.0:
+    now.latest = max(_limited(f, evidence.points, z, R, rule.gate, room, value), -MAX_EVIDENCE)
+    now.total = max(now.total + now.latest, 0.0)
+    if now.total == 0.0:
+        points = evidence.points
         for i in range(POINTS):
-            evidence.points[i, EVIDENCE] = 0.0
+            points[i, EVIDENCE] = 0.0
     named, contradictions = 0, 0
     for k in range(len(z)):
         if 0 <= association[k] < N:
             named += 1
             contradictions += _total(density[k]) == 0.0
-    enough = contradictions >= CONTRADICTIONS if named > 0 else values[TOTAL] >= PATIENCE
-    if values[LATEST] >= LEFT_OUT and enough:
-        values[SKIPPED] = 1.0
+    enough = contradictions >= CONTRADICTIONS if named > 0 else now.total >= PATIENCE
+    if now.latest >= LEFT_OUT and enough:
+        now.left_out = 1
         return True
     for j in range(count):
-        _count(evidence, cell[j], owner[j] >= 0)
+        _count(tries, hits, cell[j], owner[j] >= 0)
         if owner[j] >= 0:
-            values[REACH] = max(values[REACH], z[owner[j], 0])
-    _learn(values, p, owner, explained, least)
+            now.reach = max(now.reach, z[owner[j], 0])
+    _learn(evidence, p, owner, explained, least)
     return False
 
 
@@ -166,31 +189,35 @@ def _explained(density: FloatArray, p: FloatArray, owner: IntArray) -> BoolArray
 
 @kernel(inline=True)
 def _learn(
-    values: FloatArray, p: FloatArray, owner: IntArray, explained: BoolArray, least: FloatArray
+    evidence: LostEvidence,
+    p: FloatArray,
+    owner: IntArray,
+    explained: BoolArray,
+    least: FloatArray,
 ) -> None:
     """Learn from a scan how large innovations are, and how many observations are unexplained."""
-    misses, variance = 0.0, 0.0
+    misses, variance, now = 0.0, 0.0, evidence.now
     for j in range(len(p)):
         misses += p[j] - (owner[j] >= 0)
         variance += p[j] * (1 - p[j])
-    values[SQUARES] += (misses * misses - values[SQUARES]) / SCAN_MEMORY
-    values[VARIANCE] += (variance - values[VARIANCE]) / SCAN_MEMORY
+    now.squares += (misses * misses - now.squares) / SCAN_MEMORY
+    now.variance += (variance - now.variance) / SCAN_MEMORY
     unexplained = 0
     for k in range(len(explained)):
         if explained[k]:
-            values[SCALE] += (least[k] / 2 - values[SCALE]) / SCALE_MEMORY
+            now.scale += (least[k] / 2 - now.scale) / SCALE_MEMORY
         else:
             unexplained += 1
-    values[SCALE] = max(values[SCALE], 1.0)
-    values[CLUTTER] += (unexplained - values[CLUTTER]) / SCAN_MEMORY
-    values[CLUTTER] = max(values[CLUTTER], RAREST)
-    values[SQUARES] = max(values[SQUARES], RAREST)
+    now.scale = max(now.scale, 1.0)
+    now.clutter += (unexplained - now.clutter) / SCAN_MEMORY
+    now.clutter = max(now.clutter, RAREST)
+    now.squares = max(now.squares, RAREST)
 
 
 @kernel(inline=True)
 def _landmarks_in_view(
     f: FilterState,
-    evidence: LostEvidence,
+    farthest: float,
     z: FloatArray,
     confirmed: BoolArray,
     association: IntArray,
@@ -201,8 +228,8 @@ def _landmarks_in_view(
 
     Returns how many.
     """
-    s, r, reach, count = f.state, f.robot_size, _reach(evidence, z), 0
-    for i in range(f.counts[LANDMARKS]):
+    s, r, reach, count = f.state, f.robot_size, _reach(farthest, z), 0
+    for i in range(f.now.landmarks):
         is_named = False
         for k in association:
             is_named = is_named or k == i
@@ -269,8 +296,8 @@ def _evidence(
     how many of both there are in a scan. Those of a lost one are anywhere in the view. Missed
     landmarks count as far as misses were independent so far: what hides one may hide many.
     """
-    total, misses, values = 0.0, 0.0, evidence.values
-    clutter, expected = values[CLUTTER], _total(p)
+    total, misses, now = 0.0, 0.0, evidence.now
+    clutter, expected = now.clutter, _total(p)
     for k in range(len(density)):
         if 0 <= association[k] < landmarks:
             value = -log(WRONG_NAME + (1 - WRONG_NAME) * view * _total(density[k]))
@@ -283,13 +310,13 @@ def _evidence(
     for j in range(len(p)):
         missed = 1.0 if owner[j] < 0 else 0.0
         misses -= log(1 - p[j]) * (missed - (1 - p[j]))
-    return float(total + misses * min(1.0, values[VARIANCE] / values[SQUARES]))
+    return float(total + misses * min(1.0, now.variance / now.squares))
 
 
 @kernel(inline=True)
 def _limited(
     f: FilterState,
-    evidence: LostEvidence,
+    points: FloatArray,
     z: FloatArray,
     R: FloatArray,
     gate: float,
@@ -300,7 +327,7 @@ def _limited(
 
     A point that is observed again is no new evidence, and a view without any is blocked.
     """
-    s, points = f.state, evidence.points
+    s = f.state
     row = np.empty(len(z), np.int64)
     for k in range(len(room)):
         if room[k] == 0:
@@ -330,20 +357,20 @@ def _limited(
 
 
 @kernel(inline=True)
-def _count(evidence: LostEvidence, cell: IntArray, observed: bool) -> None:
+def _count(tries: FloatArray, hits: FloatArray, cell: IntArray, observed: bool) -> None:
     """Count a landmark that was expected in a cell (2,)."""
     i, k = cell[0], cell[1]
-    if evidence.expected[i, k] >= MEMORY:
-        evidence.expected[i, k] /= 2
-        evidence.observed[i, k] /= 2
-    evidence.expected[i, k] += 1
-    evidence.observed[i, k] += observed
+    if tries[i, k] >= MEMORY:
+        tries[i, k] /= 2
+        hits[i, k] /= 2
+    tries[i, k] += 1
+    hits[i, k] += observed
 
 
 @kernel()
-def _reach(evidence: LostEvidence, z: FloatArray) -> float:
+def _reach(farthest: float, z: FloatArray) -> float:
     """Metres to the most distant landmark observed, in the scan z (k, 2) or before."""
-    reach = float(evidence.values[REACH])
+    reach = farthest
     for k in range(len(z)):
         reach = max(reach, z[k, 0])
     return reach

@@ -8,21 +8,18 @@ from typing import Literal, Self
 import numpy as np
 
 from saccade.errors import require, require_types
-from saccade.slam.association.jcbb import JointCompatibility
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
-from saccade.slam.filter.error_state import FIRST_ESTIMATES, INVARIANT, STANDARD, Retraction
+from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
 
 RETRACTIONS: dict[str, Retraction] = {
     "invariant": INVARIANT,
     "standard": STANDARD,
-    "first-estimates": FIRST_ESTIMATES,
 }
 """The error parametrization of each kind of filter."""
 ASSOCIATION_RULES: dict[str, Callable[[float, float], Association]] = {
     "nearest": NearestNeighbor,
     "mutual": partial(NearestNeighbor, mutual=True),
-    "joint": JointCompatibility,
 }
 """The rules of unknown association, given two gates."""
 
@@ -31,14 +28,13 @@ ASSOCIATION_RULES: dict[str, Callable[[float, float], Association]] = {
 class EkfConfig:
     """Parameters of the filter, of data association and of map management."""
 
-    filter: Literal["invariant", "standard", "first-estimates"] = "invariant"
+    filter: Literal["invariant", "standard"] = "invariant"
     """Error parametrization: right-invariant, which stays consistent, or the source's."""
-    association: Literal["auto", "known", "nearest", "mutual", "joint", "multiple"] = "auto"
+    association: Literal["auto", "known", "nearest", "mutual", "multiple"] = "auto"
     """Data association. "auto": by identity where an observation has one that agrees with the map
     (`name_gate`), else "mutual". "known": by identity, which is never doubted. By geometry alone,
-    to the nearest landmark, to the mutually nearest one, of the largest jointly compatible set of
-    pairs, or by several hypotheses at once, with names not used (`MultiHypothesisSlam`, which `run`
-    takes for it; `Slam` itself takes "mutual")."""
+    to the nearest landmark, to the mutually nearest one, or by several hypotheses at once, names
+    not used (`MultiHypothesisSlam`, which `run` takes for it; `Slam` itself takes "mutual")."""
     gate: float = 0.99
     """Unknown association: probability with which an observation of a landmark is accepted."""
     new_gate: float = 0.9999
@@ -54,7 +50,7 @@ class EkfConfig:
     name_gate: float = 0.99999
     """"auto": probability with which an observation of the landmark that its identity says is
     inside its gate; outside, the identity is refused."""
-    max_hypotheses: int = 20
+    max_hypotheses: int = 8
     """Association "multiple": hypotheses that are kept at most."""
     recover: bool = True
     """Whether a robot that finds itself lost stops the filter, keeps its map, and searches for its

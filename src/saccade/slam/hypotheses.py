@@ -1,58 +1,301 @@
-"""Hypotheses of a pose in a known map, and the parameters of their search."""
+"""Several association hypotheses at once, for landmarks closer than the uncertainty of the pose.
 
-from dataclasses import dataclass
+After Reid (1979), "An algorithm for tracking multiple targets": every hypothesis is a filter with
+a map of its own. Where a scan has several alternatives, its hypothesis is split, and the most
+probable ones are kept. The alternatives are joint associations of the scan (Neira & Tardos 2001).
+"""
 
-from saccade.errors import require
+import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from saccade.slam.association._kernels import NEW
+from saccade.slam.association.alternatives import Alternatives, log_determinant
+from saccade.slam.checkpoint import Arrays, arrays_of, merge, select
+from saccade.slam.consistency import normalized_squared
+from saccade.slam.filter._range_bearing_kernels import Innovations
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.joining import join_landmarks
+from saccade.slam.filter.models import new_innovations
+from saccade.slam.map_management.culling import Culling
+from saccade.slam.models import wrap
+from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray
 
+PRUNED = 8.0
+"""Log likelihood ratio to the most probable hypothesis at which another one is dropped."""
+TEMPER = 0.5
+"""Power of the likelihood of a scan in the weight of a hypothesis: the noise of successive scans
+from almost the same pose is not independent."""
+SYSTEMATIC = 0.5
+"""Systematic errors of the sensor, as a fraction of its noise, by which two estimates of one
+landmark may differ: averaging does not make them smaller."""
+MAX_CO_OBSERVED = 0.05
+"""Two landmarks are not one if this fraction of the observations of either were in a scan with the
+other."""
+MIN_GAIN = 3.0
+"""Log likelihood ratio from which two landmarks may be one."""
+MORE_GAIN = 1.5
+"""By which it must grow for a hypothesis in which they are two to be split again."""
+MAX_JOINED = 4
+"""Hypotheses into which one is split after a scan."""
+MAX_DISTANCE = 4.0
+"""Of two landmarks that may be one: standard deviations of their difference."""
+EQUAL, EQUAL_MAP, MIN_HEADING = 0.5, 1.5, 0.005
+"""Two hypotheses are one if they have as many landmarks, and the poses and the landmarks differ by
+less than the first, a fraction of their standard deviations: then they differ in the observations
+of few scans, not in what is in the map. Differences of landmarks under the second, a fraction of
+the standard deviation of an observation, and of the heading under the third, in radians, never
+count."""
+MAX_LANDMARKS = 40
+"""Of the map of the most probable hypothesis, from which it is the only one: they then cost more
+than a step, and a robot that has come so far is seldom in doubt about a few."""
 
-@dataclass(frozen=True)
-class RelocalizationConfig:
-    """Parameters of relocalization."""
 
-    unmapped: float = 0.2
-    """Prior probability that an observed point is no landmark of the map."""
-    elsewhere: float = 0.05
-    """Prior probability that the robot is outside of the map."""
-    max_pairs: int = 12
-    """Pairs of observed points that propose poses: distant ones, of distances rare in the map."""
-    max_proposals: int = 50_000
-    """Proposed poses whose support is computed, after those of the first few pairs."""
-    max_hypotheses: int = 50
-    """Proposed poses that are refined, those with the most support."""
-    settled: float = 0.999
-    """Probability of all hypotheses from which they are followed without another search."""
-    memory: int = 10
-    """Scans for which an observed point counts."""
+@dataclass
+class Hypothesis:
+    """One association of all observations, and the filter that follows from it."""
 
-    def __post_init__(self) -> None:
-        for name in ("unmapped", "elsewhere", "settled"):
-            require(0 < getattr(self, name) < 1, name, "between 0 and 1", getattr(self, name))
-        for name in ("max_pairs", "max_proposals", "max_hypotheses", "memory"):
-            require(getattr(self, name) >= 1, name, "at least 1", getattr(self, name))
+    ekf: EkfSlam
+    culling: Culling
+    weight: float = 0.0
+    """Log probability, relative to that of the most probable hypothesis."""
+    co_observations: IntArray = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    """(N, N) number of scans in which both landmarks were observed; of one, on the diagonal."""
+    association: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(k,) landmark of each observation of the log so far, -1 if it is not used."""
+    innovations: Innovations = field(default_factory=lambda: new_innovations(0))
+    """Those of the present scan, see `Innovation`."""
+    culled: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    """(g,) landmarks that were removed after the present scan."""
+    refused: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    """(N, N) log likelihood ratio, at least, at which two landmarks may be one; 0 for `MIN_GAIN`."""
+
+    def copy(self) -> "Hypothesis":
+        """An independent one that is equal."""
+        ekf, culling = copy.copy(self.ekf), copy.copy(self.culling)
+        for part in (ekf, culling):
+            part.from_arrays({name: array.copy() for name, array in part.to_arrays().items()})
+        own = self.co_observations.copy(), self.association.copy(), self.innovations, self.culled
+        return Hypothesis(ekf, culling, self.weight, *own, self.refused.copy())
+
+    def observe(
+        self, z: FloatArray, R: FloatArray, association: IntArray, size: float
+    ) -> list["Hypothesis"]:
+        """Update by a scan (C.10-C.18), and cull landmarks.
+
+        Args:
+            z: (m, 2) observations.
+            R: (m, 2, 2) their covariances.
+            association: (m,) numbers of landmarks and `NEW`.
+            size: metres, standard deviation of the position of an observed point.
+
+        Returns:
+            This hypothesis, and others in which two of its landmarks are one.
+        """
+        ekf, culling, mapped = self.ekf, self.culling, len(self.ekf)
+        ekf.reserve(len(z))
+        culling.reserve(mapped + len(z))
+        culling.add_reach(float(z[:, 0].max()))
+        if check := culling.is_due():
+            culling.predict(ekf.view)
+        new = association == NEW
+        association = np.where(new, mapped + np.cumsum(new) - 1, association)
+        self.innovations = ekf.update_scan(z, R, association)
+        added = len(ekf) - len(self.refused)
+        if added > 0:
+            self.co_observations = np.pad(self.co_observations, (0, added))
+            self.refused = np.pad(self.refused, (0, added))
+        self.co_observations[np.ix_(association, association)] += 1
+        culling.update(check, mapped, len(ekf), association)
+        self.association = np.append(self.association, association)
+        ids, found = ekf.ids, [self]
+        for each in found:  # those that are found on the way are looked at, too
+            while (pair := each._duplicate(each.association[-len(z) :], size)) is not None:
+                gain, i, j = pair
+                if len(found) < MAX_JOINED:
+                    separate = each.copy()
+                    separate.refused[[i, j], [j, i]] = gain + MORE_GAIN
+                    found.append(separate)
+                each._join(gain, i, j)
+        for each in found:
+            each._remove(np.zeros(0, np.int64))
+            each.culled = np.flatnonzero(~np.isin(ids, each.ekf.ids))
+        return found
+
+    def _duplicate(self, observed: IntArray, size: float) -> tuple[float, int, int] | None:
+        """Log likelihood ratio and numbers of the two landmarks that are most probably one."""
+        points, count, best = self.ekf.landmarks, self.co_observations.diagonal(), None
+        confirmed = self.culling.confirmed(len(points))
+        deviation = np.sqrt(self.ekf.landmark_covariances.trace(0, 1, 2))  # (N,)
+        systematic = (SYSTEMATIC * size) ** 2 * np.eye(2)
+        observed = np.unique(observed[observed >= 0])  # not those that were removed
+        for j in observed[confirmed[observed]].tolist():
+            apart = self.co_observations[j] <= MAX_CO_OBSERVED * np.minimum(count, count[j])
+            d = points - points[j]
+            bound = MAX_DISTANCE * (deviation + deviation[j] + SYSTEMATIC * size)
+            near = np.flatnonzero(confirmed & apart & (np.hypot(d[:, 0], d[:, 1]) < bound))
+            if len(near) == 0:
+                continue
+            C = self.ekf.marginal(np.append(near, j))
+            blocks = C[-2 * len(near) - 2 :, -2 * len(near) - 2 :].reshape(len(near) + 1, 2, -1, 2)
+            k = np.arange(len(near))
+            cross = blocks[k, :, -1]  # (k, 2, 2)
+            S = blocks[k, :, k] + blocks[-1, :, -1] - cross - cross.transpose(0, 2, 1) + systematic
+            nis = normalized_squared(d[near], S)
+            gain = (Alternatives.new_cost - nis - log_determinant(S) + 4 * np.log(size)) / 2
+            gain[(nis > MAX_DISTANCE**2) | (gain < self.refused[j, near])] = -np.inf
+            i = int(gain.argmax())
+            if gain[i] > (MIN_GAIN if best is None else best[0]):
+                best = float(gain[i]), min(int(near[i]), j), max(int(near[i]), j)
+        return best
+
+    def _join(self, gain: float, kept: int, removed: int) -> None:
+        """Take two landmarks for one."""
+        self.weight += gain
+        join_landmarks(self.ekf, kept, removed)
+        self.culling.join(kept, removed)
+        self.association[self.association == removed] = kept
+        self.co_observations[kept] += self.co_observations[removed]
+        self.co_observations[:, kept] += self.co_observations[:, removed]
+        self._remove(np.array([removed]))
+
+    def _remove(self, landmarks: IntArray) -> None:
+        """Remove landmarks, and those that are to be culled."""
+        removed = self.culling.remove_culled(landmarks)
+        if len(removed) > 0:
+            kept = np.setdiff1d(np.arange(len(self.ekf)), removed)
+            number = np.full(len(self.ekf) + 1, -1)  # the last is for none
+            number[kept] = np.arange(len(kept))
+            self.association = number[self.association]
+            self.co_observations = self.co_observations[np.ix_(kept, kept)]
+            self.refused = self.refused[np.ix_(kept, kept)]
+            self.ekf.remove(removed)
+
+    def equals(self, other: "Hypothesis", size: float) -> bool:
+        """Whether the poses and the maps are almost the same."""
+        variance = np.maximum(self.ekf.pose_covariance.diagonal(), 0.0)
+        tolerance = np.maximum(EQUAL * np.sqrt(variance), [size, size, MIN_HEADING])
+        difference = self.ekf.pose - other.ekf.pose
+        difference[2] = wrap(difference[2])
+        if (np.abs(difference) > tolerance).any():
+            return False
+        (one, two), deviation = (self.points, other.points), other.deviations
+        if len(one) != len(two) or len(one) == 0:
+            return len(one) == len(two)
+        distance = np.abs(one[:, None] - two).max(2)
+        equal = distance < np.maximum(EQUAL_MAP * size, EQUAL * deviation)
+        return bool(equal.any(0).all() and equal.any(1).all())
+
+    @property
+    def points(self) -> FloatArray:
+        """(n, 2) landmarks of the map."""
+        return self.ekf.landmarks[self.culling.confirmed(len(self.ekf))]
+
+    @property
+    def deviations(self) -> FloatArray:
+        """(n,) standard deviations of their coordinates."""
+        covariance = self.ekf.landmark_covariances[self.culling.confirmed(len(self.ekf))]
+        return np.sqrt(covariance.trace(0, 1, 2) / 2)
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays, between two steps."""
+        parts = {"ekf": arrays_of("ekf", self.ekf), "culling": arrays_of("culling", self.culling)}
+        arrays = {"co_observations": self.co_observations, "association": self.association}
+        arrays["refused"] = self.refused
+        return {**merge(parts), **arrays, "weight": np.array(self.weight)}
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self.ekf.from_arrays(select(arrays, "ekf"))
+        self.culling.from_arrays(select(arrays, "culling"))
+        self.co_observations, self.association = arrays["co_observations"], arrays["association"]
+        self.refused, self.weight = arrays["refused"], float(arrays["weight"])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PoseHypotheses:
-    """Hypotheses of the robot's pose in a map, the most probable first."""
+class Hypotheses:
+    """The hypotheses that are followed; none where there is one filter only.
 
-    pose: FloatArray
-    """(h, 3) x, y in metres, heading in radians."""
-    covariance: FloatArray
-    """(h, 3, 3)."""
-    probability: FloatArray
-    """(h,) posterior probabilities; the rest to 1 is that of being outside of the map."""
-    association: IntArray
-    """(h, k) row of the landmark of each of the k observed points, -1 for none."""
+    Args:
+        gate: probability with which an observation of a landmark is inside its gate.
+        most: hypotheses that are kept.
+    """
 
-    def __len__(self) -> int:
-        return len(self.pose)
+    def __init__(self, gate: float, most: int) -> None:
+        self.alternatives = Alternatives(gate)
+        self.most = most
+        self.alive: list[Hypothesis] = []
+        """The most probable one first."""
 
-    def __repr__(self) -> str:
-        if len(self) == 0:
-            return "PoseHypotheses(none)"
-        x, y, theta = self.pose[0]
-        return (
-            f"PoseHypotheses({len(self)}, first {x:.2f} {y:.2f} m {theta:.3f} rad "
-            f"with {self.probability[0]:.3f})"
-        )
+    @property
+    def probability(self) -> float:
+        """Of the most probable hypothesis among those that are followed."""
+        return float(1 / np.exp([each.weight for each in self.alive]).sum()) if self.alive else 1.0
+
+    def begin(self, ekf: EkfSlam, culling: Culling) -> None:
+        """Follow hypotheses, of which the first has this filter."""
+        self.alive = [Hypothesis(ekf, culling)]
+
+    def settle(self) -> None:
+        """Follow none any more."""
+        self.alive = []
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the map of the most probable one is so large that it is to be the only one."""
+        return len(self.alive[0].ekf) > MAX_LANDMARKS and len(self.alive[0].points) > MAX_LANDMARKS
+
+    def predict(self, scan: Scan) -> None:
+        """Move the robots of all but the first, which has been moved (C.5-C.9)."""
+        for each in self.alive[1:]:
+            if scan.control is not None:
+                each.ekf.spread()
+                each.ekf.reserve()
+                each.ekf.models.predict(each.ekf.view, *scan.control)
+
+    def observe(self, z: FloatArray, R: FloatArray) -> Hypothesis:
+        """Split the hypotheses by the alternatives of a scan, and keep the most probable ones.
+
+        Returns:
+            The most probable one.
+        """
+        options = [
+            (hypothesis.weight - TEMPER * cost / 2, i, association)
+            for i, hypothesis in enumerate(self.alive)
+            for cost, association in self.alternatives(hypothesis.ekf, z, R)
+        ]
+        options.sort(key=lambda option: -option[0])
+        # twice as many as are kept: some become equal, and they would displace what differs
+        options = [each for each in options if each[0] > options[0][0] - PRUNED][: 2 * self.most]
+        left = [i for _, i, _ in options]
+        size = float(np.exp(log_determinant(R).mean() / 4) * np.sqrt(z[:, 0].mean()))
+        found: list[Hypothesis] = []
+        for weight, i, association in options:
+            left.remove(i)
+            hypothesis = self.alive[i].copy() if i in left else self.alive[i]
+            hypothesis.weight = weight
+            found += hypothesis.observe(z, R, association, size)
+        found.sort(key=lambda each: -each.weight)
+        kept: list[Hypothesis] = []
+        for each in found:
+            if each.weight < found[0].weight - PRUNED or len(kept) == self.most:
+                break
+            if not any(each.equals(better, size) for better in kept):
+                kept.append(each)
+        for each in reversed(kept):
+            each.weight -= kept[0].weight
+        self.alive = kept
+        return kept[0]
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays."""
+        parts = {str(i): each.to_arrays() for i, each in enumerate(self.alive)}
+        return {**merge(parts), "count": np.array(len(parts))}
+
+    def from_arrays(self, arrays: Arrays, ekf: EkfSlam, culling: Culling) -> None:
+        """Restore what `to_arrays` gave; the first has this filter, restored as well."""
+        first = Hypothesis(ekf, culling)
+        self.alive = [first if i == 0 else first.copy() for i in range(arrays["count"])]
+        for i, hypothesis in enumerate(self.alive):
+            hypothesis.from_arrays(select(arrays, str(i)))

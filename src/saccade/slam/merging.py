@@ -16,11 +16,11 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from saccade.errors import LogError, require
-from saccade.slam.association.known import KnownIdentity
+from saccade.slam.association.identities import GatedIdentity
+from saccade.slam.association.rule import KnownIdentity
 from saccade.slam.consistency import chi_square_gate
-from saccade.slam.hypotheses import RelocalizationConfig
 from saccade.slam.online import Slam
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.relocalization import RelocalizationConfig, Relocalizer
 from saccade.slam.sessions import drop_candidates
 from saccade.types import FloatArray, IntArray
 
@@ -346,8 +346,8 @@ def _as_slam(first: Slam, maps: _Maps, fused: _Fused) -> Slam:
     for number, name in named:
         if name >= 0 and isinstance(merged.associate, KnownIdentity):
             merged.associate.number.setdefault(name, number)
-        elif name >= 0 and merged.doubted is not None:
-            merged.doubted.bind(name, number)
+        elif name >= 0 and isinstance(merged.associate, GatedIdentity):
+            merged.associate.bind(name, number)
     return merged
 
 

@@ -1,50 +1,42 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
 from pathlib import Path
-from typing import Any, Literal, Self, cast
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
 from saccade.landmark_names import name_texts, renumber, stored_texts
-from saccade.slam._step_kernels import StepResults, Steps
-from saccade.slam.association._name_table_kernels import NameTable
+from saccade.slam.association._kernels import DROPPED, NEW
 from saccade.slam.association.choice import association_rule
-from saccade.slam.association.doubted import DoubtedIdentity
-from saccade.slam.association.known import KnownIdentity
-from saccade.slam.association.nearest_neighbor import NearestNeighbor
-from saccade.slam.association.rule import Association
+from saccade.slam.association.identities import GatedIdentity
+from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import RETRACTIONS, EkfConfig
-from saccade.slam.custom_steps import take_custom_step
-from saccade.slam.filter.compressed import CompressedSlam
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.odometry_bias import bias_jacobian
-from saccade.slam.filter.validation import MIN_SIGMA, check_noise, check_range_bearing
-from saccade.slam.lost_steps import leave_out, take_lost_step
+from saccade.slam.filter.models import new_innovations
+from saccade.slam.hypotheses import Hypotheses
+from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult, check_diverged
-from saccade.slam.scan_memory import ScanMemory, new_steps
-from saccade.slam.step_arguments import step_arguments
-from saccade.slam.strides import new_stride, take_stride
+from saccade.slam.scans import Scan, validated_scan
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
 NONE = np.empty(0, np.int64)
 """No landmarks."""
-NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
-"""For rules that do not doubt names; as of a log without any."""
 
 
 class Slam:
     """EKF-SLAM step by step, without knowledge of what comes later.
 
-    `run` takes a log through the same steps, with the same results to the last bit. With the
-    association "multiple" it is a `MultiHypothesisSlam`.
+    `run` takes a log through the same steps.
 
     Args:
         config: filter, association and noise.
@@ -73,16 +65,6 @@ class Slam:
                [ 4.2, -4.2]])
     """
 
-    def __new__(
-        cls, config: EkfConfig = EkfConfig(), *, association: Association | None = None, **_: Any
-    ) -> Self:
-        """The class for the settings."""
-        if cls is Slam and config.association == "multiple" and association is None:
-            from saccade.slam.multiple import MultiHypothesisSlam
-
-            return cast("Self", super().__new__(MultiHypothesisSlam))
-        return super().__new__(cls)
-
     def __init__(
         self,
         config: EkfConfig = EkfConfig(),
@@ -99,8 +81,11 @@ class Slam:
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
-        whole = config.submaps == "never" or config.association == "multiple"
-        self.ekf: EkfSlam = (EkfSlam if whole else CompressedSlam)(
+        built_in_rule = association is None or isinstance(
+            association, (KnownIdentity, GatedIdentity)
+        )
+        whole = config.submaps == "never" or not (built_in and built_in_rule)
+        self.ekf: EkfSlam = (EkfSlam if whole else LargeMapSlam)(
             np.concatenate([start, np.zeros(len(bias))]),
             np.diag(np.square([*config.start_sigma, *bias])),
             motion=motion,
@@ -117,8 +102,15 @@ class Slam:
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
         ranges = type(sensor) is RangeBearing
-        self._check_scan = check_range_bearing if ranges else lambda z: None
         self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
+        gate = (
+            float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
+        )
+        self._choice = LocalMapChoice(config.submaps == "always", gate)
+        several = association is None and config.association in ("auto", "multiple")
+        self._may_follow_several = several and built_in and adds and config.max_hypotheses > 1
+        self.several = Hypotheses(config.gate, config.max_hypotheses)
+        """The association hypotheses, of which `ekf` and `culling` are the most probable one's."""
         self.num_steps = 0
         """Steps that were taken."""
         self._time = -np.inf
@@ -132,15 +124,6 @@ class Slam:
         self.motion = motion
         """The motion model."""
         self._control_size = 2 if motion is drive else 3 if motion is compose else None
-        built_in_rule = type(self.associate) in (KnownIdentity, NearestNeighbor, DoubtedIdentity)
-        self.is_compiled = self.ekf.is_compiled and built_in_rule
-        """Whether many steps are taken at once in compiled code: the models and the association
-        are those of this package."""
-        self.doubted = self.associate if isinstance(self.associate, DoubtedIdentity) else None
-        parts = self.associate, self.culling.rule, self.recovery.rule
-        self._stride = new_stride(*parts, adds=adds, submaps=config.submaps == "always")
-        self._scan = ScanMemory()
-        self._noise = config.motion_noise_scale**2, config.sensor_noise_scale**2
 
     def step(
         self,
@@ -170,98 +153,196 @@ class Slam:
         Raises:
             LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
         """
-        known = self._time, self._control_size, self.text_names
-        given = step_arguments(time, control, U, z, R, names, *known)
-        k, moves = len(given.z), given.control is not None
-        s, out = self._scan.room_for(k, len(given.U), self.ekf.robot_filter.robot_size - 3)
-        s.first[0], s.still[0], s.edge[1] = self.num_steps, not moves, k
-        s.time[0] = given.time
-        if given.control is not None:
-            s.control[0], s.U[0] = given.control, given.U
-        s.z[:k], s.R[:k], s.identity[:k] = given.z, given.R, given.identity
-        self._complete(s, int(moves), k)
-        self._time, self.text_names = given.time, given.text_names
-        culled = self.advance(s, 1, out)
-        return StepResult.of(s, out, k, culled, self.recovery.hypotheses)
-
-    def prepare(
-        self,
-        time: FloatArray,
-        control: FloatArray,
-        U: FloatArray,
-        edge: IntArray,
-        z: FloatArray,
-        R: FloatArray,
-        identity: IntArray,
-    ) -> Steps:
-        """The next steps, for `advance`: validated, and with the noise of the settings.
-
-        Known identities are associated at once: `advance` must take all of these steps.
-
-        Args:
-            time: (t,).
-            control: (t, c), or (t - 1, c) where none leads to the first pose.
-            U: their covariances.
-            edge: (t + 1,) the observations of step i are edge[i] to edge[i + 1].
-            z: (k, 2).
-            R: (k, 2, 2).
-            identity: (k,) of the landmarks, -1 where it is unknown.
-        """
-        t, k, c = len(time), len(z), control.shape[1]
-        still, r = t - len(control), self.ekf.robot_filter.robot_size
-        steps = new_steps(t, k, c, r - 3)._replace(
-            time=np.array(time, np.float64), edge=edge, identity=identity
-        )
-        steps.first[0], steps.still[0] = self.num_steps, still
-        steps.control[still:], steps.U[still:], steps.z[:], steps.R[:] = control, U, z, R
-        self._complete(steps, t - still, k)
-        return steps
+        arguments = time, control, U, z, R, names
+        known = self._time, self._control_size, self.text_names, self.ekf.models.observes_ranges
+        scan, text_names = validated_scan(self.config, *arguments, *known)
+        result = self.process(scan)
+        self._time, self.text_names = scan.time, text_names
+        return result
 
     def number(self, numbers: IntArray, text_names: tuple[str, ...]) -> IntArray:
         """Numbers (k,) that names have here, where those that are text come from another table."""
         numbers, self.text_names = renumber(numbers, text_names, self.text_names)
         return numbers
 
-    def _complete(self, s: Steps, moves: int, k: int) -> None:
-        """Validate and associate the next steps, with so many controls at their end."""
-        self._check_scan(s.z[:k])
-        first, motion, sensor = len(s.time) - moves, *self._noise
-        check_noise("control", s.control, s.U, first, first + moves, motion, 0.0)
-        check_noise("observation", s.z, s.R, 0, k, sensor, MIN_SIGMA)
-        if s.bias_jacobian.size > 0:
-            s.bias_jacobian[:] = bias_jacobian(s.control)
-        if self.is_compiled and isinstance(self.associate, KnownIdentity):
-            scan = np.searchsorted(s.edge, np.arange(k), "right")
-            s.landmark[:k] = self.associate.number_ahead(s.identity[:k], scan, len(self.ekf))
-        elif self.doubted is not None:
-            s.name[:k] = self.doubted.number(s.identity[:k])
-
-    def advance(self, s: Steps, end: int, out: StepResults) -> list[IntArray]:
-        """Take the steps before `end`; fills `out` and the association.
-
-        Returns:
-            For every step that culled, its landmarks as in `StepResult.culled`.
+    def process(self, scan: Scan) -> StepResult:
+        """Take one step: the loop of the filter, in the order of appendix C.
 
         Raises:
             LogError: the estimate diverged; names the step.
         """
-        start, culled = int(s.position[0]), []
-        while s.position[0] < end:
-            if self.recovery.lost:
-                take_lost_step(self, s, out)
-                continue
-            landmarks = (
-                self._take_many(s, end, out) if self.is_compiled else take_custom_step(self, s, out)
-            )
-            if self.recovery.left_out:
-                leave_out(self, s, out)
-            if len(landmarks) > 0:
-                culled.append(landmarks)
-                self.remove(landmarks, s.landmark)
-        first = int(s.first[0])
-        self.num_steps = first + end
-        check_diverged(out.pose[start:end], first + start)
-        return culled
+        named = self.known_landmarks(scan.names)
+        self._choose_hypotheses(scan)
+        self._choose_view(scan, named)
+        self._predict(scan)  # C.5-C.9
+        if self.recovery.lost:
+            return self._search(scan, named)
+        if len(scan.z) == 0:
+            return self._result(scan, NONE)
+        if self._contradicts(scan, named):
+            return self._leave_out(scan, named)
+        if self.several.alive:
+            return self._observe_several(scan)
+        association = self._associate(scan)
+        check = self._predict_visible(scan)
+        innovations = self._update(scan, association)  # C.10-C.14
+        mapped = len(self.ekf)
+        self._augment(scan, association)  # C.15-C.18
+        culled = self._cull(check, mapped, association)
+        return self._result(scan, association, innovations, culled)
+
+    def _choose_hypotheses(self, scan: Scan) -> None:
+        """Follow several hypotheses of a robot that names no landmark, while its map is small."""
+        if len(scan.z) == 0 or not self._may_follow_several:
+            return
+        named = self.config.association == "auto" and scan.names.max() >= 0
+        if self.several.alive and (named or self.several.is_large):
+            self.several.settle()
+        elif not named and len(self.ekf) == 0 and self.culling.counts.totals.scans == 0:
+            self.several.begin(self.ekf, self.culling)
+
+    def _observe_several(self, scan: Scan) -> StepResult:
+        """Update all hypotheses by a scan (C.10-C.18); the filter is then that of the best one."""
+        best = self.several.observe(scan.z, scan.R)
+        self.ekf, self.culling = best.ekf, best.culling
+        association = best.association[-len(scan.z) :].copy()
+        return self._result(scan, association, best.innovations, best.culled)
+
+    def _choose_view(self, scan: Scan, named: IntArray) -> None:
+        """Choose the local map of a large map in which the step works, and make room for it."""
+        ekf, culling, before = self.ekf, self.culling, None
+        ekf.spread()
+        if isinstance(ekf, LargeMapSlam):
+            expects = self.recovery.rule.enabled or (culling.rule.enabled and self._may_cull)
+            reach = max(culling.reach, 0.0) if expects else 0.0
+            before = ekf.local_map
+            self._choice.choose(ekf, scan.control, scan.z, scan.R, named, reach)
+        ekf.reserve(len(scan.z))
+        rows = ekf.view.now.landmarks + len(scan.z)
+        if not isinstance(ekf, LargeMapSlam) or ekf.local_map is None:
+            culling.reserve(rows)
+        elif ekf.local_map is not before or not culling.has_local_room(rows):
+            capacity = len(ekf.view.blocks)
+            culling.reserve(len(ekf.local_map.number) + capacity)
+            culling.enter(ekf.local_map.numbers(capacity))
+
+    def _predict(self, scan: Scan) -> None:
+        """Move the robot (C.5-C.9)."""
+        if scan.control is not None:
+            self.ekf.models.predict(self.ekf.view, *scan.control)
+        self.several.predict(scan)
+
+    def _contradicts(self, scan: Scan, named: IntArray) -> bool:
+        """Whether a scan contradicts that the robot is where the filter believes."""
+        if not self.recovery.rule.enabled or self.several.alive:
+            return False
+        confirmed = self.culling.in_view.confirmed
+        return self.recovery.contradicts(self.ekf, scan.z, scan.R, confirmed, named)
+
+    def _associate(self, scan: Scan) -> IntArray:
+        """(k,) landmark of each observation, `NEW` or `DROPPED`."""
+        if self.culling.rule.enabled:
+            self.ekf.confirmed_in_view = self.culling.in_view.confirmed
+        association = self.associate(self.ekf, scan.z, scan.R, scan.names)
+        if self.mode == "localize":
+            association[(association == NEW) | (association >= len(self.ekf))] = DROPPED
+            if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
+                self.associate.forget_from(len(self.ekf))
+        return association
+
+    def _predict_visible(self, scan: Scan) -> bool:
+        """Predict the observations of all landmarks where missed ones are counted; whether so."""
+        ekf, culling = self.ekf, self.culling
+        culling.add_reach(float(scan.z[:, 0].max()))
+        if not (culling.is_due() and self._may_cull):
+            return False
+        custom = not ekf.models.observes_ranges
+        culling.predict(ekf.view, ekf.predict_observations().z if custom else None)
+        return True
+
+    def _update(self, scan: Scan, association: IntArray) -> Innovations:
+        """Update by the scan (C.10-C.14), and augment by identified landmarks at their turn."""
+        ekf = self.ekf
+        local = ekf.to_view(association)
+        if isinstance(ekf, LargeMapSlam) and ekf.local_map is not None:
+            observed = ekf.local_map.observed
+            observed[local[(local >= 0) & (local < len(observed))]] = True
+        return ekf.models.update(ekf.view, scan.z, scan.R, local)
+
+    def _augment(self, scan: Scan, association: IntArray) -> None:
+        """Add the new landmarks as candidates (C.15-C.18); fills their numbers."""
+        for k in np.flatnonzero(association == NEW):
+            association[k] = len(self.ekf)
+            self.ekf.models.augment(self.ekf.view, scan.z[k], scan.R[k])
+            self.associate.added(int(association[k]), int(scan.names[k]))
+
+    def _cull(self, check: bool, mapped: int, association: IntArray) -> IntArray:
+        """Count what was observed and missed, and remove (g,) landmarks that are missed often."""
+        ekf, culling = self.ekf, self.culling
+        others = len(ekf) - ekf.view.now.landmarks
+        local = ekf.to_view(association)
+        culling.update(check, mapped - others, ekf.view.now.landmarks, local)
+        marked = np.flatnonzero(culling.in_view.culled) if check else NONE
+        stale = self.associate.stale if isinstance(self.associate, GatedIdentity) else ()
+        if len(marked) == 0 and len(stale) == 0:
+            return NONE
+        marked = ekf.from_view(marked)
+        named = self.identities[marked] >= 0
+        culling.counts.culled[marked[named]] = False
+        return self._remove(culling.remove_culled(np.array(stale, np.int64)), association)
+
+    def _remove(self, landmarks: IntArray, association: IntArray) -> IntArray:
+        """Remove landmarks from the filter, and from an association (k,) in place."""
+        if len(landmarks) > 0:
+            self.remove(landmarks, association)
+        return landmarks
+
+    def _leave_out(self, scan: Scan, named: IntArray) -> StepResult:
+        """Process a scan that contradicts the filter; the robot may be lost."""
+        if self.recovery.begin_if_lost(self.ekf, self.confirmed):
+            self.recovery.search(scan.z, scan.R, named)
+        return self._result(scan, np.full(len(scan.z), -1))
+
+    def _search(self, scan: Scan, named: IntArray) -> StepResult:
+        """Search a lost robot by a scan."""
+        association = np.full(len(scan.z), -1)
+        if scan.control is not None:
+            self.recovery.predict(*scan.control)
+        if len(scan.z) > 0:
+            self._contradicts(scan, named)
+            self.recovery.search(scan.z, scan.R, named)
+            association = self.recovery.resume_if_found(self.ekf)
+        return self._result(scan, association)
+
+    def _result(
+        self,
+        scan: Scan,
+        association: IntArray,
+        innovations: Innovations | None = None,
+        culled: IntArray = NONE,
+    ) -> StepResult:
+        """The result of a step; counts it."""
+        k, pose, covariance = len(scan.z), np.empty(3), np.empty((3, 3))
+        write_pose(self.ekf.robot, pose, covariance)
+        check_diverged(pose, self.num_steps)
+        self.num_steps += 1
+        refused, used = np.zeros(k, np.bool_), innovations is not None
+        if used and isinstance(self.associate, GatedIdentity) and not self.several.alive:
+            refused = self.associate.refused
+        innovations = innovations or new_innovations(k)
+        return StepResult(
+            pose,
+            covariance,
+            np.maximum(association, -1),
+            innovations.value,
+            innovations.covariance,
+            innovations.nis,
+            refused,
+            culled,
+            self.recovery.lost,
+            self.recovery.hypotheses,
+            len(self.several.alive) or 1,
+        )
 
     def remove(self, landmarks: IntArray, association: IntArray) -> None:
         """Remove landmarks (g,) from the filter, and from an association (k,) in place."""
@@ -271,38 +352,39 @@ class Slam:
         used = association >= 0
         association[used] = number[association[used]]
         self.ekf.remove(landmarks)
-        if self.doubted is not None:
-            self.doubted.removed(number)
+        if isinstance(self.associate, GatedIdentity):
+            self.associate.removed(number)
         if self.descriptors is not None:
             self.descriptors = self.descriptors[kept[: len(self.descriptors)]]
 
-    def _take_many(self, s: Steps, end: int, out: StepResults) -> IntArray:
-        """Take steps in compiled code, as far as there is room; returns the culled landmarks."""
-        parts = self.names, self.culling, self.recovery.evidence
-        if take_stride(self.ekf, s, end, self._stride, *parts, out):
-            return NONE
-        done = s.position[1] < 0  # else the step is interrupted, and its numbers are still in use
-        return self.culling.remove_culled(self.stale if done else np.empty(0, np.int64))
+    def renumber(self, association: IntArray, result: StepResult) -> None:
+        """Bring the associations (k,) of earlier steps up to date with a step, in place.
+
+        Of several hypotheses, they become those of the one that is now the most probable.
+        """
+        if self.several.alive:
+            m, found = len(result.association), self.several.alive[0].association
+            association[:] = found[len(found) - m - len(association) : len(found) - m]
+            return
+        if len(result.culled) > 0:
+            kept = np.ones(len(self.ekf) + len(result.culled), np.bool_)
+            kept[result.culled] = False
+            number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+            association[:] = number[association]
 
     def known_landmarks(self, identity: IntArray) -> IntArray:
         """(k,) landmark of the map that each observation names, -1 for none."""
-        if self.doubted is not None:
-            row = self.doubted.number(identity)
-            return np.append(self.doubted.table.landmark, -1)[row]
-        if not isinstance(self.associate, KnownIdentity):
+        if len(identity) == 0 or not isinstance(self.associate, (KnownIdentity, GatedIdentity)):
             return np.full(len(identity), -1)
-        number = [self.associate.number.get(name, -1) for name in identity.tolist()]
-        return np.array([n if n < len(self.ekf) else -1 for n in number], np.int64)
+        return np.array(self.associate.landmarks(identity.tolist()), np.int64)
 
     @property
-    def names(self) -> NameTable:
-        """What is known of landmark names."""
-        return self.doubted.table if self.doubted else NO_NAMES
+    def _may_cull(self) -> bool:
+        """Whether there may be a landmark without an identity; the others are not culled.
 
-    @property
-    def stale(self) -> IntArray:
-        """(n,) landmarks whose name moved away, which are to be removed."""
-        return self.doubted.stale if self.doubted else np.empty(0, np.int64)
+        It is an identity that tells a landmark that is gone from one that is not detected.
+        """
+        return not isinstance(self.associate, GatedIdentity) or self.associate.has_unnamed
 
     def save(self, path: str | Path) -> None:
         """Save the whole state as a map file, for `load`; custom models by name only.
@@ -356,7 +438,7 @@ class Slam:
     @property
     def identities(self) -> IntArray:
         """(N,) name of each landmark of the map as a number, -1 for those without."""
-        if isinstance(self.associate, (KnownIdentity, DoubtedIdentity)):
+        if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
             return self.associate.identities(len(self.ekf))
         return np.full(len(self.ekf), -1)
 
@@ -383,6 +465,7 @@ class Slam:
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
         parts["recovery"] = self.recovery.to_arrays()
         texts = {"text_names": np.array(self.text_names)} if self.text_names else {}
+        parts["several"] = self.several.to_arrays()
         return {**merge(parts), **texts, "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
@@ -390,6 +473,7 @@ class Slam:
         for name, part in self._parts().items():
             part.from_arrays(select(arrays, name))
         self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
+        self.several.from_arrays(select(arrays, "several"), self.ekf, self.culling)
         self.num_steps = int(arrays["num_steps"])
         self.text_names = stored_texts(arrays)
 

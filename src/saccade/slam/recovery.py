@@ -7,27 +7,25 @@ filter believes it, the filter stops, and hypotheses of the pose are followed un
 
 import numpy as np
 
+from saccade._jit import share
 from saccade.slam._recovery_kernels import (
     BEARINGS,
-    LATEST,
     POINTS,
     RANGES,
-    SKIPPED,
-    TOTAL,
+    EvidenceScalars,
     LostEvidence,
     LostRule,
-    leaves_out,
+    bind_evidence,
+    contradicts,
 )
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.hypotheses import PoseHypotheses
+from saccade.slam.filter.state import scalars
 from saccade.slam.models import Motion, wrap
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.relocalization import PoseHypotheses, Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray
 
-VALUES = np.array([0.0, 0.0, 0.0, 0.0, 1.0, 4.0, 10.0, 1.0, 0.0])
-"""Of `LostEvidence` at the start, before anything is learnt."""
 LIMIT = 14.0
 """Cumulative log likelihood ratio from which a robot is lost: five scans of the most evidence."""
 REGAINED = 7.0
@@ -40,6 +38,7 @@ MIN_MATCHED = 3
 """Observed points that must be landmarks of the map for the robot to be found."""
 SCANS_IN_AGREEMENT = 3
 """Scans in a row after which one hypothesis must be right for the robot to be found."""
+SCALARS = tuple(name for name, _ in EvidenceScalars._fields_)
 SAME_POSE = chi_square_gate(3, 0.999)
 """Squared Mahalanobis distance within which the robot is found where it was believed to be."""
 
@@ -67,26 +66,24 @@ class Recovery:
         """Whether the robot is lost."""
         return self._search is not None
 
-    @property
-    def left_out(self) -> bool:
-        """Whether the last scan was left out."""
-        return bool(self.evidence.values[SKIPPED])
-
-    def leaves_out(
+    def contradicts(
         self, ekf: EkfSlam, z: FloatArray, R: FloatArray, confirmed: BoolArray, named: IntArray
     ) -> bool:
         """Test a scan (k, 2) before the update; see the kernel."""
-        return leaves_out(ekf.filter_state, self.evidence, self.rule, z, R, confirmed, named)
+        f = ekf.view
+        others = len(ekf) - f.now.landmarks
+        return contradicts(f, self.evidence, self.rule, z, R, confirmed, ekf.to_view(named), others)
 
     def begin_if_lost(self, ekf: EkfSlam, confirmed: BoolArray) -> bool:
         """Begin to search among `confirmed` landmarks if the evidence is enough; whether it is."""
-        if not self.rule.enabled or self.evidence.values[TOTAL] < self.rule.limit:
+        now = self.evidence.now
+        if now.total < self.rule.limit:
             return False
         self._landmarks = np.flatnonzero(confirmed)
-        self._search = _search(ekf, self._motion, self._landmarks)
+        self._search = search_among(ekf, self._landmarks, self._motion)
         self._search.propose(ekf.pose)
         self._agreeing = self._scans = 0
-        self.evidence.values[TOTAL] = self.rule.limit
+        now.total = self.rule.limit
         return True
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
@@ -116,10 +113,10 @@ class Recovery:
         """
         assert self._search is not None
         assert self.hypotheses is not None
-        values = self.evidence.values
-        values[TOTAL] = min(values[TOTAL], self.rule.limit)
-        self._scans = 0 if self.left_out else self._scans + 1
-        if values[TOTAL] < REGAINED or self._scans > MAX_SCANS:
+        now = self.evidence.now
+        now.total = min(now.total, self.rule.limit)
+        self._scans = 0 if now.left_out else self._scans + 1
+        if now.total < REGAINED or self._scans > MAX_SCANS:
             none = np.full(len(self._search.latest), -1)
             self._end()
             return none
@@ -142,7 +139,9 @@ class Recovery:
 
     def _end(self) -> None:
         self._search = self.hypotheses = None
-        self.evidence.values[[TOTAL, LATEST, SKIPPED]] = 0.0
+        now = self.evidence.now
+        now.total = now.latest = 0.0
+        now.left_out = 0
         self.evidence.points[:] = 0.0
 
     def _searched(self, named: IntArray) -> IntArray:
@@ -158,28 +157,35 @@ class Recovery:
             "landmarks": self._landmarks,
             "scans": np.array([self._agreeing, self._scans]),
         }
-        return {**self.evidence._asdict(), **own, **search}
+        evidence = {
+            name: getattr(self.evidence, name) for name in ("expected", "observed", "points")
+        }
+        now = np.array([float(getattr(self.evidence.now, name)) for name in SCALARS])
+        return {**evidence, "now": now, **own, **search}
 
     def from_arrays(self, arrays: Arrays, ekf: EkfSlam) -> None:
         """Restore what `to_arrays` gave, with the filter of the same step."""
-        self.evidence = LostEvidence(*(arrays[name] for name in LostEvidence._fields))
+        now = scalars(EvidenceScalars, arrays["now"])
+        fields = (arrays[name] for name in ("expected", "observed", "points"))
+        self.evidence = share(bind_evidence, *fields, now)
         self._landmarks = arrays["landmarks"]
         self._agreeing, self._scans = arrays["scans"].tolist()
         self._search, self.hypotheses = None, None
         if arrays["lost"]:
-            self._search = _search(ekf, self._motion, self._landmarks)
+            self._search = search_among(ekf, self._landmarks, self._motion)
             self._search.from_arrays(select(arrays, "search"))
 
 
 def _new_evidence() -> LostEvidence:
     cells = (RANGES, BEARINGS)
-    return LostEvidence(np.zeros(cells), np.zeros(cells), VALUES.copy(), np.zeros((POINTS, 3)))
+    now = EvidenceScalars(clutter=1.0, scale=4.0, squares=10.0, variance=1.0)
+    return share(bind_evidence, np.zeros(cells), np.zeros(cells), np.zeros((POINTS, 3)), now)
 
 
-def _search(ekf: EkfSlam, motion: Motion, landmarks: IntArray) -> Relocalizer:
+def search_among(ekf: EkfSlam, landmarks: IntArray, motion: Motion) -> Relocalizer:
+    """A search of the pose among some landmarks (k,) of a filter."""
     r = len(ekf.robot_state)
-    rows = r + np.stack([2 * landmarks, 2 * landmarks + 1], 1).ravel()
-    covariance = ekf.covariance[np.ix_(rows, rows)]
+    covariance = ekf.marginal(landmarks)[r:, r:]
     return Relocalizer(ekf.landmarks[landmarks], covariance, motion=motion)
 
 

@@ -7,6 +7,7 @@ to each other and to a robot outside of the map. They move with the controls, an
 the scans that follow.
 """
 
+from dataclasses import dataclass
 from math import log, pi
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,12 +15,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from saccade.errors import require
-from saccade.slam._relocalization_kernels import add_support, select_distinct
+from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
-from saccade.slam.hypotheses import PoseHypotheses, RelocalizationConfig
-from saccade.slam.landmark_grid import build_grid
 from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -38,6 +37,58 @@ ITERATIONS = 4
 """Gauss-Newton steps of a refinement."""
 SAME_POSITION, SAME_HEADING = 0.5, 0.1
 """Metres and radians within which proposals are the same."""
+
+
+@dataclass(frozen=True)
+class RelocalizationConfig:
+    """Parameters of relocalization."""
+
+    unmapped: float = 0.2
+    """Prior probability that an observed point is no landmark of the map."""
+    elsewhere: float = 0.05
+    """Prior probability that the robot is outside of the map."""
+    max_pairs: int = 12
+    """Pairs of observed points that propose poses: distant ones, of distances rare in the map."""
+    max_proposals: int = 50_000
+    """Proposed poses whose support is computed, after those of the first few pairs."""
+    max_hypotheses: int = 50
+    """Proposed poses that are refined, those with the most support."""
+    settled: float = 0.999
+    """Probability of all hypotheses from which they are followed without another search."""
+    memory: int = 10
+    """Scans for which an observed point counts."""
+
+    def __post_init__(self) -> None:
+        for name in ("unmapped", "elsewhere", "settled"):
+            require(0 < getattr(self, name) < 1, name, "between 0 and 1", getattr(self, name))
+        for name in ("max_pairs", "max_proposals", "max_hypotheses", "memory"):
+            require(getattr(self, name) >= 1, name, "at least 1", getattr(self, name))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseHypotheses:
+    """Hypotheses of the robot's pose in a map, the most probable first."""
+
+    pose: FloatArray
+    """(h, 3) x, y in metres, heading in radians."""
+    covariance: FloatArray
+    """(h, 3, 3)."""
+    probability: FloatArray
+    """(h,) posterior probabilities; the rest to 1 is that of being outside of the map."""
+    association: IntArray
+    """(h, k) row of the landmark of each of the k observed points, -1 for none."""
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+    def __repr__(self) -> str:
+        if len(self) == 0:
+            return "PoseHypotheses(none)"
+        x, y, theta = self.pose[0]
+        return (
+            f"PoseHypotheses({len(self)}, first {x:.2f} {y:.2f} m {theta:.3f} rad "
+            f"with {self.probability[0]:.3f})"
+        )
 
 
 class Relocalizer:
@@ -255,7 +306,7 @@ class Relocalizer:
         variance = variance + np.trace(self._errors, axis1=1, axis2=2).mean() / 2
         # Twice the variance: the proposed pose has errors of the same size.
         scale, support = 2 * variance * GATE, np.empty(len(poses))
-        grid = build_grid(self._landmarks, float(scale.max()) ** 0.5)
+        grid = _build_grid(self._landmarks, float(scale.max()) ** 0.5)
         add_support(grid, poses, self._points, scale, support)
         return support
 
@@ -391,3 +442,14 @@ def _is_same(mode: _Mode, other: _Mode) -> bool:
     e[2] = float(wrap(e[2]))
     close = bool(np.hypot(*e[:2]) < SAME_POSITION / 10 and abs(e[2]) < SAME_HEADING / 10)
     return close or float(e @ np.linalg.solve(other.covariance, e)) < 9.0
+
+
+def _build_grid(landmarks: FloatArray, size: float) -> Grid:
+    """A grid of landmarks (N, 2), N over 0, with cells of this side or larger."""
+    low, extent = landmarks.min(0), np.ptp(landmarks, axis=0)
+    size = max(size, float(extent.max()) / (2 * len(landmarks) ** 0.5 + 1), 1e-6)
+    nx, ny = (int(n) + 1 for n in extent / size)
+    cell = np.floor((landmarks - low) / size).astype(np.int64) @ [ny, 1]
+    order = np.argsort(cell, kind="stable")
+    start = np.searchsorted(cell[order], np.arange(nx * ny + 1))
+    return Grid(low, size, (nx, ny), start, np.array(landmarks[order], np.float64))

@@ -4,12 +4,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple
 
-import numpy as np
-
 from saccade.errors import LogError
-from saccade.slam._step_kernels import StepResults, Steps
-from saccade.slam.filter._range_bearing_kernels import Innovations
-from saccade.slam.hypotheses import PoseHypotheses
+from saccade.slam.relocalization import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MAX_COORDINATE = 1e9
@@ -25,15 +21,6 @@ class Innovation(NamedTuple):
     """(2, 2) S of C.12, before the update."""
     nis: float
     """Normalized innovation squared; chi-square with two degrees if the filter is right."""
-
-
-class PredictedObservations(NamedTuple):
-    """Predicted observations of every landmark."""
-
-    z: FloatArray
-    """(n, 2)."""
-    covariance: FloatArray
-    """(n, 2, 2) H P H^T of each, without the noise of an observation."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,29 +50,8 @@ class StepResult:
     until the robot is found in it."""
     hypotheses: PoseHypotheses | None = None
     """Of the pose of a lost robot, after its first scan."""
-
-    @classmethod
-    def of(
-        cls,
-        s: Steps,
-        out: StepResults,
-        k: int,
-        culled: list[IntArray],
-        hypotheses: PoseHypotheses | None,
-    ) -> "StepResult":
-        """A copy of the first step, of k observations, from the memory of kernels."""
-        return cls(
-            pose=out.pose[0].copy(),
-            covariance=out.covariance[0].copy(),
-            association=np.maximum(s.landmark[:k], -1),
-            innovations=out.innovations.value[:k].copy(),
-            innovation_covariances=out.innovations.covariance[:k].copy(),
-            nis=out.innovations.nis[:k].copy(),
-            refused=s.refused[:k].copy(),
-            culled=culled[0] if culled else np.empty(0, np.int64),
-            lost=bool(out.lost[0]),
-            hypotheses=hypotheses,
-        )
+    num_hypotheses: int = 1
+    """Association hypotheses that are followed after it."""
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
@@ -96,20 +62,15 @@ class StepResult:
         )
 
 
-def new_innovations(k: int) -> Innovations:
-    """Room for the innovations of so many observations."""
-    return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))
-
-
-def check_diverged(pose: FloatArray, first: int) -> None:
-    """Check that no pose (t, 3) diverged; the number of the first is `first`.
+def check_diverged(pose: FloatArray, number: int) -> None:
+    """Check that a pose (3,) did not diverge.
 
     Raises:
-        LogError: names the pose.
+        LogError: names the pose by its number.
     """
-    for i, (x, y, theta) in enumerate(pose.tolist(), first):
-        if not (abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE and isfinite(theta)):
-            raise LogError(
-                f"pose {i}: expected a position within {MAX_COORDINATE:g} m, found that the "
-                "estimate diverged; observations or controls contradict their standard deviations"
-            )
+    x, y, theta = pose.tolist()
+    if not (abs(x) < MAX_COORDINATE and abs(y) < MAX_COORDINATE and isfinite(theta)):
+        raise LogError(
+            f"pose {number}: expected a position within {MAX_COORDINATE:g} m, found that the "
+            "estimate diverged; observations or controls contradict their standard deviations"
+        )

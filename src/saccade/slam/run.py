@@ -7,16 +7,15 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.landmark_names import FIRST_TEXT
-from saccade.slam._step_kernels import Steps
-from saccade.slam.association.known import KnownIdentity
-from saccade.slam.association.rule import Association
+from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
+from saccade.slam.filter.models import new_innovations
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam
+from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
-from saccade.slam.strides import new_results
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 MAX_NONLINEARITY = 0.12
@@ -110,57 +109,68 @@ def run(
     if motion_of(log, motion or (slam.motion if log.motion == "custom" else None)) != slam.motion:
         raise LogError(f"motion: expected controls of the model of the map, found {log.motion}")
     odometry = dead_reckon(replace(log, start=slam.ekf.pose), config, motion)
-    steps, out = _steps(slam, log), new_results(poses, len(log.observation))
-    innovations = {f"innovation_{name}": array for name, array in out.innovations._asdict().items()}
+    k = len(log.observation)
+    pose, covariance = np.empty((poses, 3)), np.empty((poses, 3, 3))
+    lost, refused = np.zeros(poses, np.bool_), np.zeros(k, np.bool_)
+    association, innovations = np.full(k, -1), new_innovations(k)
     arrays: Arrays = {
-        "pose": out.pose,
-        "covariance": out.covariance,
-        "association": steps.landmark,
-        "refused": steps.refused,
+        **{"pose": pose, "covariance": covariance, "lost": lost, "refused": refused},
+        "association": association,
+        **{f"innovation_{name}": array for name, array in innovations._asdict().items()},
     }
     parts: dict[str, Stateful | None] = {
         "slam": slam,
-        "results": StoredArrays({**arrays, **innovations, "lost": out.lost}),
+        "results": StoredArrays(arrays),
         "recorder": recorder,
     }
     identity = (log, config, motion, sensor, associate, initial and initial.to_arrays())
     done = 0 if checkpoint is None else checkpoint.resume(identity, parts)
-    steps.position[0] = done
-    hundredth = poses // 100 + 1
-    stride = hundredth if slam.is_compiled and recorder is None else 1
+    hundredth, start = poses // 100 + 1, int((log.observation_pose < done).sum())
+    slam.num_steps = max(slam.num_steps - (done == 0), 0)  # at the first pose it is already
 
-    for start in range(done, poses, stride):
-        end = min(start + stride, poses)
-        slam.advance(steps, end, out)
+    names = slam.number(log.landmark, log.text_names)
+    ranges = slam.ekf.models.observes_ranges
+    for i, scan in enumerate(scans_of(log, config, names, observes_ranges=ranges)):
+        if i < done:
+            continue
+        result = slam.process(scan)
+        end = start + len(scan.z)
+        pose[i], covariance[i], lost[i] = result.pose, result.covariance, result.lost
+        if end > start:
+            slam.renumber(association[:start], result)
+            rows = slice(start, end)
+            association[rows], refused[rows] = result.association, result.refused
+            innovations.value[rows] = result.innovations
+            innovations.covariance[rows] = result.innovation_covariances
+            innovations.nis[rows] = result.nis
         if recorder is not None:
-            scan = slice(steps.edge[start], steps.edge[end])
-            found, hypotheses = steps.landmark[scan], slam.recovery.hypotheses
-            confirmed = slam.confirmed if recorder.is_due(start, poses) else None
-            recorder.add(start, poses, slam.ekf, found, confirmed, hypotheses)
+            confirmed = slam.confirmed if recorder.is_due(i, poses) else None
+            found, hypotheses = association[start:end], result.hypotheses
+            recorder.add(i, poses, slam.ekf, found, confirmed, hypotheses)
         if checkpoint is not None:
-            checkpoint.save(end, parts)
-        if progress is not None and (start % hundredth == 0 or end == poses):
-            progress(end, poses)
+            checkpoint.save(i + 1, parts)
+        if progress is not None and (i % hundredth == 0 or i + 1 == poses):
+            progress(i + 1, poses)
+        start = end
 
-    association, kept = np.maximum(steps.landmark, -1), slam.confirmed
-    landmarks = _landmark_map(slam, steps.identity, association, kept)
+    kept = slam.confirmed
+    landmarks = _landmark_map(slam, names, association, kept)
     number = np.where(kept, np.cumsum(kept) - 1, -1)
     association = np.append(number, -1)[association]
-    refused = float(steps.refused.sum()) / max(len(steps.refused), 1)
     return SlamResult(
-        trajectory=Trajectory(log.time, out.pose, out.covariance),
+        trajectory=Trajectory(log.time, pose, covariance),
         map=landmarks,
-        consistency=summarize(out.innovations.nis, refused=refused),
+        consistency=summarize(innovations.nis, refused=float(refused.sum()) / max(k, 1)),
         association=association,
-        innovation=out.innovations.value,
-        innovation_covariance=out.innovations.covariance,
+        innovation=innovations.value,
+        innovation_covariance=innovations.covariance,
         dead_reckoning=odometry,
-        refused=steps.refused,
+        refused=refused,
         removed=slam.culling.removed - removed_before,
         warning=slam.culling.warning(association),
         odometry_bias=slam.ekf.odometry_bias,
         nonlinearity=slam.ekf.nonlinearity,
-        lost=out.lost,
+        lost=lost,
         session=slam.landmark_sessions[kept],
     )
 
@@ -187,21 +197,11 @@ def slam_for(
     )
 
 
-def _steps(slam: Slam, log: LandmarkLog) -> Steps:
-    """A whole log."""
-    edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
-    identity = slam.number(log.landmark, log.text_names)
-    scans = edge, log.observation, log.observation_covariance, identity
-    steps = slam.prepare(log.time, log.control, log.control_covariance, *scans)
-    steps.first[0] = max(0, slam.num_steps - 1)  # at the first pose it is already
-    return steps
-
-
 def dead_reckon(
     log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: Motion | None = None
 ) -> Trajectory:
     """Dead reckoning: the trajectory by the controls alone, with its growing covariance."""
-    none = log.observation_pose < 0
+    none = slice(0)
     blind = replace(
         log,
         observation_pose=log.observation_pose[none],
@@ -209,9 +209,12 @@ def dead_reckon(
         observation_covariance=log.observation_covariance[none],
         landmark=log.landmark[none],
     )
-    slam, out = slam_for(blind, config, motion), new_results(len(log.time), 0)
-    slam.advance(_steps(slam, blind), len(log.time), out)
-    return Trajectory(log.time, out.pose, out.covariance)
+    slam = slam_for(blind, config, motion)
+    results = [slam.process(scan) for scan in scans_of(blind, config, blind.landmark)]
+    pose, covariance = (
+        np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
+    )
+    return Trajectory(log.time, pose, covariance)
 
 
 def motion_of(log: LandmarkLog, custom: Motion | None) -> Motion:

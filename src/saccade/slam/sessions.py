@@ -8,8 +8,7 @@ from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
 from saccade.landmark_names import stored_texts
-from saccade.slam.association.known import KnownIdentity
-from saccade.slam.association.rule import Association
+from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam

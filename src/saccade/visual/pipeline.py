@@ -18,7 +18,7 @@ from saccade.slam.checkpoint import (
     restore_attributes,
     select,
 )
-from saccade.slam.results import PredictedObservations
+from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig

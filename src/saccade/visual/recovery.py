@@ -5,8 +5,7 @@ import numpy as np
 from saccade.frames import steps_between
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.hypotheses import PoseHypotheses
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.relocalization import PoseHypotheses, Relocalizer
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior

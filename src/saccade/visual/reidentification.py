@@ -8,8 +8,8 @@ import numpy as np
 from saccade.frames import Camera
 from saccade.keypoints.matching import match
 from saccade.slam.consistency import chi_square_gate, normalized_squared
+from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.models import wrap
-from saccade.slam.results import PredictedObservations
 from saccade.types import BoolArray, FloatArray, IntArray, Keypoints
 from saccade.visual.camera import is_inside, to_pixels
 from saccade.visual.config import VisualConfig

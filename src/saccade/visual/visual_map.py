@@ -4,12 +4,11 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from saccade.frames import CameraTurn, Drive, steps_between
-from saccade.slam.association.jcbb import predict_jointly
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.error_state import INVARIANT
+from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.models import compose
-from saccade.slam.results import PredictedObservations
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
@@ -295,7 +294,7 @@ class VisualMap:
         self, rows: IntArray, observations: RangeBearings
     ) -> tuple[FloatArray, FloatArray]:
         """Innovations (k, 2) of landmarks (k,), and their joint covariance (2k, 2k)."""
-        z, S = predict_jointly(self.ekf, rows)
+        z, S = self.ekf.predict_jointly(rows)
         fraction, bearing = self._shared_error_sigma
         shared = np.zeros((2, 2 * len(rows)))
         shared[0, ::2], shared[1, 1::2] = fraction * observations.z[:, 0], bearing

@@ -1,14 +1,14 @@
 """Mahalanobis gating and pairing of observations with landmarks."""
 
-from math import atan2, hypot, inf, sqrt
+from math import atan2, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import wrapped
-from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
-from saccade.slam.filter._state_kernels import INVARIANT, LANDMARKS, FilterState
+from saccade.slam.filter._range_bearing_kernels import MIN_RANGE, expected_observations
+from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import BoolArray, FloatArray, IntArray
 
 NEW = -1
@@ -34,45 +34,6 @@ class Gates(NamedTuple):
 
 
 @kernel()
-def predict_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: FloatArray) -> None:
-    """Fill range and bearing z (c, 2) of landmarks (c,), and S = H P H^T (c, 2, 2)."""
-    r, s, a, P = f.robot_size, f.state, f.heading_lever, f.P
-    D, W = np.zeros((2, 5)), np.zeros((2, 5))  # x, y, heading, landmark
-    for i in range(len(landmark)):
-        m, blocks = r + 2 * landmark[i], f.blocks[landmark[i]]
-        dx, dy = s[m] - s[0], s[m + 1] - s[1]
-        q = hypot(dx, dy)
-        for k in range(2):
-            for p in range(5):
-                D[k, p] = 0.0
-        z[i, 0], z[i, 1] = q, 0.0
-        if q > MIN_RANGE:
-            z[i, 1] = wrapped(atan2(dy, dx) - s[2])
-            D[0, 3], D[0, 4], D[1, 3], D[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
-            D[1, 2] = -1.0
-            for k in range(2):
-                D[k, 0], D[k, 1] = -D[k, 3], -D[k, 4]
-                if f.error_state == INVARIANT:  # by eta
-                    D[k, 2] += D[k, 3] * (a[m] - a[0]) + D[k, 4] * (a[m + 1] - a[1])
-        for j in range(2):
-            d = D[j]
-            for p in range(3):
-                W[j, p] = P[p, m] * d[3] + P[p, m + 1] * d[4]
-                for o in range(3):
-                    W[j, p] += P[p, o] * d[o]
-            W[j, 3] = blocks[0] * d[3] + blocks[1] * d[4]
-            W[j, 4] = blocks[1] * d[3] + blocks[2] * d[4]
-            for p in range(3):
-                W[j, 3] += P[p, m] * d[p]
-                W[j, 4] += P[p, m + 1] * d[p]
-        for j in range(2):
-            for k in range(2):
-                S[i, j, k] = 0.0
-                for p in range(5):
-                    S[i, j, k] += D[max(j, k), p] * W[min(j, k), p]
-
-
-@kernel()
 def mahalanobis_distances(
     expected: FloatArray,
     S: FloatArray,
@@ -83,7 +44,7 @@ def mahalanobis_distances(
 ) -> None:
     """Fill squared Mahalanobis distances (m, c), infinite over `gate`.
 
-    Of observations z (m, 2) with R (m, 2, 2) from predicted ones, see `predict_observations`.
+    Of observations z (m, 2) with R (m, 2, 2) from predicted ones, see `expected_observations`.
     """
     for i in range(len(z)):
         for j in range(len(expected)):
@@ -108,6 +69,32 @@ def squared_distance(v: float, w: float, a: float, c: float, d: float) -> float:
 
 
 @kernel()
+def compare_identities(
+    f: FilterState,
+    z: FloatArray,
+    R: FloatArray,
+    landmark: IntArray,
+    nis: FloatArray,
+    looseness: FloatArray,
+) -> None:
+    """Compare each observation (m,) with a landmark, negative for none.
+
+    Fills its normalized innovation squared, and the variance of the prediction over that of the
+    observation, the larger of the two.
+    """
+    which, expected, S = np.zeros(1, np.int64), np.empty((1, 2)), np.empty((1, 2, 2))
+    for i in range(len(z)):
+        if landmark[i] >= 0:
+            which[0] = landmark[i]
+            expected_observations(f, which, expected, S)
+            v, u = z[i, 0] - expected[0, 0], wrapped(z[i, 1] - expected[0, 1])
+            H, N = S[0], R[i]
+            a, c, d = H[0, 0] + N[0, 0], H[0, 1] + N[0, 1], H[1, 1] + N[1, 1]
+            nis[i] = squared_distance(v, u, a, c, d)
+            looseness[i] = max(H[0, 0] / N[0, 0], H[1, 1] / N[1, 1])
+
+
+@kernel()
 def prefilter_landmarks(
     f: FilterState, z: FloatArray, R: FloatArray, gate: float, landmark: IntArray
 ) -> int:
@@ -116,7 +103,7 @@ def prefilter_landmarks(
     The standard deviation of a sum is at most the sum of the standard deviations: this bound
     excludes no pair inside the gate, and most others without their covariance.
     """
-    r, s, a, P, count = f.robot_size, f.state, f.heading_lever, f.P, 0
+    r, s, a, P, blocks, count = f.robot_size, f.state, f.heading_lever, f.P, f.blocks, 0
     position_sigma, heading_sigma = sqrt(abs(P[0, 0]) + abs(P[1, 1])), sqrt(abs(P[2, 2]))
     nearest, farthest, range_variance, bearing_variance = inf, -inf, 0.0, 0.0
     for k in range(len(z)):
@@ -124,12 +111,12 @@ def prefilter_landmarks(
         range_variance = max(range_variance, R[k, 0, 0])
         bearing_variance = max(bearing_variance, R[k, 1, 1])
     radius, range_sigma = sqrt(gate) * _SLACK, sqrt(range_variance)
-    for i in range(f.counts[LANDMARKS]):
+    for i in range(f.now.landmarks):
         m = r + 2 * i
         dx, dy = s[m] - s[0], s[m + 1] - s[1]
         q = sqrt(dx * dx + dy * dy)
         lever = abs(a[m] - a[0]) + abs(a[m + 1] - a[1])
-        sigma = position_sigma + sqrt(abs(f.blocks[i, 0]) + abs(f.blocks[i, 2]))
+        sigma = position_sigma + sqrt(abs(blocks[i, 0]) + abs(blocks[i, 2]))
         sigma += lever * heading_sigma
         along = radius * (sigma + range_sigma)
         if q - farthest > along or nearest - q > along:
@@ -147,7 +134,7 @@ def prefilter_landmarks(
 
 
 @kernel()
-def _associate_nearest(
+def associate_nearest(
     f: FilterState,
     z: FloatArray,
     R: FloatArray,
@@ -161,10 +148,10 @@ def _associate_nearest(
     Other observations of the scan are of the landmarks `taken` (n,), see `select_pairs`. For
     `confirmed`, of all landmarks, see `drop_ambiguous`.
     """
-    landmark = np.empty(f.counts[LANDMARKS], np.int64)
+    landmark = np.empty(f.now.landmarks, np.int64)
     landmark = landmark[: prefilter_landmarks(f, z, R, gates.new_gate, landmark)]
     expected, S = np.empty((len(landmark), 2)), np.empty((len(landmark), 2, 2))
-    predict_observations(f, landmark, expected, S)
+    expected_observations(f, landmark, expected, S)
     distance = np.empty((len(z), len(landmark)))
     mahalanobis_distances(expected, S, z, R, gates.new_gate, distance)
     columns, count = np.empty(len(taken), np.int64), 0

@@ -6,8 +6,7 @@ import numpy as np
 
 from saccade.slam.association._assignment_kernels import best_assignments
 from saccade.slam.association._kernels import NEW
-from saccade.slam.association.gating import mahalanobis_squared
-from saccade.slam.association.jcbb import predict_jointly
+from saccade.slam.association.nearest_neighbor import mahalanobis_squared
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import FloatArray, IntArray
@@ -50,7 +49,7 @@ class Alternatives:
         columns = np.flatnonzero(np.isfinite(distance).any(0))
         if len(columns) == 0:
             return [new]
-        predicted, joint = predict_jointly(ekf, columns)  # (c, 2), (2c, 2c)
+        predicted, joint = ekf.predict_jointly(columns)  # (c, 2), (2c, 2c)
         noise = log_determinant(R)  # (m,)
         c = np.arange(len(columns))
         blocks = joint.reshape(len(c), 2, len(c), 2)[c, :, c]  # (c, 2, 2)

@@ -1,9 +1,8 @@
 """The association rule that settings ask for."""
 
-from saccade.slam.association.doubted import DoubtedIdentity
-from saccade.slam.association.known import KnownIdentity
+from saccade.slam.association.identities import GatedIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
-from saccade.slam.association.rule import Association
+from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
 
 
@@ -13,6 +12,6 @@ def association_rule(config: EkfConfig) -> Association:
         return KnownIdentity()
     if config.association == "auto":
         geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
-        return DoubtedIdentity(config.name_gate, geometry)
+        return GatedIdentity(config.name_gate, geometry)
     kind = "mutual" if config.association == "multiple" else config.association
     return ASSOCIATION_RULES[kind](config.gate, config.new_gate)

@@ -1,14 +1,20 @@
-"""Nearest-neighbor data association."""
+"""Nearest-neighbor data association by Mahalanobis distances."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from saccade.slam.association._kernels import Gates, select_pairs
-from saccade.slam.association.gating import mahalanobis_squared
+from saccade.slam.association._kernels import (
+    Gates,
+    associate_nearest,
+    mahalanobis_distances,
+    select_pairs,
+)
 from saccade.slam.association.rule import Association
-from saccade.slam.consistency import chi_square_gate
+from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.models import RangeBearing
 from saccade.types import FloatArray, IntArray
 
 
@@ -35,12 +41,48 @@ class NearestNeighbor(Association):
 
     def associate(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, taken: IntArray) -> IntArray:
         """Associate a scan of which other observations are of the landmarks `taken` (n,)."""
-        distance = mahalanobis_squared(ekf, z, R, self.gates.new_gate)  # (m, N)
         paired = np.empty(len(z), np.int64)
+        if ekf.models.observes_ranges:
+            taken, confirmed = ekf.to_view(taken), ekf.confirmed_in_view
+            associate_nearest(ekf.view, z, R, self.gates, taken, confirmed, paired)
+            return ekf.from_view(paired)
+        distance = mahalanobis_squared(ekf, z, R, self.gates.new_gate)  # (m, N)
         select_pairs(distance, self.gates, taken, ekf.confirmed, paired)
         return paired
 
-    @property
+    @cached_property
     def gates(self) -> Gates:
         """The gates as squared Mahalanobis distances."""
         return Gates(chi_square_gate(2, self.gate), chi_square_gate(2, self.new_gate), self.mutual)
+
+
+def mahalanobis_squared(
+    ekf: EkfSlam, z: FloatArray, R: FloatArray, gate: float = np.inf
+) -> FloatArray:
+    """Squared Mahalanobis distances between observations and landmarks.
+
+    Args:
+        ekf: the filter, with N landmarks.
+        z: (m, 2) observations.
+        R: (m, 2, 2) their covariances.
+        gate: largest distance that is of interest.
+
+    Returns:
+        (m, N); infinite over the gate and where the innovation covariance is singular.
+    """
+    predicted = ekf.predict_observations()
+    distance = np.full((len(z), len(ekf)), np.inf)
+    if type(ekf.sensor) is RangeBearing:
+        mahalanobis_distances(*predicted, z, R, gate, distance)
+        return distance
+    v = ekf.sensor.difference(z[:, None], predicted.z)  # (m, N, 2)
+    distance = squared_distances(v, predicted.covariance + R[:, None])
+    return np.where(distance <= gate, distance, np.inf)
+
+
+def squared_distances(v: FloatArray, S: FloatArray) -> FloatArray:
+    """Squared Mahalanobis distances (...,) of v (..., 2) by S (..., 2, 2); infinite if singular."""
+    distance = np.full(v.shape[:-1], np.inf)
+    regular = np.linalg.det(S) > 0
+    distance[regular] = normalized_squared(v[regular], S[regular])
+    return distance

@@ -1,7 +1,11 @@
-"""The interface of data association."""
+"""The interface of data association, and known data association."""
 
+from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+
+from saccade.slam.association._kernels import DROPPED
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import FloatArray, IntArray
@@ -38,3 +42,54 @@ class Association(Protocol):
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
         return
+
+
+@dataclass
+class KnownIdentity(Association):
+    """Known data association.
+
+    Observations without an identity are dropped, and so is a second observation, in one scan,
+    of a landmark that is not in the map yet.
+    """
+
+    number: dict[int, int] = field(default_factory=dict)
+    """Landmark in the map of each identity observed so far."""
+
+    def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
+        """Look each identity up; see `Association`. New landmarks get the next free numbers."""
+        new: set[int] = set()  # identities first observed in this scan
+        association = []
+        for name in identity.tolist():
+            if name < 0 or name in new:
+                association.append(DROPPED)
+                continue
+            if name not in self.number:
+                self.number[name] = len(ekf) + len(new)
+                new.add(name)
+            association.append(self.number[name])
+        return np.array(association, np.int64)
+
+    def landmarks(self, names: list[int]) -> list[int]:
+        """Landmark of the map of each identity, -1 for none."""
+        return [self.number.get(name, -1) for name in names]
+
+    def identities(self, landmarks: int) -> IntArray:
+        """(n,) identity of each landmark of a map of n, -1 where it has none."""
+        found = np.full(landmarks, -1)
+        found[list(self.number.values())] = list(self.number)
+        return found
+
+    def forget_from(self, landmarks: int) -> None:
+        """Take back identities of landmarks from a number on, which are not added."""
+        self.number = {name: n for name, n in self.number.items() if n < landmarks}
+
+    def to_arrays(self) -> Arrays:
+        """Its state as named arrays."""
+        return {
+            "identity": np.array(list(self.number), np.int64),
+            "number": np.array(list(self.number.values()), np.int64),
+        }
+
+    def from_arrays(self, arrays: Arrays) -> None:
+        """Restore what `to_arrays` gave."""
+        self.number = dict(zip(arrays["identity"].tolist(), arrays["number"].tolist(), strict=True))

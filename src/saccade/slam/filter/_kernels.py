@@ -8,8 +8,9 @@ e the errors along the axes of the map, J a quarter turn, s the state, and f the
 of each point: of a landmark when it was augmented, of the robot after its last motion; a is
 called the heading lever. In these errors an update of the invariant filter needs no change of
 coordinates of the covariance, the observation Jacobian depends on f alone, and a motion changes
-the landmarks' covariance by the noise of the heading only. The other filters have eta = e; the
-standard one's a is zero, that of first estimates gives the f at which Jacobians are evaluated.
+the landmarks' covariance by the noise of the heading only. In the standard filter a is zero.
+
+No kernel runs out of room: `state.make_room` is called before a scan.
 """
 
 from math import sin, sqrt
@@ -17,19 +18,7 @@ from math import sin, sqrt
 import numpy as np
 
 from saccade._jit import kernel
-from saccade.slam.filter._row_kernels import _add_product, _add_two_rows, _scale_and_add
-from saccade.slam.filter._state_kernels import (
-    CACHED,
-    DOWNDATES,
-    INVARIANT,
-    LANDMARKS,
-    STANDARD,
-    UPDATES,
-    FilterState,
-    Scratch,
-    invalidate_cache,
-    num_rows,
-)
+from saccade.slam.filter._state_kernels import INVARIANT, STANDARD, FilterState, num_rows
 from saccade.types import FloatArray
 
 SINGULAR = 1e-13
@@ -54,15 +43,9 @@ def squared_norm(x: float, y: float) -> float:
 
 @kernel()
 def _sandwich(
-    A: FloatArray,
-    C: FloatArray,
-    noise: FloatArray,
-    scale: float,
-    out: FloatArray,
-    shape: tuple[int, int],
+    A: FloatArray, C: FloatArray, noise: FloatArray, scale: float, out: FloatArray, n: int, m: int
 ) -> None:
     """Fill out (n, n) = A C A^T + scale noise, C and noise symmetric; A's shape is (n, m)."""
-    n, m = shape
     for i in range(n):
         for j in range(i + 1):
             total = scale * noise[i, j]
@@ -75,21 +58,18 @@ def _sandwich(
 
 
 @kernel(fastmath=("contract",))
-def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
+def predict(f: FilterState, moved: FloatArray, F: FloatArray, Q: FloatArray) -> None:
     """Move the robot to `moved` (r,) with Jacobian F (r, r) and noise Q (r, r) (C.5-C.6)."""
-    r = f.robot_size
-    n = num_rows(f)
-    P, old, a = f.P, w.rows, f.heading_lever
-    G, Pxx = w.G, w.Pxx
-    turn, covariance = w.heading_row, w.heading_covariance
-    f.heading_variance[0] = min(f.heading_variance[0], f.heading_variance[1])
+    r, n, now = f.robot_size, num_rows(f), f.now
+    P, old, a, state = f.P, f.robot_rows, f.heading_lever, f.state
+    G, Pxx, covariance = np.empty((r, r)), np.empty((r, r)), np.zeros(r)
+    now.lowest_heading_variance = min(now.lowest_heading_variance, now.heading_variance)
     for i in range(r):
-        covariance[i] = 0.0
         for k in range(r):
             G[i, k], Pxx[i, k] = F[i, k], P[i, k]
         G[i, 2] += F[i, 0] * a[0] + F[i, 1] * a[1]  # by eta
     if f.error_state == INVARIANT:  # covariance of the moved robot with the turn's error
-        before = 0.0
+        before, turn = 0.0, np.empty(r)
         for k in range(r):
             turn[k] = G[2, k] - (1.0 if k == 2 else 0.0)
         for k in range(r):
@@ -102,7 +82,7 @@ def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: Flo
         for i in range(r):
             covariance[i] += Q[i, 2]
         _add_heading_noise(f, turn, covariance[2] - before)
-    _sandwich(G, Pxx, Q, 1.0, P, (r, r))  # C.6, Pxx
+    _sandwich(G, Pxx, Q, 1.0, P, r, r)  # C.6, Pxx
     for i in range(r):
         _scale_and_add(old[i, r:n], 0.0, 1.0, P[i, r:n])
     for i in range(r):
@@ -114,7 +94,7 @@ def predict(f: FilterState, w: Scratch, moved: FloatArray, F: FloatArray, Q: Flo
         for k in range(r):
             if k != i and G[i, k] != 0:
                 _scale_and_add(row, 1.0, G[i, k], old[k, r:n])  # C.6, Pxm
-        f.state[i] = moved[i]  # C.5
+        state[i] = moved[i]  # C.5
     a[0] = a[1] = 0.0
 
 
@@ -124,44 +104,36 @@ def _add_heading_noise(f: FilterState, turn: FloatArray, variance: float) -> Non
 
     It is turn . eta of the robot before the motion, plus noise.
     """
-    r = f.robot_size
-    n = num_rows(f)
-    a, y, x = (
-        f.heading_lever[r:n],
-        f.updates[f.counts[UPDATES], r:n],
-        f.downdates[f.counts[DOWNDATES], r:n],
-    )
     if variance <= 0:
         return
+    r, n, now, P, updates = f.robot_size, num_rows(f), f.now, f.P, f.updates
+    a = f.heading_lever[r:n]
+    y, x = updates[now.updates, r:n], f.downdates[now.downdates, r:n]
     root, coupled = sqrt(variance), False
     _scale_and_add(y, 0.0, root, a)
     for k in range(r):
         if turn[k] != 0:
-            _scale_and_add(x, 1.0 if coupled else 0.0, turn[k] / root, f.P[k, r:n])
+            _scale_and_add(x, 1.0 if coupled else 0.0, turn[k] / root, P[k, r:n])
             coupled = True
     if coupled:
         _scale_and_add(y, 1.0, -1.0, x)
         _add_to_blocks(f, x, -1.0)
-        f.counts[DOWNDATES] += 1
-        f.mergeable_variance[0] = 0.0
+        now.downdates += 1
+        now.mergeable_variance = 0.0
     _add_to_blocks(f, y, 1.0)
-    if f.mergeable_variance[0] > 0:
-        _scale_and_add(
-            f.updates[f.counts[UPDATES] - 1, r:n],
-            sqrt(1 + variance / f.mergeable_variance[0]),
-            0.0,
-            a,
-        )
+    if now.mergeable_variance > 0:
+        last = updates[now.updates - 1, r:n]
+        _scale_and_add(last, sqrt(1 + variance / now.mergeable_variance), 0.0, a)
     else:
-        f.counts[UPDATES] += 1
-    f.mergeable_variance[0] += 0.0 if coupled else variance
+        now.updates += 1
+    now.mergeable_variance += 0.0 if coupled else variance
 
 
 @kernel(fastmath=("contract",))
 def _add_to_blocks(f: FilterState, y: FloatArray, sign: float) -> None:
     """Add sign y^T y, y (2N,), to the diagonal blocks of the landmarks."""
     blocks, xy = f.blocks, y.reshape((len(y) // 2, 2))
-    for i in range(f.counts[LANDMARKS]):
+    for i in range(f.now.landmarks):
         first, second = xy[i, 0], xy[i, 1]
         blocks[i, 0] += sign * first * first
         blocks[i, 1] += sign * first * second
@@ -170,13 +142,7 @@ def _add_to_blocks(f: FilterState, y: FloatArray, sign: float) -> None:
 
 @kernel()
 def update(
-    f: FilterState,
-    w: Scratch,
-    m: int,
-    v: FloatArray,
-    H: FloatArray,
-    noise: FloatArray,
-    S: FloatArray,
+    f: FilterState, m: int, v: FloatArray, H: FloatArray, noise: FloatArray, S: FloatArray
 ) -> float:
     """Update by an innovation v (2,) of the landmark at row m; returns the NIS and fills S.
 
@@ -184,16 +150,15 @@ def update(
     H (2, r + 2) is by eta of the robot and the landmark, `noise` (2, 2) the covariance of the
     observation. Only the columns of these two take part in the gain (C.10-C.13).
     """
-    r, P = f.robot_size, f.P
-    n = num_rows(f)
-    D, A = w.D, w.A
-    prepare_update(f, w, m, H, noise, 1.0, S, D, A)
+    r, n, P, now = f.robot_size, num_rows(f), f.P, f.now
+    D, A = np.empty((2, r + 2)), np.empty((2, 2))
+    whiten(f, m, H, noise, 1.0, S, D, A)
     first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
     nis = first * first + second * second
     if nis > f.huber * f.huber:
-        prepare_update(f, w, m, H, noise, sqrt(nis) / f.huber, w.S, D, A)
+        whiten(f, m, H, noise, sqrt(nis) / f.huber, np.empty((2, 2)), D, A)
         first, second = A[0, 0] * v[0] + A[0, 1] * v[1], A[1, 0] * v[0] + A[1, 1] * v[1]
-    V = f.downdates[f.counts[DOWNDATES] : f.counts[DOWNDATES] + 2]
+    V = f.downdates[now.downdates : now.downdates + 2]
     _observed_rows(f, m, D, V)
     for i in range(r):
         if squared_norm(V[0, i], V[1, i]) > P[i, i] * (1 + ROUNDING):
@@ -202,16 +167,15 @@ def update(
     x, y = V[0, :n], V[1, :n]
     for i in range(r):
         _add_two_rows(P[i, :n], -V[0, i], x, -V[1, i], y)  # C.11: W S W^T = V^T V
-    f.counts[DOWNDATES] += 2
+    now.downdates += 2
     retract(f, first, second, V)
-    f.heading_variance[1] = P[2, 2]
+    now.heading_variance = P[2, 2]
     return float(nis)
 
 
 @kernel()
-def prepare_update(
+def whiten(
     f: FilterState,
-    w: Scratch,
     m: int,
     H: FloatArray,
     noise: FloatArray,
@@ -225,9 +189,10 @@ def prepare_update(
     A S A^T = 1 on the directions in which S has a variance. One that is much smaller than the
     terms that it is the sum of is rounding.
     """
-    q, C = f.robot_size + 2, w.C
+    q = f.robot_size + 2
+    C = np.empty((q, q))
     _joint_covariance(f, m, C)
-    _sandwich(H, C, noise, scale, S, (len(S), q))
+    _sandwich(H, C, noise, scale, S, 2, q)
     s0, s1 = 0.0, 0.0
     for i in range(q):
         deviation = sqrt(abs(C[i, i]))
@@ -263,10 +228,9 @@ def _joint_covariance(f: FilterState, m: int, C: FloatArray) -> None:
 
 @kernel(fastmath=("contract",))
 def _observed_rows(f: FilterState, m: int, D: FloatArray, V: FloatArray) -> None:
-    """Fill V (2, n) with the product of D (see `prepare_update`) and the covariance of eta."""
-    r, P = f.robot_size, f.P
-    n = num_rows(f)
-    base = 2 * _cached_rows(f, m)
+    """Fill V (2, n) with the product of D (see `whiten`) and the covariance of eta."""
+    r, n, P = f.robot_size, num_rows(f), f.P
+    base, cached = 2 * _cached_rows(f, m), f.cached_rows
     for k in range(2):
         v, first, second = V[k, :n], D[k, r], D[k, r + 1]
         _scale_and_add(v, 0.0, D[k, 0], P[0, :n])
@@ -276,42 +240,37 @@ def _observed_rows(f: FilterState, m: int, D: FloatArray, V: FloatArray) -> None
                 _scale_and_add(v, 1.0, D[k, i], P[i, :n])
         for i in range(r):
             v[i] += first * P[i, m] + second * P[i, m + 1]
-        _add_two_rows(v[r:], first, f.cached_rows[base, r:n], second, f.cached_rows[base + 1, r:n])
-    _add_product(V, D, r, m, -1.0, f.downdates, f.counts[DOWNDATES], n)
-    _add_product(V, D, r, m, 1.0, f.updates, f.counts[UPDATES], n)
+        _add_two_rows(v[r:], first, cached[base, r:n], second, cached[base + 1, r:n])
+    _add_product(V, D, r, m, -1.0, f.downdates, f.now.downdates, n)
+    _add_product(V, D, r, m, 1.0, f.updates, f.now.updates, n)
 
 
-@kernel(inline=True)
+@kernel()
 def _cached_rows(f: FilterState, m: int) -> int:
     """Index of the pair of `FilterState.cached_rows` that holds rows m and m + 1 of P.
 
     Half of each is a column of the upper triangle, which is slow to read; a landmark in view is
     re-observed many times until the next flush.
     """
-    r, i = f.robot_size, (m - f.robot_size) // 2
-    n = num_rows(f)
-    if f.cached_pair[i] < 0:
-        first, second, P = (
-            f.cached_rows[2 * f.counts[CACHED]],
-            f.cached_rows[2 * f.counts[CACHED] + 1],
-            f.P,
-        )
+    r, n, i, P, pair = f.robot_size, num_rows(f), (m - f.robot_size) // 2, f.P, f.cached_pair
+    if pair[i] < 0:
+        first, second = f.cached_rows[2 * f.now.cached], f.cached_rows[2 * f.now.cached + 1]
         for j in range(r, m):
             first[j], second[j] = P[j, m], P[j, m + 1]
         first[m], first[m + 1] = P[m, m], P[m, m + 1]
         second[m], second[m + 1] = P[m, m + 1], P[m + 1, m + 1]
         _scale_and_add(first[m + 2 : n], 0.0, 1.0, P[m, m + 2 : n])
         _scale_and_add(second[m + 2 : n], 0.0, 1.0, P[m + 1, m + 2 : n])
-        f.cached_pair[i] = f.counts[CACHED]
-        f.counts[CACHED] += 1
-    return int(f.cached_pair[i])
+        pair[i] = f.now.cached
+        f.now.cached += 1
+    return int(pair[i])
 
 
 @kernel(fastmath=("contract",))
 def _downdate_blocks(f: FilterState, V: FloatArray) -> None:
     """Subtract V^T V, V (2, n), from the landmarks' diagonal blocks, keeping variances positive."""
     r, blocks = f.robot_size, f.blocks
-    n = r + 2 * f.counts[LANDMARKS]
+    n = r + 2 * f.now.landmarks
     x, y = V[0, r:n].reshape((n - r) // 2, 2), V[1, r:n].reshape((n - r) // 2, 2)
     for i in range(len(x)):
         if squared_norm(x[i, 0], y[i, 0]) > blocks[i, 0] * (1 + ROUNDING):
@@ -329,7 +288,8 @@ def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
 
     The invariant filter corrects by the exponential of SE(2).
     """
-    s, a, r, sine, versine, p, q = f.state, f.heading_lever, f.robot_size, 0.0, 0.0, 1.0, 0.0
+    s, a, r, n = f.state, f.heading_lever, f.robot_size, num_rows(f)
+    sine, versine, p, q = 0.0, 0.0, 1.0, 0.0
     turn = first * V[0, 2] + second * V[1, 2]
     if f.error_state == INVARIANT and turn != 0:
         sine, versine = sin(turn), 2 * sin(turn / 2) ** 2
@@ -337,11 +297,10 @@ def retract(f: FilterState, first: float, second: float, V: FloatArray) -> None:
     for i in range(2, r):
         s[i] += first * V[0, i] + second * V[1, i]
     s[2] = wrapped(s[2])
-    n, by = num_rows(f), (first, second, p, q, sine, versine)
-    fixed_lever = f.error_state == STANDARD
+    by, fixed_lever = (first, second, p, q, sine, versine), f.error_state == STANDARD
     _retract_points(s[:2], a[:2], V[0, :2], V[1, :2], by, fixed_lever)
     _retract_points(s[r:n], a[r:n], V[0, r:n], V[1, r:n], by, fixed_lever)
-    f.mergeable_variance[0] = 0.0
+    f.now.mergeable_variance = 0.0
 
 
 @kernel(fastmath=("contract",))
@@ -369,19 +328,27 @@ def _retract_points(
 
 
 @kernel(fastmath=("contract",))
-def augment(f: FilterState, w: Scratch, xy: FloatArray, Gx: FloatArray, noise: FloatArray) -> None:
+def augment(f: FilterState, xy: FloatArray, Gx: FloatArray, noise: FloatArray) -> None:
     """Add a landmark at xy (2,), with Jacobian Gx (2, r) by the robot and noise (C.16-C.17)."""
-    r, P, D = f.robot_size, f.P, w.row
-    n = r + 2 * f.counts[LANDMARKS]
+    r, P, D, a, now = f.robot_size, f.P, np.empty(f.robot_size), f.heading_lever, f.now
+    state, blocks, downdates, updates, pair = (
+        f.state,
+        f.blocks,
+        f.downdates,
+        f.updates,
+        f.cached_pair,
+    )
+    N = now.landmarks
+    n = r + 2 * N
     for k in range(2):
         for i in range(r):
             D[i] = Gx[k, i]
-        D[2] += D[0] * f.heading_lever[0] + D[1] * f.heading_lever[1]
+        D[2] += D[0] * a[0] + D[1] * a[1]
         for j in range(n):
             P[j, n + k] = 0.0
             for i in range(r):
                 P[j, n + k] += D[i] * P[i, j]  # C.17, Gx Pxx and Gx Pxm
-        for j in range(len(f.state) - 2 * f.auxiliary, len(f.state)):
+        for j in range(len(state) - 2 * f.auxiliary, len(state)):
             P[n + k, j] = 0.0
             for i in range(r):
                 P[n + k, j] += D[i] * P[i, j]
@@ -390,11 +357,60 @@ def augment(f: FilterState, w: Scratch, xy: FloatArray, Gx: FloatArray, noise: F
             for i in range(r):
                 total += D[i] * P[i, n + m]
             P[n + m, n + k] = total  # C.17, Gx Pxx Gx^T + Gz R Gz^T
-            f.blocks[f.counts[LANDMARKS], k + m] = total
-        f.state[n + k], f.heading_lever[n + k] = xy[k], 0.0
-        for i in range(len(f.downdates)):
-            f.downdates[i, n + k] = f.updates[i, n + k] = 0.0
-    invalidate_cache(f)
-    f.heading_variance[1] = P[2, 2]
-    f.cached_pair[f.counts[LANDMARKS]] = -1
-    f.counts[LANDMARKS] += 1
+            blocks[N, k + m] = total
+        state[n + k], a[n + k] = xy[k], 0.0
+        for i in range(len(downdates)):
+            downdates[i, n + k] = updates[i, n + k] = 0.0
+    for i in range(N + 1):
+        pair[i] = -1
+    now.cached = 0
+    now.heading_variance = P[2, 2]
+    now.landmarks = N + 1
+
+
+@kernel(fastmath=("contract",))
+def _scale_and_add(row: FloatArray, keep: float, factor: float, other: FloatArray) -> None:
+    """Set row = keep row + factor other."""
+    for j in range(len(row)):
+        row[j] = keep * row[j] + factor * other[j]
+
+
+@kernel(fastmath=("contract",))
+def _add_two_rows(row: FloatArray, a: float, x: FloatArray, b: float, y: FloatArray) -> None:
+    """Add a x + b y to row."""
+    for j in range(len(row)):
+        row[j] += a * x[j] + b * y[j]
+
+
+@kernel(fastmath=("contract",))
+def _add_eight_rows(
+    row: FloatArray, w: FloatArray, rows: FloatArray, i: int, r: int, n: int
+) -> None:
+    """Add w (8,) rows[i : i + 8] from r to n to row."""
+    a, b, c, d, e, f, g, h = w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7]
+    s, t, u, v = rows[i, r:n], rows[i + 1, r:n], rows[i + 2, r:n], rows[i + 3, r:n]
+    x, y, p, q = rows[i + 4, r:n], rows[i + 5, r:n], rows[i + 6, r:n], rows[i + 7, r:n]
+    for j in range(len(row)):
+        one = (a * s[j] + b * t[j]) + (c * u[j] + d * v[j])
+        row[j] += one + ((e * x[j] + f * y[j]) + (g * p[j] + h * q[j]))
+
+
+@kernel()
+def _add_product(
+    V: FloatArray, D: FloatArray, r: int, m: int, sign: float, Y: FloatArray, used: int, n: int
+) -> None:
+    """Add the product of D and sign Y^T Y, of the first `used` rows of Y, to V (2, n)."""
+    w = np.empty((2, used))
+    for k in range(2):
+        for i in range(used):
+            w[k, i] = sign * (D[k, r] * Y[i, m] + D[k, r + 1] * Y[i, m + 1])
+    x, y, eights = V[0, r:n], V[1, r:n], used // 8 * 8
+    for i in range(0, eights, 8):
+        _add_eight_rows(x, w[0, i : i + 8], Y, i, r, n)
+        _add_eight_rows(y, w[1, i : i + 8], Y, i, r, n)
+    for i in range(eights, used - 1, 2):
+        _add_two_rows(x, w[0, i], Y[i, r:n], w[0, i + 1], Y[i + 1, r:n])
+        _add_two_rows(y, w[1, i], Y[i, r:n], w[1, i + 1], Y[i + 1, r:n])
+    if used % 2 == 1:
+        _scale_and_add(x, 1.0, w[0, used - 1], Y[used - 1, r:n])
+        _scale_and_add(y, 1.0, w[1, used - 1], Y[used - 1, r:n])

@@ -3,6 +3,8 @@
 from math import atan2, cos, hypot, sin
 from typing import NamedTuple
 
+import numpy as np
+
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import (
     _joint_covariance,
@@ -12,14 +14,7 @@ from saccade.slam.filter._kernels import (
     update,
     wrapped,
 )
-from saccade.slam.filter._state_kernels import (
-    INVARIANT,
-    LANDMARKS,
-    STANDARD,
-    FilterState,
-    Scratch,
-    is_full,
-)
+from saccade.slam.filter._state_kernels import INVARIANT, FilterState
 from saccade.types import FloatArray, IntArray
 
 MIN_RANGE = 1e-6
@@ -38,23 +33,14 @@ class Innovations(NamedTuple):
 
 
 @kernel()
-def predict_by_control(
-    f: FilterState, w: Scratch, u: FloatArray, U: FloatArray, D: FloatArray
-) -> None:
+def predict_by_control(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None:
     """`predict` by `models.drive`, u (2,), or by `models.compose`, u (3,).
 
     D (c, r - 3) is the Jacobian of the control by the robot's states beyond the pose.
     """
     s, r, c = f.state, f.robot_size, len(u)
-    Fx, Fu, Q = w.Fx, w.Fu, w.Q
-    real, moved = w.control, w.pose
-    for i in range(r):
-        moved[i] = s[i]
-        for k in range(r):
-            Fx[i, k] = 0.0
-        for k in range(3):
-            Fu[i, k] = 0.0
-        Fx[i, i] = 1.0
+    Fx, Fu, Q = np.eye(r), np.zeros((r, 3)), np.empty((r, r))
+    real, moved = np.empty(3), s[:r].copy()
     for i in range(c):
         real[i] = u[i]
         for k in range(r - 3):
@@ -74,40 +60,47 @@ def predict_by_control(
             for j in range(c):
                 Fx[i, 3 + k] += Fu[i, j] * D[j, k]
     moved[0], moved[1], moved[2] = s[0] + dx, s[1] + dy, wrapped(s[2] + real[c - 1])
-    _sandwich(Fu, U, Fx, 0.0, Q, (r, c))
-    predict(f, w, moved, Fx, Q)
+    _sandwich(Fu, U, Fx, 0.0, Q, r, c)
+    predict(f, moved, Fx, Q)
 
 
 @kernel()
-def update_range_bearing(
-    f: FilterState,
-    w: Scratch,
-    m: int,
-    z: FloatArray,
-    R: FloatArray,
-    v: FloatArray,
-    S: FloatArray,
-) -> float:
-    """`update` by range and bearing; fills v (2,) and S."""
-    linearize_range_bearing(f, w, m, z, R, v)
-    range_part, bearing_part = w.R[0, 0] - R[0, 0], w.R[1, 1] - R[1, 1]
-    nis = update(f, w, m, v, w.H, w.R, S)
-    if S[0, 0] > 0 and S[1, 1] > 0:
-        part = max(range_part / S[0, 0], bearing_part / S[1, 1])
-        f.nonlinearity[0] += part
-        f.nonlinearity[1] += 1
-    return nis
+def update_scan(
+    f: FilterState, z: FloatArray, R: FloatArray, landmark: IntArray, out: Innovations
+) -> None:
+    """Update by the observations (k,) of a scan, in their order (C.10-C.14).
+
+    The next free number of a landmark augments, a negative one leaves the observation out.
+    """
+    H, noise = np.empty((2, f.robot_size + 2)), np.empty((2, 2))
+    for k in range(len(z)):
+        if landmark[k] == f.now.landmarks:
+            augment_range_bearing(f, z[k], R[k])
+        elif landmark[k] >= 0:
+            m, v, S = f.robot_size + 2 * landmark[k], out.value[k], out.covariance[k]
+            linearize_range_bearing(f, m, z[k], R[k], v, H, noise)
+            range_part, bearing_part = noise[0, 0] - R[k, 0, 0], noise[1, 1] - R[k, 1, 1]
+            out.nis[k] = update(f, m, v, H, noise, S)
+            if S[0, 0] > 0 and S[1, 1] > 0:
+                f.now.nonlinearity += max(range_part / S[0, 0], bearing_part / S[1, 1])
+                f.now.nonlinear_updates += 1
 
 
 @kernel()
 def linearize_range_bearing(
-    f: FilterState, w: Scratch, m: int, z: FloatArray, R: FloatArray, v: FloatArray
+    f: FilterState,
+    m: int,
+    z: FloatArray,
+    R: FloatArray,
+    v: FloatArray,
+    H: FloatArray,
+    noise: FloatArray,
 ) -> None:
-    """Fill the innovation v (2,), its Jacobian w.H by eta and its noise w.R (C.14).
+    """Fill the innovation v (2,), its Jacobian H (2, r + 2) by eta and its noise (2, 2) (C.14).
 
-    The standard filter takes range and bearing to first order, the others to second order.
+    The standard filter takes range and bearing to first order, the invariant to second order.
     """
-    s, a, r, H, noise = f.state, f.heading_lever, f.robot_size, w.H, w.R
+    s, a, r = f.state, f.heading_lever, f.robot_size
     for i in range(r + 2):
         H[0, i] = H[1, i] = 0.0
     for i in range(2):
@@ -121,22 +114,25 @@ def linearize_range_bearing(
             H[k, 0], H[k, 1] = -H[k, r], -H[k, r + 1]
         H[1, 2] = -1.0
     v[0], v[1] = z[0] - q, wrapped(z[1] - (atan2(dy, dx) - s[2] if q > MIN_RANGE else 0.0))
-    if f.error_state != STANDARD and q > MIN_RANGE:
+    if f.error_state == INVARIANT and q > MIN_RANGE:
         for k in range(2):
             H[k, 2] += H[k, r] * (a[m] - a[0]) + H[k, r + 1] * (a[m + 1] - a[1])
-        _add_second_order(f, w, m, q, v)
+        _add_second_order(f, m, q, v, H, noise)
 
 
-@kernel(inline=True)
-def _add_second_order(f: FilterState, w: Scratch, m: int, q: float, v: FloatArray) -> None:
-    """Subtract the mean of the second-order terms from v (2,), and add their covariance to w.R.
+@kernel()
+def _add_second_order(
+    f: FilterState, m: int, q: float, v: FloatArray, H: FloatArray, noise: FloatArray
+) -> None:
+    """Subtract the mean of the second-order terms from v (2,), and add their covariance to noise.
 
     With along the error of the landmark's distance q, x that of the bearing and turn that of the
-    heading, y = x + turn is the error of the landmark's direction in the map. In the coordinates
-    xi these terms are q x y / 2 of the range and -along (x + y) / 2q of the bearing; in those along
-    the axes of the map y stands in the place of x (Jazwinski 1970, Gaussian second-order filter).
+    heading, y = x + turn is the error of the landmark's direction in the map. These terms are
+    q x y / 2 of the range and -along (x + y) / 2q of the bearing (Jazwinski 1970, Gaussian
+    second-order filter).
     """
-    r, C, H, noise, D = f.robot_size, w.C, w.H, w.R, w.second_order
+    r = f.robot_size
+    C, D = np.empty((r + 2, r + 2)), np.zeros((3, 3))
     _joint_covariance(f, m, C)
     for i in range(3):
         for j in range(i + 1):
@@ -152,8 +148,6 @@ def _add_second_order(f: FilterState, w: Scratch, m: int, q: float, v: FloatArra
     along, along_x, along_y = D[0, 0], D[1, 0], D[1, 0] + D[2, 0]
     xx, xy = D[1, 1], D[1, 1] + D[2, 1]
     yy = xy + D[2, 1] + D[2, 2]
-    if f.error_state != INVARIANT:
-        along_x, xx, xy = along_y, yy, yy
     along_mean, mean = (along_x + along_y) / 2, (xx + 2 * xy + yy) / 4
     x_mean, y_mean = (xx + xy) / 2, (xy + yy) / 2
     v[0] -= q * xy / 2
@@ -165,62 +159,76 @@ def _add_second_order(f: FilterState, w: Scratch, m: int, q: float, v: FloatArra
     noise[1, 0] -= both
 
 
-@kernel()
-def update_scan(
-    f: FilterState,
-    w: Scratch,
-    z: FloatArray,
-    R: FloatArray,
-    landmark: IntArray,
-    k: int,
-    end: int,
-    out: Innovations,
-) -> int:
-    """Update by observations from k to `end`, as far as there is room; returns the next one.
-
-    The next free number of a landmark augments, a negative one leaves the observation out.
-    """
-    while k < end and not is_full(f):
-        if landmark[k] == f.counts[LANDMARKS]:
-            augment_range_bearing(f, w, z[k], R[k])
-        elif landmark[k] >= 0:
-            m = f.robot_size + 2 * landmark[k]
-            out.nis[k] = update_range_bearing(f, w, m, z[k], R[k], out.value[k], out.covariance[k])
-        k += 1
-    return k
-
-
 @kernel(inline=True)
 def expected_observation(f: FilterState, landmark: int) -> tuple[float, float]:
     """Range and bearing of a landmark (C.14); zero within `MIN_RANGE`."""
-    m = f.robot_size + 2 * landmark
-    dx, dy = f.state[m] - f.state[0], f.state[m + 1] - f.state[1]
+    m, s = f.robot_size + 2 * landmark, f.state
+    dx, dy = s[m] - s[0], s[m + 1] - s[1]
     q = hypot(dx, dy)
-    return q, wrapped(atan2(dy, dx) - f.state[2]) if q > MIN_RANGE else 0.0
+    return q, wrapped(atan2(dy, dx) - s[2]) if q > MIN_RANGE else 0.0
+
+
+@kernel()
+def expected_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: FloatArray) -> None:
+    """Fill range and bearing z (c, 2) of landmarks (c,), and S = H P H^T (c, 2, 2)."""
+    r, s, a, P, diagonal = f.robot_size, f.state, f.heading_lever, f.P, f.blocks
+    D, W = np.zeros((2, 5)), np.zeros((2, 5))  # x, y, heading, landmark
+    for i in range(len(landmark)):
+        m, blocks = r + 2 * landmark[i], diagonal[landmark[i]]
+        dx, dy = s[m] - s[0], s[m + 1] - s[1]
+        q = hypot(dx, dy)
+        for k in range(2):
+            for p in range(5):
+                D[k, p] = 0.0
+        z[i, 0], z[i, 1] = q, 0.0
+        if q > MIN_RANGE:
+            z[i, 1] = wrapped(atan2(dy, dx) - s[2])
+            D[0, 3], D[0, 4], D[1, 3], D[1, 4] = dx / q, dy / q, -dy / q**2, dx / q**2
+            D[1, 2] = -1.0
+            for k in range(2):
+                D[k, 0], D[k, 1] = -D[k, 3], -D[k, 4]
+                D[k, 2] += D[k, 3] * (a[m] - a[0]) + D[k, 4] * (a[m + 1] - a[1])  # by eta
+        for j in range(2):
+            d = D[j]
+            for p in range(3):
+                W[j, p] = P[p, m] * d[3] + P[p, m + 1] * d[4]
+                for o in range(3):
+                    W[j, p] += P[p, o] * d[o]
+            W[j, 3] = blocks[0] * d[3] + blocks[1] * d[4]
+            W[j, 4] = blocks[1] * d[3] + blocks[2] * d[4]
+            for p in range(3):
+                W[j, 3] += P[p, m] * d[p]
+                W[j, 4] += P[p, m + 1] * d[p]
+        for j in range(2):
+            for k in range(2):
+                S[i, j, k] = 0.0
+                for p in range(5):
+                    S[i, j, k] += D[max(j, k), p] * W[min(j, k), p]
 
 
 @kernel()
 def inverse_observe(
-    f: FilterState, w: Scratch, z: FloatArray, R: FloatArray, xy: FloatArray, C: FloatArray
+    f: FilterState, z: FloatArray, R: FloatArray, xy: FloatArray, C: FloatArray
 ) -> None:
     """Fill the position (2,) of an observed point (C.15), and Gz R Gz^T (2, 2)."""
-    Gz = w.Gz
-    _inverse_jacobian(f.state, z, Gz)
-    xy[0], xy[1] = f.state[0] + z[0] * Gz[0, 0], f.state[1] + z[0] * Gz[1, 0]
-    _sandwich(Gz, R, R, 0.0, C, (len(xy), len(xy)))
+    s = f.state
+    c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
+    Gz = np.array([[c, -z[0] * d], [d, z[0] * c]])  # C.18
+    xy[0], xy[1] = s[0] + z[0] * c, s[1] + z[0] * d
+    _sandwich(Gz, R, R, 0.0, C, 2, 2)
 
 
 @kernel()
-def augment_range_bearing(f: FilterState, w: Scratch, z: FloatArray, R: FloatArray) -> None:
+def augment_range_bearing(f: FilterState, z: FloatArray, R: FloatArray) -> None:
     """`augment` by range and bearing (C.15-C.18).
 
-    The standard filter does so to first order, the others to second order: along the bearing n and
-    across it, the terms are -z0 n^2 / 2 and d n, d the error of the range.
+    The standard filter does so to first order, the invariant to second order: along the bearing n
+    and across it, the terms are -z0 n^2 / 2 and d n, d the error of the range.
     """
-    xy, noise, Gx, Gz = w.xy, w.R, w.Gx, w.Gz
-    inverse_observe(f, w, z, R, xy, noise)
-    if f.error_state != STANDARD:
-        c, d, q, k = Gz[0, 0], Gz[1, 0], R[1, 1], R[0, 1]
+    xy, noise, Gx, s = np.empty(2), np.empty((2, 2)), np.zeros((2, f.robot_size)), f.state
+    inverse_observe(f, z, R, xy, noise)
+    if f.error_state == INVARIANT:
+        c, d, q, k = cos(s[2] + z[1]), sin(s[2] + z[1]), R[1, 1], R[0, 1]
         along, across = -z[0] * q / 2, k
         xy[0], xy[1] = xy[0] + c * along - d * across, xy[1] + d * along + c * across
         aa, ab, bb = z[0] * z[0] * q * q / 2, -z[0] * k * q, R[0, 0] * q + k * k
@@ -228,28 +236,17 @@ def augment_range_bearing(f: FilterState, w: Scratch, z: FloatArray, R: FloatArr
         noise[1, 1] += d * d * aa + 2 * c * d * ab + c * c * bb
         noise[0, 1] += c * d * (aa - bb) + (c * c - d * d) * ab
         noise[1, 0] = noise[0, 1]
-    for i in range(f.robot_size):
-        Gx[0, i] = Gx[1, i] = 0.0
     Gx[0, 0] = Gx[1, 1] = 1.0
-    Gx[0, 2], Gx[1, 2] = f.state[1] - xy[1], xy[0] - f.state[0]
-    augment(f, w, xy, Gx, noise)
-
-
-@kernel(inline=True)
-def _inverse_jacobian(s: FloatArray, z: FloatArray, Gz: FloatArray) -> None:
-    """Fill the Jacobian (2, 2) of an observed point's position by z (C.18)."""
-    c, d = cos(s[2] + z[1]), sin(s[2] + z[1])
-    Gz[0, 0], Gz[0, 1], Gz[1, 0], Gz[1, 1] = c, -z[0] * d, d, z[0] * c
+    Gx[0, 2], Gx[1, 2] = s[1] - xy[1], xy[0] - s[0]
+    augment(f, xy, Gx, noise)
 
 
 @kernel()
-def write_pose(f: FilterState, w: Scratch, pose: FloatArray, covariance: FloatArray) -> None:
+def write_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> None:
     """Fill the pose (3,) and its covariance (3, 3), of e."""
-    F = w.Fx
+    F, s, a = np.eye(3), f.state, f.heading_lever
     for i in range(3):
-        pose[i] = f.state[i]
-        for k in range(3):
-            F[i, k] = 1.0 if i == k else 0.0
+        pose[i] = s[i]
     if f.error_state == INVARIANT:
-        F[0, 2], F[1, 2] = f.heading_lever[0], f.heading_lever[1]
-    _sandwich(F, f.P, F, 0.0, covariance, (len(pose), len(pose)))
+        F[0, 2], F[1, 2] = a[0], a[1]
+    _sandwich(F, f.P, F, 0.0, covariance, 3, 3)

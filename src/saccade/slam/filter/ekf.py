@@ -5,38 +5,32 @@ from math import inf
 import numpy as np
 
 from saccade.errors import LogError
-from saccade.slam.association._kernels import predict_observations
 from saccade.slam.checkpoint import Arrays
-from saccade.slam.filter import _kernels, _range_bearing_kernels
-from saccade.slam.filter._range_bearing_kernels import Innovations
-from saccade.slam.filter._state_kernels import LANDMARKS, FilterState, is_full, is_spread_due
-from saccade.slam.filter.error_state import STANDARD, Retraction, linearize
-from saccade.slam.filter.odometry_bias import BIASES, bias_jacobian
+from saccade.slam.filter._kernels import whiten
+from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
+from saccade.slam.filter._state_kernels import FilterState
+from saccade.slam.filter.error_state import STANDARD, Retraction
+from saccade.slam.filter.models import PredictedObservations, models_of
 from saccade.slam.filter.state import (
-    FIRST_CAPACITY,
     compact,
     dense,
-    expanded,
-    flush,
-    gaussian_state,
-    grown,
+    from_arrays,
+    is_spread_due,
     landmark_blocks,
+    like,
     marginal,
-    new_scratch,
     new_state,
     remove_landmarks,
     replace_pose,
     rescale,
-    restored,
-    robot_rows,
-    saved,
+    room_for_scan,
     spread,
-    state_rows,
     state_size,
+    to_arrays,
 )
 from saccade.slam.filter.validation import check_all, check_covariance, check_landmark, check_vector
-from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive, wrap
-from saccade.slam.results import Innovation, PredictedObservations, new_innovations
+from saccade.slam.models import RANGE_BEARING, Motion, Sensor, drive, wrap
+from saccade.slam.results import Innovation
 from saccade.types import BoolArray, FloatArray, IntArray
 
 
@@ -71,18 +65,16 @@ class EkfSlam:
         retraction: Retraction = STANDARD,
         huber: float = inf,
     ) -> None:
-        self._motion = motion
-        self._sensor = sensor
-        self._observes_range_bearing = type(sensor) is RangeBearing
-        built_in = motion in (drive, compose) and self._observes_range_bearing
-        self.is_compiled = built_in and np.size(pose) in (3, 3 + BIASES)
-        """Whether the models are those of this package, for which there are kernels."""
         robot = check_vector("pose", pose, max(3, np.size(pose)))
         P = check_covariance("covariance of the pose", covariance, len(robot))
-        self._set_state(new_state(robot, P, FIRST_CAPACITY, int(Retraction(retraction)), huber))
+        self.models = models_of(motion, sensor, len(robot))
+        """The motion and the sensor model, as the filter applies them."""
+        self.filter_state = new_state(
+            robot, P, error_state=int(Retraction(retraction)), huber=huber
+        )
         self._ids = np.zeros(0, np.int64)  # of the landmarks at the last removal
         self._removed = 0
-        self._candidates = np.zeros(0, np.bool_)
+        self._confirmed = np.ones(0, np.bool_)
         self.filter_state.state[2] = wrap(robot[2])
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
@@ -96,12 +88,7 @@ class EkfSlam:
         U = check_covariance("covariance of the control", U, len(u))
         self.spread()
         self.reserve()
-        if self.is_compiled:
-            D = self.bias_jacobian(u[None])[0]
-            _range_bearing_kernels.predict_by_control(self.filter_state, self.scratch, u, U, D)
-            return
-        moved, Fx, Fu = self._motion(self.robot_state, u)  # C.5, C.8, C.9
-        _kernels.predict(self.filter_state, self.scratch, moved, Fx, Fu @ U @ Fu.T)  # C.7
+        self.models.predict(self.filter_state, u, U)
 
     def update(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
         """Update by an observation of a landmark of the map (C.10-C.14).
@@ -121,14 +108,8 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
-        f, w, S = self.filter_state, self.scratch, np.empty((2, 2))
-        if self._observes_range_bearing:
-            m, v = f.robot_size + 2 * landmark, np.empty(2)
-            nis = _range_bearing_kernels.update_range_bearing(f, w, m, z, R, v, S)
-        else:
-            m, v, H, noise = self._linearized(z, R, landmark)  # C.14
-            nis = _kernels.update(f, w, m, v, H, noise, S)  # C.10-C.13
-        return Innovation(v, S, nis)
+        v, S, nis = self.models.update(self.filter_state, z[None], R[None], np.array([landmark]))
+        return Innovation(v[0], S[0], float(nis[0]))
 
     def innovation(self, z: FloatArray, R: FloatArray, landmark: int) -> Innovation:
         """The innovation of an observation without an update, in constant time.
@@ -141,10 +122,11 @@ class EkfSlam:
         check_landmark(landmark, len(self))
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
-        m, v, H, noise = self._linearized(z, R, landmark)  # C.14
-        f, w, S = self.filter_state, self.scratch, np.empty((2, 2))
-        _kernels.prepare_update(f, w, m, H, noise, 1.0, S, w.D, w.A)  # C.12
-        whitened = w.A @ v
+        f = self.filter_state
+        v, H, noise = self.models.linearize(f, z, R, landmark)  # C.14
+        S, A, D = np.empty((2, 2)), np.empty((2, 2)), np.empty(H.shape)
+        whiten(f, f.robot_size + 2 * landmark, H, noise, 1.0, S, D, A)  # C.12
+        whitened = A @ v
         return Innovation(v, S, float(whitened @ whitened))
 
     def update_scan(self, z: FloatArray, R: FloatArray, landmark: IntArray) -> Innovations:
@@ -164,20 +146,8 @@ class EkfSlam:
                 f"landmark: expected numbers up to {int(free[landmark > free][0])}, "
                 f"found {int(landmark[landmark > free][0])}"
             )
-        out = new_innovations(len(z))
-        if self.is_compiled:
-            k = 0
-            while k < len(z):
-                self.reserve()
-                f, w, kernel = self.filter_state, self.scratch, _range_bearing_kernels.update_scan
-                k = kernel(f, w, z, R, landmark, k, len(z), out)
-            return out
-        for k, number in enumerate(landmark.tolist()):
-            if number == len(self):
-                self.augment(z[k], R[k])
-            elif number >= 0:
-                out.value[k], out.covariance[k], out.nis[k] = self.update(z[k], R[k], number)
-        return out
+        self.reserve(len(z))
+        return self.models.update(self.filter_state, z, R, np.asarray(landmark, np.int64))
 
     def augment(self, z: FloatArray, R: FloatArray) -> int:
         """Add a new landmark to the map (C.15-C.18).
@@ -192,12 +162,7 @@ class EkfSlam:
         z = check_vector("observation", z, 2)
         R = check_covariance("covariance of the observation", R, 2)
         self.reserve()
-        f, w = self.filter_state, self.scratch
-        if self._observes_range_bearing:
-            _range_bearing_kernels.augment_range_bearing(f, w, z, R)
-        else:
-            xy, Gx, Gz = self._sensor.inverse_observe(self.robot_state, z)  # C.15, C.18
-            _kernels.augment(f, w, xy, Gx, Gz @ R @ Gz.T)  # C.16-C.17
+        self.models.augment(self.filter_state, z, R)
         return len(self) - 1
 
     def remove(self, landmarks: IntArray) -> None:
@@ -232,7 +197,7 @@ class EkfSlam:
             covariance: (n, n) of it (C.4).
             ids: (N,) of the landmarks, ascending; those added later have larger ones.
         """
-        self._set_state(gaussian_state(self.filter_state, mean, covariance))
+        self.filter_state = like(self.filter_state, mean, covariance, len(ids) + 32)
         self._ids, self._removed = ids, int(ids.max(initial=-1)) + 1 - len(ids)
 
     def rescale(self, factor: float, about: FloatArray) -> None:
@@ -241,106 +206,105 @@ class EkfSlam:
 
     def predict_observations(self) -> PredictedObservations:
         """Predicted observations of every landmark from the present pose."""
-        f, r, N = self.filter_state, self.filter_state.robot_size, len(self)
-        if self.is_compiled:
-            predicted = PredictedObservations(np.empty((N, 2)), np.empty((N, 2, 2)))
-            predict_observations(f, np.arange(N), *predicted)
-            return predicted
-        z, H = self._sensor.observe(self.robot_state, self.landmarks)
-        Hx, Hm = H[..., :r], H[..., r:]  # (N, 2, r), (N, 2, 2)
-        rows = robot_rows(f)
-        Pxm = rows[:, r:].reshape(r, N, 2).transpose(1, 0, 2)  # (N, r, 2)
-        cross = Hx @ Pxm @ Hm.transpose(0, 2, 1)  # (N, 2, 2)
-        landmarks = Hm @ self.landmark_covariances @ Hm.transpose(0, 2, 1)
-        robot = Hx @ rows[:, :r] @ Hx.transpose(0, 2, 1)
-        return PredictedObservations(z, robot + cross + cross.transpose(0, 2, 1) + landmarks)
+        return self.models.expected(self.filter_state, np.arange(len(self)))
+
+    def predict_jointly(self, landmarks: IntArray) -> PredictedObservations:
+        """Predicted observations z (c, 2) of landmarks (c,), with joint covariance (2c, 2c)."""
+        robot, c = self.robot_state, len(landmarks)
+        r = len(robot)
+        predicted, H = self.sensor.observe(robot, self.landmarks[landmarks])
+        J = np.zeros((c, 2, r + 2 * c))
+        J[..., :r] = H[..., :r]
+        for k in range(c):
+            J[k, :, r + 2 * k : r + 2 * k + 2] = H[k, :, r:]
+        flat = J.reshape(2 * c, r + 2 * c)
+        return PredictedObservations(predicted, flat @ self.marginal(landmarks) @ flat.T)
 
     def marginal(self, landmarks: IntArray) -> FloatArray:
         """(3 + 2k, 3 + 2k) joint covariance of the robot and of landmarks (k,), in their order."""
         return marginal(self.filter_state, np.asarray(landmarks, np.int64))
 
-    def reserve(self, landmarks: int = 1) -> None:
-        """Make room for another step and so many more landmarks."""
-        if len(self) + landmarks > len(self.filter_state.blocks):
-            while len(self) + landmarks > len(self.filter_state.blocks):
-                self._set_state(grown(self.filter_state))
-        elif is_full(self.filter_state):
-            flush(self.filter_state)
+    def relative_position(self, a: int, b: int) -> tuple[FloatArray, FloatArray]:
+        """Position (2,) of landmark a relative to landmark b, and its covariance (2, 2)."""
+        landmarks, f = self.to_view(np.array([a, b])), self.view
+        if landmarks.min() < 0:
+            landmarks, f = np.array([a, b]), self.filter_state
+        C, rows = marginal(f, landmarks)[-4:, -4:], f.robot_size + 2 * landmarks
+        difference = f.state[rows[0] : rows[0] + 2] - f.state[rows[1] : rows[1] + 2]
+        return difference, C[:2, :2] + C[2:, 2:] - C[:2, 2:] - C[2:, :2]
+
+    @property
+    def view(self) -> FilterState:
+        """The state in which a step works: of all landmarks, or in a large map of some."""
+        return self.filter_state
+
+    def to_view(self, landmarks: IntArray) -> IntArray:
+        """Numbers in `view` of landmarks (k,), -1 for those that are not in it.
+
+        Negative numbers stay, and so do the places of landmarks that are yet to be added.
+        """
+        return landmarks
+
+    def from_view(self, landmarks: IntArray) -> IntArray:
+        """Numbers of landmarks (k,) of `view`; negative ones stay."""
+        return landmarks
+
+    def reserve(self, observations: int = 1) -> None:
+        """Make room for a motion and so many observations, each perhaps of a new landmark."""
+        self.filter_state = room_for_scan(self.filter_state, observations)
 
     def spread(self) -> None:
-        """Account for a heading that has become less certain, see `state.spread`, where due."""
-        if is_spread_due(self.robot_filter):
+        """Account for a heading that has become less certain where due, before a motion."""
+        if is_spread_due(self.robot):
             spread(self.filter_state)
-
-    def _set_state(self, filter_state: FilterState) -> None:
-        self.filter_state = filter_state
-        """The arrays of the filter, for kernels; `reserve` replaces them by larger ones."""
-        self.scratch = new_scratch(filter_state)
-        """Memory for the steps, for kernels."""
-
-    def bias_jacobian(self, control: FloatArray) -> FloatArray:
-        """(t, c, r - 3) Jacobian of controls (t, c) by the robot's states beyond the pose."""
-        return bias_jacobian(control)[:, :, : self.robot_filter.robot_size - 3]
 
     def to_arrays(self, *, spare: bool = True) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a filter with the same models.
 
         Without spare room for more landmarks they are smaller, and equal up to rounding.
         """
-        arrays = saved(self.filter_state) if spare else compact(self.filter_state)
+        arrays = (to_arrays if spare else compact)(self.filter_state)
         return {**arrays, "ids": self._ids, "removed": np.array(self._removed)}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        restore = restored if "counts" in arrays else expanded
-        self._set_state(restore(self.filter_state, arrays))
+        self.filter_state = from_arrays(self.filter_state, arrays)
         self._ids, self._removed = arrays["ids"], int(arrays["removed"])
 
     @property
-    def robot_filter(self) -> FilterState:
-        """Arrays of which those of the robot are up to date."""
+    def robot(self) -> FilterState:
+        """A state in which the robot is up to date, but not each landmark of a large map."""
         return self.filter_state
 
     @property
     def pose(self) -> FloatArray:
         """(3,) x, y in metres, heading in radians."""
-        return self.robot_filter.state[:3].copy()
+        return self.robot.state[:3].copy()
 
     @property
     def robot_state(self) -> FloatArray:
         """(r,) the pose and the further states of the robot."""
-        return self.robot_filter.state[: self.robot_filter.robot_size].copy()
+        return self.robot.state[: self.robot.robot_size].copy()
 
     @property
     def pose_covariance(self) -> FloatArray:
         """(3, 3)."""
         covariance = np.empty((3, 3))
-        _range_bearing_kernels.write_pose(self.robot_filter, self.scratch, np.empty(3), covariance)
+        write_pose(self.robot, np.empty(3), covariance)
         return covariance
 
     @property
     def odometry_bias(self) -> FloatArray | None:
         """(3,) see `odometry_bias.BIASES`; None where they are no part of the state."""
-        estimated = self.is_compiled and self.robot_filter.robot_size > 3
+        estimated = self.models.compiled and self.robot.robot_size > 3
         return self.robot_state[3:] if estimated else None
-
-    @property
-    def confirmed(self) -> BoolArray:
-        """(N,) landmarks that are more than candidates, all if it was not set, for association."""
-        confirmed = np.ones(len(self), np.bool_)
-        known = self._candidates[: len(self)]
-        confirmed[: len(known)] = ~known
-        return confirmed
-
-    @confirmed.setter
-    def confirmed(self, confirmed: BoolArray) -> None:
-        self._candidates = ~confirmed
 
     @property
     def nonlinearity(self) -> float:
         """Root of the mean share of second-order terms in the variance of the innovations."""
-        total, count = self.robot_filter.nonlinearity.tolist()
-        return float(np.sqrt(total / count)) if count > 0 else 0.0
+        now = self.robot.now
+        count = now.nonlinear_updates
+        return float(np.sqrt(now.nonlinearity / count)) if count > 0 else 0.0
 
     @property
     def ids(self) -> IntArray:
@@ -364,6 +328,24 @@ class EkfSlam:
         return landmark_blocks(self.filter_state)
 
     @property
+    def confirmed_in_view(self) -> BoolArray:
+        """(N,) landmarks of `view` that are more than candidates, for association; at least N."""
+        confirmed = self._confirmed
+        if len(confirmed) < self.view.now.landmarks:
+            missing = self.view.now.landmarks - len(confirmed)
+            confirmed = np.append(confirmed, np.ones(missing, np.bool_))
+        return confirmed
+
+    @confirmed_in_view.setter
+    def confirmed_in_view(self, confirmed: BoolArray) -> None:
+        self._confirmed = confirmed
+
+    @property
+    def confirmed(self) -> BoolArray:
+        """(N,) landmarks that are more than candidates, all if it was not set."""
+        return self.confirmed_in_view[: len(self)]
+
+    @property
     def state(self) -> FloatArray:
         """(3 + 2N,) the pose, then the landmarks (C.3)."""
         return self.filter_state.state[: state_size(self.filter_state)].copy()
@@ -376,25 +358,11 @@ class EkfSlam:
     @property
     def sensor(self) -> Sensor:
         """The sensor model."""
-        return self._sensor
+        return self.models.sensor
 
     def __len__(self) -> int:
-        return int(self.filter_state.counts[LANDMARKS])
+        return int(self.filter_state.now.landmarks)
 
     def __repr__(self) -> str:
         x, y, theta = self.pose
         return f"EkfSlam({len(self)} landmarks, pose {x:.2f} {y:.2f} m {theta:.3f} rad)"
-
-    def _linearized(
-        self, z: FloatArray, R: FloatArray, landmark: int
-    ) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-        """The landmark's row, the innovation, its Jacobian by eta and its noise."""
-        f, w = self.filter_state, self.scratch
-        m = f.robot_size + 2 * landmark
-        if self._observes_range_bearing:
-            v = np.empty(2)
-            _range_bearing_kernels.linearize_range_bearing(f, w, m, z, R, v)
-            return m, v, w.H, w.R
-        rows = state_rows(np.array([landmark]), f.robot_size)
-        lever = np.zeros(len(rows)) if f.error_state == STANDARD else f.heading_lever[rows]
-        return m, *linearize(self._sensor, f.state[rows], lever, z), R

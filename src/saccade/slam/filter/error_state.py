@@ -1,4 +1,4 @@
-"""Error parametrizations (standard, first-estimates, right-invariant) and their Jacobians.
+"""Error parametrizations (standard and right-invariant) and their Jacobians.
 
 The source's filter has its errors along the axes of the map. A rotation of the whole map, which
 is unobservable, is not linear in those coordinates: Jacobians at successive estimates make the
@@ -10,12 +10,9 @@ xi = (e_p - J p e_theta, e_theta) for the robot and for each landmark. In them a
 robot and map is linear, a correction moves every point by the exponential of xi, and an
 observation from the robot depends on the difference of two points' xi alone.
 
-First-estimates Jacobians, after Huang, Mourikis & Roumeliotis (2008), keep the errors of the
-source but evaluate the rotation of the map at the first estimate of a landmark, and of the moved
-pose, so that the Jacobians of different times have the same unobservable directions.
-
-The Jacobians here are those of any sensor model, to first order. Range and bearing are taken to
-second order by these two filters, see `_range_bearing_kernels`.
+First-estimates Jacobians (Huang, Mourikis & Roumeliotis 2008) are not offered: on a held-back log
+they diverged to 245 m. The Jacobians here are those of any sensor model, to first order; the
+invariant filter takes range and bearing to second order, see `_range_bearing_kernels`.
 """
 
 from enum import IntEnum
@@ -34,11 +31,9 @@ class Retraction(IntEnum):
     """Along the axes of the map: C.10-C.14."""
     INVARIANT = _state_kernels.INVARIANT
     """Right-invariant errors of SE(2)."""
-    FIRST_ESTIMATES = _state_kernels.FIRST_ESTIMATES
-    """Along the axes of the map, Jacobians at first estimates."""
 
 
-STANDARD, INVARIANT, FIRST_ESTIMATES = Retraction
+STANDARD, INVARIANT = Retraction
 
 
 def linearize(

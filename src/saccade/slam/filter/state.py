@@ -5,26 +5,38 @@ added in one pass over the matrix (a blocked symmetric rank-k update), which is 
 arithmetic; adding each by itself would be limited by memory bandwidth.
 """
 
-from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_void_p
-from typing import Any
+from ctypes import POINTER, Structure, byref, c_char_p, c_double, c_int, c_int64, c_void_p
+from typing import TypeVar
 
 import numpy as np
 
-from saccade._jit import blas
+from saccade._jit import blas, share
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter._state_kernels import (
-    CACHED,
-    DOWNDATES,
     INVARIANT,
-    LANDMARKS,
-    UPDATES,
+    MAX_HEADING_GROWTH,
+    STANDARD,
     FilterState,
-    Scratch,
+    Scalars,
+    bind_state,
     gather,
-    num_rows,
 )
 from saccade.types import FloatArray, IntArray
 
+Record = TypeVar("Record", bound=Structure)
+SCALARS = tuple(name for name, _ in Scalars._fields_)
+ARRAYS = (
+    "state",
+    "heading_lever",
+    "P",
+    "blocks",
+    "downdates",
+    "updates",
+    "cached_rows",
+    "cached_pair",
+    "robot_rows",
+)
+"""Fields of a `FilterState` that are arrays."""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
 SPREAD_ROWS = 512
@@ -42,114 +54,128 @@ _dsyrk = blas(
 def new_state(
     robot: FloatArray,
     covariance: FloatArray,
-    capacity: int,
-    error_state: int,
-    huber: float,
+    capacity: int = FIRST_CAPACITY,
+    error_state: int = STANDARD,
+    huber: float = np.inf,
+    *,
     auxiliary: int = 0,
+    rank: int = RANK,
 ) -> FilterState:
     """The state of a robot (r,) with its covariance (r, r), and room for `capacity` landmarks."""
     r = len(robot)
     size = r + 2 * (capacity + auxiliary)
-    f = FilterState(
-        robot_size=r,
-        error_state=error_state,
-        huber=float(huber),
-        auxiliary=auxiliary,
-        state=np.zeros(size),
-        heading_lever=np.zeros(size),
-        P=np.zeros((size, size)),
-        blocks=np.zeros((capacity, 3)),
-        downdates=np.zeros((RANK, size)),
-        updates=np.zeros((RANK, size)),
-        mergeable_variance=np.zeros(1),
-        cached_rows=np.zeros((RANK, size)),
-        nonlinearity=np.zeros(2),
-        heading_variance=np.full(2, covariance[2, 2]),
-        cached_pair=np.full(capacity, -1),
-        counts=np.zeros(4, np.int64),
-    )
-    f.state[:r], f.P[:r, :r] = robot, covariance
-    return f
-
-
-def new_scratch(f: FilterState) -> Scratch:
-    """Memory for the steps of a filter with this state."""
-    r, size = f.robot_size, len(f.state)
-    return Scratch(
-        control=np.zeros(3),
-        pose=np.zeros(r),
-        Fx=np.zeros((r, r)),
-        Fu=np.zeros((r, 3)),
-        Q=np.zeros((r, r)),
-        G=np.zeros((r, r)),
-        Pxx=np.zeros((r, r)),
-        rows=np.zeros((r, size)),
-        heading_row=np.zeros(r),
-        heading_covariance=np.zeros(r),
-        H=np.zeros((2, r + 2)),
-        R=np.zeros((2, 2)),
-        Gz=np.zeros((2, 2)),
-        Gx=np.zeros((2, r)),
-        xy=np.zeros(2),
-        row=np.zeros(r),
-        C=np.zeros((r + 2, r + 2)),
-        D=np.zeros((2, r + 2)),
-        A=np.zeros((2, 2)),
-        S=np.zeros((2, 2)),
-        second_order=np.zeros((3, 3)),
+    state, P = np.zeros(size), np.zeros((size, size))
+    state[:r], P[:r, :r] = robot, covariance
+    heading = covariance[2, 2]
+    return share(
+        bind_state,
+        r,
+        error_state,
+        float(huber),
+        auxiliary,
+        state,
+        np.zeros(size),
+        P,
+        np.zeros((capacity, 3)),
+        *(np.zeros((rank, size)) for _ in range(3)),
+        np.full(capacity, -1),
+        np.zeros((r, size)),
+        Scalars(heading_variance=heading, lowest_heading_variance=heading),
     )
 
 
-def saved(f: FilterState) -> Arrays:
-    """The arrays of a state, for a checkpoint."""
-    return {name: array for name, array in f._asdict().items() if isinstance(array, np.ndarray)}
+def like(f: FilterState, mean: FloatArray, covariance: FloatArray, capacity: int) -> FilterState:
+    """A state of this mean (n,), covariance (n, n) of eta, and the parameters of another one.
+
+    Its levers are zero: the estimates are the first ones, so that eta = e.
+    """
+    r, n = f.robot_size, len(mean)
+    new = new_state(mean[:r], covariance[:r, :r], capacity, f.error_state, f.huber)
+    new.state[:n], new.P[:n, :n] = mean, covariance
+    set_landmarks(new, (n - r) // 2)
+    return new
+
+
+def set_landmarks(f: FilterState, landmarks: int) -> None:
+    """Set the number of landmarks, and their diagonal blocks to those of P."""
+    i = f.robot_size + 2 * np.arange(landmarks)
+    f.blocks[:landmarks] = np.stack([f.P[i, i], f.P[i, i + 1], f.P[i + 1, i + 1]], 1)
+    f.now.landmarks = landmarks
+
+
+def to_arrays(f: FilterState) -> Arrays:
+    """The state as named arrays, for a checkpoint."""
+    arrays = {name: getattr(f, name) for name in ARRAYS}
+    return {**arrays, "now": np.array([getattr(f.now, name) for name in SCALARS])}
+
+
+def from_arrays(f: FilterState, arrays: Arrays) -> FilterState:
+    """A state with arrays of `to_arrays` or of `compact`, and the parameters of another one."""
+    if "now" in arrays:
+        now = scalars(Scalars, arrays["now"])
+        parameters = f.robot_size, f.error_state, f.huber, f.auxiliary
+        return share(bind_state, *parameters, *(arrays[name] for name in ARRAYS), now)
+    r, n, N = f.robot_size, len(arrays["state"]), len(arrays["blocks"])
+    P = np.zeros((n, n))
+    P[np.triu_indices(n)] = arrays["P"]
+    P[:r, :r] = symmetric(P[:r, :r])
+    new = like(f, arrays["state"], P, max(N, FIRST_CAPACITY))
+    new.heading_lever[:n], new.blocks[:N] = arrays["heading_lever"], arrays["blocks"]
+    now, (lowest, last), (total, count) = (
+        new.now,
+        arrays["heading_variance"],
+        arrays["nonlinearity"],
+    )
+    now.lowest_heading_variance, now.heading_variance = lowest, last
+    now.nonlinearity, now.nonlinear_updates = total, int(count)
+    return new
+
+
+def scalars(kind: type[Record], values: FloatArray) -> Record:
+    """The record of numbers with these values, in their order."""
+    types = (c_type for _, c_type in kind._fields_)  # type: ignore[misc]
+    pairs = zip(types, values.tolist(), strict=True)
+    return kind(*(int(value) if each is c_int64 else value for each, value in pairs))
 
 
 def compact(f: FilterState) -> Arrays:
     """The arrays of a state without room for more, for a file."""
     flush(f)
-    n = state_size(f)
+    n, now = state_size(f), f.now
     return {
         "state": f.state[:n],
         "heading_lever": f.heading_lever[:n],
         "P": f.P[:n, :n][np.triu_indices(n)],
-        "blocks": f.blocks[: f.counts[LANDMARKS]],
-        "heading_variance": f.heading_variance,
-        "nonlinearity": f.nonlinearity,
+        "blocks": f.blocks[: now.landmarks],
+        "heading_variance": np.array([now.lowest_heading_variance, now.heading_variance]),
+        "nonlinearity": np.array([now.nonlinearity, float(now.nonlinear_updates)]),
     }
 
 
-def expanded(f: FilterState, arrays: Arrays) -> FilterState:
-    """A state with `compact` arrays, and the parameters of another one."""
-    r, n, N = f.robot_size, len(arrays["state"]), len(arrays["blocks"])
-    capacity = max(N, FIRST_CAPACITY)
-    new = new_state(np.zeros(r), np.zeros((r, r)), capacity, f.error_state, f.huber)
-    new.state[:n], new.heading_lever[:n] = arrays["state"], arrays["heading_lever"]
-    new.P[:n, :n][np.triu_indices(n)] = arrays["P"]
-    new.P[:r, :r] = symmetric(new.P[:r, :r])
-    new.blocks[:N], new.counts[LANDMARKS] = arrays["blocks"], N
-    new.heading_variance[:] = arrays["heading_variance"]
-    new.nonlinearity[:] = arrays["nonlinearity"]
-    return new
+def copied(f: FilterState) -> FilterState:
+    """An independent state that is equal."""
+    return from_arrays(f, {name: each.copy() for name, each in to_arrays(f).items()})
 
 
-def gaussian_state(f: FilterState, mean: FloatArray, covariance: FloatArray) -> FilterState:
-    """A state of this mean (n,) and covariance of e (n, n), with the parameters of another one.
-
-    Its estimates are the first ones, so that eta = e.
-    """
-    r, N = f.robot_size, (len(mean) - f.robot_size) // 2
-    new = new_state(mean[:r], covariance[:r, :r], max(N, FIRST_CAPACITY), f.error_state, f.huber)
-    new.state[: len(mean)], new.P[: len(mean), : len(mean)] = mean, covariance
-    diagonal = covariance[r:, r:].reshape(N, 2, N, 2)[np.arange(N), :, np.arange(N)]  # (N, 2, 2)
-    new.blocks[:N], new.counts[LANDMARKS] = diagonal.reshape(N, 4)[:, [0, 1, 3]], N
-    return new
+def make_room(f: FilterState, landmarks: int, rows: int) -> FilterState:
+    """The state, or a larger one, with room for so many new landmarks and delayed rows."""
+    now, rank = f.now, len(f.downdates)
+    if now.landmarks + landmarks > len(f.blocks) or rows > rank:
+        return _grown(f, now.landmarks + landmarks, rows)
+    if now.downdates + rows > rank or now.updates == rank:
+        flush(f)
+    return f
 
 
-def restored(f: FilterState, arrays: Arrays) -> FilterState:
-    """A state with `saved` arrays, and the parameters of another one."""
-    fields: dict[str, Any] = {name: arrays[name] for name in saved(f)}
-    return f._replace(**fields)
+def room_for_scan(f: FilterState, observations: int) -> FilterState:
+    """`make_room` for a motion and for observations that may all be of new landmarks."""
+    return make_room(f, observations, 2 * observations + 1)
+
+
+def is_spread_due(f: FilterState) -> bool:
+    """Whether the heading has become so uncertain that the covariance is to be `spread`."""
+    growth = f.now.heading_variance - f.now.lowest_heading_variance
+    return f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH
 
 
 def state_rows(landmarks: IntArray, r: int) -> IntArray:
@@ -159,22 +185,33 @@ def state_rows(landmarks: IntArray, r: int) -> IntArray:
 
 def state_size(f: FilterState) -> int:
     """n: numbers in the state."""
-    return f.robot_size + 2 * int(f.counts[LANDMARKS])
+    return int(f.robot_size + 2 * f.now.landmarks)
 
 
-def grown(f: FilterState) -> FilterState:
-    """The same state with twice the capacity."""
+def _grown(f: FilterState, landmarks: int, rows: int) -> FilterState:
+    """The same state with room for so many landmarks and delayed rows."""
     flush(f)
-    r, n, N = f.robot_size, state_size(f), len(f.blocks)
-    new = new_state(f.state[:r], f.P[:r, :r], 2 * N, f.error_state, f.huber, f.auxiliary)
-    for rows, old in ((slice(n), slice(n)), (auxiliary_rows(new), auxiliary_rows(f))):
-        new.state[rows], new.heading_lever[rows] = f.state[old], f.heading_lever[old]
-        new.P[:n, rows] = f.P[:n, old]
+    capacity, rank = len(f.blocks), len(f.downdates)
+    while capacity < landmarks:
+        capacity *= 2
+    while rank < rows:
+        rank *= 2
+    r, n, now = f.robot_size, state_size(f), f.now
+    new = new_state(
+        *(f.state[:r], f.P[:r, :r], capacity, f.error_state, f.huber),
+        auxiliary=f.auxiliary,
+        rank=rank,
+    )
+    for old_rows, new_rows in ((slice(n), slice(n)), (auxiliary_rows(f), auxiliary_rows(new))):
+        new.state[new_rows], new.heading_lever[new_rows] = (
+            f.state[old_rows],
+            f.heading_lever[old_rows],
+        )
+        new.P[:n, new_rows] = f.P[:n, old_rows]
     new.P[auxiliary_rows(new), auxiliary_rows(new)] = f.P[auxiliary_rows(f), auxiliary_rows(f)]
-    new.blocks[:N] = f.blocks
-    new.heading_variance[:] = f.heading_variance
-    new.nonlinearity[:] = f.nonlinearity
-    new.counts[LANDMARKS] = f.counts[LANDMARKS]
+    new.blocks[: now.landmarks] = f.blocks[: now.landmarks]
+    for name in SCALARS:
+        setattr(new.now, name, getattr(now, name))
     return new
 
 
@@ -186,12 +223,12 @@ def auxiliary_rows(f: FilterState) -> slice:
 def remove_landmarks(f: FilterState, landmarks: IntArray) -> None:
     """Marginalize landmarks out; those behind them move up."""
     flush(f)
-    kept = np.setdiff1d(np.arange(f.counts[LANDMARKS]), landmarks)
+    kept = np.setdiff1d(np.arange(f.now.landmarks), landmarks)
     rows = state_rows(kept, f.robot_size)
     gather(f.P, rows)
     f.state[: len(rows)], f.heading_lever[: len(rows)] = f.state[rows], f.heading_lever[rows]
     f.blocks[: len(kept)] = f.blocks[kept]
-    f.counts[LANDMARKS] = len(kept)
+    f.now.landmarks = len(kept)
 
 
 def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> None:
@@ -200,28 +237,27 @@ def replace_pose(f: FilterState, pose: FloatArray, covariance: FloatArray) -> No
     The invariant error of a landmark depends on that of the heading: of the new one not, if the
     landmarks' present estimates are their first.
     """
-    n, N = state_size(f), int(f.counts[LANDMARKS])
+    n = state_size(f)
     P = dense(f)
     P[:3], P[:, :3] = 0.0, 0.0
     P[:3, :3] = covariance
     f.state[:3], f.P[:n, :n] = pose, P
     f.heading_lever[: n if f.error_state == INVARIANT else 3] = 0.0
-    diagonal = P[f.robot_size :, f.robot_size :].reshape(N, 2, N, 2)
-    blocks = diagonal[np.arange(N), :, np.arange(N)]  # (N, 2, 2)
-    f.blocks[:N] = blocks.reshape(N, 4)[:, [0, 1, 3]]
+    set_landmarks(f, f.now.landmarks)
 
 
 def flush(f: FilterState) -> None:
     """Add `updates` to P and subtract `downdates`."""
-    r, n = f.robot_size, num_rows(f)
-    for sign, rows, which in ((-1.0, f.downdates, DOWNDATES), (1.0, f.updates, UPDATES)):
-        if f.counts[which] > 0:
+    r, n, now = f.robot_size, state_size(f), f.now
+    n = len(f.state) if f.auxiliary > 0 else n
+    for sign, rows, used in ((-1.0, f.downdates, now.downdates), (1.0, f.updates, now.updates)):
+        if used > 0:
             size = byref(c_int(len(f.state)))
             _dsyrk(
                 b"L",  # Fortran's lower triangle is our upper one
                 b"N",
                 byref(c_int(n - r)),
-                byref(c_int(int(f.counts[which]))),
+                byref(c_int(used)),
                 byref(c_double(sign)),
                 rows[:, r:].ctypes.data,
                 size,
@@ -229,10 +265,9 @@ def flush(f: FilterState) -> None:
                 f.P[r:, r:].ctypes.data,
                 size,
             )
-        f.counts[which] = 0
     f.cached_pair[:] = -1
-    f.counts[CACHED] = 0
-    f.mergeable_variance[0] = 0.0
+    now.downdates = now.updates = now.cached = 0
+    now.mergeable_variance = 0.0
 
 
 def spread(f: FilterState) -> None:
@@ -247,7 +282,7 @@ def spread(f: FilterState) -> None:
     """
     flush(f)
     n, r, P = state_size(f), f.robot_size, f.P
-    quarter = (f.heading_variance[1] - f.heading_variance[0]) / 4
+    quarter = (f.now.heading_variance - f.now.lowest_heading_variance) / 4
     i = np.arange(r, n, 2)
     P[i + 1, i] = P[i, i + 1]
     for start in range(r, n, SPREAD_ROWS):
@@ -255,7 +290,7 @@ def spread(f: FilterState) -> None:
     for columns in (slice(2), slice(r, n)):
         _add_turned(P[:2, columns], quarter)
     f.blocks[: len(i)] = np.stack([P[i, i], P[i, i + 1], P[i + 1, i + 1]], 1)
-    f.heading_variance[0] = f.heading_variance[1]
+    f.now.lowest_heading_variance = f.now.heading_variance
 
 
 def _add_turned(block: FloatArray, factor: float) -> None:
@@ -270,18 +305,17 @@ def _add_turned(block: FloatArray, factor: float) -> None:
 
 def add_rows(f: FilterState, sign: float, Y: FloatArray) -> None:
     """Add sign Y^T Y, Y (k, n) zero for the robot, to the covariance."""
-    r, n = f.robot_size, state_size(f)
-    which, pending = (UPDATES, f.updates) if sign > 0 else (DOWNDATES, f.downdates)
+    r, n, now = f.robot_size, state_size(f), f.now
+    pending, used = (f.updates, "updates") if sign > 0 else (f.downdates, "downdates")
     for row in Y:
-        if f.counts[which] == len(pending):
+        if getattr(now, used) == len(pending):
             flush(f)
-        pending[f.counts[which], :n] = row
-        f.counts[which] += 1
+        pending[getattr(now, used), :n] = row
+        setattr(now, used, getattr(now, used) + 1)
     x, y = Y[:, r::2], Y[:, r + 1 :: 2]
-    N = f.counts[LANDMARKS]
     for i, product in enumerate((x * x, x * y, y * y)):
-        f.blocks[:N, i] += sign * product.sum(0)
-    f.mergeable_variance[0] = 0.0
+        f.blocks[: now.landmarks, i] += sign * product.sum(0)
+    now.mergeable_variance = 0.0
 
 
 def marginal(f: FilterState, landmarks: IntArray) -> FloatArray:
@@ -289,17 +323,17 @@ def marginal(f: FilterState, landmarks: IntArray) -> FloatArray:
     r = f.robot_size
     rows = state_rows(landmarks, r)
     C = f.P[np.minimum(rows[:, None], rows), np.maximum(rows[:, None], rows)]
-    downdates = f.downdates[: f.counts[DOWNDATES], rows[r:]]
-    updates = f.updates[: f.counts[UPDATES], rows[r:]]
+    downdates = f.downdates[: f.now.downdates, rows[r:]]
+    updates = f.updates[: f.now.updates, rows[r:]]
     C[r:, r:] += updates.T @ updates - downdates.T @ downdates
-    return _by_map(C, _heading_lever(f)[rows])
+    return _by_map(C, f.heading_lever[rows])
 
 
 def dense(f: FilterState) -> FloatArray:
     """The covariance of e of the whole state (n, n)."""
     flush(f)
     n = state_size(f)
-    return _by_map(symmetric(f.P[:n, :n]), _heading_lever(f)[:n])
+    return _by_map(symmetric(f.P[:n, :n]), f.heading_lever[:n])
 
 
 def symmetric(upper: FloatArray) -> FloatArray:
@@ -310,7 +344,7 @@ def symmetric(upper: FloatArray) -> FloatArray:
 
 def robot_rows(f: FilterState) -> FloatArray:
     """The covariance of e of the robot with the whole state (r, n)."""
-    r, n, a = f.robot_size, state_size(f), _heading_lever(f)
+    r, n, a = f.robot_size, state_size(f), f.heading_lever
     half = f.P[:r, :n] + np.outer(f.P[:r, 2], a[:n])
     return np.asarray(half + np.outer(a[:r], half[2]))
 
@@ -318,17 +352,10 @@ def robot_rows(f: FilterState) -> FloatArray:
 def landmark_blocks(f: FilterState) -> FloatArray:
     """The covariance of e of each landmark (N, 2, 2)."""
     r, n = f.robot_size, state_size(f)
-    blocks = f.blocks[: f.counts[LANDMARKS]][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    a = _heading_lever(f)[r:n].reshape(-1, 2)
+    blocks = f.blocks[: f.now.landmarks][:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    a = f.heading_lever[r:n].reshape(-1, 2)
     half = a[:, :, None] * (f.P[2, r:n].reshape(-1, 2) + f.P[2, 2] / 2 * a)[:, None, :]
     return np.asarray(blocks + half + half.transpose(0, 2, 1))
-
-
-def _heading_lever(f: FilterState) -> FloatArray:
-    """(size,) a of e = eta + a e_theta."""
-    if f.error_state == INVARIANT:
-        return f.heading_lever
-    return np.zeros(len(f.heading_lever))
 
 
 def _by_map(C: FloatArray, a: FloatArray) -> FloatArray:
@@ -348,4 +375,4 @@ def rescale(f: FilterState, factor: float, about: FloatArray) -> None:
         f.state[rows] = about[i] + factor * (f.state[rows] - about[i])
     f.heading_lever[:n] *= scale
     f.P[:n, :n] *= scale[:, None] * scale
-    f.blocks[: f.counts[LANDMARKS]] *= factor**2
+    f.blocks[: f.now.landmarks] *= factor**2

@@ -1,17 +1,15 @@
 """Confirmation of candidate landmarks and culling of wrong ones, by counts of detections."""
 
+from ctypes import Structure, c_double, c_int64
 from math import log2, pi
 from typing import NamedTuple
 
-from saccade._jit import kernel
+from saccade._jit import kernel, structure
 from saccade.slam.association._kernels import DROPPED
 from saccade.slam.filter._range_bearing_kernels import expected_observation
-from saccade.slam.filter._state_kernels import LANDMARKS, FilterState
+from saccade.slam.filter._state_kernels import FilterState
 from saccade.types import BoolArray, FloatArray, IntArray
 
-SCANS, AMBIGUOUS, FORGOTTEN, CULLED = 0, 1, 2, 3
-"""Indices into `VisibilityCounts.totals`: scans, observations that may be of several landmarks,
-candidates that were dropped, landmarks that were culled."""
 RANGE_BINS, BEARING_BINS = 96, 24
 """Of the detection probability: quarters of an octave of the range from 0.24 mm to 4 km, and
 sectors of the bearing."""
@@ -38,7 +36,20 @@ class CullingRule(NamedTuple):
     """Scans from one check of the whole map to the next."""
 
 
-class VisibilityCounts(NamedTuple):
+class Totals(Structure):
+    """Numbers of `VisibilityCounts` since the start."""
+
+    _fields_ = (
+        ("scans", c_int64),
+        ("ambiguous", c_int64),  # observations that may be of several landmarks
+        ("dropped", c_int64),  # candidates
+        ("culled", c_int64),  # landmarks
+        ("reach", c_double),  # largest range that was observed
+    )
+
+
+@structure
+class VisibilityCounts:
     """How often each landmark was observed and missed, with room for c of them.
 
     A detection is expected with the probability with which the confirmed landmarks of the map
@@ -63,23 +74,43 @@ class VisibilityCounts(NamedTuple):
     """(`RANGE_BINS`, `BEARING_BINS`) detections of confirmed landmarks."""
     bin_expected: FloatArray
     """(`RANGE_BINS`, `BEARING_BINS`) checks of confirmed landmarks."""
-    reach: FloatArray
-    """(1,) largest range that was observed so far."""
-    totals: IntArray
-    """(4,) since the start."""
+    totals: Totals
+    """Numbers since the start."""
 
 
-@kernel(inline=True)
-def is_check(visibility: VisibilityCounts, rule: CullingRule) -> bool:
-    """Whether the whole map is checked in the next scan."""
-    return bool((visibility.totals[SCANS] + 1) % rule.interval == 0)
+@kernel()
+def bind_counts(
+    observed: IntArray,
+    last_observed: IntArray,
+    confirmed: BoolArray,
+    detected: FloatArray,
+    expected: FloatArray,
+    predicted: FloatArray,
+    culled: BoolArray,
+    bin_detected: FloatArray,
+    bin_expected: FloatArray,
+    totals: Totals,
+) -> VisibilityCounts:
+    """Counts of these fields, see `_jit.share`."""
+    return VisibilityCounts(
+        observed,
+        last_observed,
+        confirmed,
+        detected,
+        expected,
+        predicted,
+        culled,
+        bin_detected,
+        bin_expected,
+        totals,
+    )
 
 
-@kernel(inline=True)
-def predict_visible(f: FilterState, visibility: VisibilityCounts) -> None:
+@kernel()
+def predict_visible(f: FilterState, predicted: FloatArray) -> None:
     """Fill the predicted observation of every landmark, before a scan is processed."""
-    for i in range(f.counts[LANDMARKS]):
-        visibility.predicted[i, 0], visibility.predicted[i, 1] = expected_observation(f, i)
+    for i in range(f.now.landmarks):
+        predicted[i, 0], predicted[i, 1] = expected_observation(f, i)
 
 
 @kernel()
@@ -97,7 +128,12 @@ def check_visibility(
     were added by an association rule that does not wait for more observations.
     """
     observed, confirmed, totals = visibility.observed, visibility.confirmed, visibility.totals
-    totals[SCANS] += 1
+    last_observed, predicted, culled = (
+        visibility.last_observed,
+        visibility.predicted,
+        visibility.culled,
+    )
+    totals.scans += 1
     mapped_before = landmarks
     while mapped_before > 0 and observed[mapped_before - 1] == 0:
         mapped_before -= 1
@@ -106,25 +142,25 @@ def check_visibility(
     for i in association:
         if i >= 0:
             observed[i] += 1
-            visibility.last_observed[i] = totals[SCANS]
+            last_observed[i] = totals.scans
             confirmed[i] = confirmed[i] or observed[i] >= rule.confirm_after
         elif i == DROPPED:
-            totals[AMBIGUOUS] += 1
+            totals.ambiguous += 1
     if not check:
         return
     for i in range(mapped_before):
-        if visibility.predicted[i, 0] <= visibility.reach[0]:
+        if predicted[i, 0] <= totals.reach:
             _count_detection(visibility, i)
-    if totals[SCANS] % (CHECKS * rule.interval) > 0:
+    if totals.scans % (CHECKS * rule.interval) > 0:
         return
     for i in range(landmarks):
-        visibility.culled[i] = _is_culled(visibility, rule, i)
+        culled[i] = _is_culled(visibility, rule, i)
 
 
 @kernel(inline=True)
 def _count_detection(visibility: VisibilityCounts, i: int) -> None:
     """Count whether a landmark was detected, and whether that was expected."""
-    detected = 1.0 if visibility.last_observed[i] == visibility.totals[SCANS] else 0.0
+    detected = 1.0 if visibility.last_observed[i] == visibility.totals.scans else 0.0
     row, column = _bin(visibility.predicted[i, 0], visibility.predicted[i, 1])
     hits, checks = visibility.bin_detected, visibility.bin_expected
     visibility.expected[i] += hits[row, column] / (checks[row, column] + UNKNOWN)
@@ -146,7 +182,7 @@ def _bin(distance: float, bearing: float) -> tuple[int, int]:
 def _is_culled(visibility: VisibilityCounts, rule: CullingRule, i: int) -> bool:
     """Whether a landmark is missed too often, or a candidate is not observed again."""
     if not visibility.confirmed[i]:
-        waited = visibility.totals[SCANS] - visibility.last_observed[i]
+        waited = visibility.totals.scans - visibility.last_observed[i]
         return bool(waited > rule.candidate_scans)
     detected, expected = visibility.detected[i], visibility.expected[i]
     return bool(expected - detected > rule.max_missed and detected < rule.min_ratio * expected)

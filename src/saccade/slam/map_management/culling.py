@@ -2,26 +2,30 @@
 
 import numpy as np
 
+from saccade._jit import share
 from saccade.slam.checkpoint import Arrays
-from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter._state_kernels import FilterState
+from saccade.slam.filter.state import scalars
 from saccade.slam.map_management._kernels import (
-    AMBIGUOUS,
     BEARING_BINS,
-    CULLED,
-    FORGOTTEN,
     RANGE_BINS,
-    SCANS,
     CullingRule,
+    Totals,
     VisibilityCounts,
+    bind_counts,
     check_visibility,
-    is_check,
+    predict_visible,
 )
 from saccade.types import BoolArray, FloatArray, IntArray
 
-MOST = 0.5
+MAX_AMBIGUOUS = 0.5
 """Fraction of the observations that may be ambiguous without a warning."""
-PER_LANDMARK = VisibilityCounts._fields[:7]
+PER_LANDMARK = (
+    *("observed", "last_observed", "confirmed", "detected", "expected", "predicted", "culled"),
+)
 """Fields of `VisibilityCounts` with a row for each landmark."""
+BINS = ("bin_detected", "bin_expected")
+TOTALS = tuple(name for name, _ in Totals._fields_)
 
 
 class Culling:
@@ -53,27 +57,55 @@ class Culling:
         self.rule = CullingRule(
             enabled, confirm_after, candidate_scans, min_ratio or 0.0, max_missed, interval
         )
-        self.counts = _new_counts(0)
+        self._whole = _new_counts(0, Totals(reach=-np.inf))
+        self._local: VisibilityCounts | None = None
+        self._numbers = np.empty(0, np.int64)  # in the map, of the rows of the local counts
+
+    @property
+    def counts(self) -> VisibilityCounts:
+        """The counts of the whole map, up to date."""
+        if self._local is not None:
+            for name in PER_LANDMARK:
+                getattr(self._whole, name)[self._numbers] = getattr(self._local, name)
+            self._local = None
+        return self._whole
+
+    @property
+    def in_view(self) -> VisibilityCounts:
+        """The counts of the part of the map in which the filter works."""
+        return self._whole if self._local is None else self._local
+
+    def enter(self, numbers: IntArray) -> None:
+        """Work on the counts of these landmarks (k,), with their numbers there, until `counts`."""
+        whole = self.counts
+        self._numbers = numbers
+        arrays = (getattr(whole, name)[numbers] for name in PER_LANDMARK)
+        bins = whole.bin_detected, whole.bin_expected
+        self._local = share(bind_counts, *arrays, *bins, whole.totals)
+
+    def has_local_room(self, landmarks: int) -> bool:
+        """Whether it works on the counts of a part of the map, with room for so many landmarks."""
+        return self._local is not None and landmarks <= len(self._local.culled)
 
     @property
     def removed(self) -> int:
         """Landmarks that were culled."""
-        return int(self.counts.totals[CULLED])
+        return int(self._whole.totals.culled)
 
     @property
     def forgotten(self) -> int:
         """Candidates that were dropped."""
-        return int(self.counts.totals[FORGOTTEN])
+        return int(self._whole.totals.dropped)
 
     @property
     def reach(self) -> float:
         """Largest range that was observed so far; minus infinity without any."""
-        return float(self.counts.reach[0])
+        return float(self._whole.totals.reach)
 
     @property
     def ambiguous(self) -> int:
         """Observations that were dropped because they may be of several landmarks."""
-        return int(self.counts.totals[AMBIGUOUS])
+        return int(self._whole.totals.ambiguous)
 
     def warning(self, association: IntArray) -> str:
         """Why nothing was mapped, or most observations were not used; empty if neither is so.
@@ -86,7 +118,7 @@ class Culling:
             return "nothing is mapped: there are no observations"
         if not rule.enabled:
             return "" if (association >= 0).any() else "no observation names a landmark"
-        if self.ambiguous > MOST * observations:
+        if self.ambiguous > MAX_AMBIGUOUS * observations:
             return (
                 f"{self.ambiguous} of {observations} observations are not used: each may be of "
                 "several landmarks, which are too close together for the odometry and its noise"
@@ -112,53 +144,55 @@ class Culling:
 
     def is_due(self) -> bool:
         """Whether the whole map is checked in the next scan."""
-        return self.rule.enabled and is_check(self.counts, self.rule)
+        return self.rule.enabled and (self._whole.totals.scans + 1) % self.rule.interval == 0
 
-    def update(
-        self,
-        ekf: EkfSlam,
-        predicted: FloatArray | None,
-        candidates: int,
-        reach: float,
-        association: IntArray,
-    ) -> None:
+    def add_reach(self, reach: float) -> None:
+        """Note the largest range of a scan."""
+        totals = self._whole.totals
+        totals.reach = max(totals.reach, reach)
+
+    def predict(self, f: FilterState, expected: FloatArray | None = None) -> None:
+        """Predict the observations of all landmarks in view, before a scan that is a check.
+
+        Args:
+            f: the state.
+            expected: (n, 2) by a custom sensor model; else range and bearing.
+        """
+        if expected is None:
+            predict_visible(f, self.in_view.predicted)
+        else:
+            self.in_view.predicted[: len(expected)] = expected
+
+    def update(self, check: bool, candidates: int, landmarks: int, association: IntArray) -> None:
         """Count the observed and the missed landmarks of a scan; marks those that are culled.
 
         Args:
-            ekf: the filter, after the scan.
-            predicted: (n, 2) range and bearing, predicted before it, of the landmarks in the map;
-                None if they are not checked.
+            check: whether those missed are counted, by their predicted observations.
             candidates: number of the first landmark that was added as a candidate.
-            reach: largest range in the scan.
+            landmarks: their number after the scan.
             association: (m,) landmark of each observation, negative for none.
         """
-        self.reserve(len(ekf))
-        self.reserve(len(ekf))
-        self.counts.reach[0] = max(self.counts.reach[0], reach)
-        check = predicted is not None
-        if predicted is not None:
-            self.counts.predicted[: len(predicted)] = predicted
-        check_visibility(self.counts, self.rule, check, candidates, len(ekf), association)
+        if self.rule.enabled:
+            counts = self.in_view
+            check_visibility(counts, self.rule, check, candidates, landmarks, association)
 
     def reserve(self, landmarks: int) -> None:
         """Make room for a map of so many landmarks."""
-        if landmarks > len(self.counts.culled):
-            old, new = self.counts, _new_counts(landmarks)
+        old = self.counts
+        if landmarks > len(old.culled):
+            new = _new_counts(max(landmarks, 2 * len(old.culled)), old.totals)
             for name in PER_LANDMARK:
                 getattr(new, name)[: len(old.culled)] = getattr(old, name)
-            self.counts = new._replace(
-                bin_detected=old.bin_detected,
-                bin_expected=old.bin_expected,
-                reach=old.reach,
-                totals=old.totals,
-            )
+            new.bin_detected[:], new.bin_expected[:] = old.bin_detected, old.bin_expected
+            self._whole = new
 
     def add_confirmed(self, first: int, count: int) -> None:
         """Count landmarks from number `first` on as confirmed, as those of another map are."""
         self.reserve(first + count)
-        self.counts.confirmed[first : first + count] = True
-        self.counts.observed[first : first + count] = self.rule.confirm_after
-        self.counts.last_observed[first : first + count] = self.counts.totals[SCANS]
+        counts, rows = self.counts, slice(first, first + count)
+        counts.confirmed[rows] = True
+        counts.observed[rows] = self.rule.confirm_after
+        counts.last_observed[rows] = counts.totals.scans
 
     def join(self, kept: int, removed: int) -> None:
         """Count the observations of two landmarks as those of the first; the second is not removed.
@@ -189,8 +223,8 @@ class Culling:
         if len(culled) > 0 and len(counts.culled) > 0:
             confirmed = int(counts.confirmed[culled].sum())
             kept = np.delete(np.arange(len(counts.culled)), culled)
-            counts.totals[CULLED] += confirmed
-            counts.totals[FORGOTTEN] += len(culled) - confirmed
+            counts.totals.culled += confirmed
+            counts.totals.dropped += len(culled) - confirmed
             for name in PER_LANDMARK:
                 array = getattr(counts, name)
                 array[: len(kept)] = array[kept]
@@ -199,24 +233,30 @@ class Culling:
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
-        return self.counts._asdict()
+        arrays = {name: getattr(self.counts, name) for name in (*PER_LANDMARK, *BINS)}
+        return {
+            **arrays,
+            "totals": np.array([getattr(self.counts.totals, name) for name in TOTALS]),
+        }
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        self.counts = VisibilityCounts(**arrays)
+        fields = (arrays[name] for name in (*PER_LANDMARK, *BINS))
+        self._whole = share(bind_counts, *fields, scalars(Totals, arrays["totals"]))
+        self._local = None
 
 
-def _new_counts(capacity: int) -> VisibilityCounts:
-    return VisibilityCounts(
-        observed=np.zeros(capacity, np.int64),
-        last_observed=np.zeros(capacity, np.int64),
-        confirmed=np.zeros(capacity, np.bool_),
-        detected=np.zeros(capacity),
-        expected=np.zeros(capacity),
-        predicted=np.zeros((capacity, 2)),
-        culled=np.zeros(capacity, np.bool_),
-        bin_detected=np.zeros((RANGE_BINS, BEARING_BINS)),
-        bin_expected=np.zeros((RANGE_BINS, BEARING_BINS)),
-        reach=np.full(1, -np.inf),
-        totals=np.zeros(4, np.int64),
+def _new_counts(capacity: int, totals: Totals) -> VisibilityCounts:
+    return share(
+        bind_counts,
+        np.zeros(capacity, np.int64),
+        np.zeros(capacity, np.int64),
+        np.zeros(capacity, np.bool_),
+        np.zeros(capacity),
+        np.zeros(capacity),
+        np.zeros((capacity, 2)),
+        np.zeros(capacity, np.bool_),
+        np.zeros((RANGE_BINS, BEARING_BINS)),
+        np.zeros((RANGE_BINS, BEARING_BINS)),
+        totals,
     )
