@@ -33,6 +33,10 @@ from saccade.slam.map_management._kernels import (
 from saccade.types import BoolArray, FloatArray, IntArray
 
 
+BEFORE_MOTION, CONTRADICTED = -1, -2
+"""Of `Steps.position`."""
+
+
 class Steps(NamedTuple):
     """Consecutive steps: the motion to each pose, and the scan that is observed there.
 
@@ -66,7 +70,8 @@ class Steps(NamedTuple):
     refused: BoolArray
     """(k,) whether the name of each was refused; filled step by step."""
     position: IntArray
-    """(2,) the step that comes next, and its observation that comes next; -1 before the motion."""
+    """(2,) the step that comes next, and its observation that comes next; `BEFORE_MOTION`, or
+    `CONTRADICTED` before the association of a scan that compiled code does not decide."""
 
 
 class StepResults(NamedTuple):
@@ -112,9 +117,9 @@ def bind_steps(
 
 @kernel()
 def take_steps(bound: Bound, end: int) -> bool:
-    """Take the steps before `end`, up to one that lacks room, culls, or leaves its scan out.
+    """Take the steps before `end`, up to one that lacks room, culls, leaves its scan out, or is contradicted.
 
-    Returns whether all of them were taken, and the last one did neither.
+    Returns whether all of them were taken, and the last one did nothing of this.
     """
     f, w, s, rules, names, visibility, evidence, out = bound.arguments
     while s.position[0] < end:
@@ -161,9 +166,11 @@ def _take_step(
                 return False
         if rules.names.enabled and end > start:
             name, refused = s.name[start:end], s.refused[start:end]
-            associate_named(
+            if not associate_named(
                 f, w, names, rules.names, rules.gates, confirmed, z, R, name, association, refused
-            )
+            ):
+                s.position[1] = CONTRADICTED
+                return False
         elif rules.nearest and end > start:
             _associate_nearest(f, z, R, rules.gates, association[:0], confirmed, association)
         if not rules.adds:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
-from saccade.slam._step_kernels import StepResults, Steps
+from saccade.slam._step_kernels import CONTRADICTED, StepResults, Steps
 from saccade.slam.association._name_table_kernels import NameTable
 from saccade.slam.association.choice import association_rule
 from saccade.slam.association.doubted import DoubtedIdentity
@@ -16,7 +16,7 @@ from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import RETRACTIONS, EkfConfig
-from saccade.slam.custom_steps import take_custom_step
+from saccade.slam.custom_steps import process_scan, take_custom_step
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.odometry_bias import bias_jacobian
@@ -241,7 +241,9 @@ class Slam:
             landmarks = (
                 self._take_many(s, end, out) if self.is_compiled else take_custom_step(self, s, out)
             )
-            if self.recovery.left_out:
+            if s.position[1] == CONTRADICTED:
+                landmarks = process_scan(self, s, out)
+            elif self.recovery.left_out:
                 leave_out(self, s, out)
             if len(landmarks) > 0:
                 culled.append(landmarks)

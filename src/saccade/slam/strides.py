@@ -8,7 +8,14 @@ import numpy as np
 
 from saccade._jit import Bound
 from saccade.slam._recovery_kernels import OUTSIDE, SKIPPED, LostEvidence, LostRule
-from saccade.slam._step_kernels import Rules, StepResults, Steps, bind_steps, take_steps
+from saccade.slam._step_kernels import (
+    CONTRADICTED,
+    Rules,
+    StepResults,
+    Steps,
+    bind_steps,
+    take_steps,
+)
 from saccade.slam.association._kernels import NEW, Gates
 from saccade.slam.association._name_kernels import NameGates
 from saccade.slam.association._name_table_kernels import NameTable
@@ -126,7 +133,7 @@ def _take_in_neighborhood(
     bound = stride.binding(f, w, s, rules, local_names, counts, evidence, out)
     take_steps(bound, end)
     while s.position[0] < end and not counts.culled.any() and not evidence.values[SKIPPED]:
-        if not place.flush_if_full():
+        if s.position[1] == CONTRADICTED or not place.flush_if_full():
             break
         take_steps(bound, end)
     place.mark(scans)

@@ -16,6 +16,7 @@ from saccade.slam.association._kernels import (
 from saccade.slam.association._name_table_kernels import (
     BELIEVED,
     CLOCK,
+    CLOSING,
     ESTABLISHED,
     FAR,
     JOINT,
@@ -78,20 +79,25 @@ def associate_named(
     name: IntArray,
     association: IntArray,
     refused: BoolArray,
-) -> None:
+) -> bool:
     """Associate a scan (m,) by names (m,), -1 where unknown, and else by geometry.
 
     Fills the landmark of each observation, or `NEW` or `DROPPED`, and whether its name was refused.
+
+    Returns whether this was done; not where a name contradicts an uncertain prediction.
     """
     unnamed = 0
     for i in range(len(name)):
         unnamed += name[i] < 0
-    table.counts[UNNAMED] += unnamed
     if unnamed == len(name):
+        table.counts[UNNAMED] += unnamed
         _associate_nearest(f, z, R, gates, association[:0], confirmed, association)
-        return
+        return True
     seen = _compare_scan(f, w, table, z, R, name)
-    judge_names(f, table, name_gates.gate, seen, name, association, refused)
+    if contradicts_uncertain(f, table, name_gates.gate, seen, name, refused):
+        return False
+    table.counts[UNNAMED] += unnamed
+    judge_names(f, table, seen, name, association, refused)
     m = len(name)
     rest, taken, num_rest, num_taken = np.empty(m, np.int64), np.empty(m, np.int64), 0, 0
     rest_z, rest_R = np.empty((m, 2)), np.empty((m, 2, 2))
@@ -111,6 +117,7 @@ def associate_named(
         z, R = rest_z[:num_rest], rest_R[:num_rest]
         _associate_nearest(f, z, R, gates, taken[:num_taken], confirmed, near)
         settle_names(f, table, rest, near, name, association, refused)
+    return True
 
 
 @kernel()
@@ -136,10 +143,30 @@ def _compare_scan(
 
 
 @kernel()
-def judge_names(
+def contradicts_uncertain(
     f: FilterState,
     table: NameTable,
     gate: float,
+    seen: NamedScan,
+    name: IntArray,
+    refused: BoolArray,
+) -> bool:
+    """Fill which names (m,) contradict the filter; whether any does that is predicted loosely."""
+    uncertain = False
+    for i in range(len(name)):
+        known = name[i] >= 0 and table.landmark[name[i]] >= 0
+        refused[i] = known and not seen.nis[i] <= gate
+    _refuse_inconsistent(f, table, seen, name, refused)
+    for i in range(len(name)):
+        uncertain = uncertain or (refused[i] and seen.looseness[i] > LOOSE)
+        uncertain = uncertain or seen.looseness[i] > CLOSING
+    return uncertain
+
+
+@kernel()
+def judge_names(
+    f: FilterState,
+    table: NameTable,
     seen: NamedScan,
     name: IntArray,
     association: IntArray,
@@ -147,16 +174,13 @@ def judge_names(
 ) -> None:
     """Accept the observations that agree with the landmarks that their names say.
 
-    Fills the association of these, and `UNDECIDED` for all others, and which names are refused.
-    Where several names contradict the filter and agree with one another, it is the filter that is
-    wrong: they are accepted.
+    Fills the association of these, and `UNDECIDED` for all others, given which names are `refused`
+    as they contradict the filter. Where several of these agree with one another, it is the filter
+    that is wrong: they are accepted.
     """
     m = len(name)
     for i in range(m):
-        association[i], refused[i] = UNDECIDED, False
-        if name[i] >= 0 and table.landmark[name[i]] >= 0:
-            refused[i] = not seen.nis[i] <= gate
-    _refuse_inconsistent(f, table, seen, name, refused)
+        association[i] = UNDECIDED
     corroborated = _num_closing(table, seen, name, refused) > 1
     num_accepted, start = 0, table.counts[CLOCK]
     for i in range(m):

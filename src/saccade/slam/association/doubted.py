@@ -4,7 +4,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saccade.slam.association._name_kernels import NamedScan, NameGates, judge_names
+from saccade.slam.association._name_kernels import (
+    NamedScan,
+    NameGates,
+    contradicts_uncertain,
+    judge_names,
+)
 from saccade.slam.association._name_table_kernels import (
     ESTABLISHED,
     STALE,
@@ -13,6 +18,7 @@ from saccade.slam.association._name_table_kernels import (
     NameTable,
     settle_names,
 )
+from saccade.slam.association.consistent_names import consistent_names
 from saccade.slam.association.gating import squared_distances
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
@@ -44,18 +50,27 @@ class DoubtedIdentity(Association):
         """What is known of each name, for kernels; `number` makes room for others."""
         self.refused = np.zeros(0, np.bool_)
         """(m,) whether the name of each observation of the last scan was refused."""
+        self.looseness = 1.0
+        """Of the last scan: the predicted variance over that of its observations, at most, where
+        a name contradicts an uncertain prediction; else 1."""
 
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Associate a scan; see `Association`."""
         name, table = self.number(identity), self.table
         association = np.full(len(z), UNDECIDED)
-        self.refused = np.zeros(len(z), np.bool_)
+        self.refused, self.looseness = np.zeros(len(z), np.bool_), 1.0
         table.counts[UNNAMED] += (name < 0).sum()
         if (name < 0).all():
             return self.geometry(ekf, z, R, identity)
         seen = _compare_scan(ekf, table, z, R, name)
         state = ekf.filter_state
-        judge_names(state, table, self.name_gates.gate, seen, name, association, self.refused)
+        if contradicts_uncertain(state, table, self.name_gates.gate, seen, name, self.refused):
+            known = np.flatnonzero((name >= 0) & (table.landmark[name] >= 0))
+            named = table.landmark[name[known]]
+            points = seen.xy[known], seen.covariance[known]
+            self.refused[known] = ~consistent_names(ekf, *points, named, self.gate)
+            self.looseness = float(seen.looseness[known].max())
+        judge_names(state, table, seen, name, association, self.refused)
         rest = np.flatnonzero(association == UNDECIDED)
         if len(rest) > 0:
             taken = association[association >= 0]
