@@ -249,11 +249,15 @@ def _is_duplicate(f: FilterState, table: NameTable, seen: NamedScan, i: int, k: 
 
     The first observation of k had the wrong name then, and i is of another landmark.
     """
-    xy, C = seen.xy[i], seen.covariance[i]
+    r, s, xy, C = f.robot_size, f.state, seen.xy[i], seen.covariance[i]
+    a = table.landmark[k]
     for j in range(len(table.landmark)):
-        a, b = table.landmark[k], table.landmark[j]
-        known = b >= 0 and b != a and table.accepted[j] >= ESTABLISHED
-        if known and _distances_agree(f, a, b, xy, C, xy, C):
+        b = table.landmark[j]
+        if b < 0 or b == a or table.accepted[j] < ESTABLISHED:
+            continue
+        dx, dy = s[r + 2 * a] - s[r + 2 * b], s[r + 2 * a + 1] - s[r + 2 * b + 1]
+        near = dx * dx + dy * dy < LOOSE * PAIR_GATE * (C[0, 0] + C[1, 1])
+        if near and _distances_agree(f, a, b, xy, C, xy, C):
             return True
     return False
 
