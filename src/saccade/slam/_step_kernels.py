@@ -32,7 +32,6 @@ from saccade.slam.map_management._kernels import (
 )
 from saccade.types import BoolArray, FloatArray, IntArray
 
-
 BEFORE_MOTION, CONTRADICTED = -1, -2
 """Of `Steps.position`."""
 
@@ -117,7 +116,9 @@ def bind_steps(
 
 @kernel()
 def take_steps(bound: Bound, end: int) -> bool:
-    """Take the steps before `end`, up to one that lacks room, culls, leaves its scan out, or is contradicted.
+    """Take the steps before `end`, up to one that lacks room, culls, or whose scan is left out.
+
+    Or up to a scan that is `CONTRADICTED`.
 
     Returns whether all of them were taken, and the last one did nothing of this.
     """

@@ -16,7 +16,6 @@ from saccade.slam.association._kernels import (
 from saccade.slam.association._name_table_kernels import (
     BELIEVED,
     CLOCK,
-    CLOSING,
     ESTABLISHED,
     FAR,
     JOINT,
@@ -159,7 +158,6 @@ def contradicts_uncertain(
     _refuse_inconsistent(f, table, seen, name, refused)
     for i in range(len(name)):
         uncertain = uncertain or (refused[i] and seen.looseness[i] > LOOSE)
-        uncertain = uncertain or seen.looseness[i] > CLOSING
     return uncertain
 
 

@@ -25,7 +25,6 @@ FAR = 100.0
 LOOSE, LOOP, LONG_LOOP = 4.0, 100.0, 1000.0
 """Ratio of predicted variance to noise from which the names of a scan are checked in pairs, and
 from which one observation of a landmark of few, or of any number, does not close a loop."""
-CLOSING = 100.0
 PAIR_GATE = 10.83
 """Squared deviation, in standard deviations, of the distance of two landmarks: 99.9 %."""
 

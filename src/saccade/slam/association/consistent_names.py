@@ -69,9 +69,7 @@ def _relative_covariance(ekf: EkfSlam, landmark: IntArray) -> FloatArray:
     return np.asarray(A @ P @ A.T)
 
 
-def _fit(
-    offset: FloatArray, covariance: FloatArray, prior: FloatArray
-) -> tuple[float, FloatArray]:
+def _fit(offset: FloatArray, covariance: FloatArray, prior: FloatArray) -> tuple[float, FloatArray]:
     """Least normalized square of k observed points and of a prior, over errors of the heading.
 
     A heading error e moves a landmark relative to the robot, whose other errors are d, by
