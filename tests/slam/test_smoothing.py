@@ -129,6 +129,26 @@ def test_a_pose_hears_nothing_of_what_comes_a_lag_later(rng):
     assert np.abs(drives[0][kept:] - drives[1][kept:]).max() > 0.05
 
 
+def test_poses_before_a_gap_longer_than_the_lag_are_those_of_a_log_that_ends_there(rng):
+    log, _, _ = simulate(rng, steps=160)
+    later = np.where(np.arange(len(log.time)) > 102, 1000.0, 0.0)
+    gap = dataclasses.replace(log, time=log.time + later)
+    rows = log.observation_pose <= 102
+    ended = dataclasses.replace(
+        log,
+        time=log.time[:103],
+        control=log.control[:102],
+        control_covariance=log.control_covariance[:102],
+        observation_pose=log.observation_pose[rows],
+        observation=log.observation[rows],
+        observation_covariance=log.observation_covariance[rows],
+        landmark=log.landmark[rows],
+    )
+    whole, before = (smooth(each, slam.run(each), LAGGED) for each in (gap, ended))
+    assert np.isfinite(whole.trajectory.pose).all()
+    np.testing.assert_allclose(whole.trajectory.pose[:103], before.trajectory.pose, atol=1e-6)
+
+
 @each_method
 def test_wrong_observations_count_less(rng, config):
     log, truth, _ = simulate(rng, steps=150)

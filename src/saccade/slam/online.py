@@ -18,6 +18,7 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import new_innovations
+from saccade.slam.filter.progressive import update_in_parts
 from saccade.slam.hypotheses import Hypotheses
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.map_management.culling import Culling
@@ -267,7 +268,14 @@ class Slam:
         if isinstance(ekf, LargeMapSlam) and ekf.local_map is not None:
             observed = ekf.local_map.observed
             observed[local[(local >= 0) & (local < len(observed))]] = True
-        return ekf.models.update(ekf.view, scan.z, scan.R, local)
+        loose = self.associate.looseness if isinstance(self.associate, GatedIdentity) else 1.0
+
+        def update(R: FloatArray, landmark: IntArray) -> Innovations:
+            if loose > 1:
+                ekf.reserve(len(scan.z))  # of each part
+            return ekf.models.update(ekf.view, scan.z, R, landmark)
+
+        return update_in_parts(update, scan.R, local, ekf.view.now.landmarks, loose)
 
     def _augment(self, scan: Scan, association: IntArray) -> None:
         """Add the new landmarks as candidates (C.15-C.18); fills their numbers."""

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
+from saccade.slam.association.consistent_names import consistent_names
 from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays
@@ -100,6 +101,9 @@ class GatedIdentity(Association):
         """Whether there was an observation or a landmark without an identity."""
         self.refused = np.zeros(0, np.bool_)
         """(m,) whether the identity of each observation of the last scan was refused."""
+        self.looseness = 1.0
+        """Predicted variance of the last scan over that of its observations, where an identity
+        contradicts an uncertain prediction; else 1."""
         self._clock = self._streak = 0  # identified observations; refused since the last accepted
         self._believed_until = -1
         self._gate = chi_square_gate(2, self.gate)
@@ -107,7 +111,7 @@ class GatedIdentity(Association):
     def __call__(self, ekf: EkfSlam, z: FloatArray, R: FloatArray, identity: IntArray) -> IntArray:
         """Associate a scan; see `Association`."""
         names = identity.tolist()
-        self.refused = np.zeros(len(names), np.bool_)
+        self.refused, self.looseness = np.zeros(len(names), np.bool_), 1.0
         self.has_unnamed = self.has_unnamed or min(names) < 0
         if max(names) < 0:
             return self.geometry(ekf, z, R, identity)
@@ -138,6 +142,12 @@ class GatedIdentity(Association):
         scan = _Positions(ekf, z, R)
         if any(looseness[i] > LOOSE for i in known.keys() - refused):
             self._refuse_inconsistent(scan, known, refused)
+        if any(looseness[i] > LOOSE for i in refused):  # the linear gate is wrong there
+            rows, landmark = list(known), np.array([name.landmark for name in known.values()])
+            xy, C = (np.stack(each) for each in zip(*map(scan.position, rows), strict=True))
+            agree = consistent_names(ekf, xy, C, landmark, self.gate)
+            refused = {i for i, agrees in zip(rows, agree.tolist(), strict=True) if not agrees}
+            self.looseness = max(looseness[i] for i in known)
         closing = sum(looseness[i] > LOOP for i in known if i not in refused)
         num_accepted, start = 0, self._clock
         for i, name in known.items():
@@ -302,7 +312,15 @@ class GatedIdentity(Association):
         inside = scan.ekf.to_view(np.array(others, np.int64)) >= 0
         others = [j for j, near in zip(others, inside, strict=True) if near and j != name.landmark]
         xy, C = scan.position(i)
-        return any(_distances_agree(scan.ekf, name.landmark, j, xy, C, xy, C) for j in others)
+        r, state = scan.ekf.view.robot_size, scan.ekf.view.state
+        positions = state[r:].reshape(-1, 2)[scan.ekf.to_view(np.array([name.landmark, *others]))]
+        squared = ((positions[1:] - positions[0]) ** 2).sum(1)
+        near = (squared < LOOSE * PAIR_GATE * C.trace()).tolist()
+        return any(
+            _distances_agree(scan.ekf, name.landmark, j, xy, C, xy, C)
+            for j, is_near in zip(others, near, strict=True)
+            if is_near
+        )
 
     def _remember(self, scan: "_Positions", i: int, name: Identity) -> None:
         """Note a refused observation of an identity."""
