@@ -136,7 +136,8 @@ class _Window:
 
 def _newest_poses(time: FloatArray, every: float) -> list[int]:
     """The newest pose of each position of the window; none is moved across a longer gap."""
-    stops, last, before = [], 0.0, 0.0
+    stops: list[int] = []
+    last = before = 0.0
     for number, now in enumerate(time.tolist()):
         if now - before > every and number - 1 not in stops[-1:]:
             stops.append(number - 1)
