@@ -115,7 +115,8 @@ def test_one_wrong_name_of_an_uncertain_scan_is_refused_and_of_two_neither_is_be
 
     assert accepted([0, 1, 2, 3], [0, 1, 2, 3]) == [True] * 4
     assert accepted([0, 1, 2, 3], [0, 1, 4, 3]) == [True, True, False, True]
-    assert accepted([0, 1], [0, 4]) == [False, False]
+    assert accepted([0, 1], [0, 4]) == [True, False]  # 40 m away, which the pose is not
+    assert accepted([0, 1], [0, 2]) == [False, False]  # each may be; their distance is 2 m off
 
 
 def test_names_that_agree_are_believed_against_the_filter():

@@ -27,7 +27,7 @@ def consistent_names(
 
     All of one scan must agree with one pose, as uncertain as the filter declares it and the
     landmarks. The one that agrees least is left out until they do; where leaving out any of
-    several would do, none of these is right for sure, and all are.
+    several would do, and lowers the misfit half as much or more, all of these are.
 
     Args:
         ekf: the filter, predicted to the pose of the scan.
@@ -43,13 +43,20 @@ def consistent_names(
     positions = f.state[f.robot_size :].reshape(-1, 2)[number]
     offset = xy - positions
     prior, kept = _relative_covariance(f, number, positions - ekf.pose[:2]), np.arange(len(xy))
+
+    def cost(rows: IntArray) -> float:
+        errors = np.append(0, 1 + np.stack([2 * rows, 2 * rows + 1], 1))
+        return _least_square(offset[rows], covariance[rows], prior[np.ix_(errors, errors)])
+
     while len(kept) > 0:
-        rows = np.append(0, 1 + np.stack([2 * kept, 2 * kept + 1], 1))
-        cost, drop = _fit(offset[kept], covariance[kept], prior[np.ix_(rows, rows)])
-        if cost <= chi_square_gate(2 * len(kept), gate) and drop.max() <= chi_square_gate(2, gate):
+        total = cost(kept)
+        without = np.array([cost(np.delete(kept, i)) for i in range(len(kept))])
+        gain = total - without.min()
+        if total <= chi_square_gate(2 * len(kept), gate) and gain <= chi_square_gate(2, gate):
             break
         enough = chi_square_gate(2 * len(kept) - 2, gate) if len(kept) > 1 else 0.0
-        kept = kept[(drop < drop.max()) & (cost - drop > enough)]
+        right = (without > enough) | (total - without < gain / 2)
+        kept = kept[right & (without > without.min())]
     accepted = np.zeros(len(xy), np.bool_)
     accepted[kept] = True
     return accepted
@@ -73,20 +80,17 @@ def _relative_covariance(f: FilterState, number: IntArray, relative: FloatArray)
     return np.asarray(A @ P @ A.T)
 
 
-def _fit(offset: FloatArray, covariance: FloatArray, prior: FloatArray) -> tuple[float, FloatArray]:
+def _least_square(offset: FloatArray, covariance: FloatArray, prior: FloatArray) -> float:
     """Least normalized square of k observed points and of a prior, over errors of the heading.
 
     A heading error e moves a landmark relative to the robot, whose other errors are d, by
-    M d, with M = sin(e / 2) / (e / 2) times the rotation by -e / 2.
-
-    Returns:
-        The least square, and by how much it is less without each of the points (k,).
+    M d, with M = sin(e / 2) / (e / 2) times the rotation by -e / 2. Of no points it is zero.
     """
     k, variance = len(offset), max(prior[0, 0], 1e-12)
     slope = prior[1:, 0] / variance
     given_heading = prior[1:, 1:] - np.outer(slope, prior[0, 1:])
     limit = min(HEADING_LIMITS[0] * variance**0.5, HEADING_LIMITS[1])
-    center = 0.0
+    center = least = 0.0
     for _ in range(REFINEMENTS):
         e = center + np.linspace(-limit, limit, HEADINGS)
         c, s = np.cos(e / 2), np.sin(e / 2)
@@ -98,10 +102,7 @@ def _fit(offset: FloatArray, covariance: FloatArray, prior: FloatArray) -> tuple
             block = slice(2 * i, 2 * i + 2)
             S[:, block, block] += inverse @ covariance[i] @ inverse.transpose(0, 2, 1)
         weighted = np.linalg.solve(S, v[..., None])[..., 0]
-        cost = e * e / variance + (v * weighted).sum(1)
-        best = int(cost.argmin())
-        center, limit = e[best], 2 * limit / (HEADINGS - 1)
-    information = np.linalg.inv(S[best]).reshape(k, 2, k, 2)[np.arange(k), :, np.arange(k)]
-    w = weighted[best].reshape(k, 2, 1)
-    drop = (w.transpose(0, 2, 1) @ np.linalg.solve(information, w))[:, 0, 0]
-    return float(cost[best]), drop
+        costs = e * e / variance + (v * weighted).sum(1)
+        best = int(costs.argmin())
+        center, least, limit = e[best], float(costs[best]), 2 * limit / (HEADINGS - 1)
+    return least
