@@ -1,5 +1,6 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -20,6 +21,7 @@ from saccade.slam.filter.models import new_innovations
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
+from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult, check_diverged
 from saccade.slam.scans import Scan, validated_scan
@@ -338,6 +340,40 @@ class Slam:
         It is an identity that tells a landmark that is gone from one that is not detected.
         """
         return not isinstance(self.associate, GatedIdentity) or self.associate.has_unnamed
+
+    def relocalize(
+        self, z: FloatArray, R: FloatArray, names: IntArray | None = None
+    ) -> PoseHypotheses:
+        """Search the pose of a robot that is anywhere in the map, by the scan at its pose.
+
+        The robot counts as lost from then on: the steps that follow keep the map as it is, and
+        narrow the hypotheses down until one is left, which sets the pose. Called again, it adds a
+        scan of the same pose.
+
+        Args:
+            z: (k, 2) range in metres, bearing in radians.
+            R: (k, 2, 2) their covariances.
+            names: (k,) landmark identities, -1 where unknown.
+
+        Returns:
+            Hypotheses of the pose with probabilities; `association` has numbers of landmarks.
+
+        Raises:
+            ConfigError: the sensor model is a custom one, or the map has no landmarks.
+            LogError: an argument is invalid.
+        """
+        found = type(self.ekf.sensor).__name__
+        require(self.ekf.models.observes_ranges, "sensor", "range and bearing", found)
+        confirmed = self.confirmed
+        require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
+        scan = validated_scan(self.config, None, 0.0, None, None, z, R, names)
+        if not self.recovery.lost:
+            self.recovery.begin(self.ekf, confirmed, anywhere=True)
+        self.recovery.search(scan.z, scan.R, self.known_landmarks(scan.names))
+        hypotheses = self.recovery.hypotheses
+        assert hypotheses is not None
+        rows = np.append(np.flatnonzero(confirmed), -1)  # the last is for none
+        return replace(hypotheses, association=rows[hypotheses.association])
 
     def save(self, path: str | Path) -> None:
         """Save the whole state as a map file, for `load`; custom models by name only.
