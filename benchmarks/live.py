@@ -1,17 +1,12 @@
 """Latency and memory of `slam.Slam` on a robot: odometry a thousand times a second for ten minutes.
 
     OMP_NUM_THREADS=1 uv run python benchmarks/live.py [--minutes 10] [--landmarks 100,500]
-    OMP_NUM_THREADS=1 uv run python benchmarks/live.py --strides [--landmarks 10,100,500]
 
 A robot drives round a course at 2 m/s among landmarks, each within 8 m of it observed forty times a
 second. Time is simulated: steps are taken one after the other, and the time of the processor is
 measured for each, without that of other processes. "Over 1 ms" is the fraction of the steps that
 take longer than the robot has; memory is that of the process, after the first minute and at the
 end.
-
-With `--strides`, the same steps are taken one by one and in one call, as `slam.run` does, in turns
-and by copies of the same filter, which has driven one lap; a scan is observed at every step, twenty
-times a second. What is printed are medians.
 """
 
 import argparse
@@ -37,8 +32,6 @@ SPACING = 1.2
 """Metres of the course for each landmark."""
 U = np.diag([0.02, 0.01]) ** 2
 """Of a metre: 2 cm and 0.01 rad."""
-COMPARED, ROUNDS = 100, 15
-"""Steps that are taken in both ways, and how often."""
 SIGMA = np.array([0.05, 0.01])
 R = np.diag(SIGMA) ** 2
 

@@ -31,6 +31,8 @@ MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
 NONE = np.empty(0, np.int64)
 """No landmarks."""
+NOTHING_OBSERVED = NONE, *new_innovations(0), np.zeros(0, np.bool_), NONE
+"""Fields of `StepResult` from the association on, of a step without observations."""
 
 
 class Slam:
@@ -206,7 +208,7 @@ class Slam:
         """(k,) landmark of each observation, `NEW` or `DROPPED`."""
         if self.culling.rule.enabled:
             self.ekf.confirmed_in_view = self.culling.in_view.confirmed
-        association = self.associate(self.ekf, scan.z, scan.R, scan.names)
+        association = np.array(self.associate(self.ekf, scan.z, scan.R, scan.names), np.int64)
         if self.mode == "localize":
             association[(association == NEW) | (association >= len(self.ekf))] = DROPPED
             if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
@@ -285,24 +287,23 @@ class Slam:
         culled: IntArray = NONE,
     ) -> StepResult:
         """The result of a step; counts it."""
-        k, pose, covariance = len(scan.z), np.empty(3), np.empty((3, 3))
+        pose, covariance, lost = np.empty(3), np.empty((3, 3)), self.recovery.lost
         write_pose(self.ekf.robot, pose, covariance)
         check_diverged(pose, self.num_steps)
         self.num_steps += 1
-        refused, used = np.zeros(k, np.bool_), innovations is not None
-        if used and isinstance(self.associate, GatedIdentity):
+        if len(scan.z) == 0:
+            return StepResult(pose, covariance, *NOTHING_OBSERVED, lost, self.recovery.hypotheses)
+        refused = np.zeros(len(scan.z), np.bool_)
+        if innovations is not None and isinstance(self.associate, GatedIdentity):
             refused = self.associate.refused
-        innovations = innovations or new_innovations(k)
         return StepResult(
             pose,
             covariance,
             np.maximum(association, -1),
-            innovations.value,
-            innovations.covariance,
-            innovations.nis,
+            *(innovations or new_innovations(len(scan.z))),
             refused,
             culled,
-            self.recovery.lost,
+            lost,
             self.recovery.hypotheses,
         )
 
@@ -329,7 +330,9 @@ class Slam:
 
     def known_landmarks(self, identity: IntArray) -> IntArray:
         """(k,) landmark of the map that each observation names, -1 for none."""
-        if len(identity) == 0 or not isinstance(self.associate, (KnownIdentity, GatedIdentity)):
+        if len(identity) == 0:
+            return NONE
+        if not isinstance(self.associate, (KnownIdentity, GatedIdentity)):
             return np.full(len(identity), -1)
         return np.array(self.associate.landmarks(identity.tolist()), np.int64)
 
