@@ -33,7 +33,7 @@ def consistent_names(
         ekf: the filter, predicted to the pose of the scan.
         xy: (k, 2) metres: the position of each observation in the map.
         covariance: (k, 2, 2) of its noise.
-        landmark: (k,) that each names, in the view of the filter.
+        landmark: (k,) number of the landmark that each names, of those in `EkfSlam.view`.
         gate: probability with which right names are accepted.
 
     Returns:
