@@ -257,7 +257,7 @@ def test_no_retired_word_comes_back():
 
 def test_no_file_outgrows_its_subject():
     for path in SOURCE.rglob("*.py"):
-        assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 600, path
 
 
 def test_kernels_run_where_no_cache_can_be_written(tmp_path):
