@@ -1,21 +1,15 @@
 """Latency and memory of `slam.Slam` on a robot: odometry a thousand times a second for ten minutes.
 
     OMP_NUM_THREADS=1 uv run python benchmarks/live.py [--minutes 10] [--landmarks 100,500]
-    OMP_NUM_THREADS=1 uv run python benchmarks/live.py --strides [--landmarks 10,100,500]
 
 A robot drives round a course at 2 m/s among landmarks, each within 8 m of it observed forty times a
 second. Time is simulated: steps are taken one after the other, and the time of the processor is
 measured for each, without that of other processes. "Over 1 ms" is the fraction of the steps that
 take longer than the robot has; memory is that of the process, after the first minute and at the
 end.
-
-With `--strides`, the same steps are taken one by one and in one call, as `slam.run` does, in turns
-and by copies of the same filter, which has driven one lap; a scan is observed at every step, twenty
-times a second. What is printed are medians.
 """
 
 import argparse
-import copy
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from saccade import slam
-from saccade.slam.strides import new_results
 from saccade.types import FloatArray, IntArray
 
 RATE = 1000
@@ -39,8 +32,6 @@ SPACING = 1.2
 """Metres of the course for each landmark."""
 U = np.diag([0.02, 0.01]) ** 2
 """Of a metre: 2 cm and 0.01 rad."""
-COMPARED, ROUNDS = 100, 15
-"""Steps that are taken in both ways, and how often."""
 SIGMA = np.array([0.05, 0.01])
 R = np.diag(SIGMA) ** 2
 
@@ -98,50 +89,11 @@ def soak(live: slam.Slam, steps: Iterator[Step], count: int) -> tuple[FloatArray
     return seconds, memory
 
 
-def compare(landmarks: int, association: str, rate: int = 20) -> None:
-    """Print the time of a step by itself, and in a stride."""
-    lap = int(landmarks * SPACING / SPEED * rate * 1.1)
-    steps = list(robot(lap + COMPARED, landmarks, rate, 1))
-    start = slam.Slam(slam.EkfConfig(association=association))
-    for step in steps[:lap]:
-        start.step(*step)
-    steps = steps[lap:]
-    scans = [np.concatenate([step[i] for step in steps]) for i in (3, 4, 5)]
-    edge = np.cumsum([0, *(len(step.z) for step in steps)])
-    motion = [np.array([step[i] for step in steps]) for i in (0, 1, 2)]
-    microseconds = []
-    for _ in range(ROUNDS + 1):
-        many, live = copy.deepcopy(start), copy.deepcopy(start)
-        times = [time.thread_time()]
-        prepared = many.prepare(*motion, edge, *scans)
-        many.advance(prepared, COMPARED, new_results(COMPARED, len(scans[0])))
-        times.append(time.thread_time())
-        for step in steps:
-            live.step(*step)
-        times.append(time.thread_time())
-        assert many.ekf.state.tobytes() == live.ekf.state.tobytes()
-        microseconds.append(np.diff(times) / COMPARED * 1e6)
-    in_stride, alone = np.median(microseconds[1:], 0)
-    print(
-        f"{landmarks:9}  {association:11}{len(scans[0]) / COMPARED:12.1f}{in_stride:10.1f}"
-        f"{alone:10.1f}{alone / in_stride:7.2f}",
-        flush=True,
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=int, default=10)
     parser.add_argument("--landmarks", default="100,500")
-    parser.add_argument("--strides", action="store_true", help="compare with steps of a stride")
     options = parser.parse_args()
-    if options.strides:
-        print("                                    microseconds of a step")
-        print("landmarks  association observations in stride     alone  ratio")
-        for landmarks in map(int, options.landmarks.split(",")):
-            for association in ("auto", "known"):
-                compare(landmarks, association)
-        return
     count = options.minutes * 60 * RATE
     settings: dict[str, dict[str, Any]] = {
         "known": {"association": "known"},

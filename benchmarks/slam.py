@@ -1,7 +1,7 @@
 """EKF-SLAM by the size of the map: `OMP_NUM_THREADS=1 uv run python benchmarks/slam.py`.
 
 For each size a steady state is timed, one prediction and one landmark's update after the
-other, given to `Slam` at once and called for one by one, against the update of the textbook on
+other, by `Slam.step` and by `EkfSlam` alone, against the update of the textbook on
 whole matrices in NumPy, and against one pass over the covariance: reading and writing its
 upper triangle at the bandwidth that is measured in the same run; then whole logs if they are
 given. Everything runs in turns with its peer; what is printed are medians. `large_map.py` times
@@ -23,8 +23,7 @@ import numpy as np
 from saccade import datasets, slam
 from saccade.errors import ConfigError
 from saccade.slam import INVARIANT, STANDARD, EkfSlam, observe
-from saccade.slam.association.gating import mahalanobis_squared
-from saccade.slam.strides import new_results
+from saccade.slam.association.nearest_neighbor import mahalanobis_squared
 from saccade.types import LandmarkLog
 
 SIZES = (100, 500, 1000, 2000, 5000)
@@ -94,16 +93,14 @@ def stretch(pose: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return np.tile(CONTROL, (STEPS, 1)), np.array(z), which[:, 0].astype(np.int64)
 
 
-def strides(ekf: EkfSlam, seen: np.ndarray) -> float:
-    """Seconds that a step of such a drive takes if it is given whole."""
+def stepped(ekf: EkfSlam, seen: np.ndarray) -> float:
+    """Seconds that a step of such a drive takes."""
     control, z, landmark = stretch(ekf.pose, seen)
-    live = slam.Slam(slam.EkfConfig(association="known"))
+    live = slam.Slam(slam.EkfConfig(association="known", submaps="never", recover=False))
     live.ekf, live.associate.number = ekf, {number: number for number in range(len(ekf))}
-    noise = (np.tile(U, (STEPS, 1, 1)), np.tile(NOISE, (STEPS, 1, 1)))
-    edge, out = np.arange(STEPS + 1), new_results(STEPS, STEPS)
     start = time.perf_counter()
-    steps = live.prepare(edge[:-1], control, noise[0], edge, z, noise[1], landmark)
-    live.advance(steps, STEPS, out)
+    for i in range(STEPS):
+        live.step(float(i), control[i], U, z[i : i + 1], NOISE[None], landmark[i : i + 1])
     return (time.perf_counter() - start) / STEPS
 
 
@@ -137,11 +134,11 @@ def contest(landmarks: int, rounds: int, dense: bool) -> None:
     large = np.ones(2**25)
     n = 3 + 2 * landmarks
     triangle = 16 * n * (n + 1) / 2  # bytes read and written
-    strides(ekf, seen)
+    stepped(ekf, seen)
     rows = []
     for _ in range(rounds):
         one_pass = triangle / bytes_a_second(large)
-        ours = strides(ekf, seen)
+        ours = stepped(ekf, seen)
         rows.append((ours, called(ekf, seen), one_pass, ours / one_pass))
     ours, by_calls, one_pass, share = np.median(rows, 0)
     whole = np.nan

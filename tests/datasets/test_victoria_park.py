@@ -1,6 +1,5 @@
 """The Victoria Park log, raw and as GTSAM has it, and cityTrees: real sizes, outside answers."""
 
-import dataclasses
 from importlib.resources import files
 
 import gtsam

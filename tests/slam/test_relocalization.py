@@ -142,3 +142,38 @@ def test_bad_input_is_refused():
     search = slam.Relocalizer(landmarks, exact(landmarks))
     with pytest.raises(LogError, match="observation"):
         search.add(np.array([[np.nan, 0.0]]), np.eye(2)[None])
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_a_robot_that_starts_anywhere_in_a_saved_map_is_found(named, tmp_path):
+    log = simulate_world(WorldConfig.loop(), seed=3)
+    if not named:
+        log = dataclasses.replace(log, landmark=np.full_like(log.landmark, -1))
+    mapped = slam.slam_for(log)
+    expected = slam.run(log, initial=mapped).trajectory.pose
+    mapped.save(tmp_path / "map.npz")
+    live = slam.Slam.load(tmp_path / "map.npz", "localize", start=(50.0, -50.0, 2.0))
+    landmarks, first = len(live.ekf), 700
+    for i in range(first, first + 20):
+        k = log.observation_pose == i
+        scan = log.observation[k], log.observation_covariance[k], log.landmark[k]
+        if i == first:
+            found = live.relocalize(*scan)
+            assert 0.9 < found.probability[0] <= found.probability.sum() <= 1 + 1e-9
+            points = slam.inverse_observe(found.pose[0], scan[0])[0]
+            near = live.ekf.landmarks[found.association[0]]
+            assert np.hypot(*(points - near)[found.association[0] >= 0].T).max() < 1.5
+        else:
+            step = live.step(i, log.control[i - 1], log.control_covariance[i - 1], *scan)
+    assert not step.lost
+    assert (step.association >= 0).mean() > 0.5
+    assert np.hypot(*(step.pose - expected[i])[:2]) < 0.5
+    assert len(live.ekf) == landmarks
+
+
+def test_relocalization_asks_for_a_map_and_for_ranges():
+    z, R = np.array([[3.0, 0.2]]), np.eye(2)[None]
+    with pytest.raises(ConfigError, match="map: expected landmarks"):
+        slam.Slam().relocalize(z, R)
+    with pytest.raises(ConfigError, match="sensor: expected range and bearing"):
+        slam.Slam(sensor=type("Own", (), {})()).relocalize(z, R)

@@ -22,7 +22,8 @@ from saccade.slam.models import (
     wrap,
 )
 from saccade.slam.online import Slam
-from saccade.slam.relocalization import PoseHypotheses, RelocalizationConfig, Relocalizer
+from saccade.slam.pose_hypotheses import PoseHypotheses, RelocalizationConfig
+from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import Innovation, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
 from saccade.slam.sessions import find_start

@@ -32,12 +32,12 @@ from saccade.slam.filter.state import (
     add_rows,
     auxiliary_rows,
     flush,
-    make_room,
     new_state,
     room_for_scan,
     state_rows,
     state_size,
     symmetric,
+    with_capacity,
 )
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -184,7 +184,7 @@ class LargeMapSlam(EkfSlam):
         numbers = place.numbers(local.now.landmarks)
         flush(local)
         added = len(numbers) - len(place.inside)
-        f = self._whole = make_room(self._whole, added, 0)
+        f = self._whole = with_capacity(self._whole, added, 0)
         n = state_size(local)
         f.downdates[:, state_size(f) :] = f.updates[:, state_size(f) :] = 0.0
         f.now.landmarks = len(place.number) + added

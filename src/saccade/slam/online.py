@@ -1,5 +1,6 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -21,6 +22,7 @@ from saccade.slam.hypotheses import Hypotheses
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
+from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult, check_diverged
 from saccade.slam.scans import Scan, validated_scan
@@ -30,6 +32,8 @@ MODES = ("continue", "localize")
 """What a robot does with a map that was saved."""
 NONE = np.empty(0, np.int64)
 """No landmarks."""
+NOTHING_OBSERVED = NONE, *new_innovations(0), np.zeros(0, np.bool_), NONE
+"""Fields of `StepResult` from the association on, of a step without observations."""
 
 
 class Slam:
@@ -229,7 +233,7 @@ class Slam:
         """(k,) landmark of each observation, `NEW` or `DROPPED`."""
         if self.culling.rule.enabled:
             self.ekf.confirmed_in_view = self.culling.in_view.confirmed
-        association = self.associate(self.ekf, scan.z, scan.R, scan.names)
+        association = np.array(self.associate(self.ekf, scan.z, scan.R, scan.names), np.int64)
         if self.mode == "localize":
             association[(association == NEW) | (association >= len(self.ekf))] = DROPPED
             if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
@@ -308,26 +312,28 @@ class Slam:
         culled: IntArray = NONE,
     ) -> StepResult:
         """The result of a step; counts it."""
-        k, pose, covariance = len(scan.z), np.empty(3), np.empty((3, 3))
+        pose, covariance, lost = np.empty(3), np.empty((3, 3)), self.recovery.lost
         write_pose(self.ekf.robot, pose, covariance)
         check_diverged(pose, self.num_steps)
         self.num_steps += 1
-        refused, used = np.zeros(k, np.bool_), innovations is not None
-        if used and isinstance(self.associate, GatedIdentity) and not self.several.alive:
+        several = len(self.several.alive)
+        if len(scan.z) == 0:
+            found = self.recovery.hypotheses
+            return StepResult(pose, covariance, *NOTHING_OBSERVED, lost, found, several or 1)
+        refused = np.zeros(len(scan.z), np.bool_)
+        gated = isinstance(self.associate, GatedIdentity) and not several
+        if innovations is not None and gated:
             refused = self.associate.refused
-        innovations = innovations or new_innovations(k)
         return StepResult(
             pose,
             covariance,
             np.maximum(association, -1),
-            innovations.value,
-            innovations.covariance,
-            innovations.nis,
+            *(innovations or new_innovations(len(scan.z))),
             refused,
             culled,
-            self.recovery.lost,
+            lost,
             self.recovery.hypotheses,
-            len(self.several.alive) or 1,
+            several or 1,
         )
 
     def remove(self, landmarks: IntArray, association: IntArray) -> None:
@@ -360,7 +366,9 @@ class Slam:
 
     def known_landmarks(self, identity: IntArray) -> IntArray:
         """(k,) landmark of the map that each observation names, -1 for none."""
-        if len(identity) == 0 or not isinstance(self.associate, (KnownIdentity, GatedIdentity)):
+        if len(identity) == 0:
+            return NONE
+        if not isinstance(self.associate, (KnownIdentity, GatedIdentity)):
             return np.full(len(identity), -1)
         return np.array(self.associate.landmarks(identity.tolist()), np.int64)
 
@@ -371,6 +379,40 @@ class Slam:
         It is an identity that tells a landmark that is gone from one that is not detected.
         """
         return not isinstance(self.associate, GatedIdentity) or self.associate.has_unnamed
+
+    def relocalize(
+        self, z: FloatArray, R: FloatArray, names: IntArray | None = None
+    ) -> PoseHypotheses:
+        """Search the pose of a robot that is anywhere in the map, by the scan at its pose.
+
+        The robot counts as lost from then on: the steps that follow keep the map as it is, and
+        narrow the hypotheses down until one is left, which sets the pose. Called again, it adds a
+        scan of the same pose.
+
+        Args:
+            z: (k, 2) range in metres, bearing in radians.
+            R: (k, 2, 2) their covariances.
+            names: (k,) landmark identities, -1 where unknown.
+
+        Returns:
+            Hypotheses of the pose with probabilities; `association` has numbers of landmarks.
+
+        Raises:
+            ConfigError: the sensor model is a custom one, or the map has no landmarks.
+            LogError: an argument is invalid.
+        """
+        found = type(self.ekf.sensor).__name__
+        require(self.ekf.models.observes_ranges, "sensor", "range and bearing", found)
+        confirmed = self.confirmed
+        require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
+        scan = validated_scan(self.config, None, 0.0, None, None, z, R, names)
+        if not self.recovery.lost:
+            self.recovery.begin(self.ekf, confirmed, anywhere=True)
+        self.recovery.search(scan.z, scan.R, self.known_landmarks(scan.names))
+        hypotheses = self.recovery.hypotheses
+        assert hypotheses is not None
+        rows = np.append(np.flatnonzero(confirmed), -1)  # the last is for none
+        return replace(hypotheses, association=rows[hypotheses.association])
 
     def save(self, path: str | Path) -> None:
         """Save the whole state as a map file, for `load`; custom models by name only.

@@ -23,7 +23,8 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import scalars
 from saccade.slam.models import Motion, wrap
-from saccade.slam.relocalization import PoseHypotheses, Relocalizer
+from saccade.slam.pose_hypotheses import PoseHypotheses
+from saccade.slam.relocalization import Relocalizer
 from saccade.types import BoolArray, FloatArray, IntArray
 
 LIMIT = 14.0
@@ -38,6 +39,9 @@ MIN_MATCHED = 3
 """Observed points that must be landmarks of the map for the robot to be found."""
 SCANS_IN_AGREEMENT = 3
 """Scans in a row after which one hypothesis must be right for the robot to be found."""
+PRIOR_WEIGHT, MIN_HEADING_SIGMA = 9.0, 0.03
+"""Of the prior of a pose that is found, relative to its covariance: the observations that follow
+dominate it, but it is narrow enough that they are linear; and the heading's, in radians."""
 SCALARS = tuple(name for name, _ in EvidenceScalars._fields_)
 SAME_POSE = chi_square_gate(3, 0.999)
 """Squared Mahalanobis distance within which the robot is found where it was believed to be."""
@@ -58,6 +62,7 @@ class Recovery:
         self._motion = motion
         self._search: Relocalizer | None = None
         self._landmarks, self._agreeing, self._scans = np.empty(0, np.int64), 0, 0
+        self._anywhere = False
         self.hypotheses: PoseHypotheses | None = None
         """Of the pose at the last scan; None for a robot that is not lost."""
 
@@ -79,12 +84,24 @@ class Recovery:
         now = self.evidence.now
         if now.total < self.rule.limit:
             return False
-        self._landmarks = np.flatnonzero(confirmed)
-        self._search = search_among(ekf, self._landmarks, self._motion)
-        self._search.propose(ekf.pose)
-        self._agreeing = self._scans = 0
+        self.begin(ekf, confirmed, anywhere=False)
         now.total = self.rule.limit
         return True
+
+    def begin(self, ekf: EkfSlam, confirmed: BoolArray, *, anywhere: bool) -> None:
+        """Begin to search among `confirmed` landmarks.
+
+        Args:
+            ekf: the filter.
+            confirmed: (N,) of its landmarks.
+            anywhere: whether nothing is known of the pose; else the search is given up if scans
+                agree again with the pose of the filter.
+        """
+        self._landmarks, self._anywhere = np.flatnonzero(confirmed), anywhere
+        self._search = search_among(ekf, self._landmarks, self._motion)
+        if not anywhere:
+            self._search.propose(ekf.pose)
+        self._agreeing = self._scans = 0
 
     def predict(self, u: FloatArray, U: FloatArray) -> None:
         """Move the hypotheses of a lost robot."""
@@ -116,7 +133,8 @@ class Recovery:
         now = self.evidence.now
         now.total = min(now.total, self.rule.limit)
         self._scans = 0 if now.left_out else self._scans + 1
-        if now.total < REGAINED or self._scans > MAX_SCANS:
+        agrees = now.total < REGAINED or self._scans > MAX_SCANS
+        if agrees and not self._anywhere:
             none = np.full(len(self._search.latest), -1)
             self._end()
             return none
@@ -131,8 +149,8 @@ class Recovery:
         error = found.pose[0] - ekf.pose
         error[2] = float(wrap(error[2]))
         S = ekf.pose_covariance + found.covariance[0]
-        if error @ np.linalg.solve(S, error) > SAME_POSE:
-            ekf.reset_pose(found.pose[0], _prior(ekf, found.covariance[0], association))
+        if self._anywhere or error @ np.linalg.solve(S, error) > SAME_POSE:
+            ekf.reset_pose(found.pose[0], prior_of(ekf, found.covariance[0], association))
             ekf.update_scan(*self._search.observations, association)  # C.10-C.14
         self._end()
         return np.asarray(association[latest], np.int64)
@@ -155,7 +173,7 @@ class Recovery:
         own = {
             "lost": np.array(self.lost),
             "landmarks": self._landmarks,
-            "scans": np.array([self._agreeing, self._scans]),
+            "scans": np.array([self._agreeing, self._scans, self._anywhere]),
         }
         evidence = {
             name: getattr(self.evidence, name) for name in ("expected", "observed", "points")
@@ -169,7 +187,8 @@ class Recovery:
         fields = (arrays[name] for name in ("expected", "observed", "points"))
         self.evidence = share(bind_evidence, *fields, now)
         self._landmarks = arrays["landmarks"]
-        self._agreeing, self._scans = arrays["scans"].tolist()
+        self._agreeing, self._scans, anywhere = arrays["scans"].tolist()
+        self._anywhere = bool(anywhere)
         self._search, self.hypotheses = None, None
         if arrays["lost"]:
             self._search = search_among(ekf, self._landmarks, self._motion)
@@ -189,11 +208,12 @@ def search_among(ekf: EkfSlam, landmarks: IntArray, motion: Motion) -> Relocaliz
     return Relocalizer(ekf.landmarks[landmarks], covariance, motion=motion)
 
 
-def _prior(ekf: EkfSlam, covariance: FloatArray, association: IntArray) -> FloatArray:
-    """(3, 3) covariance that is wide beside the hypothesis and the landmarks it is based on.
+def prior_of(ekf: EkfSlam, covariance: FloatArray, association: IntArray) -> FloatArray:
+    """(3, 3) covariance that is wide beside a hypothesis and the landmarks it is based on.
 
     The updates that follow give the pose its covariance with the map.
     """
     used = association[association >= 0]
-    position = ekf.landmark_covariances[used].trace(axis1=1, axis2=2).max()
-    return 100 * (covariance + np.diag([position, position, 0.0])) + np.diag([0.0, 0.0, 0.1])
+    position = ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
+    wide = covariance + np.diag([position, position, MIN_HEADING_SIGMA**2])
+    return np.asarray(PRIOR_WEIGHT * wide)

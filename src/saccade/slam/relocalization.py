@@ -7,7 +7,6 @@ to each other and to a robot outside of the map. They move with the controls, an
 the scans that follow.
 """
 
-from dataclasses import dataclass
 from math import log, pi
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -20,6 +19,7 @@ from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
 from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
+from saccade.slam.pose_hypotheses import PoseHypotheses, RelocalizationConfig
 from saccade.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -37,58 +37,6 @@ ITERATIONS = 4
 """Gauss-Newton steps of a refinement."""
 SAME_POSITION, SAME_HEADING = 0.5, 0.1
 """Metres and radians within which proposals are the same."""
-
-
-@dataclass(frozen=True)
-class RelocalizationConfig:
-    """Parameters of relocalization."""
-
-    unmapped: float = 0.2
-    """Prior probability that an observed point is no landmark of the map."""
-    elsewhere: float = 0.05
-    """Prior probability that the robot is outside of the map."""
-    max_pairs: int = 12
-    """Pairs of observed points that propose poses: distant ones, of distances rare in the map."""
-    max_proposals: int = 50_000
-    """Proposed poses whose support is computed, after those of the first few pairs."""
-    max_hypotheses: int = 50
-    """Proposed poses that are refined, those with the most support."""
-    settled: float = 0.999
-    """Probability of all hypotheses from which they are followed without another search."""
-    memory: int = 10
-    """Scans for which an observed point counts."""
-
-    def __post_init__(self) -> None:
-        for name in ("unmapped", "elsewhere", "settled"):
-            require(0 < getattr(self, name) < 1, name, "between 0 and 1", getattr(self, name))
-        for name in ("max_pairs", "max_proposals", "max_hypotheses", "memory"):
-            require(getattr(self, name) >= 1, name, "at least 1", getattr(self, name))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PoseHypotheses:
-    """Hypotheses of the robot's pose in a map, the most probable first."""
-
-    pose: FloatArray
-    """(h, 3) x, y in metres, heading in radians."""
-    covariance: FloatArray
-    """(h, 3, 3)."""
-    probability: FloatArray
-    """(h,) posterior probabilities; the rest to 1 is that of being outside of the map."""
-    association: IntArray
-    """(h, k) row of the landmark of each of the k observed points, -1 for none."""
-
-    def __len__(self) -> int:
-        return len(self.pose)
-
-    def __repr__(self) -> str:
-        if len(self) == 0:
-            return "PoseHypotheses(none)"
-        x, y, theta = self.pose[0]
-        return (
-            f"PoseHypotheses({len(self)}, first {x:.2f} {y:.2f} m {theta:.3f} rad "
-            f"with {self.probability[0]:.3f})"
-        )
 
 
 class Relocalizer:

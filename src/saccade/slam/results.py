@@ -5,7 +5,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from saccade.errors import LogError
-from saccade.slam.relocalization import PoseHypotheses
+from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MAX_COORDINATE = 1e9

@@ -4,8 +4,10 @@ import numpy as np
 
 from saccade.frames import steps_between
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
-from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.relocalization import PoseHypotheses, Relocalizer
+from saccade.slam.models import compose
+from saccade.slam.pose_hypotheses import PoseHypotheses
+from saccade.slam.recovery import prior_of, search_among
+from saccade.slam.relocalization import Relocalizer
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior
@@ -26,9 +28,6 @@ odometry believes to stand: it may be carried."""
 FOUND, MIN_MATCHED, SCANS_IN_AGREEMENT = 0.999, 5, 2
 """Probability of a hypothesis from which it is right, landmarks that must agree with it, and frames
 with detections in a row in which both must hold."""
-PRIOR_WEIGHT, MIN_HEADING_SIGMA = 9.0, 0.03
-"""Of the prior of a pose that is found, relative to its covariance: the observations that follow
-dominate it, but it is narrow enough that they are linear; and the heading's, in radians."""
 
 
 class Recovery:
@@ -154,7 +153,7 @@ class Recovery:
         ekf = self._map.ekf
         places = np.vstack([ekf.landmarks, ekf.pose[:2]])
         self._extent = float(np.ptp(places, axis=0).max()) / 2
-        self._search, self._agreeing = _search(ekf), 0
+        self._search, self._agreeing = search_among(ekf, np.arange(len(ekf)), compose), 0
         self._search.propose(ekf.pose)
 
     def _end(self) -> None:
@@ -173,7 +172,7 @@ class Recovery:
             return False
         ekf, known = self._map.ekf, association >= 0
         z, R = self._search.observations
-        ekf.reset_pose(found.pose[0], _prior(ekf, found))
+        ekf.reset_pose(found.pose[0], prior_of(ekf, found.covariance[0], association))
         ekf.update_scan(z[known], R[known], association[known])  # C.10-C.14
         self._end()
         return True
@@ -193,22 +192,6 @@ class Recovery:
         search = select(arrays, "search")
         self._search, self._hypotheses = None, None
         if search:
-            self._search = _search(self._map.ekf)
+            ekf = self._map.ekf
+            self._search = search_among(ekf, np.arange(len(ekf)), compose)
             self._search.from_arrays(search)
-
-
-def _search(ekf: EkfSlam) -> Relocalizer:
-    """A search among all landmarks of a filter."""
-    r = len(ekf.robot_state)
-    return Relocalizer(ekf.landmarks, ekf.covariance[r:, r:])
-
-
-def _prior(ekf: EkfSlam, found: PoseHypotheses) -> FloatArray:
-    """(3, 3) covariance that is wide beside a hypothesis and the landmarks it is based on.
-
-    The update that follows gives the pose its covariance with the map.
-    """
-    used = found.association[0][found.association[0] >= 0]
-    position = ekf.landmark_covariances[used].trace(axis1=1, axis2=2).mean()
-    wide = found.covariance[0] + np.diag([position, position, MIN_HEADING_SIGMA**2])
-    return np.asarray(PRIOR_WEIGHT * wide)

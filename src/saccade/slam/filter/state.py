@@ -157,7 +157,7 @@ def copied(f: FilterState) -> FilterState:
     return from_arrays(f, {name: each.copy() for name, each in to_arrays(f).items()})
 
 
-def make_room(f: FilterState, landmarks: int, rows: int) -> FilterState:
+def with_capacity(f: FilterState, landmarks: int, rows: int) -> FilterState:
     """The state, or a larger one, with room for so many new landmarks and delayed rows."""
     now, rank = f.now, len(f.downdates)
     if now.landmarks + landmarks > len(f.blocks) or rows > rank:
@@ -168,8 +168,8 @@ def make_room(f: FilterState, landmarks: int, rows: int) -> FilterState:
 
 
 def room_for_scan(f: FilterState, observations: int) -> FilterState:
-    """`make_room` for a motion and for observations that may all be of new landmarks."""
-    return make_room(f, observations, 2 * observations + 1)
+    """`with_capacity` for a motion and for observations that may all be of new landmarks."""
+    return with_capacity(f, observations, 2 * observations + 1)
 
 
 def is_spread_due(f: FilterState) -> bool:
