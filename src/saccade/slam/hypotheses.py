@@ -48,7 +48,7 @@ less than the first, a fraction of their standard deviations: then they differ i
 of few scans, not in what is in the map. Differences of landmarks under the second, a fraction of
 the standard deviation of an observation, and of the heading under the third, in radians, never
 count."""
-MAX_LANDMARKS = 40
+MAX_LANDMARKS = 24
 """Of the map of the most probable hypothesis, from which it is the only one: they then cost more
 than a step, and a robot that has come so far is seldom in doubt about a few."""
 
