@@ -86,10 +86,7 @@ class Hypothesis:
         culling = self.culling
         ekf.reserve(len(z))
         culling.reserve(mapped + len(z))
-        culling.add_reach(float(z[:, 0].max()))
-        if check := culling.is_due():
-            custom = not ekf.models.observes_ranges
-            culling.predict(ekf.view, ekf.predict_observations().z if custom else None)
+        check = culling.predict_visible(ekf, z, may_cull=True)
         new = association == NEW
         association = np.where(new, mapped + np.cumsum(new) - 1, association)
         self.innovations = ekf.update_scan(z, R, association)
@@ -97,7 +94,7 @@ class Hypothesis:
             self.co_observations, (0, len(ekf) - len(self.co_observations))
         )
         self.co_observations[np.ix_(association, association)] += 1
-        culling.update(check, mapped, len(ekf), association)
+        culling.count_scan(ekf, check, mapped, association)
         self.association = np.append(self.association, association)
         ids = ekf.ids
         while (pair := self._duplicate(self.association[-len(z) :], size)) is not None:
