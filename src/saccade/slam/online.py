@@ -1,6 +1,5 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -163,11 +162,12 @@ class Slam:
         self._choice.choose_view(self.ekf, self.culling, scan, named, expects=expects)
         self._predict(scan)  # C.5-C.9
         if self.recovery.lost:
-            return self._search(scan, named)
+            return self._result(scan, self.recovery.follow(self.ekf, self.culling, scan, named))
         if len(scan.z) == 0:
             return self._result(scan, NONE)
-        if self._contradicts(scan, named):
-            return self._leave_out(scan, named)
+        if self.recovery.contradicts(self.ekf, self.culling, scan, named):
+            self.recovery.begin_if_lost(self.ekf, self.confirmed, scan, named)
+            return self._result(scan, np.full(len(scan.z), -1))
         association = self._associate(scan)
         check = self.culling.predict_visible(self.ekf, scan.z, may_cull=self._may_cull)
         innovations = self._update(scan, association)  # C.10-C.14
@@ -180,13 +180,6 @@ class Slam:
         """Move the robot (C.5-C.9)."""
         if scan.control is not None:
             self.ekf.models.predict(self.ekf.view, *scan.control)
-
-    def _contradicts(self, scan: Scan, named: IntArray) -> bool:
-        """Whether a scan contradicts that the robot is where the filter believes."""
-        if not self.recovery.rule.enabled:
-            return False
-        confirmed = self.culling.in_view.confirmed
-        return self.recovery.contradicts(self.ekf, scan.z, scan.R, confirmed, named)
 
     def _associate(self, scan: Scan) -> IntArray:
         """(k,) landmark of each observation, `NEW` or `DROPPED`."""
@@ -223,23 +216,6 @@ class Slam:
         if len(culled) > 0:
             self.remove(culled, association)
         return culled
-
-    def _leave_out(self, scan: Scan, named: IntArray) -> StepResult:
-        """Process a scan that contradicts the filter; the robot may be lost."""
-        if self.recovery.begin_if_lost(self.ekf, self.confirmed):
-            self.recovery.search(scan.z, scan.R, named)
-        return self._result(scan, np.full(len(scan.z), -1))
-
-    def _search(self, scan: Scan, named: IntArray) -> StepResult:
-        """Search a lost robot by a scan."""
-        association = np.full(len(scan.z), -1)
-        if scan.control is not None:
-            self.recovery.predict(*scan.control)
-        if len(scan.z) > 0:
-            self._contradicts(scan, named)
-            self.recovery.search(scan.z, scan.R, named)
-            association = self.recovery.resume_if_found(self.ekf)
-        return self._result(scan, association)
 
     def _result(
         self,
@@ -330,15 +306,9 @@ class Slam:
         found = type(self.ekf.sensor).__name__
         require(self.ekf.models.observes_ranges, "sensor", "range and bearing", found)
         confirmed = self.confirmed
-        require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
         scan = validated_scan(self.config, None, 0.0, None, None, z, R, names)
-        if not self.recovery.lost:
-            self.recovery.begin(self.ekf, confirmed, anywhere=True)
-        self.recovery.search(scan.z, scan.R, self.known_landmarks(scan.names))
-        hypotheses = self.recovery.hypotheses
-        assert hypotheses is not None
-        rows = np.append(np.flatnonzero(confirmed), -1)  # the last is for none
-        return replace(hypotheses, association=rows[hypotheses.association])
+        require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
+        return self.recovery.locate(self.ekf, confirmed, scan, self.known_landmarks(scan.names))
 
     def save(self, path: str | Path) -> None:
         """Save the whole state as a map file, for `load`; custom models by name only.
@@ -422,11 +392,7 @@ class Slam:
         self.num_steps = int(arrays["num_steps"])
 
     def _parts(self) -> dict[str, Stateful]:
-        return {
-            "ekf": self.ekf,
-            "associate": self.associate,
-            "culling": self.culling,
-        }
+        return {"ekf": self.ekf, "associate": self.associate, "culling": self.culling}
 
     def __repr__(self) -> str:
         return f"Slam({self.num_steps} steps, {self.ekf!r})"
