@@ -4,7 +4,7 @@
 
 A robot with a narrow field of view drives between six groups of two or three landmarks, with
 stretches in which it observes nothing. Rows are single runs: with the identities of the landmarks,
-and without them by the default and by several hypotheses (`--association multiple`).
+and without them by a single filter and by the default, several hypotheses.
 
 - position: RMSE in metres, map: landmarks, found: different true ones, wrong: associations that are
   not of the landmark's most frequent identity, used: observations that were associated
@@ -129,7 +129,7 @@ def main() -> None:
         for seed in range(options.seeds):
             log = simulate(name, WORLDS[name], seed, options.seconds)
             hidden = replace(log, landmark=np.full_like(log.landmark, -1))
-            for rule, given in (("known", log), ("auto", hidden), ("multiple", hidden)):
+            for rule, given in (("known", log), ("mutual", hidden), ("auto", hidden)):
                 started = perf_counter()
                 result = slam.run(given, slam.EkfConfig(association=rule))
                 seconds, (found, wrong) = perf_counter() - started, associated(log, result)

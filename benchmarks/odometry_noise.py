@@ -61,9 +61,10 @@ def most_likely(paths: list[Path]) -> OdometryNoise:
 def show(label: str, path: Path, noise: OdometryNoise) -> None:
     logs = [read_mrclam(path, robot, noise) for robot in range(1, ROBOTS + 1)]
     errors = [rmse(log, slam.run(log)) for log in logs]
+    each = ", ".join(f"{error:.3f}" for error in errors)
     print(
         f"{path.stem:9} {label:12} {noise.distance:8.4f} {noise.turn:6.4f} {noise.drift:6.4f} "
-        f"{loss(path, noise):8.3f}  {np.mean(errors):.3f} ({', '.join(f'{e:.3f}' for e in errors)})",
+        f"{loss(path, noise):8.3f}  {np.mean(errors):.3f} ({each})",
         flush=True,
     )
 

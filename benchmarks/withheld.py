@@ -47,13 +47,44 @@ def associated(log: LandmarkLog, result: slam.SlamResult) -> tuple[int, float]:
     return len(np.unique(counts.argmax(1))), 1 - counts.max(1).sum() / len(used)
 
 
+def print_draws(path: Path, draws: int, config: slam.EkfConfig) -> None:
+    """Print what each draw of noise on the observations of a log without names gives."""
+    rows = []
+    for draw in range(1, draws + 1):
+        for log in robots(path):
+            rng = np.random.default_rng([draw, len(log.observation)])
+            z = log.observation + 1e-3 * rng.normal(size=log.observation.shape)
+            hidden = replace(log, observation=z, landmark=np.full_like(log.landmark, -1))
+            result = slam.run(hidden, config)
+            rows.append((draw, rmse(log, result), len(result.map), associated(log, result)[1]))
+        error, size, wrong = np.array([row[1:] for row in rows if row[0] == draw]).T
+        print(
+            f"{path.stem} draw {draw:2}: mean {error.mean():.3f} m, worst {error.max():.3f} m, "
+            f"landmarks {size.min():.0f} to {size.max():.0f}, wrong {np.median(wrong):.1%}",
+            flush=True,
+        )
+    _, error, size, wrong = np.array(rows).reshape(draws, -1, 4).transpose(2, 0, 1)
+    means = error.mean(1)
+    print(
+        f"{path.stem}: mean over robots {np.median(means):.3f} m (worst draw {means.max():.3f}), "
+        f"worst robot {error.max():.3f} m, landmarks {np.median(size):.0f} "
+        f"({size.min():.0f} to {size.max():.0f}), wrong {np.median(wrong):.1%} "
+        f"(worst {wrong.max():.1%})"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("logs", type=Path, nargs="+")
     parser.add_argument("--association", default="auto", help="without names; see EkfConfig")
+    parser.add_argument("--jitter", type=int, default=0, metavar="DRAWS")
+    options = parser.parse_args()
+    if options.jitter > 0:
+        for path in options.logs:
+            print_draws(path, options.jitter, slam.EkfConfig(association=options.association))
+        return
     print("                                  position (m)                 without names")
     print("log                    as it is  no bias  no names   map  found      wrong  used")
-    options = parser.parse_args()
     for path in options.logs:
         for log in robots(path):
             hidden = replace(log, landmark=np.full_like(log.landmark, -1))

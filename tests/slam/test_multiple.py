@@ -8,13 +8,13 @@ import pytest
 
 from saccade import slam
 from saccade.evaluation.trajectory import position_rmse
-from saccade.slam import EkfConfig, EkfSlam, MultiHypothesisSlam, Retraction
+from saccade.slam import EkfConfig, EkfSlam, Retraction, Slam
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives
 from saccade.slam.filter.joining import join_landmarks
 from support.clustered_world import clustered_world
 
-MULTIPLE = EkfConfig(association="multiple")
+MULTIPLE = EkfConfig()
 
 
 def _hidden(log):
@@ -49,15 +49,14 @@ def test_a_log_is_resumed_and_taken_apart_with_the_same_bits():
         moved = [log.control[i - 1], log.control_covariance[i - 1]] if i > 0 else [None, None]
         scan = log.observation[k], log.observation_covariance[k]
         poses.append(live.step(log.time[i], *moved, *scan).pose)
-        several = max(several, len(live.hypotheses))
+        several = max(several, len(live.several.alive))
         if i % 60 == 40:
             arrays = {name: np.array(array) for name, array in live.to_arrays().items()}
             live = slam.slam_for(log, config)
             live.from_arrays(arrays)
     assert np.array(poses).tobytes() == whole.trajectory.pose.tobytes()
-    assert isinstance(live, MultiHypothesisSlam)
     assert 1 < several <= 6
-    assert live.hypotheses[0].weight == 0.0
+    assert live.several.alive[0].weight == 0.0
 
 
 def test_a_map_is_saved_and_gone_on_with(tmp_path):
@@ -65,15 +64,24 @@ def test_a_map_is_saved_and_gone_on_with(tmp_path):
     live = slam.slam_for(log, MULTIPLE)
     slam.run(log, initial=live)
     live.save(tmp_path / "map.npz")
-    loaded = MultiHypothesisSlam.load(tmp_path / "map.npz")
+    loaded = Slam.load(tmp_path / "map.npz")
     k = log.observation_pose == log.observation_pose[-1]
     scan = log.observation[k], log.observation_covariance[k]
     found, expected = (each.step(41.0, z=scan[0], R=scan[1]) for each in (loaded, live))
     np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
     np.testing.assert_array_equal(found.association, expected.association)
-    single = slam.Slam.load(tmp_path / "map.npz")
-    assert single.num_steps == len(log.time)
-    single.step(41.0, z=scan[0], R=scan[1])
+
+
+def test_one_filter_goes_on_once_a_landmark_is_named():
+    log = clustered_world(2, steps=160)
+    live = slam.slam_for(log)
+    slam.run(_hidden(log), initial=live)
+    assert live.several.alive
+    k = log.observation_pose == log.observation_pose[-1]
+    scan = {"z": log.observation[k], "R": log.observation_covariance[k]}
+    result = live.step(41.0, **scan, names=log.landmark[k])
+    assert not live.several.alive
+    assert (result.association >= 0).all()
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -70,7 +70,7 @@ class Hypothesis:
     culled: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     """(g,) landmarks that were removed after the present scan."""
     refused: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    """(N, N) log likelihood ratio, at least, at which two landmarks may be one; 0 for `MIN_GAIN`."""
+    """(N, N) log likelihood ratio from which two landmarks may be one; 0 for `MIN_GAIN`."""
 
     def copy(self) -> "Hypothesis":
         """An independent one that is equal."""

@@ -18,6 +18,9 @@ from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
+SURE, MOST_UNUSED = 0.9, 0.15
+"""A map without names is in doubt if its hypothesis has a smaller probability, or more of the
+observations are not used."""
 MAX_NONLINEARITY = 0.12
 """Of `SlamResult.nonlinearity`: above it the filter is overconfident in simulated worlds."""
 
@@ -167,11 +170,25 @@ def run(
         dead_reckoning=odometry,
         refused=refused,
         removed=slam.culling.removed - removed_before,
-        warning=slam.culling.warning(association),
+        warning=slam.culling.warning(association) or _doubt(association, slam),
         odometry_bias=slam.ekf.odometry_bias,
         nonlinearity=slam.ekf.nonlinearity,
         lost=lost,
         session=slam.landmark_sessions[kept],
+    )
+
+
+def _doubt(association: IntArray, slam: Slam) -> str:
+    """Why the map is in doubt, if it is: how much was not used, and what else it may be."""
+    unused = float((association < 0).mean()) if len(association) else 0.0
+    probability, alive = slam.several.probability, len(slam.several.alive)
+    in_doubt = alive > 1 and probability < SURE
+    if (slam.identities >= 0).any() or not (in_doubt or unused > MOST_UNUSED):
+        return ""
+    also = f"; {alive} hypotheses remain, the best with a probability of {probability:.2f}"
+    return (
+        f"the map is in doubt: no observation names a landmark, and {unused:.0%} of them are not "
+        f"used{also * in_doubt}"
     )
 
 

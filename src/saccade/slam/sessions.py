@@ -35,8 +35,9 @@ def save(slam: Slam, path: str | Path) -> None:
     """See `Slam.save`."""
     if slam.mode == "localize":
         raise ConfigError("mode: expected continue for a map to be saved, found localize")
+    ekf = merge({"ekf": slam.ekf.to_arrays(spare=False)})  # first: it changes the filter's arrays
     arrays = {name: each for name, each in slam.to_arrays().items() if not name.startswith("ekf.")}
-    arrays |= merge({"ekf": slam.ekf.to_arrays(spare=False)})
+    arrays |= ekf
     arrays["robot_size"] = np.array(len(slam.ekf.robot_state))
     arrays["sessions"] = np.array(slam.sessions)
     if slam.descriptors is not None:
