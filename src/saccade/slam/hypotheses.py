@@ -195,13 +195,16 @@ class Hypothesis:
     def deviations(self) -> FloatArray:
         """(n,) standard deviations of their coordinates."""
         covariance = self.ekf.landmark_covariances[self.culling.confirmed(len(self.ekf))]
-        return np.sqrt(covariance.trace(0, 1, 2) / 2)
+        return np.asarray(np.sqrt(covariance.trace(0, 1, 2) / 2), np.float64)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, between two steps."""
         parts = {"ekf": arrays_of("ekf", self.ekf), "culling": arrays_of("culling", self.culling)}
-        arrays = {"co_observations": self.co_observations, "association": self.association}
-        arrays["refused"] = self.refused
+        arrays: Arrays = {
+            "co_observations": self.co_observations,
+            "association": self.association,
+            "refused": self.refused,
+        }
         return {**merge(parts), **arrays, "weight": np.array(self.weight)}
 
     def from_arrays(self, arrays: Arrays) -> None:
