@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from saccade.attention import attention_saliency as attention_saliency
     from saccade.attention import boolean_saliency as boolean_saliency
     from saccade.attention import contrast_saliency as contrast_saliency
+    from saccade.attention import most_probable_scanpath as most_probable_scanpath
     from saccade.attention import next_fixation_density as next_fixation_density
     from saccade.attention import sample_scanpaths as sample_scanpaths
     from saccade.attention import scanpath_log_likelihood as scanpath_log_likelihood
@@ -71,7 +72,7 @@ _MODULES = {
         *("ContrastConfig", "ContrastMaps", "contrast_saliency", "ScanpathConfig", "scanpath"),
         *("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
         *("BooleanConfig", "BooleanMaps", "boolean_saliency", "FittedModel"),
-        *("ScanpathModelConfig", "sample_scanpaths"),
+        *("ScanpathModelConfig", "sample_scanpaths", "most_probable_scanpath"),
         *("next_fixation_density", "scanpath_log_likelihood"),
     ),
     "errors": (

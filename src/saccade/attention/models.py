@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from saccade.attention.faces import FaceDetector
+    from saccade.pyramid import FloatMap
     from saccade.types import Float32Array, SymmetricPairs
 
 REFERENCE_SIZE = 800
@@ -95,6 +96,11 @@ class AttentionModel:
         radius = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
         positions = [(x, y) for x, y in xy]
         return symmetric_pairs_at(image, positions, settings, radius=radius, max_pairs=2)
+
+
+def bare_saliency(maps: Any) -> "FloatMap":
+    """The saliency (h, w) of a model's maps, without a prior of the position."""
+    return getattr(maps, "bare", maps.saliency)
 
 
 def contrast_of(maps: Any) -> Any:

@@ -86,7 +86,7 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         Progress(*columns, console=Console(stderr=True)) as bar,
     ):
         task = bar.add_task("attention: saliency and scanpath", total=1)
-        attention = attention_model(DEFAULT_MODEL, preset=None, config=None)
+        attention = attention_model(DEFAULT_MODEL, preset=None, config=None, free_viewing=True)
         results["look"] = analyze_image(data / "rocket.jpg", out / "look", attention, 10, builder)
         bar.update(task, completed=1)
 

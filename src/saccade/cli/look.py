@@ -65,6 +65,14 @@ def look(
     preset: Preset = None,
     config: Config = None,
     faces: Faces = None,
+    bare: Annotated[
+        bool,
+        Option(
+            "--bare",
+            help="Saliency of the content alone: without the prior of the position, by which "
+            "people look at the center of a photograph and not at its border.",
+        ),
+    ] = False,
     fixations: Annotated[
         int, Option(min=1, max=1000, metavar="N", help="Length of the scanpath.")
     ] = 10,
@@ -100,7 +108,10 @@ def look(
 ) -> None:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
-    Values of different models, presets and images have no common scale.
+    The map shows where people look at a photograph on a screen, the scanpath is
+    the most probable one; with a published --preset (kootstra2010, itti1998,
+    saliencytoolbox2), or --inhibition shape, it is that of the winner-take-all
+    network. Values of different models, presets and images have no common scale.
 
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html);
@@ -124,7 +135,9 @@ def look(
     by_shape = inhibition is Inhibition.shape
     if by_shape and model not in (DEFAULT_MODEL, "contrast"):
         raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
-    attention = attention_model(model, preset, config, keep_features=by_shape, faces=faces)
+    attention = attention_model(
+        model, preset, config, keep_features=by_shape, faces=faces, free_viewing=not bare
+    )
     if camera is not None:
         from saccade.cli.live_run import Live, look_at_camera
 
