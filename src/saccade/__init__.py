@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from saccade.types import ScanpathSamples as ScanpathSamples
     from saccade.types import SymmetricPairs as SymmetricPairs
     from saccade.types import Trajectory as Trajectory
+    from saccade.viewing.show import show as show
 
 __version__ = "0.1.0"
 
@@ -94,6 +95,7 @@ _MODULES = {
         *("Keypoints", "LandmarkLog", "LandmarkMap", "Scanpath", "ScanpathSamples"),
         *("SymmetricPairs", "Trajectory"),
     ),
+    "viewing.show": ("show",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 _PACKAGES = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")

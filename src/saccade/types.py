@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import DriveError, KeypointsError, LogError
+from saccade.notebook import NotebookTable
 
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
@@ -27,7 +28,7 @@ THREE_SIGMA_2D = 11.829
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Keypoints:
+class Keypoints(NotebookTable):
     """Interest points of one image, the strongest first unless a detector says otherwise."""
 
     xy: Float32Array
@@ -79,6 +80,12 @@ class Keypoints:
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "Keypoints":
         return select_rows(self, index)
+
+    def summary(self) -> dict[str, str]:
+        """Sizes and key numbers, by name."""
+        sizes = f"{self.size.min():.1f} to {self.size.max():.1f} pixels" if len(self) else "none"
+        described = "none" if self.descriptors is None else f"{self.descriptors.shape[1]} numbers"
+        return {"points": str(len(self)), "diameter": sizes, "descriptors": described}
 
     def __repr__(self) -> str:
         described = "without descriptors" if self.descriptors is None else "with descriptors"

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from saccade.notebook import NotebookTable
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -19,7 +21,7 @@ KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")
 """Kind of the configuration of each model, as `saccade config` calls it."""
 
 
-class SaliencyMaps:
+class SaliencyMaps(NotebookTable):
     """Base of the results of the models: saliency by size, by name and by rank."""
 
     saliency: "npt.NDArray[Any]"
@@ -48,6 +50,17 @@ class SaliencyMaps:
         _, position, count = np.unique(self.saliency, return_inverse=True, return_counts=True)
         fraction = (np.cumsum(count) - count / 2) / self.saliency.size
         return fraction[position].reshape(self.saliency.shape).astype(np.float32)
+
+    def summary(self) -> dict[str, str]:
+        """Sizes and key numbers, by name."""
+        (h, w), (height, width) = self.saliency.shape, self.image_shape
+        row, column = divmod(int(self.saliency.argmax()), w)
+        x, y = (column + 0.5) * width / w - 0.5, (row + 0.5) * height / h - 0.5
+        return {
+            "image": f"{width} x {height} pixels",
+            "maps": f"{w} x {h} cells: {', '.join(self.layers)}",
+            "most salient": f"x {x:.0f}, y {y:.0f}",
+        }
 
     def __repr__(self) -> str:
         (h, w), (height, width) = self.saliency.shape, self.image_shape

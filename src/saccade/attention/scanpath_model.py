@@ -137,19 +137,19 @@ class ScanpathModelConfig:
         single fixations worse than the default; docs/scanpaths.md has the scores.
         """
         return cls(
-            exponent=1.9,
-            floor=0.05,
-            smoothing=0.02,
-            center_sigma=0.5,
-            center_height=0.08,
+            exponent=2.73,
+            floor=0.21,
+            smoothing=0.06,
+            center_sigma=0.25,
+            center_height=0.077,
             border_distance=0.04,
-            amplitude_scale=0.1,
-            amplitude_exponent=0.7,
-            horizontal=0.4,
-            persistence=0.3,
-            inhibition=0.93,
-            inhibition_sigma=0.1,
-            inhibition_decay=0.9,
+            amplitude_scale=0.038,
+            amplitude_exponent=0.58,
+            horizontal=0.27,
+            persistence=0.14,
+            inhibition=0.965,
+            inhibition_sigma=0.15,
+            inhibition_decay=0.84,
         )
 
     @property
