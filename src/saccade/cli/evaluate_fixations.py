@@ -7,7 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from saccade.cli.attention_models import Faces
-from saccade.cli.options import Config, FigureFiles, Json, OnlyPresent, Preset, Report
+from saccade.cli.options import (
+    Columns,
+    Config,
+    DropFirst,
+    FigureFiles,
+    Fixations,
+    Json,
+    Offset,
+    OnlyPresent,
+    PositionUnits,
+    Preset,
+    Report,
+)
 
 if TYPE_CHECKING:
     from saccade.evaluation.fixations import FixationScores
@@ -32,9 +44,7 @@ DRAWN = {"sAUC": "shuffled_auc", "AUC": "auc", "NSS": "nss", "CC": "cc"}
 
 def fixations(
     images: Annotated[Path, Option(help="Folder of the images.")],
-    fixations: Annotated[
-        Path, Option(help="Fixations as CSV (image, viewer, index, x, y) or OSIE's .mat.")
-    ],
+    fixations: Fixations,
     maps: Annotated[
         list[str] | None,
         Option(
@@ -63,9 +73,10 @@ def fixations(
             help="Standard deviation of the fixation density: one degree of visual angle.",
         ),
     ] = 24.0,
-    drop: Annotated[
-        int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
-    ] = 1,
+    drop: DropFirst = 1,
+    columns: Columns = None,
+    xy: PositionUnits = None,
+    offset: Offset = None,
     references: Annotated[
         bool,
         Option(
@@ -94,11 +105,12 @@ def fixations(
     differences of each further model from the first.
     """
     from saccade.cli.evaluate_fixations_run import Task, chosen_models, draw, run, write_csv
+    from saccade.cli.fixation_tables import fixation_format
     from saccade.cli.output import print_json
     from saccade.evaluation.comparison import paired_difference
     from saccade.viewing.report import Table, write_tables
 
-    task = Task(images, fixations, drop, sigma, only_present)
+    task = Task(images, fixations, drop, sigma, only_present, fixation_format(columns, xy, offset))
     models = chosen_models(task, maps or [], model or [], preset, config, faces)
     results, rows_of_fixations, names = run(task, models, references, rows=csv is not None)
     first, *others = results

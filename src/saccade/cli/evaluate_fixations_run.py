@@ -2,13 +2,13 @@
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
-from saccade.cli.fixation_tables import load_fixations
 from saccade.cli.output import print_message, tracked
+from saccade.datasets.fixations import FixationFormat, read_fixations
 from saccade.errors import ConfigError, LogError, require
 from saccade.evaluation.comparison import (
     FixationRow,
@@ -43,11 +43,12 @@ class Task:
     drop: int
     sigma: float
     only_present: bool = False
+    form: FixationFormat = field(default_factory=FixationFormat)
 
     @cached_property
     def table(self) -> FixationTable:
         """The fixations of the file."""
-        table = load_fixations(self.file, self.images, self.only_present)
+        table = read_fixations(self.file, self.images, self.form, only_present=self.only_present)
         if not (table.index >= self.drop).any():
             raise LogError(
                 f"{self.file}: every fixation is among the first {self.drop}; lower --drop"

@@ -14,7 +14,19 @@ from saccade.cli.attention_models import (
     attention_model,
     scanpath_network,
 )
-from saccade.cli.options import Config, Json, OnlyPresent, Preset, Report, Seed
+from saccade.cli.options import (
+    Columns,
+    Config,
+    DropFirst,
+    Fixations,
+    Json,
+    Offset,
+    OnlyPresent,
+    PositionUnits,
+    Preset,
+    Report,
+    Seed,
+)
 
 if TYPE_CHECKING:
     from saccade.evaluation.conditional import FixationRow
@@ -49,9 +61,7 @@ FIXATIONS = {"nss": "NSS", "auc": "AUC", "information_gain": "IG (bit)"}
 
 def scanpaths(
     images: Annotated[Path, Option(help="Folder of the images.")],
-    fixations: Annotated[
-        Path, Option(help="Fixations as CSV (image, viewer, index, x, y, duration_ms) or a .mat.")
-    ],
+    fixations: Fixations,
     model: ModelChoice = DEFAULT_MODEL,
     preset: Preset = None,
     config: Config = None,
@@ -71,8 +81,8 @@ def scanpaths(
     samples: Annotated[
         int, Option(min=1, max=1000, metavar="N", help="Paths drawn for each image.")
     ] = 15,
-    columns: Annotated[int, Option(min=1, max=100, help="Columns of ScanMatch's grid.")] = 12,
-    rows: Annotated[int, Option(min=1, max=100, help="Rows of ScanMatch's grid.")] = 8,
+    grid_columns: Annotated[int, Option(min=1, max=100, help="Columns of ScanMatch's grid.")] = 12,
+    grid_rows: Annotated[int, Option(min=1, max=100, help="Rows of ScanMatch's grid.")] = 8,
     threshold: Annotated[
         float, Option(min=0.1, max=100, help="Distance in cells at which ScanMatch scores 0.")
     ] = 3.5,
@@ -85,9 +95,10 @@ def scanpaths(
             help="Pixels to a degree of visual angle; also the blur of people's fixations.",
         ),
     ] = 24.0,
-    drop: Annotated[
-        int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
-    ] = 1,
+    drop: DropFirst = 1,
+    columns: Columns = None,
+    xy: PositionUnits = None,
+    offset: Offset = None,
     only_present: OnlyPresent = False,
     seed: Seed = 0,
     out: Annotated[
@@ -106,8 +117,9 @@ def scanpaths(
     Means over the images with 95 % bootstrap intervals.
     """
     from saccade.attention.scanpath_model import ScanpathModelConfig
-    from saccade.cli.fixation_tables import load_fixations
+    from saccade.cli.fixation_tables import fixation_format
     from saccade.cli.output import print_json, print_message, print_table, tracked
+    from saccade.datasets.fixations import read_fixations
     from saccade.evaluation.conditional import score_fixations
     from saccade.evaluation.prediction import fixations_by_image
     from saccade.evaluation.scanpath_similarity import ScanMatchConfig
@@ -117,7 +129,12 @@ def scanpaths(
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 
-    table = load_fixations(fixations, images, only_present)
+    table = read_fixations(
+        fixations,
+        images,
+        fixation_format(columns, xy, offset),
+        only_present=only_present,
+    )
     _, sizes, outside = fixations_by_image(table, images, drop)
     if outside:
         print_message(f"{outside} fixations outside their images are left out")
@@ -128,7 +145,7 @@ def scanpaths(
         samples,
         chosen,
         scanpath_network(preset),
-        ScanMatchConfig(columns, rows, threshold),
+        ScanMatchConfig(grid_columns, grid_rows, threshold),
         seed,
     )
     attention = attention_model(model, preset, config)
@@ -142,7 +159,9 @@ def scanpaths(
     if out is not None:
         _write(out, path_rows, fixation_rows, degree)
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
-    similarity = f"{title}: paths of {settings.fixations} fixations, {columns} x {rows} cells"
+    similarity = (
+        f"{title}: paths of {settings.fixations} fixations, {grid_columns} x {grid_rows} cells"
+    )
     tables = [
         Table(similarity, ["", *SIMILARITIES.values()], _cells(paths, SIMILARITIES, degree)),
         Table("Movements", ["", *MOVEMENTS.values()], _cells(paths, MOVEMENTS, degree)),

@@ -6,14 +6,24 @@ from typing import Annotated
 from typer import Option
 
 from saccade.cli.attention_models import Faces
-from saccade.cli.options import Config, Json, OnlyPresent, Preset, Report, Seed
+from saccade.cli.options import (
+    Columns,
+    Config,
+    DropFirst,
+    Fixations,
+    Json,
+    Offset,
+    OnlyPresent,
+    PositionUnits,
+    Preset,
+    Report,
+    Seed,
+)
 
 
 def fit(
     images: Annotated[Path, Option(help="Folder of the images.")],
-    fixations: Annotated[
-        Path, Option(help="Fixations as CSV (image, viewer, index, x, y) or OSIE's .mat.")
-    ],
+    fixations: Fixations,
     out: Annotated[
         Path, Option("--out", "-o", metavar="FILE", help="The fitted model, TOML.")
     ] = Path("fitted.toml"),
@@ -29,9 +39,10 @@ def fit(
             help="Standard deviation of the fixation density: one degree of visual angle.",
         ),
     ] = 24.0,
-    drop: Annotated[
-        int, Option(min=0, metavar="N", help="Leave out the first N fixations of each viewer.")
-    ] = 1,
+    drop: DropFirst = 1,
+    columns: Columns = None,
+    xy: PositionUnits = None,
+    offset: Offset = None,
     only_present: OnlyPresent = False,
     folds: Annotated[
         int, Option(min=2, max=100, metavar="N", help="Folds of the cross-validation.")
@@ -53,6 +64,7 @@ def fit(
     is used by --model of look, evaluate fixations and extract.
     """
     from saccade.cli.fit_run import LEAD, run
+    from saccade.cli.fixation_tables import fixation_format
     from saccade.cli.output import print_json, print_table, write_text
     from saccade.evaluation.fitting import FittingConfig
     from saccade.extras import import_optional
@@ -70,6 +82,7 @@ def fit(
         sigma=sigma,
         people=people,
         only_present=only_present,
+        form=fixation_format(columns, xy, offset),
     )
     write_text(out, as_toml(found.model))
     tables = found.tables()

@@ -7,8 +7,8 @@ from typing import Any
 
 from saccade.attention.combined import AttentionConfig
 from saccade.cli.attention_models import face_detector
-from saccade.cli.fixation_tables import load_fixations
 from saccade.cli.output import print_message, tracked
+from saccade.datasets.fixations import FixationFormat, read_fixations
 from saccade.evaluation.fit_study import FITTED, FitStudy, study
 from saccade.evaluation.fitted_scores import differences
 from saccade.evaluation.fitting import CellScores, FittingConfig
@@ -85,9 +85,10 @@ def run(
     sigma: float,
     people: bool,
     only_present: bool = False,
+    form: FixationFormat | None = None,
 ) -> Fitted:
     """Fit a model, with progress bars."""
-    table = load_fixations(fixations, images, only_present)
+    table = read_fixations(fixations, images, form, only_present=only_present)
     found = study(
         table,
         images,

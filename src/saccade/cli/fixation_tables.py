@@ -1,36 +1,38 @@
-"""The fixations that commands score, and the images that they are on."""
+"""How the fixations that commands score are to be read."""
 
-from pathlib import Path
+from math import inf
 
-import numpy as np
+from saccade.datasets.fixations import FixationFormat
+from saccade.errors import ConfigError
 
-from saccade.cli.output import print_message
-from saccade.datasets.fixations import read_fixations
-from saccade.errors import LogError
-from saccade.files import is_file
-from saccade.types import FixationTable, select_rows
+LARGEST = 1e6
+"""Bound on pixels of a screen."""
 
 
-def load_fixations(file: Path, images: Path, only_present: bool) -> FixationTable:
-    """The fixations of a file, each on an image of a folder.
-
-    Args:
-        file: the fixations.
-        images: the folder.
-        only_present: whether fixations on absent images are left out, with a message.
+def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> FixationFormat:
+    """The format that --columns, --xy and --offset say.
 
     Raises:
-        LogError: the file is broken, or an image is absent; all of them, with `only_present`.
+        ConfigError: one of them is not of its form.
     """
-    table = read_fixations(file)
-    names = np.unique(table.image)
-    absent = [name for name in names if not is_file(images / name)]
-    if not absent:
-        return table
-    found = f"{len(absent)} of the {len(names)} images of {file} are not in {images}"
-    if not only_present:
-        raise LogError(f"{found}, {absent[0][:80]} first; --only-present leaves them out")
-    if len(absent) == len(names):
-        raise LogError(f"{found}, {absent[0][:80]} first")
-    print_message(f"{found} and are left out")
-    return select_rows(table, ~np.isin(table.image, absent))
+    pairs = [pair.partition("=") for pair in columns.split(",")] if columns else []
+    if not all(key and name for key, _, name in pairs):
+        raise ConfigError(f"--columns: expected KEY=NAME,KEY=NAME, found {columns!r}")
+    named = {key.strip(): name.strip() for key, _, name in pairs}
+    shown = None
+    if xy == "normalized":
+        shown = (1.0, 1.0)
+    elif xy not in (None, "pixels"):
+        shown = _two_numbers(xy, "--xy", "normalized, pixels or WIDTH,HEIGHT")
+    corner = None if offset is None else _two_numbers(offset, "--offset", "X,Y")
+    return FixationFormat(named, shown, corner, checked=xy != "pixels")
+
+
+def _two_numbers(text: str, option: str, expected: str) -> tuple[float, float]:
+    try:
+        first, second = (float(number) for number in text.split(","))
+    except ValueError:
+        first = second = inf
+    if not (abs(first) < LARGEST and abs(second) < LARGEST):
+        raise ConfigError(f"{option}: expected {expected}, found {text!r}")
+    return first, second

@@ -99,6 +99,41 @@ FigureFiles = Annotated[
 OnlyPresent = Annotated[
     bool, Option("--only-present", help="Leave out the fixations on images that are not there.")
 ]
+Fixations = Annotated[
+    Path,
+    Option(
+        help="Fixations: a table of image, viewer, index or time, x and y (.csv, .tsv, Tobii's "
+        "export), EyeLink's .asc, OSIE's .mat, or a folder of them.",
+    ),
+]
+Columns = Annotated[
+    str | None,
+    Option(
+        metavar="KEY=NAME,...",
+        help="Columns of other than the usual names: image, viewer, index, time, x, y, duration. "
+        "viewer=code,x=gx",
+    ),
+]
+PositionUnits = Annotated[
+    str | None,
+    Option(
+        "--xy",
+        metavar="UNIT",
+        help="Units of x and y: normalized, WIDTH,HEIGHT (the size of the images on the screen), "
+        "or pixels (of the images, unchecked).",
+    ),
+]
+Offset = Annotated[
+    str | None,
+    Option(
+        metavar="X,Y",
+        help="Upper left corner of the images on the screen, where x and y are positions on it.",
+    ),
+]
+DropFirst = Annotated[
+    int,
+    Option("--drop", min=0, metavar="N", help="Leave out the first N fixations of each scanpath."),
+]
 Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
 MaxKeypoints = Annotated[
     int | None, Option("--max", min=1, metavar="N", help="Keep only the N strongest keypoints.")

@@ -1,77 +1,249 @@
-"""Fixations: a CSV table, or a `.mat` file in the layout of the OSIE data set."""
+"""Fixations: tables of any lab, EyeLink's and Tobii's recordings, and `.mat` files as of OSIE."""
 
+import re
+import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from saccade.datasets.eyelink import read_eyelink
+from saccade.datasets.fixation_images import (
+    check_positions,
+    image_sizes,
+    resolve_images,
+    to_image_pixels,
+)
+from saccade.datasets.fixation_tables import (
+    ROLES,
+    Box,
+    RawFixation,
+    Recording,
+    read_fixation_table,
+)
 from saccade.datasets.matlab import read_matlab
-from saccade.datasets.tables import Row, read_rows, write_table
-from saccade.errors import LogError, require
-from saccade.files import atomic_write
-from saccade.types import FixationTable
+from saccade.datasets.tables import write_table
+from saccade.errors import LogError, LogWarning, require
+from saccade.files import atomic_write, is_file
+from saccade.types import FixationTable, FloatArray, IntArray, select_rows
 
-COLUMNS = ("image", "viewer", "index", "x", "y")
 DURATION = "duration_ms"
-"""A column that a table may have besides."""
-_Row = tuple[str, int, int, float, float, float]
+TABLES = (".csv", ".tsv", ".txt")
 _Cells = npt.NDArray[np.object_]
 
 
-def read_fixations(path: str | Path) -> FixationTable:
-    """The fixations in a file.
+@dataclass(frozen=True)
+class FixationFormat:
+    """How fixations are to be read, where a file does not say it by itself."""
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    """Columns by what they hold: image, viewer, index, time, x, y, duration."""
+    shown: tuple[float, float] | None = None
+    """Size of the images on the screen, in the units of x and y: (1, 1) if these are normalized.
+    None for that of the files, in pixels."""
+    offset: tuple[float, float] | None = None
+    """x and y of the images' upper left corner; None for (0, 0)."""
+    checked: bool = True
+    """Whether positions that cannot be in the pixels of the images are refused."""
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        unknown = sorted(self.columns.keys() - set(ROLES))
+        require(not unknown, "--columns", f"names of {', '.join(ROLES)}", ", ".join(unknown))
+        if self.shown is not None:
+            require(min(self.shown) > 0, "--xy", "a width and a height", self.shown)
+
+
+def read_fixations(
+    path: str | Path,
+    images: str | Path | None = None,
+    form: FixationFormat | None = None,
+    *,
+    only_present: bool = False,
+) -> FixationTable:
+    """The fixations in a file, or in those of a folder.
+
+    A row with an empty cell, as of a blink, is left out, and so is one that repeats another; a
+    `LogWarning` counts them. `FixationTable.viewer` is the viewer's number, or, where viewers
+    have names, the place of the name among them. `FixationTable.index` is that of the file less
+    the first one (0 or 1), so that it is 0 for the first fixation of a scanpath; where a file has
+    times, or numbers that go on from image to image, the rank among the fixations of the scanpath.
 
     Args:
-        path: a CSV with the columns image, viewer, index, x and y (pixels), and duration_ms, with
-            empty cells where unknown (others are ignored); or a .mat in the layout of OSIE's
-            `fixations.mat` (Xu et al., Journal of Vision 2014).
+        path: a table separated by commas, semicolons or tabs, with columns of image, viewer, x
+            and y, and where it has them, index or time, and duration, by their usual names; an
+            export of Tobii Pro Lab (.tsv); a recording of EyeLink (.asc); a .mat in the layout of
+            OSIE's `fixations.mat` (Xu et al., Journal of Vision 2014); or a folder of tables and
+            recordings, of a viewer each where they do not name one.
+        images: folder of the images: names without suffix are completed, and positions are
+            converted to pixels of the images and checked. None to take both as they are.
+        form: columns of other names, and where images were on the screen.
+        only_present: whether fixations on images that are not in the folder are left out.
+
+    Returns:
+        Fixations by image, viewer and index.
 
     Raises:
-        LogError: the file is missing or broken; the message names the line.
+        LogError: the file is missing or broken, with the line; an image is absent, all of them,
+            with `only_present`; or positions are not in the pixels of the images.
+        ConfigError: a column that is not in the file.
+        ImageError: an image cannot be read.
     """
-    path = Path(path)
-    rows = _mat_rows(path) if path.suffix.lower() == ".mat" else _csv_rows(path)
-    if not rows:
-        raise LogError(f"{path}: expected at least one fixation, found none")
-    image, viewer, index, x, y, duration = zip(*rows, strict=True)
-    seconds = np.array(duration, np.float64) / 1000
-    return FixationTable(
-        np.array(image),
-        np.array(viewer),
-        np.array(index),
-        np.array([x, y], np.float64).T,
+    path, form = Path(path), form or FixationFormat()
+    if path.suffix.lower() == ".mat":
+        recording = Recording(_mat_rows(path), "index")
+    else:
+        recording = _recording(path, form.columns)
+    fixations = _complete(path, recording)
+    image = np.array([each.image for each in fixations])
+    xy = np.array([(each.x, each.y) for each in fixations])
+    if images is not None:
+        image = resolve_images(image, Path(images))
+        present = _present(path, image, Path(images), only_present)
+        image, xy = image[present], xy[present]
+        fixations = [each for each, kept in zip(fixations, present, strict=True) if kept]
+        sizes = image_sizes(image, Path(images))
+        boxes: Sequence[Box | None] = [each.box for each in fixations]
+        if form.shown is not None or form.offset is not None:
+            boxes = [Box(*(form.offset or (0, 0)), *(form.shown or ()))] * len(fixations)
+        xy = to_image_pixels(xy, boxes, sizes)
+        if form.checked:
+            check_positions(str(path), xy, sizes)
+    viewer = _viewer_numbers(path, [each.viewer for each in fixations])
+    order = np.array([each.order for each in fixations])
+    seconds = np.array([each.milliseconds for each in fixations]) / 1000
+    table = FixationTable(
+        image,
+        viewer,
+        _indices(path, image, viewer, order, recording.order),
+        xy,
         None if np.isnan(seconds).all() else seconds,
     )
+    return select_rows(table, np.lexsort((order, table.viewer, table.image)))
 
 
-def _csv_rows(path: Path) -> list[_Row]:
-    rows = read_rows(path, delimiter=",", comment=None)
-    names = next(rows, Row(path, 1, [])).cells
-    for name in COLUMNS:
-        if name not in names:
-            raise LogError(f"{path}: expected the columns {', '.join(COLUMNS)}; {name} is missing")
-    image, viewer, index, x, y = (names.index(name) for name in COLUMNS)
-    fixations = []
-    for row in rows:
-        row.require_cells(len(names))
-        (left,), (top,) = (row.numbers(slice(i, i + 1)) for i in (x, y))
-        person, number = (row.integer(i, names[i]) for i in (viewer, index))
-        duration = np.nan
-        if DURATION in names:
-            column = names.index(DURATION)
-            if row.cells[column].strip():
-                duration = float(row.numbers(slice(column, column + 1))[0])
-        fixations.append((row.cells[image], person, number, left, top, duration))
-    return fixations
+def _recording(path: Path, columns: Mapping[str, str]) -> Recording:
+    """The fixations of a table, of an .asc, or of all of those in a folder."""
+    if not path.is_dir():
+        if path.suffix.lower() != ".asc":
+            return read_fixation_table(path, columns)
+        foreign = ", ".join(sorted(columns.keys() - {"image"}))
+        require(not foreign, "--columns", "image alone of an EyeLink recording", foreign)
+        return read_eyelink(path, columns)
+    files = sorted(each for each in path.iterdir() if each.suffix.lower() in (".asc", *TABLES))
+    if not files:
+        raise LogError(f"{path}: expected tables or recordings ({', '.join(TABLES)}, .asc)")
+    parts = [
+        _recording(each, columns)
+        if each.suffix.lower() == ".asc"
+        else read_fixation_table(each, columns, viewer=each.stem)
+        for each in files
+    ]
+    orders = {part.order for part in parts}
+    if len(orders) > 1:
+        found = " and some with ".join(sorted(orders))
+        raise LogError(f"{path}: expected files of one kind, found some with {found}")
+    left_out = sum((Counter(part.left_out) for part in parts), Counter())
+    return Recording([each for part in parts for each in part.fixations], orders.pop(), left_out)
 
 
-def _mat_rows(path: Path) -> list[_Row]:
+def _complete(path: Path, recording: Recording) -> list[RawFixation]:
+    """The fixations with a position, each once."""
+    found = [each for each in recording.fixations if np.isfinite([each.x, each.y]).all()]
+    blank = len(recording.fixations) - len(found)
+    if not found:
+        raise LogError(f"{path}: expected at least one fixation, found none")
+    order = recording.order
+    once = {
+        (
+            *(each.image, each.viewer, each.x, each.y),
+            str(each.milliseconds) if order == "row" else each.order,
+        ): each
+        for each in reversed(found)
+    }
+    places = {(each.image, each.viewer, each.order) for each in once.values()}
+    if order == "row":
+        _warn(f"{path}: neither index nor time is a column; the order is that of the rows")
+    for reason, count in recording.left_out.items():
+        if count:
+            _warn(f"{path}: {count} fixations {reason} are left out")
+    if blank:
+        _warn(f"{path}: {blank} rows with an empty cell, as of blinks, are left out")
+    if len(once) < len(found):
+        repeated = len(found) - len(once)
+        _warn(f"{path}: {repeated} rows that repeat another (of the same {order}) are left out")
+    if len(places) < len(once):
+        count = len(once) - len(places)
+        _warn(
+            f"{path}: {count} fixations have the image, viewer and {order} of another and are kept"
+        )
+    return [*reversed(once.values())]
+
+
+def _warn(message: str) -> None:
+    warnings.warn(message, LogWarning, stacklevel=4)
+
+
+def _present(
+    path: Path, image: npt.NDArray[np.str_], images: Path, only_present: bool
+) -> npt.NDArray[np.bool_]:
+    """(n,) whether the file of an image is in the folder."""
+    names = np.unique(image)
+    absent = [name for name in names if not is_file(images / name)]
+    if absent:
+        found = f"{len(absent)} of the {len(names)} images of {path} are not in {images}"
+        if len(absent) == len(names):
+            raise LogError(f"{found}, {absent[0][:80]} first")
+        if not only_present:
+            raise LogError(f"{found}, {absent[0][:80]} first; --only-present leaves them out")
+        _warn(f"{found} and are left out")
+    return np.asarray(~np.isin(image, absent))
+
+
+def _viewer_numbers(path: Path, viewers: Sequence[str]) -> IntArray:
+    """(n,) the numbers of viewers; of names, their places in the order of the numbers in them."""
+    names = sorted(set(viewers), key=_natural)
+    if all(name.isascii() and name.isdecimal() and len(name) < 19 for name in names):
+        return np.array([int(viewer) for viewer in viewers])
+    numbers = {name: number for number, name in enumerate(names)}
+    shown = ", ".join(names if len(names) <= 20 else [*names[:3], "...", names[-1]])
+    _warn(f"{path}: the viewers are numbered from 0 in this order: {shown}")
+    return np.array([numbers[viewer] for viewer in viewers])
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """A key that sorts P2 before P10."""
+    parts = re.findall(r"[0-9]+|[^0-9]+", name)
+    return [(int(part), "") if part[0].isdigit() else (-1, part) for part in parts]
+
+
+def _indices(
+    path: Path, image: npt.NDArray[np.str_], viewer: IntArray, order: FloatArray, kind: str
+) -> IntArray:
+    """(n,) numbers of the fixations of a viewer on an image, from 0; see `read_fixations`."""
+    by = np.lexsort((order, viewer, image))
+    new = np.ones(len(by), bool)
+    new[1:] = (image[by][1:] != image[by][:-1]) | (viewer[by][1:] != viewer[by][:-1])
+    first = order[by][new]
+    base = first.min()
+    if kind == "index" and base in (0, 1) and np.mean(first == base) >= 0.5:
+        if base == 1:
+            _warn(f"{path}: the index counts from 1, the first fixation of a viewer on an image")
+        return np.asarray(order - base).astype(np.int64)
+    rank = np.empty(len(by), np.int64)
+    rank[by] = np.arange(len(by)) - np.flatnonzero(new)[np.cumsum(new) - 1]
+    return rank
+
+
+def _mat_rows(path: Path) -> list[RawFixation]:
     images = read_matlab(path, ("fixations",))["fixations"]
     try:
         return [
-            (image["img"], viewer, index, float(x), float(y), float(milliseconds))
+            RawFixation(image["img"], str(viewer), index, float(x), float(y), float(milliseconds))
             for image in images
             for place, eye in enumerate(image["subjects"])
             for viewer in [int(eye.get("viewer", np.array(place)).item())]

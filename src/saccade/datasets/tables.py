@@ -20,6 +20,8 @@ from saccade.types import FloatArray, LandmarkMap, Trajectory
 
 LARGEST = 1e100
 """Bound on every number read: no measurement is larger, and its square is still finite."""
+DETECTED = "detected"
+"""Delimiter of a table that is separated by tabs, semicolons or commas, as its first line is."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def read_rows(path: Path, delimiter: str | None = None, comment: str | None = "#
 
     Args:
         path: the file.
-        delimiter: between cells, with CSV's quotes; None for any white space.
+        delimiter: between cells, with CSV's quotes; `DETECTED`; or None for any white space.
         comment: how a line that is skipped begins; None where every line counts.
 
     Raises:
@@ -111,6 +113,9 @@ def _split(path: Path, text: str, delimiter: str | None) -> Iterator[tuple[int, 
     if delimiter is None:
         yield from enumerate(map(str.split, text.splitlines()), 1)
         return
+    if delimiter == DETECTED:
+        first = next((line for line in text.splitlines() if line.strip()), "")
+        delimiter = max("\t;,", key=first.count)
     reader = csv.reader(StringIO(text, newline=""), delimiter=delimiter)
     try:
         for cells in reader:

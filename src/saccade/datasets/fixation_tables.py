@@ -1,0 +1,268 @@
+"""Fixations in a table: of any lab, EyeLink's fixation report, or Tobii Pro Lab's export.
+
+Columns are found by their usual names. Tobii's are those of the data export in Tobii Pro Lab's
+manual: a row for each sample, with the fixation that it belongs to.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+
+from saccade.datasets.tables import DETECTED, Row, read_rows
+from saccade.errors import ConfigError, LogError
+
+
+class Box(NamedTuple):
+    """Where an image was on the screen, in the units of the fixations."""
+
+    x: float
+    """Of the upper left corner, or of the center."""
+    y: float
+    width: float = np.nan
+    """NaN for the width of the image in pixels."""
+    height: float = np.nan
+    centered: bool = False
+    """Whether `x` and `y` are those of the center."""
+
+
+class RawFixation(NamedTuple):
+    """A fixation as a file has it."""
+
+    image: str
+    viewer: str
+    order: float
+    """Index, time, or number of the row."""
+    x: float
+    """NaN where the file has none, as during a blink."""
+    y: float
+    milliseconds: float
+    """Duration; NaN where unknown."""
+    box: Box | None = None
+    """None where fixations are in pixels of the image."""
+
+
+class Recording(NamedTuple):
+    """The fixations of a file."""
+
+    fixations: list[RawFixation]
+    order: str
+    """What `RawFixation.order` is: index, time or row."""
+    left_out: Mapping[str, int] = MappingProxyType({})
+    """Number of fixations by the reason that they are not among these."""
+
+
+ROLES = ("image", "viewer", "index", "time", "x", "y", "duration")
+POSITIONS = (
+    *("{}", "fix{}", "{}fix", "fixation{}", "currentfix{}", "{}pos", "pos{}", "{}position"),
+    *("position{}", "fixationposition{}", "fixationpoint{}", "{}coord", "coord{}"),
+    *("{}coordinate", "coordinate{}", "gaze{}", "avg{}", "{}avg", "mean{}", "{}mean"),
+    *("norm{}", "{}norm", "{}normalized", "{}screen", "screen{}"),
+)
+NAMES: dict[str, set[str]] = {
+    "image": {
+        *("image", "imageid", "imagefile", "imagefilename", "imagename", "img", "imgname"),
+        *("stimulus", "stimulusid", "stimulusfile", "stimulusname", "stim", "stimname"),
+        *("picture", "picturename", "photo", "photograph", "scene", "file", "filename"),
+        *("presentedstimulusname", "presentedmedianame", "medianame"),
+    },
+    "viewer": {
+        *("viewer", "viewerid", "subject", "subjectid", "subjectname", "subj", "subjid", "sub"),
+        *("participant", "participantid", "participantname", "pp", "ppid", "ppt", "ppn", "pid"),
+        *("observer", "observerid", "obs", "person", "user", "userid", "recordingsessionlabel"),
+    },
+    "index": {
+        *("index", "order", "fixation", "fixationindex", "fixationnumber", "fixationorder"),
+        *("fixationid", "fixindex", "fixnumber", "fixnum", "fixid", "fixnr", "fixorder"),
+        *("currentfixindex", "fixationno", "fixno", "nfix", "rank"),
+    },
+    "time": {
+        *("t", "time", "timestamp", "onset", "onsettime", "start", "starttime", "timestart"),
+        *("begin", "tstart", "startt", "fixstart", "fixationstart", "fixationonset", "fixonset"),
+        *("fixationstarttime", "fixstarttime", "currentfixstart", "recordingtimestamp"),
+    },
+    "x": {name.format("x") for name in POSITIONS},
+    "y": {name.format("y") for name in POSITIONS},
+    "duration": {
+        *("duration", "dur", "fixationduration", "fixationdur", "fixduration", "fixdur"),
+        *("currentfixduration", "gazeeventduration", "eyemovementeventduration"),
+    },
+}
+"""Usual names of columns, in the letters and digits of their names."""
+UNITS = re.compile(r"(px|pix|pixels?|ms|msec|milliseconds|s|sec|seconds)$")
+BLANK = ("", ".", "-", "na", "nan", "n/a", "none", "null")
+"""Cells without a number, in lower case: of tables, R, MATLAB, pandas and EyeLink."""
+SHORTEST = 10.0
+"""A median duration below it is in seconds: no fixation lasts ten, and none 10 ms."""
+THOUSANDS = re.compile(r"-?[1-9]\d{0,2},\d{3}")
+
+TOBII = {
+    "image": ("presentedstimulusname", "presentedmedianame"),
+    "viewer": ("participantname",),
+    "x": ("fixationpointxmcsnorm", "fixationpointxdacspx", "fixationpointx"),
+    "y": ("fixationpointymcsnorm", "fixationpointydacspx", "fixationpointy"),
+    "duration": ("gazeeventduration", "eyemovementeventduration"),
+}
+TOBII_TYPE, TOBII_INDEX, TOBII_RECORDING = (
+    "eyemovementtype",
+    "eyemovementtypeindex",
+    "recordingname",
+)
+TOBII_BOX = tuple(
+    f"presentedmedia{name}" for name in ("positionxdacspx", "positionydacspx", "width", "height")
+)
+
+
+def read_fixation_table(
+    path: Path, columns: Mapping[str, str] | None = None, viewer: str | None = None
+) -> Recording:
+    """The fixations of a table, separated by commas, semicolons or tabs.
+
+    Args:
+        path: a file with a header; decimal commas are read where they cannot be anything else.
+        columns: names of columns by `ROLES`, where they are not the usual ones.
+        viewer: of all rows, where no column names one.
+
+    Raises:
+        LogError: the file is missing or broken, or a column is missing or could be several.
+    """
+    rows = read_rows(path, delimiter=DETECTED, comment=None)
+    names = next(rows, Row(path, 1, [])).cells
+    table = [row.require_cells(len(names)) for row in rows]
+    keys = [_key(name) for name in names]
+    tobii = TOBII_TYPE in keys
+    place = _find_columns(path, names, columns or {}, tobii)
+    for role in ("image", "viewer", "x", "y"):
+        if role not in place and not (role == "viewer" and viewer):
+            raise LogError(
+                f"{path}: expected columns of image, viewer, x and y; {role} is missing among "
+                f"{', '.join(names)[:200] or 'none'}; --columns {role}=NAME names it"
+            )
+    for role in place.keys() - {"image", "viewer"}:
+        _replace_decimal_commas(table, place[role])
+    order = "row" if tobii else next((role for role in ("index", "time") if role in place), "row")
+    box = _box_columns(keys, place) if tobii else []
+    for column in box:
+        _replace_decimal_commas(table, column)
+    fixations = []
+    for row in _tobii_rows(path, table, keys, place) if tobii else table:
+        x, y, time, milliseconds = (
+            _number(row, place.get(role)) for role in ("x", "y", order, "duration")
+        )
+        image = row.cells[place["image"]]
+        person = row.cells[place["viewer"]] if "viewer" in place else viewer or ""
+        if {image, person} & {"", "."} or (order in place and np.isnan(time)):
+            x = np.nan
+        where = None
+        if box:
+            left, top, width, height = (_number(row, column) for column in box)
+            where = Box(left, top, width, height)
+        if tobii and keys[place["x"]].endswith("norm"):
+            where = Box(0.0, 0.0, 1.0, 1.0)
+        number = time if order in place else row.line
+        fixations.append(RawFixation(image, person, number, x, y, milliseconds, where))
+    if "duration" in place:
+        fixations = _in_milliseconds(fixations, keys[place["duration"]])
+    return Recording(fixations, "time" if tobii else order)
+
+
+def _key(name: str) -> str:
+    """The letters and digits of a name, in lower case."""
+    return "".join(letter for letter in name.casefold() if letter.isalnum())
+
+
+def _find_columns(
+    path: Path, names: Sequence[str], columns: Mapping[str, str], tobii: bool
+) -> dict[str, int]:
+    """The number of the column of each role that the table has."""
+    keys = [_key(name) for name in names]
+    found = {}
+    for role in ROLES:
+        if role in columns:
+            found[role] = _named_column(path, names, role, columns[role])
+        elif tobii:
+            chosen = [keys.index(name) for name in TOBII.get(role, ()) if name in keys]
+            found.update((role, number) for number in chosen[:1])
+        else:
+            usual = NAMES[role]
+            own = [i for i, name in enumerate(names) if name == role]
+            fits = own or [
+                i for i, key in enumerate(keys) if key in usual or UNITS.sub("", key) in usual
+            ]
+            if len(fits) > 1:
+                several = " or ".join(names[i] for i in fits)
+                raise LogError(
+                    f"{path}: {role} could be the column {several}; "
+                    f"--columns {role}={names[fits[0]]} chooses it"
+                )
+            found.update((role, number) for number in fits)
+    return found
+
+
+def _named_column(path: Path, names: Sequence[str], role: str, name: str) -> int:
+    """The column that the user names."""
+    for same in (str, str.casefold):
+        if same(name) in (given := [same(each) for each in names]):
+            return given.index(same(name))
+    raise ConfigError(
+        f"--columns: {role}: expected a column of {path} ({', '.join(names)[:200]}), found {name!r}"
+    )
+
+
+def _number(row: Row, column: int | None) -> float:
+    """The number in a cell; NaN where it is blank, or where there is no such column."""
+    if column is None or row.cells[column].casefold() in BLANK:
+        return np.nan
+    return row.numbers(slice(column, column + 1))[0]
+
+
+def _replace_decimal_commas(table: Sequence[Row], column: int) -> None:
+    """Replace the commas of a column by points, unless they may separate thousands."""
+    cells = [row.cells[column] for row in table]
+    numbers = [cell for cell in cells if cell.casefold() not in BLANK]
+    commas = [cell for cell in numbers if "," in cell]
+    points = any("." in cell for cell in numbers)
+    thousands = len(commas) < len(numbers) and all(map(THOUSANDS.fullmatch, commas))
+    if points or thousands:
+        return
+    for row in table:
+        row.cells[column] = row.cells[column].replace(",", ".", 1)
+
+
+def _in_milliseconds(fixations: list[RawFixation], key: str) -> list[RawFixation]:
+    """The fixations with durations in milliseconds, by the name of the column or their size."""
+    durations = np.array([fixation.milliseconds for fixation in fixations])
+    known = durations[np.isfinite(durations)]
+    seconds = len(known) > 0 and float(np.median(known)) < SHORTEST
+    if key.endswith(("ms", "msec", "milliseconds")) or not seconds:
+        return fixations
+    return [each._replace(milliseconds=1000 * each.milliseconds) for each in fixations]
+
+
+def _box_columns(keys: Sequence[str], place: Mapping[str, int]) -> list[int]:
+    """The columns of a `Box` in Tobii's export, if fixations are on the screen."""
+    if keys[place["x"]].endswith("norm") or not all(name in keys for name in TOBII_BOX):
+        return []
+    return [keys.index(name) for name in TOBII_BOX]
+
+
+def _tobii_rows(
+    path: Path, table: Sequence[Row], keys: Sequence[str], place: Mapping[str, int]
+) -> list[Row]:
+    """One row for each fixation on an image: of its samples the first with a position."""
+    if TOBII_INDEX not in keys:
+        raise LogError(f"{path}: expected the column Eye movement type index of Tobii's export")
+    identity = [place["viewer"], place["image"], keys.index(TOBII_INDEX)]
+    identity += [keys.index(name) for name in (TOBII_RECORDING,) if name in keys]
+    kind = keys.index(TOBII_TYPE)
+    first: dict[tuple[str, ...], Row] = {}
+    for row in table:
+        if row.cells[kind] != "Fixation" or not row.cells[place["image"]]:
+            continue
+        key = tuple(row.cells[column] for column in identity)
+        if key not in first or np.isnan(_number(first[key], place["x"])):
+            first[key] = row
+    return [*first.values()]
