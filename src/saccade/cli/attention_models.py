@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
 DEFAULT_MODEL = "attention"
 MODELS = "attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)"
-FREE_VIEWING = "free_viewing"
-"""Preset by which the attention model shows where people look."""
 CARRIED = "auto"
 """Value of --faces for what OpenCV carries."""
 PUBLISHED = ("kootstra2010", "itti1998", "saliencytoolbox2")
@@ -54,7 +52,7 @@ def attention_model(
     """
     from saccade.attention.models import FITTED, KINDS, AttentionModel
     from saccade.errors import require
-    from saccade.settings import load_model, load_settings
+    from saccade.settings import FREE_VIEWING, load_model, load_settings
 
     detector = face_detector(faces)
     if model.endswith(".toml"):

@@ -48,6 +48,13 @@ class MapFormat(StrEnum):
     TIFF = "tiff"
 
 
+class PathModel(StrEnum):
+    """How the scanpath is found."""
+
+    most_probable = "most-probable"
+    winner_take_all = "winner-take-all"
+
+
 class Inhibition(StrEnum):
     """Region of inhibition of return."""
 
@@ -76,9 +83,20 @@ def look(
     fixations: Annotated[
         int, Option(min=1, max=1000, metavar="N", help="Length of the scanpath.")
     ] = 10,
+    scanpath: Annotated[
+        PathModel | None,
+        Option(
+            help="The most probable path of the scanpath model, or that of the winner-take-all "
+            "network, the default with --preset kootstra2010, itti1998 and saliencytoolbox2.",
+            show_default="most-probable",
+        ),
+    ] = None,
     inhibition: Annotated[
         Inhibition,
-        Option(help="Inhibition of return: of a disc, or of the shape of a proto-object."),
+        Option(
+            help="Inhibition of return in the winner-take-all network: of a disc, or of the shape "
+            "of a proto-object."
+        ),
     ] = Inhibition.disc,
     scanpath_film: Annotated[
         bool, Option("--scanpath-film", help="Also animate each scanpath: NAME.scanpath.gif.")
@@ -108,10 +126,9 @@ def look(
 ) -> None:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
-    The map shows where people look at a photograph on a screen, the scanpath is
-    the most probable one; with a published --preset (kootstra2010, itti1998,
-    saliencytoolbox2), or --inhibition shape, it is that of the winner-take-all
-    network. Values of different models, presets and images have no common scale.
+    The map shows where people look at a photograph on a screen; with --bare it
+    depends on the content of the image alone. Values of different models,
+    presets and images have no common scale.
 
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html);
@@ -121,6 +138,7 @@ def look(
     each map goes to maps/MAP/NAME.npy. Of a --camera the film is
     camera.look.mp4; Ctrl-C ends it.
     """
+    from saccade.attention.scanpath import ScanpathConfig
     from saccade.cli.look_files import LookFiles
     from saccade.cli.look_run import LEAD, analyze_image, analyze_video
     from saccade.cli.output import for_each_image, print_json, print_result, print_table
@@ -133,6 +151,8 @@ def look(
 
     sources = images_or_camera(images, camera)
     by_shape = inhibition is Inhibition.shape
+    if by_shape and scanpath is PathModel.most_probable:
+        raise ConfigError("inhibition: a shape needs --scanpath winner-take-all")
     if by_shape and model not in (DEFAULT_MODEL, "contrast"):
         raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
     attention = attention_model(
@@ -146,6 +166,10 @@ def look(
         print_result(row, as_json, f"camera -> {out}")
         return
     network = scanpath_network(preset)
+    if by_shape or scanpath is PathModel.winner_take_all:
+        network = network or ScanpathConfig()
+    elif scanpath is PathModel.most_probable:
+        network = None
     builder = ReportBuilder("saccade look", LEAD)
     chosen = list(dict.fromkeys(formats or []))
     tables = [each for each in chosen if each in (Format.CSV, Format.MAT)]

@@ -31,7 +31,7 @@ from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 LEAD = "Saliency by contrast and symmetry, scanpaths, and the strongest interest points."
 TEXT = (
     "The map is laid over the photograph, and the scanpath plays four times slower than in the "
-    "model; it is the most probable one. Point at an interest point to see its size, angle and descriptor. The cloud of thin "
+    "model. Point at an interest point to see its size, angle and descriptor. The cloud of thin "
     "lines is a hundred scanpaths drawn from the scanpath model; below are the amplitudes and the "
     "directions of their saccades."
 )
@@ -63,7 +63,7 @@ def analyze_image(
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
     bare = bare_saliency(maps)
-    if network is None and not by_shape:
+    if network is None:
         scan = most_probable_scanpath(bare, image.shape, fixations)
     else:
         region = partial(proto_object, contrast_of(maps)) if by_shape else None
