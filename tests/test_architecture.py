@@ -49,7 +49,7 @@ ALLOWED = {
     "evaluation": FOUNDATION
     | {"image", "pyramid", "attention", "keypoints", "slam", "visual"}
     | {"datasets", "simulation", "exchange"},
-    "diagnostics": FOUNDATION | {"visual"},
+    "diagnostics": FOUNDATION | {"visual", "slam"},
     "exchange": FOUNDATION,
     "batch": FOUNDATION | {"image", "video", "attention", "keypoints", "exchange"},
     "viewing": FOUNDATION | {"textbook"},

@@ -12,6 +12,7 @@ from PIL import ImageOps
 from saccade.batch import open_source
 from saccade.errors import ImageError, ImageWarning
 from saccade.image import as_gray, as_rgb, find_images, read_image
+from support.error_checks import refuses
 
 COLORS = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
 
@@ -73,6 +74,18 @@ def test_a_palette_with_a_transparent_entry_and_deep_transparency_are_composited
     np.testing.assert_allclose(read_image(indexed)[0] * 255, [[10, 20, 30], [255, 255, 255]])
     cv2.imwrite(str(deep), np.full((2, 2, 4), (0, 0, 65535, 16384), np.uint16))
     np.testing.assert_allclose(read_image(deep)[0, 0], [1, 0.75, 0.75], atol=1e-4)
+
+
+def test_a_tiff_of_floats_is_read_and_what_is_no_number_in_it_is_said(tmp_path):
+    """Gray ones too, which OpenCV refuses to read as colors."""
+    gray = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
+    for values in (gray.copy(), np.stack([gray] * 3, 2)):
+        cv2.imwrite(str(tmp_path / "a.tiff"), values)
+        np.testing.assert_array_equal(read_image(tmp_path / "a.tiff")[:, :, 1], gray)
+        values[2, 1] = np.nan
+        cv2.imwrite(str(tmp_path / "a.tiff"), values)
+        with refuses(ImageError, "a.tiff: expected finite", "found NaN", "in row 2, column 1"):
+            read_image(tmp_path / "a.tiff")
 
 
 def test_values_of_fewer_bits_are_remarked_on_or_scaled(tmp_path):

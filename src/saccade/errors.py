@@ -22,7 +22,7 @@ class ImageWarning(UserWarning):
 
 
 class LogWarning(UserWarning):
-    """A part of a landmark log that is left out."""
+    """A part of a landmark log that is left out or assumed."""
 
 
 class KeypointsError(SaccadeError, ValueError):

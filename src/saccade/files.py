@@ -1,14 +1,18 @@
 """Safe opening of files, atomic writes, and limits on sizes."""
 
 import os
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
+from errno import EISDIR
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
+from zlib import crc32
 
-from saccade.errors import OutputError
+from saccade.errors import ConfigError, OutputError, SaccadeError
 
 LARGEST_IMAGE = 1 << 28
 """Pixels. As float32 RGB they take 3 GB, and what is computed from them several times that."""
@@ -19,6 +23,8 @@ LARGEST_TEXT = 1 << 28
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 UNREAD_SUFFIXES = (".avif", ".gif", ".heic", ".heif")
 """Of pictures that are not read; folders are said to hold them."""
+PARTIAL, LOCK = ".partial", "lock"
+"""Folder of results that are being written, and the file in it that excludes other runs."""
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 
 
@@ -101,55 +107,127 @@ def read_text(path: Path) -> str:
     return read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
 
 
-def make_folder(path: Path) -> None:
-    """Create a folder and its parents, unless it exists.
+@contextmanager
+def results_in(path: Path, *, is_file: bool = False) -> Iterator[None]:
+    """The results of a run appear together when the block ends without an error, or not at all.
+
+    Files that `atomic_write` writes to the folder meanwhile wait in a folder in it; those of a run
+    that was killed are removed by the next one. Inside such a block for the same folder, or one
+    that holds it, the block has no effect. Other processes write at once.
+
+    Args:
+        path: the output folder, which is created.
+        is_file: whether it is a single file instead.
 
     Raises:
-        OutputError: it cannot be created.
+        ConfigError: another run writes to it.
+        OutputError: it cannot be written.
+    """
+    outer = _RESULTS.get()
+    if outer is not None and outer.holds(path):
+        yield
+        return
+    existed = path.exists()
+    try:
+        with claimed(path, _beside(path) if is_file else path / PARTIAL) as work:
+            results = _Results(path, work, {})
+            token = _RESULTS.set(results)
+            try:
+                yield
+            finally:
+                _RESULTS.reset(token)
+            for final, temporary in results.files.items():
+                _appear(temporary, final)
+    finally:
+        if not existed and not is_file:
+            with suppress(OSError):  # it has results
+                path.rmdir()
+
+
+@contextmanager
+def written_at_once() -> Iterator[None]:
+    """Files of the block do not wait for the other results of a run: it resumes from them."""
+    token = _RESULTS.set(None)
+    try:
+        yield
+    finally:
+        _RESULTS.reset(token)
+
+
+@contextmanager
+def claimed(path: Path, work: Path | None = None) -> Iterator[Path]:
+    """An empty folder for what will become `path`, which no other run writes meanwhile.
+
+    The folder is removed with all that is left in it. The operating system releases the claim
+    however the process ends; file systems without locks have none.
+
+    Args:
+        path: a file or folder.
+        work: the folder, on the same disk; None for one beside `path`.
+
+    Raises:
+        ConfigError: another run has claimed it.
+        OutputError: the folder cannot be created.
     """
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        work = work or _beside(path)
+        lock = _lock(path, work)
     except (OSError, ValueError) as error:  # ValueError: a null or a lone surrogate in the name
+        if isinstance(error, SaccadeError):
+            raise
         raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
+    with lock, written_at_once():
+        _clear(work)
+        try:
+            yield work
+        finally:
+            _clear(work)
+            with suppress(OSError):  # the next run has it already
+                (work / LOCK).unlink()
+                work.rmdir()
 
 
 @contextmanager
 def atomic_write(path: str | Path, folder: Path | None = None) -> Iterator[Path]:
     """A temporary path that is renamed to `path` when the block ends without an error.
 
+    In a block of `results_in` it is renamed at the end of that.
+
     Args:
         path: the file to write; missing folders are created, an old file is replaced.
-        folder: of the temporary path, on the same disk; None for that of `path`.
+        folder: of the temporary path, claimed and on the same disk; None to choose it.
 
     Yields:
         The path to write to; it has the same suffix as `path`.
 
     Raises:
+        ConfigError: another run writes it.
         OutputError: the folder or the file cannot be written.
     """
-    path = Path(path)
-    try:
+    path, results = Path(path), _RESULTS.get()
+    if folder is not None or (results is not None and not results.holds(path)):
+        results = None
+    with ExitStack() as stack, _writing(path):
+        if path.is_dir():
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
         if path.exists():
             check_file(path)  # a device would be replaced
-        for parent in (folder or path.parent, path.parent):
-            parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(
-            prefix=".saccade-", suffix=path.suffix, dir=folder or path.parent
-        )
+        if folder is None:
+            folder = stack.enter_context(claimed(path)) if results is None else results.work
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(suffix=path.suffix, dir=folder)
         os.close(handle)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OutputError:  # of another file, in the block
-        raise
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        temporary = Path(name)
+        try:
+            yield temporary
+            temporary.chmod(0o644)
+            if results is None:
+                _appear(temporary, path)
+            else:
+                results.files[path] = temporary
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
 
 
 def reason_of(error: Exception) -> str:
@@ -169,3 +247,77 @@ def _kind(mode: int) -> str:
     if stat.S_ISFIFO(mode):
         return "a pipe"
     return "a socket" if stat.S_ISSOCK(mode) else "a device"
+
+
+class _Results(NamedTuple):
+    """Files that a run has written and that have not appeared yet."""
+
+    path: Path
+    work: Path
+    files: dict[Path, Path]
+    """The temporary file of each."""
+
+    def holds(self, path: Path) -> bool:
+        """Whether a path belongs to these results."""
+        return path.absolute().is_relative_to(self.path.absolute())
+
+
+_RESULTS: ContextVar[_Results | None] = ContextVar("_RESULTS", default=None)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Errors of the operating system as `OutputError` that names a path."""
+    try:
+        yield
+    except OutputError:  # of another file, in the block
+        raise
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {reason_of(error)}") from error
+
+
+def _appear(temporary: Path, path: Path) -> None:
+    with _writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.replace(path)
+
+
+def _beside(path: Path) -> Path:
+    """A hidden name for each name in a folder; any name may be as long as names can be."""
+    return path.parent / f".saccade-{crc32(os.fsencode(path.name)):08x}"
+
+
+def _clear(work: Path) -> None:
+    """Remove all but the lock."""
+    for each in work.iterdir():
+        if each.is_dir():
+            shutil.rmtree(each, ignore_errors=True)
+        elif each.name != LOCK:
+            each.unlink(missing_ok=True)
+
+
+def _lock(path: Path, work: Path) -> BinaryIO:
+    """The locked file in a folder, which is created."""
+    while True:
+        work.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError), ExitStack() as stack:  # the run that had it just ended
+            file = stack.enter_context((work / LOCK).open("wb"))
+            _lock_file(file, path)
+            if os.path.samestat(os.fstat(file.fileno()), (work / LOCK).stat()):
+                stack.pop_all()
+                return file
+
+
+def _lock_file(file: BinaryIO, path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise ConfigError(
+            f"{path}: another run writes to it; wait until it has ended, or choose another output"
+        ) from error
+    except OSError:  # a file system without locks
+        return

@@ -49,7 +49,7 @@ def read_image(
     """The image in a file, upright as its EXIF orientation says.
 
     Args:
-        path: any format that OpenCV reads; gray, color, 8 or 16 bit.
+        path: any format that OpenCV reads; gray, color, 8 or 16 bit, or floats in [0, 1].
         background: RGB in [0, 1] over which a transparent image is laid.
         white: the stored value that becomes 1, as 4095 for 12-bit data; None for the highest of
             the data type. Data of 10, 12 or 14 bits in uint16 are remarked on where it is None.
@@ -74,7 +74,7 @@ def decode_image(
     transparency = transparency_of(data)
     if transparency is None:
         bgr = _decode(data, name, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-        pixels = cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+        pixels = bgr if bgr.ndim == 2 else cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
     else:  # OpenCV drops transparency where it applies the orientation
         bgra = _decode(data, name, cv2.IMREAD_UNCHANGED)
         multiplied = transparency.tiff and bgra.dtype == np.uint8
@@ -150,6 +150,8 @@ def _decode(data: bytes, name: str, flags: int) -> npt.NDArray[Any]:
     with quiet_opencv():
         try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+            if pixels is None:  # OpenCV reads a gray TIFF of floats as gray alone
+                pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH)
         except cv2.error as error:
             if "MAX_IMAGE" in str(error):
                 raise ImageError(_too_large(name, "more")) from error
@@ -328,7 +330,10 @@ def _check_values(image: npt.NDArray[Any], name: str, white: float | None) -> np
     pixels = np.ascontiguousarray(image, dtype=image.dtype if keeps else np.float32)
     low, high = float(pixels.min()), float(pixels.max())
     if not (np.isfinite(low) and np.isfinite(high)):
-        raise ImageError(f"{name}: expected finite values, found NaN or infinity")
+        row, column = np.argwhere(~np.isfinite(pixels))[0, :2]
+        raise ImageError(
+            f"{name}: expected finite values, found NaN or infinity in row {row}, column {column}"
+        )
     if low < -OVERSHOOT or high > 1 + OVERSHOOT:
         raise ImageError(
             f"{name}: expected float values in [0, 1], found {low:.6g} to {high:.6g}; "

@@ -20,8 +20,8 @@ from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import InProcess, Processes
 from saccade.batch.items import Item
 from saccade.batch.shards import Shard
-from saccade.batch.store import PARTIAL
-from saccade.errors import ConfigError, OutputError
+from saccade.errors import ConfigError
+from saccade.files import PARTIAL
 from saccade.keypoints import SiftConfig, SymRoid, SymRoidConfig
 from support import extraction
 from support.extraction import SIFT, check_complete, check_whole, extract_here, photographs
@@ -213,13 +213,6 @@ def test_a_disk_that_is_full_until_there_is_room_again(folder, tmp_path):
         assert len(check_whole(disk / "out")) == IMAGES
     finally:
         subprocess.run(["umount", disk], check=True)
-
-
-def test_only_one_run_at_a_time(folder, tmp_path):
-    from saccade.batch.store import open_store
-
-    with open_store(str(tmp_path)).locked(), pytest.raises(OutputError, match="another run"):
-        extract_here(folder, tmp_path)
 
 
 def test_no_setting_of_this_process_is_changed(folder, tmp_path):

@@ -213,11 +213,14 @@ def test_an_image_that_is_too_small_is_named(run, tmp_path):
 
 def test_one_bad_image_does_not_stop_the_others(run, tmp_path):
     (tmp_path / "bad.png").write_bytes(b"?")
-    code, _, err = run("detect", "bad.png", HALLWAY[0], "--max", 5)
-    assert code == 2
-    assert "bad.png" in err
-    assert "1 of 2 images left out" in err
-    assert (tmp_path / "saccade-detect" / "hallway_1.keypoints.npz").is_file()
+    for words in (("detect", "--max", 5), ("look",)):
+        code, out, err = run(*words, "bad.png", HALLWAY[0], "--out", "out", "--json")
+        assert code == 1
+        assert "bad.png" in err
+        assert "1 of 2 images left out; the others are in out" in err
+        assert [Path(row["image"]).name for row in json.loads(out)["images"]] == ["hallway_1.jpg"]
+    found = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"hallway_1.keypoints.npz", "hallway_1.look.npz", "report.html"} < found
 
 
 def test_images_of_one_name_do_not_overwrite_each_other(run, tmp_path):

@@ -11,9 +11,12 @@ import cv2
 import h5py
 import numpy as np
 import pytest
+import typer
+from typer.core import TyperOption
 
 import saccade
 from saccade import exchange
+from saccade.cli import app
 from saccade.extras import install_command
 from support.keypoint_files import assert_same
 from support.pictures import looks_like_a_picture
@@ -108,7 +111,7 @@ def test_images_are_named_from_the_folder_that_holds_them_all(run, tmp_path):
 def test_one_bad_image_does_not_keep_the_others_from_the_table(run, tmp_path):
     (tmp_path / "bad.jpg").write_text("no image")
     code, _, err = run("detect", "bad.jpg", HALLWAY[0], "--format", "parquet", "--out", "out")
-    assert code == 2
+    assert code == 1
     assert "1 of 2 images left out; the others are in out" in err
     (found,) = exchange.read_parquet("out/keypoints.parquet").values()
     assert len(found) > 100
@@ -220,3 +223,39 @@ def test_images_that_share_nothing(run, tmp_path):
     result = json.loads(out)
     assert result["matches"] == result["inliers"] == 0
     assert result["matrix"] is None
+
+
+def test_options_for_several_values_take_them_with_commas_and_repeated(run, tmp_path):
+    """Those of every command; only files are not cut at commas, nor is what exists."""
+    (tmp_path / "a,b").mkdir()
+    groups = [typer.main.get_command(app)]
+    checked = set()
+    for group in groups:
+        for name, command in group.commands.items():
+            if hasattr(command, "commands"):
+                groups.append(command)
+                continue
+            context = command.make_context(name, ["--help"], resilient_parsing=True)
+            for option in command.params:
+                if isinstance(option, TyperOption) and option.multiple:
+                    flag = option.opts[0]
+                    words = [flag, "a, c", flag, "d", flag, "a,b"]
+                    values, _, _ = command.make_parser(context).parse_args(words)
+                    is_file = option.metavar == "FILE"
+                    expected = ["a, c", "d", "a,b"] if is_file else ["a", "c", "d", "a,b"]
+                    assert values[option.name] == expected, (name, flag)
+                    checked.add(flag)
+    assert checked > {"--what", "--format", "--budget", "--preset", "--world", "--figure"}
+    code, _, err = run("detect", HALLWAY[0], "--detector", "sift", "--detector", "must")
+    assert code == 2
+    assert "'--detector': expected a single value, found several" in err
+
+
+def test_several_features_are_extracted_into_a_folder_each(run):
+    words = ("extract", HALLWAY[0], "--workers", 1, "--json")
+    code, out, _ = run(*words, "--what", "sift,must", "--out", "both")
+    assert code == 0
+    rows = json.loads(out)["data_sets"]
+    assert [row["out"] for row in rows] == ["both/sift", "both/must"]
+    _, out, _ = run(*words, "--what", "must", "--out", "alone")
+    assert json.loads(out)["rows"] == rows[1]["rows"] != rows[0]["rows"]

@@ -183,6 +183,8 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
     whole = json.loads(run("slam", short, "--out", "whole", "--no-film", "--json")[1])
     command = ["slam", short, "--out", "stopped", "--no-film", "--checkpoint", "0"]
     kept = tmp_path / "stopped" / "checkpoint.npz"
+    kept.parent.mkdir()
+    (kept.parent / "landmarks.csv").write_text("of an earlier run")
     running = subprocess.run(
         [sys.executable, interrupted_run.__file__, str(int(how)), *map(str, command)],
         cwd=tmp_path,
@@ -193,6 +195,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
     )
     assert running.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)
     assert kept.exists()
+    assert (kept.parent / "landmarks.csv").read_text() == "of an earlier run"
     if how == signal.SIGINT:
         assert (
             f"run the same command again to resume from {Path('stopped', 'checkpoint.npz')}"
@@ -203,6 +206,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_result(run, short, tmp_path, 
     assert code == 0
     resumed = json.loads(out)
     assert not kept.exists()
+    assert not (kept.parent / ".partial").exists()
     for name in ("trajectory", "landmarks", "poses", "innovations"):
         assert Path(resumed["files"][name]).read_bytes() == Path(whole["files"][name]).read_bytes()
     resumed["files"] = whole["files"]
@@ -230,7 +234,7 @@ def test_a_log_of_one_pose_has_a_map_and_a_film(run, tmp_path):
     )
     code, out, err = run("slam", "one.csv", "--smooth", "--json")
     assert code == 0
-    assert "warning: nothing is mapped: there are no observations" in err
+    assert "warning: Nothing is mapped: there are no observations" in err
     row = json.loads(out)
     assert (row["poses"], row["landmarks"], row["nis_mean"]) == (1, 0, None)
     assert all(Path(file).stat().st_size > 0 for file in row["files"].values())

@@ -89,6 +89,7 @@ def test_a_bare_video_is_read(tmp_path):
     writer.release()
     drive = load_drive("auto", file)
     assert (len(drive), drive.camera.fx, drive.scale) == (4, 96, "assumed")
+    assert drive.assumptions[0].startswith(f"{file}: no camera.toml: guessed a focal length")
 
 
 def test_intrinsics_are_four_numbers():

@@ -12,7 +12,7 @@ from saccade import slam
 from saccade.datasets import OdometryNoise, load, save
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import write_pose_graph
-from saccade.errors import ConfigError, LogError
+from saccade.errors import ConfigError, LogError, LogWarning
 from saccade.slam import compose, drive
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 from support.error_checks import result_or_refusal
@@ -248,6 +248,19 @@ def test_the_least_csv_is_a_log(tmp_path):
     np.testing.assert_array_equal(log.control_covariance, [np.diag([0.01, 0.01, 0.001])])
     assert log.landmark.tolist() == [7, -1]
     assert log.observation_pose.tolist() == [0, 1]
+
+
+def test_a_csv_without_covariances_has_those_of_a_bag(tmp_path):
+    """After 2 m and a turn by 1 rad: 0.05 m after a metre, 0.05 rad after a metre and a radian."""
+    path = tmp_path / "bare.csv"
+    path.write_text("time,distance,turn,landmark,range,bearing\n0,,,,,\n1,-2,1,,,\n1,,,7,4,1\n")
+    with pytest.warns(LogWarning) as said:
+        log = load("auto", path)
+    np.testing.assert_allclose(log.control_covariance, [np.diag([0.005, 0.0075])])
+    np.testing.assert_allclose(log.observation_covariance, [np.diag([0.04, 0.0004])])
+    found = [str(each.message) for each in said]
+    assert "no covariance of distance, turn: assumed standard deviations of 0.05 m" in found[0]
+    assert "no covariance of range, bearing: assumed standard deviations of 5% of the" in found[1]
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,7 @@ def test_the_mat_file_of_osie_reads_like_the_table(tmp_path):
         ("image,viewer,index,x,y\n", "found none"),
         ("image,viewer,index,x,y\na,0,0,1,2\na,0,0,one,2\n", "line 3"),
         ("image,viewer,index,x,y\na,0,0,1\n", "line 2"),
-        ("image,viewer,index,x,y\na,0,0,nan,2\n", "line 2"),
+        ("image,viewer,index,x,y\na,0,0,inf,2\n", "line 2"),
     ],
 )
 def test_a_broken_table_is_named(tmp_path, text, words):

@@ -590,8 +590,12 @@ TARGETS = {
         "poses.txt",
         lambda folder: read_tum_poses(folder / "poses.txt"),
     ),
-    "fixations": Target(_fixations, "fixations.csv", lambda f: read_fixations(f / "fixations.csv")),
-    "osie": Target(_osie, "fixations.mat", lambda f: read_fixations(f / "fixations.mat")),
+    "fixations": Target(
+        _fixations, "fixations.csv", lambda f: read_fixations(f / "fixations.csv", say=print)
+    ),
+    "osie": Target(
+        _osie, "fixations.mat", lambda f: read_fixations(f / "fixations.mat", say=print)
+    ),
     "homography": Target(_homographies, "H_1_2.txt", homography_pairs),
     "npz": _exchanged("a.npz", lambda p: exchange.write_npz(p, points()), exchange.read_npz),
     "csv": _exchanged("a.csv", lambda p: exchange.write_csv(p, points()), exchange.read_csv),

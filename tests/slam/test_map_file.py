@@ -67,7 +67,7 @@ def test_two_sessions_equal_one(rng, tmp_path, kind, named, pose):
         log = replace(log, landmark=np.full_like(log.landmark, -1))
     log = replace(log, odometry_bias=(0.02, 0.02, 0.0))
     config = slam.EkfConfig(filter=kind)
-    assert_two_sessions_equal_one(log, config, pose, tmp_path / "map.npz")
+    assert_two_sessions_equal_one(log, config, pose, tmp_path / "new" / "folders" / "map.npz")
 
 
 @pytest.mark.shared

@@ -47,10 +47,10 @@ def _with_commas(*values: float) -> list[str]:
     return [str(value).replace(".", ",") for value in values]
 
 
-def canonical(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
+def canonical(seen: list[Seen], folder: Path, name: str = "canonical.csv") -> tuple[Path, Option]:
     """The table that `write_fixations` writes."""
     head = ["image", "viewer", "index", "x", "y", "duration_ms"]
-    return _write(folder / "canonical.csv", [head, *(each[:6] for each in seen)])
+    return _write(folder / name, [head, *(each[:6] for each in seen)])
 
 
 def by_time(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
@@ -96,15 +96,13 @@ def other_names(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
 def normalized(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
     """Fractions of images of 800 x 600."""
     moved = [s._replace(x=s.x / 800, y=s.y / 600) for s in seen]
-    path, _ = canonical(moved, folder)
-    return path.rename(folder / "normalized.csv"), ["--xy", "normalized"]
+    return canonical(moved, folder, "normalized.csv")[0], ["--xy", "normalized"]
 
 
 def on_screen(seen: list[Seen], folder: Path) -> tuple[Path, Option]:
     """Pixels of a screen of 1280 x 1024, in the middle of which images of 800 x 600 were."""
     moved = [s._replace(x=s.x + 240, y=s.y + 212) for s in seen]
-    path, _ = canonical(moved, folder)
-    return path.rename(folder / "screen.csv"), ["--offset", "240,212"]
+    return canonical(moved, folder, "screen.csv")[0], ["--offset", "240,212"]
 
 
 def eyelink(seen: list[Seen], folder: Path, image: str = "!V IMGLOAD CENTER img/{} 640 512") -> (

@@ -86,8 +86,8 @@ def extract(
         Counts of this run, and totals of the data set as in its manifest.
 
     Raises:
-        ConfigError: the data set was made with another configuration.
-        OutputError: it cannot be written, or another run writes to it.
+        ConfigError: the data set was made with another configuration, or another run writes to it.
+        OutputError: it cannot be written.
     """
     store = open_store(out)
     done = unchanged = failed = 0

@@ -29,7 +29,7 @@ from saccade.batch.store import LocalStore
 from saccade.batch.tables import DESCRIPTOR_SIZE
 from saccade.errors import ConfigError, KeypointsError, OutputError, require
 from saccade.extras import import_optional
-from saccade.files import atomic_write, check_file, one_line, read_text, text_path
+from saccade.files import atomic_write, check_file, one_line, read_text, results_in, text_path
 from saccade.formats import FORMATS, check_format
 from saccade.keypoints.matching import match
 from saccade.keypoints.verification import verify
@@ -214,6 +214,7 @@ def build_index(folder: str | Path, max_points: int = 1000) -> dict[str, int]:
     positions = [np.zeros((0, 2), np.float32)]
     count = 0
     with (
+        results_in(path),
         atomic_write(path / POSITION_FILE) as position_path,
         atomic_write(path / VECTOR_FILE) as vector_path,
         atomic_write(path / IMAGE_FILE) as image_path,

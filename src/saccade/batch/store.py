@@ -1,6 +1,5 @@
 """The folder or bucket of a data set: files appear in it whole or not at all."""
 
-import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -9,11 +8,7 @@ from typing import Any, Protocol
 
 from saccade.batch.items import is_url, remote_filesystem
 from saccade.errors import OutputError
-from saccade.files import atomic_write, make_folder, open_file, reason_of
-
-PARTIAL = ".partial"
-"""Folder of files that are being written; hidden from readers of the data set."""
-LOCK = ".lock"
+from saccade.files import PARTIAL, atomic_write, open_file, results_in
 
 
 class Store(Protocol):
@@ -47,7 +42,7 @@ class Store(Protocol):
         """Exclude other runs while the block lasts, where the store can.
 
         Raises:
-            OutputError: another run holds the lock.
+            ConfigError: another run holds the lock.
         """
 
 
@@ -92,18 +87,9 @@ class LocalStore:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """See `Store`. The operating system releases the lock however the process ends."""
-        make_folder(self._root)
-        try:
-            with (self._root / LOCK).open("w") as file:
-                _lock(file, self.location)
-                shutil.rmtree(self._root / PARTIAL, ignore_errors=True)
-                yield
-                shutil.rmtree(self._root / PARTIAL, ignore_errors=True)
-        except OutputError:
-            raise
-        except OSError as error:
-            raise OutputError(f"{self.location}: cannot be written: {reason_of(error)}") from error
+        """See `Store`, and `results_in`."""
+        with results_in(self._root):
+            yield
 
 
 class RemoteStore:
@@ -148,15 +134,3 @@ class RemoteStore:
     def locked(self) -> Iterator[None]:
         """Buckets have no locks: two runs at once do some work twice."""
         yield
-
-
-def _lock(file: Any, location: str) -> None:
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        message = f"{location}: another run writes to it; wait until it has ended"
-        raise OutputError(message) from error

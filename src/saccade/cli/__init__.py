@@ -29,6 +29,7 @@ from saccade.cli.index import index
 from saccade.cli.look import look
 from saccade.cli.match import match
 from saccade.cli.merge_maps import merge_maps
+from saccade.cli.options import Command
 from saccade.cli.output import print_data_warnings
 from saccade.cli.serve import serve
 from saccade.cli.simulate import simulate
@@ -54,29 +55,40 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command(epilog="Example: saccade look photo.jpg --fixations 5 --out looked")(look)
-app.command(epilog="Example: saccade detect photos --max 500 --spread --format hdf5")(detect)
-app.command(epilog="Example: saccade extract photos --what sift --out features")(extract)
-app.command(epilog="Example: saccade export features --format colmap --out database.db")(export)
-app.command(epilog="Example: saccade index features")(index)
-app.command(epilog="Example: saccade find photo.jpg --in features")(find)
-app.command(
-    epilog="Example: saccade fit --images photos --fixations fixations.csv --out mine.toml"
-)(fit)
-app.command(epilog="Example: saccade match left.jpg right.jpg --geometry homography")(match)
-app.command(epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
-app.command(epilog="Example: saccade merge-maps monday.npz tuesday.npz --out office.npz")(
-    merge_maps
+app.command(cls=Command, epilog="Example: saccade look photo.jpg --fixations 5 --out looked")(look)
+app.command(cls=Command, epilog="Example: saccade detect photos --max 500 --spread --format hdf5")(
+    detect
 )
-app.command(epilog="Example: saccade check kitti/07")(check)
-app.command(epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
-app.command(epilog="Example: saccade drive KITTI/07 --out mapped")(drive)
-app.command(epilog="Example: saccade textbook photo.jpg --module my_contrast.py")(textbook)
-app.command(epilog="Example: saccade serve --port 8014")(serve)
-app.command(epilog="Example: saccade demo --out saccade-demo")(demo)
+app.command(cls=Command, epilog="Example: saccade extract photos --what sift --out features")(
+    extract
+)
+app.command(
+    cls=Command, epilog="Example: saccade export features --format colmap --out database.db"
+)(export)
+app.command(cls=Command, epilog="Example: saccade index features")(index)
+app.command(cls=Command, epilog="Example: saccade find photo.jpg --in features")(find)
+app.command(
+    cls=Command,
+    epilog="Example: saccade fit --images photos --fixations fixations.csv --out mine.toml",
+)(fit)
+app.command(cls=Command, epilog="Example: saccade match left.jpg right.jpg --geometry homography")(
+    match
+)
+app.command(cls=Command, epilog="Example: saccade slam victoria_park.txt --out mapped")(slam)
+app.command(
+    cls=Command, epilog="Example: saccade merge-maps monday.npz tuesday.npz --out office.npz"
+)(merge_maps)
+app.command(cls=Command, epilog="Example: saccade check kitti/07")(check)
+app.command(cls=Command, epilog="Example: saccade convert victoria_park.txt park.g2o")(convert)
+app.command(cls=Command, epilog="Example: saccade drive KITTI/07 --out mapped")(drive)
+app.command(cls=Command, epilog="Example: saccade textbook photo.jpg --module my_contrast.py")(
+    textbook
+)
+app.command(cls=Command, epilog="Example: saccade serve --port 8014")(serve)
+app.command(cls=Command, epilog="Example: saccade demo --out saccade-demo")(demo)
 app.add_typer(evaluate, name="evaluate")
 app.add_typer(simulate, name="simulate")
-app.command(epilog="Example: saccade config sift --preset opencv > sift.toml")(config)
+app.command(cls=Command, epilog="Example: saccade config sift --preset opencv > sift.toml")(config)
 
 
 def _print_version(requested: bool) -> None:

@@ -30,16 +30,16 @@ def demo(
     from importlib.resources import as_file, files
 
     from saccade.cli.output import print_json, print_message, print_table, write_text
-    from saccade.files import make_folder
+    from saccade.files import results_in
     from saccade.viewing.report import ReportBuilder
 
-    make_folder(out)
     builder = ReportBuilder("saccade demo", LEAD)
-    with as_file(files("saccade") / "data") as data:
-        results = _run(data, out, builder)
-    report = builder.write(out / "report.html")
     page = out / "index.html"
-    write_text(page, _page(results))
+    with results_in(out):
+        with as_file(files("saccade") / "data") as data:
+            results = _run(data, out, builder)
+        report = builder.write(out / "report.html")
+        write_text(page, _page(results))
     if as_json:
         print_json({"page": str(page), "report": str(report), **results})
         return

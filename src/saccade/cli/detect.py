@@ -4,6 +4,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from typer import Argument, Option
 
 from saccade.cli.options import (
@@ -58,7 +59,7 @@ def detect(
             "--format",
             "-f",
             help="Output format: of the keypoints, npz by default, and of the figures, png by "
-            "default; may be repeated.",
+            "default; several with commas.",
         ),
     ] = None,
     camera: Camera = None,
@@ -75,12 +76,14 @@ def detect(
     descriptors). Keypoints of all images go to keypoints.parquet, keypoints.h5
     (in the layout of hloc) or database.db (for COLMAP). Of a --camera --out
     receives a film (camera.keypoints.mp4) and a table; Ctrl-C ends it.
+
+    Exit code 1: some images could not be read; the results of the others are
+    in --out. Ctrl-C stops after the image in progress.
     """
     from saccade.cli.detect_run import SHARED_FILES, detect_in, require_libraries, write_shared
     from saccade.cli.detectors import make_detector
     from saccade.cli.output import for_each_image, print_json, print_result, print_table
-    from saccade.errors import OutputError, SaccadeError
-    from saccade.files import make_folder
+    from saccade.files import results_in
     from saccade.image import find_images
 
     sources = images_or_camera(images, camera)
@@ -92,8 +95,8 @@ def detect(
     if camera is not None:
         from saccade.cli.live_run import Live, detect_in_camera
 
-        make_folder(out)
-        row = detect_in_camera(Live(camera, frames, live, page), out, find)
+        with results_in(out):
+            row = detect_in_camera(Live(camera, frames, live, page), out, find)
         print_result(row, as_json, f"camera -> {out}")
         return
     paths = [path for source in sources for path in find_images(source)]
@@ -106,20 +109,15 @@ def detect(
             detections[path] = keypoints
         return row
 
-    try:
-        rows = for_each_image(paths, out, process)
-    except OutputError:
-        raise
-    except SaccadeError:
-        if detections:  # the message says that the others are there
-            write_shared(detections, out, shared)
-        raise
-    files = write_shared(detections, out, shared)
+    with results_in(out):
+        rows, code = for_each_image(paths, out, process)
+        files = write_shared(detections, out, shared)
     if as_json:
         print_json({"images": rows} | ({"files": files} if files else {}))
-        return
+        raise typer.Exit(code)
     print_table(
         f"keypoints -> {out}",
         ["image", "points", "median size [px]"],
         [[row["image"], str(row["points"]), f"{row['median_size']:.1f}"] for row in rows],
     )
+    raise typer.Exit(code)

@@ -98,6 +98,7 @@ def drive(
     from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
     from saccade.diagnostics import drop_repeated
     from saccade.errors import require
+    from saccade.files import results_in
     from saccade.settings import load_settings
 
     settings = load_settings("visual", preset, config)
@@ -110,7 +111,7 @@ def drive(
         from saccade.cli.live_run import Live, map_camera
 
         source = Live(camera, frames or MAX_CAMERA_FRAMES, live, page)
-        with progress_bar(f"camera {camera}") as progress:
+        with results_in(out), progress_bar(f"camera {camera}") as progress:
             row = map_camera(source, sequence, known_camera, settings, output, progress)
         print_drive(row, as_json, f"camera {camera} -> {out}")
         return
@@ -131,7 +132,7 @@ def drive(
     known = (*recorded.remarks, *recorded.assumptions)
     for remark in known:
         print_message(remark)
-    with progress_bar(recorded.name) as progress:
+    with results_in(out), progress_bar(recorded.name) as progress:
         row = map_drive(recorded, settings, output, progress, save_tracks, gaze)
     print_drive(row, as_json, f"{recorded.name} -> {out}", len(known))
 

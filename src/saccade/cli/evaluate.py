@@ -12,6 +12,7 @@ from saccade.cli import evaluate_places as places
 from saccade.cli import evaluate_scanpaths as scanpaths
 from saccade.cli import evaluate_selection as selection
 from saccade.cli import evaluate_trajectory as trajectory
+from saccade.cli.options import Command
 
 evaluate = typer.Typer(
     help="Evaluate against human fixations, other implementations and ground truth.",
@@ -40,5 +41,7 @@ for command, meaning, options in (
     ),
 ):
     evaluate.command(
-        help=f"{getdoc(command)}\n\n{meaning}", epilog=f"Example: saccade evaluate {options}"
+        cls=Command,
+        help=f"{getdoc(command)}\n\n{meaning}",
+        epilog=f"Example: saccade evaluate {options}",
     )(command)

@@ -34,7 +34,7 @@ def consistency(
         Option(
             "--preset",
             "-p",
-            help="World: loop, slippery, car, coarse or one of --wide; may be repeated.",
+            help="World: loop, slippery, car, coarse or one of --wide; several with commas.",
             show_default="the first four",
         ),
     ] = None,
@@ -44,7 +44,7 @@ def consistency(
         list[str] | None,
         Option(
             "--filter",
-            help="standard, first-estimates or invariant; may be repeated.",
+            help="standard, first-estimates or invariant; several with commas.",
             show_default="all",
         ),
     ] = None,

@@ -58,7 +58,8 @@ def features(
         Option(
             min=1,
             metavar="N",
-            help="With --drive: frames from the first of a pair to the second; may be repeated.",
+            help="With --drive: frames from the first of a pair to the second; several with "
+            "commas.",
             show_default="1",
         ),
     ] = None,
@@ -66,7 +67,7 @@ def features(
         list[str] | None,
         Option(
             help="sift, must, symroid, sift-random, sift-salient, opencv, opencv-root (RootSIFT), "
-            "colmap or module:callable; may be repeated.",
+            "colmap or module:callable; several with commas.",
             show_default="sift",
         ),
     ] = None,
@@ -77,8 +78,8 @@ def features(
         Option(
             min=1,
             metavar="N",
-            help="Keep N locations of each image, the strongest (COLMAP: the largest); may be "
-            "repeated.",
+            help="Keep N locations of each image, the strongest (COLMAP: the largest); several "
+            "with commas.",
         ),
     ] = None,
     degrade: Annotated[
@@ -86,7 +87,7 @@ def features(
         Option(
             metavar="KIND:AMOUNT",
             help="Degrade the second image of each pair by noise:20 (gray levels), contrast:0.5 "
-            "or blur:2 (px), or leave it clean; may be repeated.",
+            "or blur:2 (px), or leave it clean; several with commas.",
         ),
     ] = None,
     radius: Annotated[

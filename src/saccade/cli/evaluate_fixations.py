@@ -50,7 +50,7 @@ def fixations(
         Option(
             metavar="[NAME=]DIR",
             help="Folder of saliency maps to score: .npy, .mat, or images named as the images. "
-            "Repeatable.",
+            "Several with commas.",
         ),
     ] = None,
     model: Annotated[
@@ -58,7 +58,7 @@ def fixations(
         Option(
             metavar="[NAME=]MODEL",
             help="attention, contrast, symmetry or boolean, with :PRESET where wished, a file of "
-            "saccade fit (.toml), or module:function. Repeatable; attention by default.",
+            "saccade fit (.toml), or module:function. Several with commas; attention by default.",
         ),
     ] = None,
     preset: Preset = None,
@@ -110,6 +110,7 @@ def fixations(
     from saccade.cli.fixation_tables import fixation_format
     from saccade.cli.output import print_json
     from saccade.evaluation.comparison import paired_difference
+    from saccade.files import results_in
     from saccade.viewing.report import Table, write_tables
 
     task = Task(images, fixations, drop, sigma, only_present, fixation_format(columns, xy, offset))
@@ -144,7 +145,8 @@ def fixations(
     for path in figure or []:
         draw(results, path, DRAWN)
     if csv is not None:
-        write_csv(csv, results, rows_of_fixations)
+        with results_in(csv):
+            write_csv(csv, results, rows_of_fixations)
     if as_json:
         print_json(_as_json(results, differences))
         return

@@ -7,8 +7,9 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 from saccade.cli.attention_models import DEFAULT_MODEL, attention_model
+from saccade.cli.fixation_tables import load_fixations
 from saccade.cli.output import print_message, tracked
-from saccade.datasets.fixations import FixationFormat, read_fixations
+from saccade.datasets.fixations import FixationFormat
 from saccade.errors import ConfigError, LogError, require
 from saccade.evaluation.comparison import (
     FixationRow,
@@ -51,7 +52,7 @@ class Task:
     @cached_property
     def table(self) -> FixationTable:
         """The fixations of the file."""
-        table = read_fixations(self.file, self.images, self.form, only_present=self.only_present)
+        table = load_fixations(self.file, self.images, self.form, self.only_present)
         if not (table.index >= self.drop).any():
             raise LogError(
                 f"{self.file}: every fixation is among the first {self.drop}; lower --drop"

@@ -52,7 +52,7 @@ def gaze(
         Option(
             "--world",
             help="ring, crossing or rooms; with --fovea ring, or the folder of a recorded drive, "
-            "which is driven out and back. May be repeated.",
+            "which is driven out and back. Several with commas.",
             show_default="all of them; with --fovea ring",
         ),
     ] = None,
@@ -70,7 +70,7 @@ def gaze(
             "--policy",
             help="fixed, random, sweep, salient, informative or behaviors; with --fovea also whole "
             "(all pixels), reduced (as many as a fovea has, evenly) and window (that in the middle "
-            "alone). May be repeated.",
+            "alone). Several with commas.",
             show_default="all of them",
         ),
     ] = None,
@@ -98,7 +98,7 @@ def gaze(
     from saccade.evaluation.gaze import GazeScores
     from saccade.evaluation.gaze_drives import WIDE_WORLD, WITHOUT_FOVEA, WORLDS
     from saccade.evaluation.gaze_runs import GazeRun, run_all
-    from saccade.files import make_folder
+    from saccade.files import results_in
     from saccade.viewing import save_figures
     from saccade.visual.gaze_policies import POLICIES
 
@@ -119,15 +119,14 @@ def gaze(
         for world in places
         for policy in chosen
     ]
-    make_folder(out)
-    with progress_bar("driving", len(runs)) as progress:
+    with results_in(out), progress_bar("driving", len(runs)) as progress:
         scores = GazeScores.of(run_all(runs, out, jobs, progress))
+        figure = _figure(scores)
+        picture = save_figures(figure, out / "gaze", figure_formats(figures))
     rows = list(scores.rows())
     compared = WITHOUT_FOVEA if fovea else ("fixed", "sweep")
     references = [name for name in compared if name in scores.policy]
     comparisons = {name: scores.comparison(name) for name in references}
-    figure = _figure(scores)
-    picture = save_figures(figure, out / "gaze", figure_formats(figures))
     _write_report(report, figure, rows, comparisons)
     if as_json:
         print_json(

@@ -118,24 +118,19 @@ def scanpaths(
     """
     from saccade.attention.scanpath import ScanpathConfig
     from saccade.attention.scanpath_model import ScanpathModelConfig
-    from saccade.cli.fixation_tables import fixation_format
+    from saccade.cli.fixation_tables import fixation_format, load_fixations
     from saccade.cli.output import print_json, print_message, print_table, tracked
-    from saccade.datasets.fixations import read_fixations
     from saccade.evaluation.conditional import score_fixations
     from saccade.evaluation.prediction import fixations_by_image
     from saccade.evaluation.scanpath_similarity import ScanMatchConfig
     from saccade.evaluation.scanpath_summary import summary
     from saccade.evaluation.scanpaths import PathSettings, mean_fixations, score_paths, viewings
+    from saccade.files import results_in
     from saccade.image import read_image
     from saccade.settings import load_settings
     from saccade.viewing.report import Table, write_tables
 
-    table = read_fixations(
-        fixations,
-        images,
-        fixation_format(columns, xy, offset),
-        only_present=only_present,
-    )
+    table = load_fixations(fixations, images, fixation_format(columns, xy, offset), only_present)
     _, sizes, outside = fixations_by_image(table, images, drop)
     if outside:
         print_message(f"{outside} fixations outside their images are left out")
@@ -158,7 +153,8 @@ def scanpaths(
         fixation_rows += score_fixations(name, people, saliency, chosen, degree)
     paths, predicted = summary(path_rows), summary(fixation_rows)
     if out is not None:
-        _write(out, path_rows, fixation_rows, degree)
+        with results_in(out):
+            _write(out, path_rows, fixation_rows, degree)
     title = f"{len(people)} images, {model}, {preset or config or 'default settings'}"
     similarity = (
         f"{title}: paths of {settings.fixations} fixations, {grid_columns} x {grid_rows} cells"

@@ -67,7 +67,7 @@ def selection(
             "--budget",
             min=4,
             metavar="N",
-            help="Landmarks tracked at a time; may be repeated.",
+            help="Landmarks tracked at a time; several with commas.",
             show_default="5, 10, 20, 50",
         ),
     ] = None,
@@ -77,7 +77,7 @@ def selection(
             "--criterion",
             help="A ranking of SIFT points: strength, random, range, contrast, symmetry, "
             "rematch-rate, rematch-rate-range or rematch-rate-spread; or of the points of another "
-            "detector: must, symroid (by strength), must-rematch-rate, ...; may be repeated.",
+            "detector: must, symroid (by strength), must-rematch-rate, ...; several with commas.",
             show_default="eight of them",
         ),
     ] = None,
@@ -110,7 +110,7 @@ def selection(
     from saccade.errors import require
     from saccade.evaluation.selection import SelectionScores
     from saccade.evaluation.selection_runs import COMPARED, CRITERIA, WORLDS, RunSeries, run_all
-    from saccade.files import make_folder
+    from saccade.files import results_in
     from saccade.viewing import save_figures
 
     chosen = list(dict.fromkeys(criteria or COMPARED))
@@ -124,12 +124,11 @@ def selection(
         for seed in range(first_seed, first_seed + seeds)
         for source in sources
     ]
-    make_folder(out)
-    with progress_bar("driving", len(series)) as progress:
+    with results_in(out), progress_bar("driving", len(series)) as progress:
         scores = SelectionScores.of(run_all(series, out, jobs, progress))
-    rows, ranking = list(scores.rows()), scores.ranking(reference)
-    figure = _figure(scores, ranking, reference)
-    picture = save_figures(figure, out / "selection", figure_formats(figures))
+        rows, ranking = list(scores.rows()), scores.ranking(reference)
+        figure = _figure(scores, ranking, reference)
+        picture = save_figures(figure, out / "selection", figure_formats(figures))
     _write_report(report, figure, rows, ranking, reference)
     if as_json:
         print_json({"frames": frames, "seeds": scores.seed, "rows": rows, "ranking": ranking})

@@ -38,9 +38,11 @@ def export(
     from saccade.extras import import_optional
 
     import_optional("pyarrow", "parquet")
-    from saccade.batch.export import EXPORTS, export_points
+    from saccade.batch.export import EXPORTS, FileFormat, export_points
+    from saccade.files import results_in
 
     target = out or Path(EXPORTS[to.value].default_name)
-    images = export_points(folder, to.value, target)
+    with results_in(target, is_file=isinstance(EXPORTS[to.value], FileFormat)):
+        images = export_points(folder, to.value, target)
     row: dict[str, Any] = {"images": images, "format": to.value, "out": str(target)}
     print_result(row, as_json, f"{folder} -> {target}")

@@ -58,8 +58,14 @@ def extract(
         ),
     ],
     what: Annotated[
-        What, Option(metavar="KIND", help=f"Features to extract: {', '.join(What)}.")
-    ] = What.SIFT,
+        list[What] | None,
+        Option(
+            metavar="KIND",
+            help=f"Features to extract: {', '.join(What)}; several with commas, each in a folder "
+            "of its own in --out.",
+            show_default="sift",
+        ),
+    ] = None,
     out: Annotated[
         str, Option("--out", "-o", metavar="DIR", help="Folder or URL of the data set.")
     ] = "saccade-extract",
@@ -131,35 +137,58 @@ def extract(
     import_optional("pyarrow", "parquet")
     from saccade.batch import Job, open_source
     from saccade.batch import extract as extract_all
-    from saccade.cli.output import print_json, print_message, resumable
+    from saccade.cli.output import print_json, resumable
 
-    job = Job(
-        what.value,
-        _settings(what, preset, config, model),
-        fixations=fixations,
-        exact=exact,
-        maps=maps.value,
-    )
+    kinds = list(dict.fromkeys(what or [What.SIFT]))
+    made = [
+        Job(
+            each.value,
+            _settings(each, preset, config, model),
+            fixations=fixations,
+            exact=exact,
+            maps=maps.value,
+        )
+        for each in kinds
+    ]
+    folders = [out] if len(kinds) == 1 else [f"{out}/{each.value}" for each in kinds]
     images = open_source(source, every)
-    with resumable(Path(out) / "manifest.json"), ExitStack() as stack:
+    results: dict[str, Extraction] = {}
+    with ExitStack() as stack:
         engine = stack.enter_context(_engine(images, workers, scheduler, cluster, jobs))
         stopped = stack.enter_context(stop_on_interrupt())
-        watch = stack.enter_context(batch_progress("images", len(images)))
-        result = extract_all(
-            images,
-            job,
-            out,
-            engine,
-            source_name=source,
-            shard_size=size,
-            redo=redo,
-            should_stop=stopped,
-            on_report=watch,
-        )
+        for job, folder in zip(made, folders, strict=True):
+            with (
+                resumable(Path(folder) / "manifest.json"),
+                batch_progress("images", len(images)) as watch,
+            ):
+                results[folder] = extract_all(
+                    images,
+                    job,
+                    folder,
+                    engine,
+                    source_name=source,
+                    shard_size=size,
+                    redo=redo,
+                    should_stop=stopped,
+                    on_report=watch,
+                )
+            if stopped():
+                break
+    rows = [_as_row(result, folder) for folder, result in results.items()]
     if as_json:
-        print_json(_as_row(result, out))
-    else:
-        _print(result, what.value, out)
+        print_json(rows[0] if len(kinds) == 1 else {"data_sets": rows})
+    code = 0
+    for kind, (folder, result) in zip(kinds, results.items(), strict=False):
+        if not as_json:
+            _print(result, kind.value, folder)
+        code = max(code, _tell(result, folder, len(images)))
+    raise typer.Exit(code)
+
+
+def _tell(result: "Extraction", out: str, images: int) -> int:
+    """Print what is wrong with a data set; returns the exit code."""
+    from saccade.cli.output import print_message
+
     if result.error is not None:
         print_message(result.error)
     others = result.totals.by_other_versions
@@ -169,13 +198,12 @@ def extract(
         )
     if not result.complete:
         done = result.done + result.unchanged + result.failed
-        print_message(f"stopped after {done} of {len(images)} images; run it again to resume")
-        raise SystemExit(INTERRUPTED)
+        print_message(f"stopped after {done} of {images} images; run it again to resume")
+        return INTERRUPTED
     if result.totals.errors:
-        print_message(
-            f"{result.totals.errors} of {len(images)} images failed; see {out}/errors.parquet"
-        )
-        raise typer.Exit(1)
+        print_message(f"{result.totals.errors} of {images} images failed; see {out}/errors.parquet")
+        return 1
+    return 0
 
 
 def _settings(what: What, preset: str | None, config: Path | None, model: Path | None) -> Any:

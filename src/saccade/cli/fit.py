@@ -68,6 +68,7 @@ def fit(
     from saccade.cli.output import print_json, print_table, write_text
     from saccade.evaluation.fitting import FittingConfig
     from saccade.extras import import_optional
+    from saccade.files import results_in
     from saccade.settings import as_toml, load_settings
     from saccade.viewing.report import write_tables
 
@@ -84,9 +85,10 @@ def fit(
         only_present=only_present,
         form=fixation_format(columns, xy, offset),
     )
-    write_text(out, as_toml(found.model))
     tables = found.tables()
-    write_tables(report, "saccade fit", LEAD, tables)
+    with results_in(out, is_file=True):
+        write_text(out, as_toml(found.model))
+        write_tables(report, "saccade fit", LEAD, tables)
     if as_json:
         print_json({"model": str(out), **found.as_json()})
         return

@@ -7,8 +7,9 @@ from typing import Any
 
 from saccade.attention.combined import AttentionConfig
 from saccade.cli.attention_models import face_detector
+from saccade.cli.fixation_tables import load_fixations
 from saccade.cli.output import print_message, tracked
-from saccade.datasets.fixations import FixationFormat, read_fixations
+from saccade.datasets.fixations import FixationFormat
 from saccade.evaluation.fit_study import FITTED, FitStudy, study
 from saccade.evaluation.fitted_scores import differences
 from saccade.evaluation.fitting import CellScores, FittingConfig
@@ -84,11 +85,11 @@ def run(
     drop: int,
     sigma: float,
     people: bool,
+    form: FixationFormat,
     only_present: bool = False,
-    form: FixationFormat | None = None,
 ) -> Fitted:
     """Fit a model, with progress bars."""
-    table = read_fixations(fixations, images, form, only_present=only_present)
+    table = load_fixations(fixations, images, form, only_present)
     found = study(
         table,
         images,

@@ -1,12 +1,22 @@
-"""How the fixations that commands score are to be read."""
+"""The fixations that commands score, and how they are to be read."""
 
 from math import inf
+from pathlib import Path
 
-from saccade.datasets.fixations import FixationFormat
+from saccade.cli.output import print_message
+from saccade.datasets.fixations import FixationFormat, read_fixations
 from saccade.errors import ConfigError
+from saccade.types import FixationTable
 
 LARGEST = 1e6
 """Bound on pixels of a screen."""
+
+
+def load_fixations(
+    file: Path, images: Path, form: FixationFormat, only_present: bool
+) -> FixationTable:
+    """The fixations of a file on the images of a folder; remarks are printed."""
+    return read_fixations(file, images, form, only_present=only_present, say=print_message)
 
 
 def fixation_format(columns: str | None, xy: str | None, offset: str | None) -> FixationFormat:

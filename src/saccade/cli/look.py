@@ -4,6 +4,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
+import typer
 from typer import Argument, Option
 
 from saccade.cli.attention_models import (
@@ -107,14 +108,14 @@ def look(
             "--format",
             "-f",
             help="Output format: of the maps and scanpaths, npz by default, or csv and mat for the "
-            "scanpaths; and of the figures, png by default; may be repeated.",
+            "scanpaths; and of the figures, png by default; several with commas.",
         ),
     ] = None,
     maps: Annotated[
         list[MapFormat] | None,
         Option(
             help="Also write every map at the size of the image: npy and tiff of float32, mat, or "
-            "png of 16 bits; may be repeated."
+            "png of 16 bits; several with commas."
         ),
     ] = None,
     every: Annotated[int, Option(min=1, metavar="N", help="Use every Nth frame of a video.")] = 1,
@@ -137,6 +138,9 @@ def look(
     scanpaths.csv, and a hundred drawn ones of each to samples.csv; with --maps
     each map goes to maps/MAP/NAME.npy. Of a --camera the film is
     camera.look.mp4; Ctrl-C ends it.
+
+    Exit code 1: some images could not be read; the results of the others are
+    in --out. Ctrl-C stops after the image in progress.
     """
     from saccade.attention.scanpath import ScanpathConfig
     from saccade.cli.look_files import LookFiles
@@ -144,7 +148,7 @@ def look(
     from saccade.cli.output import for_each_image, print_json, print_result, print_table
     from saccade.cli.precompile import points_compiled_ahead
     from saccade.errors import ConfigError
-    from saccade.files import make_folder
+    from saccade.files import results_in
     from saccade.image import find_images
     from saccade.video import is_video
     from saccade.viewing.report import ReportBuilder
@@ -161,8 +165,8 @@ def look(
     if camera is not None:
         from saccade.cli.live_run import Live, look_at_camera
 
-        make_folder(out)
-        row = look_at_camera(Live(camera, frames, live, page), out, attention)
+        with results_in(out):
+            row = look_at_camera(Live(camera, frames, live, page), out, attention)
         print_result(row, as_json, f"camera -> {out}")
         return
     network = scanpath_network(preset)
@@ -189,16 +193,14 @@ def look(
         )
 
     paths = [path for source in sources for path in find_images(source)]
-    try:
-        with points_compiled_ahead():
-            rows = for_each_image(paths, out, process)
-    finally:
+    with results_in(out), points_compiled_ahead():
+        rows, code = for_each_image(paths, out, process)
         report = builder.write(out / "report.html") if len(builder) else None
         written = files.write_tables(out)
     if as_json:
         result = {"images": rows, "report": None if report is None else str(report)}
         print_json(result | ({"files": written} if written else {}))
-        return
+        raise typer.Exit(code)
     for row in rows:
         if "frames" in row:
             facts = [["frames", str(row["frames"])], ["film", row["film"]]]
@@ -212,3 +214,4 @@ def look(
                 for i, (x, y, time, saliency) in enumerate(row["scanpath"], start=1)
             ],
         )
+    raise typer.Exit(code)

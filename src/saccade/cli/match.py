@@ -82,7 +82,7 @@ def match(
             "--format",
             "-f",
             help="Output format: of the figure of two images, png by default, svg or pdf; of many "
-            "images hdf5 for hloc, by default, or colmap; may be repeated.",
+            "images hdf5 for hloc, by default, or colmap; several with commas.",
         ),
     ] = None,
     redo: Annotated[
@@ -137,14 +137,16 @@ def match(
     require(not given, "pairs", "--pairs, --redo and --workers with many images", str(second))
     from saccade.cli.match_run import LEAD, match_images
     from saccade.cli.output import print_json, print_table
+    from saccade.files import results_in
     from saccade.viewing.report import ReportBuilder
 
     builder = ReportBuilder("saccade match", LEAD)
-    row = match_images(
-        *(Path(first), second, out, find, builder, ratio, mutual, model, tolerance),
-        figures=chosen,
-    )
-    row["report"] = str(builder.write(out / "report.html"))
+    with results_in(out):
+        row = match_images(
+            *(Path(first), second, out, find, builder, ratio, mutual, model, tolerance),
+            figures=chosen,
+        )
+        row["report"] = str(builder.write(out / "report.html"))
     if as_json:
         print_json(row)
         return

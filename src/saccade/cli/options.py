@@ -3,15 +3,46 @@
 from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, BadParameter, Option
+from typer.core import TyperCommand, TyperOption
 
 FILE_SUFFIXES = (
     *(".bmp", ".csv", ".db", ".eps", ".gif", ".h5", ".html", ".jpeg", ".jpg", ".json", ".mp4"),
     *(".npz", ".parquet", ".pdf", ".png", ".svg", ".tif", ".tiff", ".toml", ".txt", ".webp"),
 )
 """Of an output that was meant as a file where a folder is written."""
+
+
+class Command(TyperCommand):
+    """A command whose options for several values take commas too, and others a single value."""
+
+    def make_parser(self, ctx: Any) -> Any:
+        """The parser of the arguments."""
+        parser: Any = super().make_parser(ctx)
+        parse = parser.parse_args
+
+        def parse_lists(args: list[str]) -> Any:
+            values, rest, order = parse(args)
+            for param in dict.fromkeys(order):
+                if not isinstance(param, TyperOption) or param.is_flag:
+                    continue
+                if not param.multiple and order.count(param) > 1:
+                    raise BadParameter("expected a single value, found several", ctx, param)
+                if param.multiple and param.metavar != "FILE":
+                    given = values[param.name]
+                    values[param.name] = [part for text in given for part in _parts(text)]
+            return values, rest, order
+
+        parser.parse_args = parse_lists
+        return parser
+
+
+def _parts(text: str) -> list[str]:
+    """Values between commas; commas may be in the name of a file."""
+    is_path = Path(text.partition("=")[2] or text).exists()
+    return [text] if is_path else [part.strip() for part in text.split(",")]
 
 
 class FigureFormat(StrEnum):
@@ -85,14 +116,14 @@ Report = Annotated[
 ]
 FigureFormats = Annotated[
     list[FigureFormat] | None,
-    Option("--figure-format", help="Format of the figures, png by default; may be repeated."),
+    Option("--figure-format", help="Format of the figures, png by default; several with commas."),
 ]
 """Where --format is that of the input; elsewhere --format names those of figures too."""
 FigureFiles = Annotated[
     list[Path] | None,
     Option(
         metavar="FILE",
-        help="Also draw a figure: .png, .svg or .pdf. Repeatable.",
+        help="Also draw a figure: .png, .svg or .pdf; may be repeated.",
         callback=_figures,
     ),
 ]
@@ -157,8 +188,8 @@ Topics = Annotated[
     Option(
         "--topic",
         metavar="TOPIC",
-        help="Topic of landmarks in a ROS bag, of several cameras repeated; chosen by its type by "
-        "default.",
+        help="Topic of landmarks in a ROS bag, of several cameras with commas; chosen by its type "
+        "by default.",
     ),
 ]
 SequenceFormat = Annotated[

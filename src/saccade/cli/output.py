@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TextIO, TypeVar
 
+from saccade.cli.batch_run import INTERRUPTED, stop_on_interrupt
 from saccade.errors import ImageWarning, LogWarning, OutputError, SaccadeError
 from saccade.files import as_text, atomic_write
 
@@ -162,29 +163,41 @@ def relative_names(paths: Sequence[Path]) -> dict[Path, str]:
 
 def for_each_image(
     paths: Sequence[Path], out: Path, process: Callable[[Path, str], dict[str, Any]]
-) -> list[dict[str, Any]]:
+) -> tuple[list[dict[str, Any]], int]:
     """Process every image, with a progress bar; errors of single images do not stop the others.
 
-    `process` gets a path and its unique name, and returns the row of the result. If an image
-    failed, SaccadeError is raised at the end, naming the output folder.
+    Ctrl-C stops after the image in progress.
+
+    Args:
+        paths: the images.
+        out: the output folder, for messages.
+        process: gets a path and its unique name, and returns the row of the result.
+
+    Returns:
+        The rows, and the exit code with which the command ends.
+
+    Raises:
+        SaccadeError: no image could be processed, or the results cannot be written.
     """
+    if len(paths) == 1:
+        return [process(paths[0], paths[0].stem)], 0
     rows: list[dict[str, Any]] = []
-    errors: list[SaccadeError] = []
-    items: Iterable[tuple[Path, str]] = names_for(paths).items()
-    if len(paths) > 1:
-        items = tracked(items, f"{len(paths)} images", len(paths))
-    for path, name in items:
-        try:
-            rows.append(process(path, name))
-        except OutputError:
-            raise
-        except SaccadeError as error:
-            errors.append(error)
-            if len(paths) > 1:
+    failed = 0
+    with stop_on_interrupt("stopping after this image") as stopped:
+        for path, name in tracked(names_for(paths).items(), f"{len(paths)} images", len(paths)):
+            try:
+                rows.append(process(path, name))
+            except OutputError:
+                raise
+            except SaccadeError as error:
+                failed += 1
                 print_message(str(error))
-    if errors and len(paths) > 1:
-        message = f"{len(errors)} of {len(paths)} images left out; the others are in {out}"
-        raise SaccadeError(message)
-    if errors:
-        raise errors[0]
-    return rows
+            if stopped():
+                break
+    if failed and not rows:
+        raise SaccadeError(f"none of {failed} images could be used")
+    if failed:
+        print_message(f"{failed} of {len(paths)} images left out; the others are in {out}")
+    if stopped():
+        print_message(f"stopped after {len(rows) + failed} of {len(paths)} images")
+    return rows, INTERRUPTED if stopped() else int(failed > 0)

@@ -25,17 +25,17 @@ def world(
     """
     from saccade import datasets
     from saccade.cli.output import print_result
-    from saccade.files import make_folder
+    from saccade.files import results_in
     from saccade.settings import load_settings
     from saccade.simulation import simulate_world
 
     log = simulate_world(load_settings("world", preset, config), seed)
     assert log.truth is not None
     assert log.landmark_truth is not None
-    make_folder(out)
-    datasets.save(out / "log.csv", log)
-    datasets.write_tum(out / "truth.tum", log.truth)
-    datasets.write_landmarks(out / "landmarks.csv", log.landmark_truth)
+    with results_in(out):
+        datasets.save(out / "log.csv", log)
+        datasets.write_tum(out / "truth.tum", log.truth)
+        datasets.write_landmarks(out / "landmarks.csv", log.landmark_truth)
     row = {
         "log": str(out / "log.csv"),
         "poses": len(log.time),

@@ -97,6 +97,7 @@ def slam(
         from saccade.cli.slam_run import map_log, smooth_config
         from saccade.cli.slam_session import Session, open_map
         from saccade.errors import ConfigError
+        from saccade.files import results_in
         from saccade.settings import load_settings
         from saccade.slam.tuning import tune as fit_noise
 
@@ -122,7 +123,7 @@ def slam(
             session = open_map(
                 recorded, map_file, mode, start, settings if changed else None, save_map
             )
-        with progress_bar(recorded.name) as progress:
+        with results_in(out), progress_bar(recorded.name) as progress:
             row = map_log(
                 recorded, settings, output, progress, smoothing, session, live=live, rrd=rrd
             )

@@ -58,7 +58,8 @@ LABELS = {
 
 def facts(summary: Mapping[str, Any]) -> dict[str, str]:
     """The figures of run.json, formatted, with their labels; those that are None are left out."""
-    shown = {
+    shown = {"warning": summary["warning"]} if summary.get("warning") else {}
+    shown |= {
         label: text.format(summary[name])
         for name, (label, text) in LABELS.items()
         if summary.get(name) is not None

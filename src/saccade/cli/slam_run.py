@@ -12,6 +12,8 @@ from saccade.cli.run_output import RunOutput, write_film, write_run
 from saccade.cli.slam_report import averaging_window, facts, slam_part
 from saccade.cli.slam_session import Session
 from saccade.datasets import symmetric_columns, write_landmarks, write_table, write_tum
+from saccade.diagnostics.landmark_log import check_log
+from saccade.diagnostics.slam_run import check_run
 from saccade.errors import LogError
 from saccade.evaluation.slam_runs import has_headings, summarize_run
 from saccade.extras import import_optional
@@ -55,6 +57,7 @@ def map_log(
         import_optional("gtsam", "smooth")  # before the work, not after it
     if rrd is not None:
         import_optional("rerun", "live")
+    causes = check_log(log)
     out, session = output.folder, session or Session()
     slam = session.slam or slam_for(log, settings)
     settings = slam.config
@@ -74,8 +77,10 @@ def map_log(
         if smoothing is not None:
             progress(0, 1, "smoothing")
             smoothed = smooth(log, result, smoothing)
-    except LogError as error:
-        raise LogError(f"{log.name}: {error}") from error
+    except (LogError, np.linalg.LinAlgError) as error:
+        if not causes and not isinstance(error, LogError):
+            raise
+        raise LogError(f"{log.name}: {' '.join(map(str, causes[:1]))} {error}") from error
     files = write_tables(out, log, result, smoothed)
     files |= write_figures(output, log, result, smoothed)
     snapshots, odometry = recorder.snapshots, result.dead_reckoning
@@ -87,7 +92,10 @@ def map_log(
     if session.save is not None:
         slam.save(session.save)
         files["map"] = session.save
+    findings = check_run(log, result, causes)
     summary = summarize_run(log, result, smoothed) | session.figures(result)
+    found = filter(None, (*map(str, findings), summary["warning"]))
+    summary |= {"warning": " ".join(found), "findings": [asdict(each) for each in findings]}
     row = {
         **summary,
         "seed": None,  # nothing is random

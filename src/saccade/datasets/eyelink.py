@@ -10,7 +10,7 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from saccade.datasets.fixation_tables import BLANK, NAMES, Box, RawFixation, Recording
+from saccade.datasets.fixation_tables import BLANK, NAMES, Box, FixationList, RawFixation
 from saccade.datasets.tables import Row, read_rows
 from saccade.errors import LogError
 from saccade.files import IMAGE_SUFFIXES
@@ -36,7 +36,7 @@ class _Trial:
     """EFIX, eye, start, end, duration, x, y."""
 
 
-def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Recording:
+def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> FixationList:
     """The fixations of a recording; its viewer is the name of the file.
 
     A fixation is on the image that is on the screen when it ends: the first one of a trial often
@@ -82,7 +82,7 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Record
         )
     others = sum(len(trial.fixations) for trial in trials) - early - len(fixations)
     left_out = {"with no image on the screen": early, "of the other eye": others}
-    return Recording(fixations, "time", left_out)
+    return FixationList(fixations, "time", left_out)
 
 
 def _trials(path: Path) -> list[_Trial]:
@@ -106,7 +106,8 @@ def _trials(path: Path) -> list[_Trial]:
                 trials.append(_Trial(" ".join(words[1:])))
             elif words[0] in ("DISPLAY_COORDS", "GAZE_COORDS") and len(words) == 5:
                 left, top, right, bottom = Row(path, row.line, words[1:]).numbers()
-                screen = Box(left, top, right - left + 1, bottom - top + 1)
+                if right > left and bottom > top:
+                    screen = Box(left, top, right - left + 1, bottom - top + 1)
             elif words[:2] == ["!V", "IMGLOAD"]:
                 time = row.numbers(slice(1, 2))[0] - offset
                 name, box = _loaded(Row(path, row.line, words[2:]), screen)

@@ -1,6 +1,5 @@
 """The images that fixations are on: their files, and positions in their pixels."""
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path, PureWindowsPath
 
@@ -8,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.datasets.fixation_tables import Box
-from saccade.errors import LogError, LogWarning
+from saccade.errors import LogError
 from saccade.files import IMAGE_SUFFIXES, is_file
 from saccade.image import read_image
 from saccade.types import FloatArray
@@ -31,6 +30,18 @@ EXTENT = (0.02, 0.98)
 PIXELS = "--xy pixels takes them as they are"
 
 
+def list_folder(folder: Path) -> list[Path]:
+    """What is in a folder, by name; nothing where there is none.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    try:
+        return sorted(folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise LogError(f"{folder}: cannot be read: {error.strerror}") from error
+
+
 def resolve_images(names: Names, folder: Path) -> Names:
     """The file of each image: of this name, or with another case, without a folder or suffix.
 
@@ -45,7 +56,7 @@ def resolve_images(names: Names, folder: Path) -> Names:
         LogError: a name without suffix fits several files.
     """
     files: dict[str, list[str]] = {}
-    for name in sorted(path.name for path in folder.iterdir()) if folder.is_dir() else ():
+    for name in (path.name for path in list_folder(folder)):
         if name.lower().endswith(IMAGE_SUFFIXES):
             for key in {name.casefold(), Path(name).stem.casefold()}:
                 files.setdefault(key, []).append(name)
@@ -94,13 +105,16 @@ def to_image_pixels(xy: FloatArray, boxes: Sequence[Box | None], sizes: FloatArr
     return placed
 
 
-def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> None:
+def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> str:
     """Refuse positions that cannot be in the pixels of their images.
 
     Args:
         source: for the message.
         xy: (n, 2) positions.
         sizes: (n, 2) of the images.
+
+    Returns:
+        A remark on positions that may be elsewhere, or nothing.
 
     Raises:
         LogError: they are normalized, on the screen, or on smaller images; says what is to be done.
@@ -120,7 +134,7 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> None:
         )
     outside = _outside(xy, sizes)
     if outside.sum() < FEWEST:
-        return
+        return ""
     found += f" {outside.sum()} of {len(xy)} fixations outside"
     shift = np.round(np.quantile(xy - sizes / 2, EXTENT, axis=0).mean(axis=0))
     if 4 * _outside(xy - shift, sizes).sum() < outside.sum():
@@ -130,12 +144,13 @@ def check_positions(source: str, xy: FloatArray, sizes: FloatArray) -> None:
         )
         if outside.mean() > SHIFTED:
             raise LogError(found)
-        warnings.warn(found, LogWarning, stacklevel=3)
+        return found
     if outside.mean() > OUTSIDE:
         raise LogError(
             f"{found} ({span}); pass --xy WIDTH,HEIGHT, the size of the images on the screen, and "
             f"--offset X,Y, their upper left corner on it ({PIXELS})"
         )
+    return ""
 
 
 def _outside(xy: FloatArray, sizes: FloatArray) -> npt.NDArray[np.bool_]:

@@ -45,7 +45,7 @@ class RawFixation(NamedTuple):
     """None where fixations are in pixels of the image."""
 
 
-class Recording(NamedTuple):
+class FixationList(NamedTuple):
     """The fixations of a file."""
 
     fixations: list[RawFixation]
@@ -118,7 +118,7 @@ TOBII_BOX = tuple(
 
 def read_fixation_table(
     path: Path, columns: Mapping[str, str] | None = None, viewer: str | None = None
-) -> Recording:
+) -> FixationList:
     """The fixations of a table, separated by commas, semicolons or tabs.
 
     Args:
@@ -160,13 +160,15 @@ def read_fixation_table(
         if box:
             left, top, width, height = (_number(row, column) for column in box)
             where = Box(left, top, width, height)
+            if not (np.isfinite([left, top]).all() and width > 0 and height > 0):
+                x = np.nan
         if tobii and keys[place["x"]].endswith("norm"):
             where = Box(0.0, 0.0, 1.0, 1.0)
         number = time if order in place else row.line
         fixations.append(RawFixation(image, person, number, x, y, milliseconds, where))
     if "duration" in place:
         fixations = _in_milliseconds(fixations, keys[place["duration"]])
-    return Recording(fixations, "time" if tobii else order)
+    return FixationList(fixations, "time" if tobii else order)
 
 
 def _key(name: str) -> str:

@@ -3,7 +3,7 @@
 import re
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,15 @@ from saccade.datasets.eyelink import read_eyelink
 from saccade.datasets.fixation_images import (
     check_positions,
     image_sizes,
+    list_folder,
     resolve_images,
     to_image_pixels,
 )
 from saccade.datasets.fixation_tables import (
     ROLES,
     Box,
+    FixationList,
     RawFixation,
-    Recording,
     read_fixation_table,
 )
 from saccade.datasets.matlab import read_matlab
@@ -58,17 +59,22 @@ class FixationFormat:
             require(min(self.shown) > 0, "--xy", "a width and a height", self.shown)
 
 
+def _warn(message: str) -> None:
+    warnings.warn(message, LogWarning, stacklevel=4)
+
+
 def read_fixations(
     path: str | Path,
     images: str | Path | None = None,
     form: FixationFormat | None = None,
     *,
     only_present: bool = False,
+    say: Callable[[str], None] = _warn,
 ) -> FixationTable:
     """The fixations in a file, or in those of a folder.
 
-    A row with an empty cell, as of a blink, is left out, and so is one that repeats another; a
-    `LogWarning` counts them. `FixationTable.viewer` is the viewer's number, or, where viewers
+    A row with an empty cell, as of a blink, is left out, and so is one that repeats another, which
+    is counted in a remark. `FixationTable.viewer` is the viewer's number, or, where viewers
     have names, the place of the name among them. `FixationTable.index` is that of the file less
     the first one (0 or 1), so that it is 0 for the first fixation of a scanpath; where a file has
     times, or numbers that go on from image to image, the rank among the fixations of the scanpath.
@@ -83,6 +89,7 @@ def read_fixations(
             converted to pixels of the images and checked. None to take both as they are.
         form: columns of other names, and where images were on the screen.
         only_present: whether fixations on images that are not in the folder are left out.
+        say: called with each remark on what was left out or assumed; a `LogWarning` by default.
 
     Returns:
         Fixations by image, viewer and index.
@@ -95,15 +102,15 @@ def read_fixations(
     """
     path, form = Path(path), form or FixationFormat()
     if path.suffix.lower() == ".mat":
-        recording = Recording(_mat_rows(path), "index")
+        recording = FixationList(_mat_rows(path), "index")
     else:
         recording = _recording(path, form.columns)
-    fixations = _complete(path, recording)
+    fixations = _complete(path, recording, say)
     image = np.array([each.image for each in fixations])
     xy = np.array([(each.x, each.y) for each in fixations])
     if images is not None:
         image = resolve_images(image, Path(images))
-        present = _present(path, image, Path(images), only_present)
+        present = _present(path, image, Path(images), only_present, say)
         image, xy = image[present], xy[present]
         fixations = [each for each, kept in zip(fixations, present, strict=True) if kept]
         sizes = image_sizes(image, Path(images))
@@ -112,21 +119,23 @@ def read_fixations(
             boxes = [Box(*(form.offset or (0, 0)), *(form.shown or ()))] * len(fixations)
         xy = to_image_pixels(xy, boxes, sizes)
         if form.checked:
-            check_positions(str(path), xy, sizes)
-    viewer = _viewer_numbers(path, [each.viewer for each in fixations])
+            remark = check_positions(str(path), xy, sizes)
+            if remark:
+                say(remark)
+    viewer = _viewer_numbers(path, [each.viewer for each in fixations], say)
     order = np.array([each.order for each in fixations])
     seconds = np.array([each.milliseconds for each in fixations]) / 1000
     table = FixationTable(
         image,
         viewer,
-        _indices(path, image, viewer, order, recording.order),
+        _indices(path, image, viewer, order, recording.order, say),
         xy,
         None if np.isnan(seconds).all() else seconds,
     )
     return select_rows(table, np.lexsort((order, table.viewer, table.image)))
 
 
-def _recording(path: Path, columns: Mapping[str, str]) -> Recording:
+def _recording(path: Path, columns: Mapping[str, str]) -> FixationList:
     """The fixations of a table, of an .asc, or of all of those in a folder."""
     if not path.is_dir():
         if path.suffix.lower() != ".asc":
@@ -134,7 +143,7 @@ def _recording(path: Path, columns: Mapping[str, str]) -> Recording:
         foreign = ", ".join(sorted(columns.keys() - {"image"}))
         require(not foreign, "--columns", "image alone of an EyeLink recording", foreign)
         return read_eyelink(path, columns)
-    files = sorted(each for each in path.iterdir() if each.suffix.lower() in (".asc", *TABLES))
+    files = [each for each in list_folder(path) if each.suffix.lower() in (".asc", *TABLES)]
     if not files:
         raise LogError(f"{path}: expected tables or recordings ({', '.join(TABLES)}, .asc)")
     parts = [
@@ -148,10 +157,10 @@ def _recording(path: Path, columns: Mapping[str, str]) -> Recording:
         found = " and some with ".join(sorted(orders))
         raise LogError(f"{path}: expected files of one kind, found some with {found}")
     left_out = sum((Counter(part.left_out) for part in parts), Counter())
-    return Recording([each for part in parts for each in part.fixations], orders.pop(), left_out)
+    return FixationList([each for part in parts for each in part.fixations], orders.pop(), left_out)
 
 
-def _complete(path: Path, recording: Recording) -> list[RawFixation]:
+def _complete(path: Path, recording: FixationList, say: Callable[[str], None]) -> list[RawFixation]:
     """The fixations with a position, each once."""
     found = [each for each in recording.fixations if np.isfinite([each.x, each.y]).all()]
     blank = len(recording.fixations) - len(found)
@@ -167,29 +176,27 @@ def _complete(path: Path, recording: Recording) -> list[RawFixation]:
     }
     places = {(each.image, each.viewer, each.order) for each in once.values()}
     if order == "row":
-        _warn(f"{path}: neither index nor time is a column; the order is that of the rows")
+        say(f"{path}: neither index nor time is a column; the order is that of the rows")
     for reason, count in recording.left_out.items():
         if count:
-            _warn(f"{path}: {count} fixations {reason} are left out")
+            say(f"{path}: {count} fixations {reason} are left out")
     if blank:
-        _warn(f"{path}: {blank} rows with an empty cell, as of blinks, are left out")
+        say(f"{path}: {blank} rows with an empty cell, as of blinks, are left out")
     if len(once) < len(found):
         repeated = len(found) - len(once)
-        _warn(f"{path}: {repeated} rows that repeat another (of the same {order}) are left out")
+        say(f"{path}: {repeated} rows that repeat another (of the same {order}) are left out")
     if len(places) < len(once):
         count = len(once) - len(places)
-        _warn(
-            f"{path}: {count} fixations have the image, viewer and {order} of another and are kept"
-        )
+        say(f"{path}: {count} fixations have the image, viewer and {order} of another and are kept")
     return [*reversed(once.values())]
 
 
-def _warn(message: str) -> None:
-    warnings.warn(message, LogWarning, stacklevel=4)
-
-
 def _present(
-    path: Path, image: npt.NDArray[np.str_], images: Path, only_present: bool
+    path: Path,
+    image: npt.NDArray[np.str_],
+    images: Path,
+    only_present: bool,
+    say: Callable[[str], None],
 ) -> npt.NDArray[np.bool_]:
     """(n,) whether the file of an image is in the folder."""
     names = np.unique(image)
@@ -200,29 +207,38 @@ def _present(
             raise LogError(f"{found}, {absent[0][:80]} first")
         if not only_present:
             raise LogError(f"{found}, {absent[0][:80]} first; --only-present leaves them out")
-        _warn(f"{found} and are left out")
+        say(f"{found} and are left out")
     return np.asarray(~np.isin(image, absent))
 
 
-def _viewer_numbers(path: Path, viewers: Sequence[str]) -> IntArray:
+def _viewer_numbers(path: Path, viewers: Sequence[str], say: Callable[[str], None]) -> IntArray:
     """(n,) the numbers of viewers; of names, their places in the order of the numbers in them."""
     names = sorted(set(viewers), key=_natural)
     if all(name.isascii() and name.isdecimal() and len(name) < 19 for name in names):
         return np.array([int(viewer) for viewer in viewers])
     numbers = {name: number for number, name in enumerate(names)}
     shown = ", ".join(names if len(names) <= 20 else [*names[:3], "...", names[-1]])
-    _warn(f"{path}: the viewers are numbered from 0 in this order: {shown}")
+    say(f"{path}: the viewers are numbered from 0 in this order: {shown}")
     return np.array([numbers[viewer] for viewer in viewers])
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
     """A key that sorts P2 before P10."""
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
-    return [(int(part), "") if part[0].isdigit() else (-1, part) for part in parts]
+    digits = [part.lstrip("0") if part[0].isdigit() else None for part in parts]
+    return [
+        (-1, part) if number is None else (len(number), number)
+        for part, number in zip(parts, digits, strict=True)
+    ]
 
 
 def _indices(
-    path: Path, image: npt.NDArray[np.str_], viewer: IntArray, order: FloatArray, kind: str
+    path: Path,
+    image: npt.NDArray[np.str_],
+    viewer: IntArray,
+    order: FloatArray,
+    kind: str,
+    say: Callable[[str], None],
 ) -> IntArray:
     """(n,) numbers of the fixations of a viewer on an image, from 0; see `read_fixations`."""
     by = np.lexsort((order, viewer, image))
@@ -232,7 +248,7 @@ def _indices(
     base = first.min()
     if kind == "index" and base in (0, 1) and np.mean(first == base) >= 0.5:
         if base == 1:
-            _warn(f"{path}: the index counts from 1, the first fixation of a viewer on an image")
+            say(f"{path}: the index counts from 1, the first fixation of a viewer on an image")
         return np.asarray(order - base).astype(np.int64)
     rank = np.empty(len(by), np.int64)
     rank[by] = np.arange(len(by)) - np.flatnonzero(new)[np.cumsum(new) - 1]

@@ -1,7 +1,9 @@
-"""Diagnostics of a camera drive: finds errors of a recording before it is mapped."""
+"""Diagnostics: finds errors of a camera drive or of a landmark log, and of a run over it."""
 
 from saccade.diagnostics.checks import check_drive
 from saccade.diagnostics.findings import CheckReport, Finding
+from saccade.diagnostics.landmark_log import check_log
 from saccade.diagnostics.repeats import drop_repeated
+from saccade.diagnostics.slam_run import check_run
 
-__all__ = ["CheckReport", "Finding", "check_drive", "drop_repeated"]
+__all__ = ["CheckReport", "Finding", "check_drive", "check_log", "check_run", "drop_repeated"]

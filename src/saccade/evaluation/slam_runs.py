@@ -39,9 +39,7 @@ def summarize_run(
         "nis_mean": none_if_nan(result.consistency.mean),
         "nis_band": list(result.consistency.band),
         "nonlinearity": result.nonlinearity,
-        "warning": "; ".join(
-            filter(None, (result.warning, result.consistency.warning, _doubt(result)))
-        ),
+        "warning": _doubt(result),
         "remark": result.consistency.remark,
     }
     trajectories = {"odometry": result.dead_reckoning, "position": result.trajectory}

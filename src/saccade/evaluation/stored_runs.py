@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import cv2
 
 from saccade.errors import ConfigError
-from saccade.files import atomic_write, read_text, reason_of
+from saccade.files import atomic_write, read_text, reason_of, written_at_once
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -49,7 +49,7 @@ def map_in_processes(
 
 def write_run(path: Path, row: dict[str, Any]) -> None:
     """Store a run as JSON, whole or not at all."""
-    with atomic_write(path) as temporary:
+    with written_at_once(), atomic_write(path) as temporary:
         temporary.write_text(json.dumps(row, indent=2) + "\n", encoding="utf-8")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import ConfigError, LogError
-from saccade.files import atomic_write
+from saccade.files import atomic_write, written_at_once
 from saccade.formats import FORMATS
 from saccade.npz import read_arrays, save_arrays
 
@@ -121,7 +121,7 @@ class Checkpoint:
         for name, value in (("format", FORMAT), ("step", step), ("identity", self._identity)):
             arrays[name] = np.array(value)
         arrays["checksum"] = np.array(checksum(arrays))
-        with atomic_write(self.path) as temporary:
+        with written_at_once(), atomic_write(self.path) as temporary:
             save_arrays(temporary, arrays, compressed=False)
         self.step = step
         self._last = time.monotonic()

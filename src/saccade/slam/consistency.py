@@ -23,8 +23,9 @@ MIN_OBSERVATIONS = 20
 """Innovations below which nothing is said of the model."""
 TOLERATED_FRACTION = 1.5
 """Factor by which standard deviations may be wrong without a message."""
-WRONG_FRACTION = 0.005
-"""Fraction of observations that may be outliers without a warning."""
+WRONG_FRACTION = 0.1
+"""Fraction of observations that may be outliers, or of other landmarks than their names say, without
+a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,28 +47,26 @@ class Consistency:
 
     @property
     def warning(self) -> str:
-        """What is wrong with the log or its noise and what to do, in sentences; empty if nothing.
+        """What is wrong with the innovations, in sentences; empty if nothing.
 
         The median is a robust measure of the noise; the fraction far outside is one of outliers.
         """
         found = []
         if self.refused > WRONG_FRACTION:
             found.append(
-                f"{self.refused:.1%} of the landmark names contradict the map and were not used: "
-                "check the identities (data association) of the log"
+                f"{self.refused:.1%} of the landmark names contradict the map and were not used"
             )
         if self._count < MIN_OBSERVATIONS:
             return "; ".join(found)
         if self._factor > TOLERATED_FRACTION:
             found.append(
-                f"the noise of the log is too small: the innovations are {self._factor:.1f} times "
-                "as large as it lets expect; --tune finds one that fits"
+                f"the innovations are {self._factor:.1f} times as large as the noise of the log "
+                "lets expect"
             )
         elif self._impossible.mean() > WRONG_FRACTION:
             found.append(
                 f"{self._impossible.mean():.1%} of the observations are impossible while the "
-                "others fit their noise: outliers of the sensor or wrong associations, check "
-                "the identities of the landmarks"
+                "others fit their noise: outliers of the sensor or wrong associations"
             )
         return "; ".join(found)
 
@@ -82,7 +81,7 @@ class Consistency:
         if self._factor < 1 / TOLERATED_FRACTION:
             found.append(
                 f"the noise of the log is cautious, the innovations are {self._factor:.2f} of what "
-                "it lets expect; --tune finds one that fits"
+                "it lets expect"
             )
         wrong = self._impossible
         if 0 < wrong.mean() <= WRONG_FRACTION and self.mean > self.band[1]:

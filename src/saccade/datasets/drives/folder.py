@@ -72,7 +72,8 @@ def read_video_drive(path: Path, options: CameraOptions | None = None) -> Drive:
     """A drive from a video."""
     video = VideoFrames(path)
     height, width = video[0].shape[:2]
-    calibration, remark, is_guess = calibration_beside(path.parent, None, (width, height), options)
+    size = width, height
+    calibration, remark, is_guess = calibration_beside(path.parent, None, size, options, path)
     frames = _frame_times(path.parent, len(video), video.rate)
     assumptions = tuple(filter(None, [remark]))
     if video.declared > len(video):
@@ -118,9 +119,16 @@ def assumed_increments(duration: FloatArray) -> OdometryIncrements:
 
 
 def calibration_beside(
-    folder: Path, image: Path | None, size: tuple[int, int] | None, options: CameraOptions | None
+    folder: Path,
+    image: Path | None,
+    size: tuple[int, int] | None,
+    options: CameraOptions | None,
+    source: Path | None = None,
 ) -> BareCamera:
-    """The calibration of camera.toml, or that of a bare folder with a remark about it."""
+    """The calibration of camera.toml, or that of a bare folder with a remark about it.
+
+    The remark names the `source`, if the frames are not in the folder's images.
+    """
     file, options = folder / CAMERA_FILE, options or CameraOptions()
     if file.exists():
         if options != CameraOptions():
@@ -130,7 +138,7 @@ def calibration_beside(
         assert image is not None
         size = image_size(image)
     camera = bare_camera(folder, size, image, options)
-    return camera._replace(remark=f"{folder}: {camera.remark}")
+    return camera._replace(remark=f"{source or folder}: {camera.remark}")
 
 
 def _frame_times(folder: Path, count: int, rate: float) -> FrameTimes:

@@ -12,7 +12,7 @@ from saccade.datasets.drives.frames import FrameTimes, SourceImage, frame_loader
 from saccade.datasets.drives.sidecar_files import assemble_drive
 from saccade.datasets.drives.writing import write_png
 from saccade.errors import DriveError, OutputError
-from saccade.files import reason_of
+from saccade.files import reason_of, written_at_once
 from saccade.frames import EndOfDrive, Frame
 from saccade.live_video import LiveVideo
 
@@ -59,7 +59,8 @@ class LiveDrive:
         try:
             np.savetxt(self._folder / "times.txt", self.times, fmt="%.17g")
             if not self._is_guess:
-                write_calibration(self._folder / CAMERA_FILE, self._calibration)
+                with written_at_once():
+                    write_calibration(self._folder / CAMERA_FILE, self._calibration)
         except OSError as error:
             raise OutputError(f"{self._folder}: cannot be written: {reason_of(error)}") from error
 

@@ -1,7 +1,5 @@
 """Writes drives as folders that can be read again."""
 
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from saccade.datasets.drives.odometry import OdometryIncrements, write_increment
 from saccade.datasets.drives.tracks import TRACK_FILES, write_tracks
 from saccade.datasets.tables import write_tum
 from saccade.errors import DriveError, OutputError
+from saccade.files import claimed
 from saccade.frames import Camera, CameraTurn, Drive, Frame, Tracks
 from saccade.types import Image
 
@@ -42,26 +41,21 @@ def save_drive(
         progress: called with the number of frames written, and of all.
 
     Raises:
+        ConfigError: another run writes it.
         DriveError: a frame has neither, or the scale of the drive is unknown.
         ImageError: a frame cannot be read.
         OutputError: the folder cannot be written, or holds other files than those of a drive.
     """
     path = Path(path)
     require_writable(path, drive)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".saccade-", dir=path.parent))
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    try:
-        _write(temporary / "new", drive, progress)
-        _exchange(path, temporary / "new", temporary / "old")
-    except OutputError as error:
-        raise OutputError(str(error).replace(str(temporary / "new"), str(path))) from error
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with claimed(path) as temporary:
+        try:
+            _write(temporary / "new", drive, progress)
+            _exchange(path, temporary / "new", temporary / "old")
+        except OutputError as error:
+            raise OutputError(str(error).replace(str(temporary / "new"), str(path))) from error
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def require_writable(path: Path, drive: Drive) -> None:

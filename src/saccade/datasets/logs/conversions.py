@@ -26,6 +26,23 @@ class OdometryNoise:
     def __post_init__(self) -> None:
         require_ranges(self, distance=(0, 1000), turn=(0, 1000), drift=(0, 1000))
 
+    def variances(self, distance: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Variances (n,) of distance and heading after steps (n,) in metres and radians."""
+        distance, turn = np.abs(distance), np.abs(turn)
+        return self.distance**2 * distance, self.turn**2 * turn + self.drift**2 * distance
+
+
+ASSUMED_ODOMETRY = OdometryNoise(distance=0.05, turn=0.05, drift=0.05)
+"""Errors of odometry without covariance."""
+ASSUMED_SENSOR = (0.05, 0.02)
+"""Standard deviations of observations without covariance: of the range, as a fraction of it, and
+of the bearing in radians."""
+
+
+def sensor_variances(distance: FloatArray, sigma: tuple[float, float]) -> FloatArray:
+    """Variances (n, 2) of range and bearing at ranges (n,), given as `ASSUMED_SENSOR`."""
+    return np.stack([(sigma[0] * distance) ** 2, np.full(len(distance), sigma[1] ** 2)], 1)
+
 
 def integrate(
     time: FloatArray,

@@ -12,15 +12,22 @@ A row is a pose or an observation, and the header names its cells:
     cov_range_range, ...            its covariance, upper triangle
 
 The first row is the first pose and has no control; every other row has either a control or an
-observation. An empty off-diagonal covariance is zero. Metres and radians.
+observation. An empty off-diagonal covariance is zero; without a column of the covariances of
+either, they are assumed. Metres and radians.
 """
 
+import warnings
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from saccade.datasets.logs.conversions import require_motion_model
+from saccade.datasets.logs.conversions import (
+    ASSUMED_ODOMETRY,
+    ASSUMED_SENSOR,
+    require_motion_model,
+    sensor_variances,
+)
 from saccade.datasets.tables import (
     Row,
     covariance_names,
@@ -30,7 +37,7 @@ from saccade.datasets.tables import (
     symmetric_columns,
     write_table,
 )
-from saccade.errors import LogError
+from saccade.errors import LogError, LogWarning
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
 ROUNDING = 1e-9
@@ -86,7 +93,8 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
 
     Args:
         path: a table with the columns of the module's docstring, in any order, or a folder that
-            holds it as log.csv; off-diagonal covariances may be left out.
+            holds it as log.csv; off-diagonal covariances may be left out. Without any of the
+            controls, or of the observations, they are assumed as in a ROS bag (`LogWarning`).
 
     Raises:
         LogError: no such file, another header, or a row that is neither a pose nor an
@@ -125,16 +133,23 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
             f"an observation at the time of the pose above, {pose_time[observation_pose[k]]:g}",
             f"{time[observations[k]]:g}",
         )
+    step = _cells(records, columns, controls, control)
+    observation = _cells(records, columns, observations, _OBSERVATION)
+    along, heading = ASSUMED_ODOMETRY.variances(np.linalg.norm(step[:, :-1], axis=1), step[:, -1])
+    assumed = np.stack([*[along] * (len(control) - 1), heading], 1)
+    control_covariance = _covariances(header, records, columns, controls, control, assumed)
+    assumed = sensor_variances(observation[:, 0], ASSUMED_SENSOR)
+    covariance = _covariances(header, records, columns, observations, _OBSERVATION, assumed)
     return LandmarkLog(
         name=source.stem,
         start=np.array([np.nan_to_num(columns[name][0]) for name in _START]),
         time=pose_time,
         motion=motion,
-        control=_cells(records, columns, controls, control),
-        control_covariance=_covariances(records, columns, controls, control),
+        control=step,
+        control_covariance=control_covariance,
         observation_pose=observation_pose.astype(np.int64),
-        observation=_cells(records, columns, observations, _OBSERVATION),
-        observation_covariance=_covariances(records, columns, observations, _OBSERVATION),
+        observation=observation,
+        observation_covariance=covariance,
         landmark=_landmarks(header.cells, records, observations),
     )
 
@@ -146,7 +161,9 @@ def _check_header(header: Row, motion: str) -> None:
             raise header.error("commas between cells, and decimal points", found_sign)
     unknown = [name for name in names if name not in known]
     required = ["time", *_CONTROLS[motion], *_OBSERVATION]
-    required += [f"cov_{name}_{name}" for name in required[1:]]
+    for group in (_CONTROLS[motion], _OBSERVATION):
+        if set(covariance_names(group)) & set(names):
+            required += [f"cov_{name}_{name}" for name in group]
     missing = [name for name in required if name not in names]
     if unknown or missing or len(set(names)) < len(names):
         found = f"no {', '.join(missing)}" if missing else "one twice"
@@ -183,9 +200,29 @@ def _cells(
 
 
 def _covariances(
-    records: list[Row], columns: dict[str, FloatArray], rows: IntArray, names: tuple[str, ...]
+    header: Row,
+    records: list[Row],
+    columns: dict[str, FloatArray],
+    rows: IntArray,
+    names: tuple[str, ...],
+    assumed: FloatArray,
 ) -> FloatArray:
-    """Covariances (len(rows), d, d); the variances are required."""
+    """Covariances (len(rows), d, d); variances (len(rows), d) are assumed if there is no column."""
+    if not set(covariance_names(names)) & set(header.cells):
+        sigma = ASSUMED_SENSOR
+        meaning = (
+            f"{sigma[0]:.0%} of the range, {sigma[1]:g} rad of the bearing"
+            if names == _OBSERVATION
+            else f"{ASSUMED_ODOMETRY.distance:g} m and {ASSUMED_ODOMETRY.drift:g} rad after 1 m, "
+            f"{ASSUMED_ODOMETRY.turn:g} rad after a turn by 1 rad"
+        )
+        warnings.warn(
+            f"{header.path}: no covariance of {', '.join(names)}: assumed standard deviations of "
+            f"{meaning}; columns cov_{names[0]}_{names[0]}, ... give the true ones",
+            LogWarning,
+            stacklevel=4,
+        )
+        return assumed[:, :, None] * np.eye(len(names))
     _cells(records, columns, rows, tuple(f"cov_{name}_{name}" for name in names))
     entries = np.stack([columns[name][rows] for name in covariance_names(names)], 1)
     covariances = from_upper_triangle(np.nan_to_num(entries))

@@ -8,7 +8,7 @@ import numpy as np
 from saccade.datasets.logs.conversions import OdometryNoise, integrate, to_relative_poses
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
-from saccade.files import atomic_write
+from saccade.files import atomic_write, results_in
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 ROBOTS = 5
@@ -226,11 +226,12 @@ def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
             "subject x [m] y [m] x sigma [m] y sigma [m]",
             np.column_stack([surveyed + shift, log.landmark_truth.xy, sigma]),
         )
-    for name, (header, table) in tables.items():
-        file = f"{_TABLES[name][0].format(robot)}.dat"
-        lines = [f"# {header}", *("\t".join(map(_number, row)) for row in table.tolist())]
-        with atomic_write(Path(folder) / file) as temporary:
-            temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with results_in(Path(folder)):
+        for name, (header, table) in tables.items():
+            file = f"{_TABLES[name][0].format(robot)}.dat"
+            lines = [f"# {header}", *("\t".join(map(_number, row)) for row in table.tolist())]
+            with atomic_write(Path(folder) / file) as temporary:
+                temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _velocities(log: LandmarkLog) -> FloatArray:

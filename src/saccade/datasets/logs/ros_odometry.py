@@ -110,9 +110,8 @@ def _odometry(
         )
     motion, duration = steps_between(path.pose), np.diff(path.time)[:, None, None]
     distance, turn = np.hypot(motion[:, 0], motion[:, 1]), np.abs(motion[:, 2])
-    covariance = np.zeros((len(motion), 3, 3))
-    covariance[:, 0, 0] = covariance[:, 1, 1] = noise.distance**2 * distance
-    covariance[:, 2, 2] = noise.turn**2 * turn + noise.drift**2 * distance
+    along, heading = noise.variances(distance, turn)
+    covariance = np.stack([along, along, heading], 1)[:, :, None] * np.eye(3)
     growth = _growth(path.pose, pose_covariance)
     if growth is None:
         given = _is_given(rate_covariance[1:])

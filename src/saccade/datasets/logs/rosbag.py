@@ -15,7 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.logs.conversions import OdometryNoise, to_range_bearing
+from saccade.datasets.logs.conversions import (
+    ASSUMED_ODOMETRY,
+    ASSUMED_SENSOR,
+    OdometryNoise,
+    sensor_variances,
+    to_range_bearing,
+)
 from saccade.datasets.logs.ros_landmarks import (
     Detection,
     identities,
@@ -30,11 +36,6 @@ from saccade.datasets.tables import LARGEST
 from saccade.errors import LogError, LogWarning, require
 from saccade.types import BoolArray, FloatArray, LandmarkLog
 
-BAG_ODOMETRY = OdometryNoise(distance=0.05, turn=0.05, drift=0.05)
-"""Errors of odometry without covariance."""
-BAG_SENSOR = (0.05, 0.02)
-"""Standard deviations of observations without covariance: of the range, as a fraction of it, and
-of the bearing in radians."""
 MAX_STEP = 0.5
 """Seconds: poses are inserted between observations that are farther apart."""
 MIN_RANGE = 1e-3
@@ -44,8 +45,8 @@ MIN_RANGE = 1e-3
 def read_rosbag_log(
     path: str | Path,
     topic: Sequence[str] = (),
-    odometry_noise: OdometryNoise = BAG_ODOMETRY,
-    sensor_sigma: tuple[float, float] = BAG_SENSOR,
+    odometry_noise: OdometryNoise = ASSUMED_ODOMETRY,
+    sensor_sigma: tuple[float, float] = ASSUMED_SENSOR,
 ) -> LandmarkLog:
     """A landmark log from a bag; its name has the topics that were used.
 
@@ -94,8 +95,8 @@ def _log(
         position[usable, :2], covariance[usable, :2, :2], lambda k: f"{name}, landmark {k}"
     )
     unknown = ~(np.linalg.eigvalsh(covariance[usable, :2, :2])[:, 0] > 0)
-    sigma = np.array(sensor_sigma) * np.stack([observation[:, 0], np.ones(len(R))], 1)
-    R[unknown] = (np.square(sigma)[:, :, None] * np.eye(2))[unknown]
+    variances = sensor_variances(observation[unknown, 0], sensor_sigma)
+    R[unknown] = variances[:, :, None] * np.eye(2)
 
     grid = np.linspace(first, last, int(np.ceil((last - first) / MAX_STEP)) + 1)
     pose_time = np.union1d(grid, time[usable])

@@ -1,0 +1,421 @@
+"""Checks of a landmark log: which other reading of its numbers explains it better.
+
+Sightings of a landmark a short while apart are compared through odometry. Where another unit, sign,
+axis, order or clock predicts the later ones much better than the numbers as they are, it is named.
+No filter is run: gates and wrong associations have no part in it.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from saccade.diagnostics.findings import Finding
+from saccade.errors import LogError
+from saccade.slam.models import drive
+from saccade.types import FloatArray, IntArray, LandmarkLog
+
+MAX_BEARING = 2 * np.pi
+"""Radians; a difference of two angles in (-pi, pi] is not larger."""
+FAR = 1000.0
+"""Metres; a larger median range is hardly one of a robot's sensor."""
+MIN_PAIRS, MAX_PAIRS = 30, 2000
+"""Pairs of sightings at one lag from which something is said, and of which more are left out."""
+MOTION = 0.08, 0.45
+"""Median relative movement of a landmark between sightings: at the shortest lag, and at most."""
+MIN_GAIN = 0.5
+"""Nats per pair by which another reading is better, unless its own least gain is given."""
+MIN_WINS = 0.7
+"""Fraction of tenths of the log in which it is better."""
+NOISE_FACTORS = 1 / 12, 3.0
+"""Factors on the standard deviations that are no doubt wrong: less and more than these."""
+MAX_GAP = 20.0
+"""Longest step, over the duration that 99 % of the steps are within."""
+FACTORS = 2.0 ** np.arange(-7, 8)
+"""Factors on the standard deviations among which the best is taken."""
+SINGULAR = 1e-8
+"""Variance added to a sighting, over its squared range: exact ones have none."""
+DEGREE, MILLIMETRE = np.pi / 180, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """The numbers of a log, as they are or as another convention reads them."""
+
+    control: FloatArray
+    """(t, 3) forward, left, turn."""
+    control_covariance: FloatArray
+    """(t, 3, 3)."""
+    observation: FloatArray
+    """(k, 2) range, bearing."""
+    observation_covariance: FloatArray
+    """(k, 2, 2)."""
+    time: FloatArray
+    """(t + 1,) of the poses."""
+    observed: FloatArray
+    """(k,) time of each observation."""
+
+    def scaled(self, control: tuple[float, ...], observation: tuple[float, ...]) -> "Readings":
+        """Other units, of the standard deviations too."""
+        u, z = np.array(control), np.array(observation)
+        return replace(
+            self,
+            control=self.control * u,
+            control_covariance=self.control_covariance * np.outer(u, u),
+            observation=self.observation * z,
+            observation_covariance=self.observation_covariance * np.outer(z, z),
+        )
+
+    def with_bearing(self, bearing: FloatArray) -> "Readings":
+        """Other bearings (k,)."""
+        return replace(self, observation=np.stack([self.observation[:, 0], bearing], 1))
+
+    def driven(self, turns: float) -> "Readings":
+        """Translations in a frame that is turned by a multiple of the turn of the step."""
+        xy = _rotated(self.control[:, :2], turns * self.control[:, 2])
+        return replace(self, control=np.column_stack([xy, self.control[:, 2]]))
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another reading of a log."""
+
+    check: str
+    what: str
+    advice: str
+    read: Callable[[Readings], Readings]
+    min_gain: float = MIN_GAIN
+
+
+def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
+    """Check the units, signs, axes, order, clock and noise of a log, before it is mapped.
+
+    Args:
+        log: of range and bearing, with controls of any motion model.
+
+    Returns:
+        What is wrong, the likeliest cause first; empty for a log without controls or observations
+        that can be compared.
+
+    Raises:
+        LogError: bearings that are no angles in radians.
+    """
+    bearing = np.abs(log.observation[:, 1])
+    if (bearing > MAX_BEARING).any():
+        raise LogError(
+            f"{log.name}: expected bearings in radians, found {bearing.max():.4g}, which is over "
+            "2 pi: they are in degrees; multiply bearings, turns and headings by pi / 180, and "
+            "their variances by its square"
+        )
+    findings = [*_check_gap(log)]
+    if log.motion != "custom":
+        findings = [*_check_readings(log), *findings]
+    median = float(np.median(log.observation[:, 0])) if len(bearing) else 0.0
+    if median > FAR and not any("millimetres" in finding.check for finding in findings):
+        what = f"half of the ranges are over {median:.0f} m, which is far for a sensor"
+        advice = "If ranges and odometry are in millimetres, divide both by 1000"
+        findings.append(Finding("warning", "millimetres", what, advice, median, "m"))
+    return tuple(findings)
+
+
+def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
+    """A long step, in which odometry was lost."""
+    duration = np.diff(log.time)
+    if len(duration) < MIN_PAIRS:
+        return
+    longest, usual = int(duration.argmax()), float(np.quantile(duration, 0.99))
+    if duration[longest] > MAX_GAP * usual:
+        what = (
+            f"steps are lost: there is no pose from {log.time[longest]:g} to "
+            f"{log.time[longest + 1]:g} s, and odometry of one step at its end"
+        )
+        advice = "Record odometry without gaps, or map the parts one by one"
+        yield Finding("warning", "lost steps", what, advice, float(duration[longest]), "s")
+
+
+def _check_readings(log: LandmarkLog) -> Iterator[Finding]:
+    """The rival reading that explains the log best, if any, and the factor of its noise."""
+    readings = _readings_of(log)
+    pairs = _pairs(log)
+    if len(pairs[0]) < MIN_PAIRS:
+        return
+    recorded, (factor, of_odometry) = _gains(readings, *pairs)
+    best, best_gains = None, recorded
+    order = np.argsort(readings.observed[pairs[0]], kind="stable")
+    for rival in _rivals(readings):
+        gains, _ = _gains(rival.read(readings), *pairs)
+        wins = np.mean(
+            [tenth.mean() > 0 for tenth in np.array_split((gains - recorded)[order], 10)]
+        )
+        better = gains.mean() > best_gains.mean() and wins >= MIN_WINS
+        if better and gains.mean() - recorded.mean() > rival.min_gain:
+            best, best_gains = rival, gains
+    if best is not None:
+        size = float(best_gains.mean() - recorded.mean())
+        yield Finding("error", best.check, best.what, best.advice, size, "nats")
+    elif not NOISE_FACTORS[0] <= factor <= NOISE_FACTORS[1]:
+        word, verb, times = "small", "Multiply", factor
+        if factor < 1:
+            word, verb, times = "large", "Divide", 1 / factor
+        noun = "log" if of_odometry == factor else "observations"
+        what = f"the standard deviations of the {noun} are about {times:.0f} times too {word}"
+        yield Finding("error", "noise", what, f"{verb} them by {times:.0f}", factor, "times")
+
+
+def _rivals(readings: Readings) -> Iterator[Rival]:
+    """Other readings, each with what it would mean."""
+    mm = MILLIMETRE
+    what, advice = "turns of odometry are in degrees", "Multiply them by pi / 180"
+    yield Rival("degrees", what, advice, lambda log: log.scaled((1, 1, DEGREE), (1, 1)))
+    what, advice = "ranges are in millimetres", "Divide them by 1000"
+    yield Rival("millimetres", what, advice, lambda log: log.scaled((1, 1, 1), (mm, 1)))
+    yield Rival(
+        "millimetres",
+        what,
+        advice,
+        lambda log: replace(log, observation=log.observation * np.array([mm, 1])),
+    )
+    what, advice = "odometry is in millimetres and ranges are not", "Divide its distances by 1000"
+    yield Rival(
+        "odometry in millimetres", what, advice, lambda log: log.scaled((mm, mm, 1), (1, 1))
+    )
+    yield Rival(
+        "mirrored bearings",
+        "bearings and turns have opposite signs",
+        "Both are positive to the left (counter-clockwise): change the sign of the bearings",
+        lambda log: log.scaled((1, 1, 1), (1, -1)),
+    )
+    for turns in (-1.0, 1.0):
+        yield Rival(
+            "motion order",
+            "turn and translation of a step are in the wrong order",
+            "The columns distance, turn turn first and then drive; forward, left are in the frame "
+            "of the last pose, before the turn",
+            lambda log, turns=turns: log.driven(turns),  # type: ignore[misc]
+            min_gain=0.16,
+        )
+    for degrees in (90, -90, 180):
+        yield Rival(
+            "turned sensor",
+            f"the frame of the observations is turned by {degrees} degrees",
+            "Bearings are 0 straight ahead and positive to the left: "
+            f"{'subtract' if degrees > 0 else 'add'} {abs(degrees)} degrees",
+            lambda log, degrees=degrees: log.with_bearing(  # type: ignore[misc]
+                log.observation[:, 1] - np.deg2rad(degrees)
+            ),
+        )
+    yield Rival(
+        "swapped axes",
+        "the axes of the observations are swapped: bearings are clockwise from the left",
+        "Bearings are 0 straight ahead and positive to the left: pi / 2 minus these",
+        lambda log: log.with_bearing(np.pi / 2 - log.observation[:, 1]),
+    )
+    yield Rival(
+        "absolute bearings",
+        "bearings are relative to the map, not to the heading of the robot",
+        "Subtract the heading of the robot",
+        lambda log: log.with_bearing(
+            log.observation[:, 1] - np.interp(log.observed, log.time, _path(log.control)[:, 2])
+        ),
+        min_gain=1.0,
+    )
+    yield Rival(
+        "lost steps",
+        "steps are lost with their odometry: where the time has gaps the robot moves farther than "
+        "odometry does",
+        "Keep every step of odometry, or sum those between two poses",
+        _filled,
+        min_gain=0.08,
+    )
+    spacing = max(0.5, float(np.median(np.diff(readings.time))))
+    for shift in spacing * np.arange(1, 11):
+        for delay in (shift, -shift):
+            yield Rival(
+                "clock offset",
+                f"the clock of the observations is {shift:g} s {'late' if delay > 0 else 'early'} "
+                "against that of odometry",
+                f"{'Subtract' if delay > 0 else 'Add'} {shift:g} s {'from' if delay > 0 else 'to'} "
+                "the times of the observations",
+                lambda log, delay=delay: replace(  # type: ignore[misc]
+                    log, observed=log.observed - delay
+                ),
+                min_gain=0.3,
+            )
+
+
+def _filled(log: Readings) -> Readings:
+    """Controls that are short of the speed around them, made as long as the step takes."""
+    duration = np.diff(log.time)
+    rate = log.control / np.maximum(duration, 1e-9)[:, None]
+    around = np.pad(rate, ((3, 3), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(around, 7, axis=0)
+    expected = np.median(windows, -1) * duration[:, None]
+    short = np.abs(log.control[:, 0]) < 0.8 * np.abs(expected[:, 0])
+    short &= duration > 1.2 * np.median(duration)
+    factor = np.where(short, duration / np.median(duration), 1.0)
+    return replace(
+        log,
+        control=np.where(short[:, None], expected, log.control),
+        control_covariance=log.control_covariance * factor[:, None, None],
+    )
+
+
+def _readings_of(log: LandmarkLog) -> Readings:
+    """The numbers of a log, with controls as relative poses."""
+    control, covariance = log.control, log.control_covariance
+    if log.motion == "drive":
+        steps = [drive(np.zeros(3), u) for u in control]
+        control = np.array([moved for moved, _, _ in steps]).reshape(-1, 3)
+        B = np.array([Fu for _, _, Fu in steps]).reshape(-1, 3, 2)
+        covariance = B @ covariance @ B.transpose(0, 2, 1)
+    return Readings(
+        control=control,
+        control_covariance=covariance,
+        observation=log.observation,
+        observation_covariance=log.observation_covariance,
+        time=log.time,
+        observed=log.time[log.observation_pose],
+    )
+
+
+def _pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
+    """Earlier (m,) and later (m,) sightings of a landmark, a short while apart.
+
+    Lags double, from the shortest in which landmarks move noticeably; at most three are used.
+    """
+    none = np.empty(0, np.int64)
+    time, xy = log.time[log.observation_pose], _points(log.observation)
+    if len(time) == 0 or np.ptp(log.time) <= 0:
+        return none, none
+    track = _tracks(log, xy)
+    order = np.lexsort((time, track))
+    elapsed = time[order] - time[0]
+    key = np.unique(track[order], return_inverse=True)[1] * 4 * (np.ptp(log.time) + 1) + elapsed
+    duration = np.diff(log.time)
+    lag = float(np.median(duration[duration > 0]))
+    found: list[tuple[IntArray, IntArray]] = []
+    while lag < np.ptp(log.time) and len(found) < 3:
+        later = np.minimum(np.searchsorted(key, key + lag * (1 - 1e-6)), len(key) - 1)
+        apart = key[later] - key
+        first = np.flatnonzero((apart >= lag * (1 - 1e-6)) & (apart < 2 * lag))
+        first = first[:: 1 + len(first) // MAX_PAIRS]
+        a, b = order[first], order[later[first]]
+        lag *= 2
+        if len(a) < MIN_PAIRS:
+            continue
+        ranges = np.maximum(log.observation[a, 0] + log.observation[b, 0], 1e-12)
+        movement = np.hypot(*(xy[a] - xy[b]).T) / ranges
+        if np.median(movement) > MOTION[1] and found:
+            break
+        if np.median(movement) < MOTION[0]:
+            found.clear()  # a longer lag says more
+        moved = movement > MOTION[0]  # the others fit every reading
+        found.append((a[moved], b[moved]))
+    if not found:
+        return none, none
+    return np.concatenate([a for a, _ in found]), np.concatenate([b for _, b in found])
+
+
+def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
+    """(k,) the same number for sightings of the same landmark: its name.
+
+    Without names, mutual nearest neighbors in consecutive scans, where no other is near.
+    """
+    number = np.arange(len(xy))
+    if (log.landmark >= 0).any():
+        return np.where(log.landmark >= 0, log.landmark, -1 - number)
+    scans = np.split(number, np.flatnonzero(np.diff(log.observation_pose)) + 1)
+    for last, scan in pairwise(scans):
+        distance = np.hypot(*(xy[last][:, None] - xy[scan]).transpose(2, 0, 1))
+        near = distance.argmin(1)
+        mutual = np.flatnonzero(distance.argmin(0)[near] == np.arange(len(last)))
+        for i in mutual.tolist():
+            j = near[i]
+            limit = np.minimum(*log.observation[[last[i], scan[j]], 0])
+            others = np.concatenate([np.delete(distance[i], j), np.delete(distance[:, j], i)])
+            if distance[i, j] < 0.3 * min(limit, others.min(initial=np.inf)):
+                number[scan[j]] = number[last[i]]
+    return number
+
+
+def _residuals(
+    log: Readings, a: IntArray, b: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Later sightings (m, 2) minus those predicted, with the covariances of sensor and odometry."""
+    U = log.control_covariance
+    variance = np.zeros((len(log.time), 2))
+    variance[1:] = np.cumsum(np.stack([(U[:, 0, 0] + U[:, 1, 1]) / 2, U[:, 2, 2]], 1), 0)
+    knots = np.column_stack([_path(log.control), variance])
+    state = np.stack([np.interp(log.observed, log.time, column) for column in knots.T], 1)
+    x, y, xy = state[a], state[b], _points(log.observation)
+    turn = x[:, 2] - y[:, 2]
+    moved = _rotated(x[:, :2] - y[:, :2], -y[:, 2])
+    residual = xy[b] - _rotated(xy[a], turn) - moved
+    left = np.stack([-xy[:, 1], xy[:, 0]], 1)
+    unit = xy / np.maximum(np.hypot(*xy.T), 1e-12)[:, None]
+    J = np.stack([unit, left], 2)
+    C = J @ log.observation_covariance @ J.transpose(0, 2, 1)
+    c, s = np.cos(turn), np.sin(turn)
+    T = np.stack([np.stack([c, -s], 1), np.stack([s, c], 1)], 1)
+    floor = SINGULAR * np.square(log.observation[b, :1]) + 1e-12
+    sensor = C[b] + T @ C[a] @ T.transpose(0, 2, 1) + floor[:, :, None] * np.eye(2)
+    grown = np.maximum(y[:, 3:] - x[:, 3:], 0)[:, :, None, None]
+    odometry = grown[:, 0] * np.eye(2) + grown[:, 1] * left[b, :, None] * left[b, None, :]
+    return residual, sensor, odometry
+
+
+def _gains(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, tuple[float, float]]:
+    """(m,) log-likelihood of each pair over that of a guess, at the likeliest noise.
+
+    Returns:
+        With the factors on the standard deviations of sensor and odometry: equal, or that of
+        odometry 1.
+    """
+    residual, sensor, odometry = _residuals(log, a, b)
+    guess, best = _guess(log), (np.zeros(len(a)), (1.0, 1.0))
+    for k in FACTORS.tolist():
+        for factors in ((k, k), (k, 1.0)):
+            S = factors[0] ** 2 * sensor + factors[1] ** 2 * odometry
+            gain = _over(*_normalized(residual, S), guess)
+            if gain.mean() > best[0].mean():
+                best = gain, factors
+    return best
+
+
+def _normalized(residual: FloatArray, S: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m,) normalized squares of residuals (m, 2) with covariances S, and the log determinants."""
+    det = np.maximum(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2, 1e-300)
+    x, y = residual.T
+    square = x * x * S[:, 1, 1] - 2 * x * y * S[:, 0, 1] + y * y * S[:, 0, 0]
+    return square / det, np.log(det)
+
+
+def _over(nis: FloatArray, log_det: FloatArray, guess: float) -> FloatArray:
+    """(m,) Gaussian log-likelihoods over that of a guess, at least 0: any may be an outlier."""
+    return np.asarray(np.maximum(-nis / 2 - np.log(2 * np.pi) - log_det / 2 - guess, 0.0))
+
+
+def _guess(log: Readings) -> float:
+    """Mean log-likelihood of the sightings by their own mean and covariance."""
+    spread = np.linalg.det(np.cov(_points(log.observation).T))
+    return float(-np.log(2 * np.pi * np.e) - np.log(max(spread, 1e-300)) / 2)
+
+
+def _path(control: FloatArray) -> FloatArray:
+    """(t + 1, 3) poses by controls from the origin; headings are not wrapped."""
+    heading = np.concatenate([[0.0], np.cumsum(control[:, 2])])
+    steps = _rotated(control[:, :2], heading[:-1])
+    return np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)]), heading])
+
+
+def _points(observation: FloatArray) -> FloatArray:
+    """(k, 2) forward and left of ranges and bearings."""
+    r, bearing = observation.T
+    return np.stack([r * np.cos(bearing), r * np.sin(bearing)], 1)
+
+
+def _rotated(xy: FloatArray, angle: FloatArray) -> FloatArray:
+    """Vectors (m, 2) turned by angles (m,)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * xy[:, 0] - s * xy[:, 1], s * xy[:, 0] + c * xy[:, 1]], 1)

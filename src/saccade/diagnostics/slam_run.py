@@ -1,0 +1,199 @@
+"""Judgement of a SLAM run by what it used: what is wrong, and the likeliest cause first."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from saccade.diagnostics.findings import Finding, counted
+from saccade.slam import SlamResult
+from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
+
+MAX_UNUSED = 0.3
+"""Fraction of the observations that may be without use."""
+MAX_DUPLICATES = 0.1
+"""Fraction of the landmarks that may stand for a name, or a place, that has one."""
+MIN_REFUSED, MIN_JUMP = 0.04, 3.0
+"""Fraction of named observations refused or not used from which names may have changed, and its
+ratio after and before."""
+MIN_SIGHTINGS, MIN_SHARE, MIN_SECOND = 16, 0.1, 0.005
+"""Sightings of a name whose places are compared, the fraction of them at the second place, and the
+fraction that these are of all observations."""
+MIN_NAME_REFUSED = 0.1
+"""Fraction of the sightings of a shared name that are refused."""
+MIN_SEPARATION = 4.0
+"""Distance of two places of a name, over the spread at either and over their uncertainty."""
+MAX_ORDER = 0.6
+"""Difference of the mean ranks in time of two places between which a robot goes to and fro; 1 is
+first the one, then the other."""
+
+
+def check_run(
+    log: LandmarkLog, result: SlamResult, causes: Sequence[Finding] = ()
+) -> tuple[Finding, ...]:
+    """Judge a run over a log.
+
+    Args:
+        log: of range and bearing.
+        result: of the run.
+        causes: what `check_log` found in the log.
+
+    Returns:
+        The causes, else what is wrong with the names; then what is wrong with the run. Empty for
+        a run that is as it should be.
+    """
+    found = [*causes]
+    if not found and (log.landmark >= 0).any():
+        found += _check_names(log, result)
+    return (*found, *_symptoms(log, result))
+
+
+def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
+    """What is wrong with a run, without its cause."""
+    advice = "See the page 'My map is wrong' of the documentation"
+    observations, used = len(result.association), int((result.association >= 0).sum())
+    if result.warning:
+        unused = float(observations - used)
+        yield Finding("warning", "map", result.warning, advice, unused, "observations")
+    elif observations - used > MAX_UNUSED * observations:
+        what = f"{observations - used} of {observations} observations are not used"
+        yield Finding("warning", "unused", what, advice, float(observations - used), "observations")
+    if result.lost is not None and len(result.lost) and result.lost[-1]:
+        last = np.flatnonzero(~result.lost).max(initial=0)
+        seconds = float(log.time[-1] - log.time[last])
+        what = f"the run ends lost: the last {seconds:.1f} s are by odometry alone"
+        yield Finding("warning", "lost", what, advice, seconds, "s")
+    if result.consistency.warning:
+        mean = result.consistency.mean
+        yield Finding("warning", "consistency", result.consistency.warning, advice, mean, "NIS")
+    yield from _check_duplicates(log, result, advice)
+
+
+def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iterator[Finding]:
+    """Landmarks that stand for the same name, or at the same place."""
+    landmarks, count = result.map, len(result.map)
+    if count < 2:
+        return
+    used = result.association >= 0
+    named = used & (log.landmark >= 0)
+    if named.any():
+        names, name = np.unique(log.landmark[named], return_inverse=True)
+        votes = np.zeros((count, len(names)), np.int64)
+        np.add.at(votes, (result.association[named], name), 1)
+        winners = votes.argmax(1)[votes.any(1)]
+        twice = len(winners) - len(np.unique(winners))
+        if twice > max(2.0, MAX_DUPLICATES * count):
+            what = f"{twice} of {count} landmarks have the name of another landmark"
+            yield Finding("warning", "duplicate names", what, advice, float(twice), "landmarks")
+        return
+    if not used.any():
+        return
+    noise = _spread(log.observation[used], log.observation_covariance[used])
+    nearest = np.asarray(cKDTree(landmarks.xy).query(landmarks.xy, k=2)[0])[:, 1]
+    near = nearest < np.median(noise) / 2
+    if near.sum() > max(2.0, 2 * MAX_DUPLICATES * count):
+        what = f"{near.sum()} of {count} landmarks are at the place of another landmark"
+        yield Finding("warning", "duplicate places", what, advice, float(near.sum()), "landmarks")
+
+
+def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
+    """Names that change their meaning, or that several landmarks share."""
+    refused = (log.landmark >= 0) & (result.refused | (result.association < 0))
+    if refused.mean() > MIN_REFUSED:
+        change = _change(refused, log.landmark)
+        if change is not None:
+            time = float(log.time[log.observation_pose[change]] - log.time[0])
+            after = 100 * float(refused[change:].mean())
+            what = (
+                f"names change their meaning about {time:.0f} s after the first pose: "
+                f"{after:.0f} % are not used after it, {100 * refused[:change].mean():.1f} % before"
+            )
+            advice = "Give a landmark the same name in all of the log, or map its parts one by one"
+            yield Finding("error", "names change", what, advice, time, "s")
+            return
+    shared = _shared_names(log, result)
+    if shared:
+        name, _, distance = max(shared, key=lambda each: each[1])
+        what = f"several landmarks share the name {name}: it is observed at places {distance:.1f} m"
+        what += " apart, in turn"
+        if len(shared) > 1:
+            others = sorted(other for other, _, _ in shared if other != name)
+            what += f" (so {counted(len(others), 'is', 'are')}: {', '.join(map(str, others[:6]))})"
+        advice = "Give each landmark a name of its own, or leave the name empty where it is unsure"
+        yield Finding("error", "shared name", what, advice, float(name), "name")
+
+
+def _change(refused: BoolArray, names: IntArray) -> int | None:
+    """The observation from which on the names of many landmarks are refused; None if there is none.
+
+    It is that where the fraction refused in the fifth of the log after it exceeds that before most.
+    """
+    count = len(refused)
+    total = np.concatenate([[0], np.cumsum(refused)])
+    at = np.arange(count // 10, 9 * count // 10)
+    if len(at) == 0:
+        return None
+    end = np.minimum(at + count // 5, count)
+    before, after = total[at] / at, (total[end] - total[at]) / (end - at)
+    best = int(np.argmax(after - before))
+    if after[best] < MIN_JUMP * before[best]:
+        return None
+    first, last = int(at[best]), int(end[best])
+    where = names[first:last][refused[first:last]]
+    most = np.unique(where, return_counts=True)[1].max(initial=0)
+    return first if most < 0.5 * len(where) else None
+
+
+def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, float]]:
+    """Names that stand for two places in turn: name, sightings at the second, metres between."""
+    pose = result.trajectory.pose[log.observation_pose]
+    bearing = pose[:, 2] + log.observation[:, 1]
+    direction = np.stack([np.cos(bearing), np.sin(bearing)], 1)
+    place = pose[:, :2] + log.observation[:, :1] * direction
+    noise = _spread(log.observation, log.observation_covariance)
+    variance = np.square(noise)
+    if result.trajectory.covariance is not None:
+        C = result.trajectory.covariance[log.observation_pose]
+        turned = C[:, 2, 2] * np.square(log.observation[:, 0])
+        variance += C[:, 0, 0] + C[:, 1, 1] + turned
+    found = []
+    for name in np.unique(log.landmark[log.landmark >= 0]).tolist():
+        sightings = np.flatnonzero(log.landmark == name)
+        if len(sightings) < MIN_SIGHTINGS:
+            continue
+        if result.refused[sightings].mean() < MIN_NAME_REFUSED:
+            continue
+        second = _split(place[sightings])
+        share = min(second.mean(), 1 - second.mean())
+        if share < MIN_SHARE or share * len(sightings) < MIN_SECOND * len(log.landmark):
+            continue
+        order = np.flatnonzero(second).mean() - np.flatnonzero(~second).mean()
+        if abs(order) > MAX_ORDER * len(sightings) / 2:
+            continue
+        groups = place[sightings][~second], place[sightings][second]
+        middles = [np.median(group, 0) for group in groups]
+        widths = [np.median(np.hypot(*(g - m).T)) for g, m in zip(groups, middles, strict=True)]
+        distance = float(np.hypot(*(middles[0] - middles[1])))
+        uncertainty = float(np.sqrt(np.median(variance[sightings])))
+        apart = np.hypot(*np.diff(place[sightings], axis=0).T)
+        apart = apart[np.diff(log.observation_pose[sightings]) == 0]  # seen twice at once
+        at_once = float(np.mean(apart > distance / 2)) if len(apart) > MIN_SIGHTINGS else 0.0
+        narrow = distance > 2 * MIN_SEPARATION * float(np.median(noise[sightings]))
+        if distance > MIN_SEPARATION * max(*widths, uncertainty) or (at_once > 0.5 and narrow):
+            found.append((name, int(share * len(sightings)), distance))
+    return found
+
+
+def _split(xy: FloatArray) -> BoolArray:
+    """Which of points (n, 2) are beyond the widest gap along their principal axis (n,)."""
+    centered = xy - xy.mean(0)
+    along = centered @ np.linalg.eigh(centered.T @ centered)[1][:, -1]
+    ordered = np.sort(along)
+    margin = int(np.ceil(MIN_SHARE * len(xy)))
+    gaps = np.diff(ordered)[margin - 1 : len(xy) - margin]
+    return np.asarray(along > ordered[margin - 1 + int(np.argmax(gaps))])
+
+
+def _spread(observation: FloatArray, R: FloatArray) -> FloatArray:
+    """(k,) standard deviations in metres of observations (k, 2)."""
+    return np.asarray(np.sqrt(R[:, 0, 0] + R[:, 1, 1] * np.square(observation[:, 0])))

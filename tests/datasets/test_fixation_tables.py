@@ -1,0 +1,140 @@
+"""Fixations as laboratories and eye trackers write them are read alike, or refused with a cure."""
+
+import json
+from dataclasses import fields
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+
+from saccade.cli.fixation_tables import fixation_format
+from saccade.datasets.fixations import read_fixations
+from saccade.errors import LogError
+from support.fixation_variants import VARIANTS, canonical, normalized, on_screen, with_times
+
+NAMES = [f"{number}.png" for number in range(1001, 1004)]
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("photos")
+    for name in NAMES:
+        cv2.imwrite(str(folder / name), np.zeros((600, 800), np.uint8))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """Eleven people who look at the middle of three images, and then about."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for image in NAMES:
+        for viewer in range(11):
+            places = np.vstack([(400, 300), rng.uniform((5, 5), (795, 595), (4, 2))]).round(1)
+            spans = rng.integers(80, 400, 5)
+            rows += [
+                (image, viewer, index, *place, float(span))
+                for index, (place, span) in enumerate(zip(places, spans, strict=True))
+            ]
+    return with_times(rows)
+
+
+def read(path, options, photos):
+    """The fixations as the commands read them, and the remarks."""
+    given = dict(zip(options[::2], options[1::2], strict=True))
+    form = fixation_format(*(given.get(name) for name in ("--columns", "--xy", "--offset")))
+    remarks = []
+    return read_fixations(path, photos, form, say=remarks.append), " ".join(remarks)
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda each: each.__name__)
+def test_every_way_to_write_fixations_reads_alike(variant, seen, photos, tmp_path):
+    found, remarks = read(*variant(seen, tmp_path), photos)
+    image, viewer, index, x, y, milliseconds, _ = zip(*sorted(seen), strict=True)
+    expected = image, viewer, index, np.array([x, y]).T, np.array(milliseconds) / 1000
+    for field, values in zip(fields(found), expected, strict=True):
+        np.testing.assert_array_equal(getattr(found, field.name), values)
+    if variant.__name__ == "fixation_report":
+        assert "15 rows with an empty cell" in remarks
+        assert "24 rows that repeat another" in remarks
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda x, y: (x / 800, y / 600), "--xy normalized"),
+        (lambda x, y: (x / 8, y / 6), r"--xy WIDTH,HEIGHT.*100,100"),
+        (lambda x, y: (x + 240, y + 212), r"--offset X,Y.*about 2[34]\d,2[01]\d"),
+        (lambda x, y: (x - 400, y - 300), r"--offset X,Y.*about -(39|40)\d,-(29|30)\d"),
+        (lambda x, y: (1.8 * x, 1.8 * y), "--xy WIDTH,HEIGHT"),
+    ],
+    ids=["normalized", "percent", "screen", "centered", "enlarged"],
+)
+def test_positions_elsewhere_are_refused_with_the_cure(change, words, seen, photos, tmp_path):
+    moved = [s._replace(x=change(s.x, s.y)[0], y=change(s.x, s.y)[1]) for s in seen]
+    path, _ = canonical(moved, tmp_path)
+    with pytest.raises(LogError, match=f"800 x 600.*{words}"):
+        read(path, [], photos)
+    found, _ = read(path, ["--xy", "pixels"], photos)
+    assert len(found) == len(seen)
+
+
+@pytest.mark.parametrize(
+    ("text", "index", "remark"),
+    [
+        ("viewer,image,x,y,index\n" + "".join(f"{v},a,9,9,{k}\n" for v in "12" for k in (1, 2)),
+         [0, 1, 0, 1], "counts from 1"),
+        ("viewer,image,x,y,index\n1,a,9,9,0\n1,a,8,9,1\n2,a,9,9,1\n2,a,9,8,2\n",
+         [0, 1, 1, 2], ""),  # the first one is missing
+        ("viewer,image,x,y,index\n1,a,9,9,7\n1,a,8,9,8\n2,a,9,9,31\n2,a,9,8,30\n",
+         [0, 1, 0, 1], ""),
+        ("viewer,image,x,y\n1,a,9,9\n1,a,8,9\n1,a,8,9\n", [0, 1], "order is that of the rows"),
+        ("viewer,image,x,y,t\n1,a,9,9,5\n1,a,,9,6\n1,a,9,NA,7\n1,a,9,9,8\n", [0, 1], ": 2 rows"),
+        ("viewer,image,x,y,index\n1,a,9,9,0\n1,a,7,9,0\n", [0, 0], "1 fixations have the image"),
+    ],
+    ids=["from-one", "first-missing", "running", "no-order", "blinks", "both-eyes"],
+)  # fmt: skip
+def test_the_first_fixation_of_a_scanpath_is_number_0(tmp_path, text, index, remark):
+    (tmp_path / "a.csv").write_text(text)
+    remarks = []
+    assert read_fixations(tmp_path / "a.csv", say=remarks.append).index.tolist() == index
+    assert remark in " ".join(remarks)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.csv", "subject,participant,image,x,y\n", "--columns viewer=subject"),
+        ("a.csv", "who,image,x,y\n", "viewer is missing among who, image, x, y; --columns"),
+        ("a.csv", "viewer;image;x;y\n1;a;512;9\n1;a;1,024;9\n", "line 3.*'1,024'"),
+        ("a.tsv", "Participant name\tPresented Media name\tFixation point X\tFixation point Y\t"
+                  "Eye movement type\n", "Eye movement type index"),
+        ("a.asc", "EFIX L 1 2 1 3 4 5\n", "!V IMGLOAD.*found 1 without"),
+        ("a.asc", "EVENTS HREF LEFT\n", "line 1: expected events of GAZE"),
+        ("a.asc", "MSG 1 !V IMGLOAD CENTER a.png 1\n", "line 1: expected IMGLOAD"),
+        ("a.asc", "EFIX L 1 2 1\n", "line 1: expected EFIX"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_named(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(LogError, match=f"{name}.*{words}"):
+        read_fixations(tmp_path / name)
+
+
+def test_a_command_scores_the_tables_of_a_laboratory_alike(run, seen, photos, tmp_path):
+    rng = np.random.default_rng(1)
+    for name in NAMES:
+        np.save(tmp_path / f"{name[:4]}.npy", rng.random((60, 80)))
+    words = ["evaluate", "fixations", "--images", photos, "--maps", tmp_path, "--json"]
+    scores = []
+    for variant in (canonical, VARIANTS[0], normalized, on_screen):
+        path, options = variant(seen, tmp_path)
+        code, out, err = run(*words, "--fixations", path, *options)
+        assert code == 0, err
+        scores.append(json.loads(out))
+    assert all(one == other for one, other in pairwise(scores))
+    for option, value in (("--xy", "wide"), ("--offset", "1"), ("--columns", "who")):
+        code, _, err = run(*words, "--fixations", tmp_path / "canonical.csv", option, value)
+        assert (code, err.count("\n")) == (2, 1)
+        assert f"{option}: expected" in err

@@ -1,0 +1,124 @@
+"""Logs that are wrong in one thing are refused, or warned of with that cause first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from saccade import slam
+from saccade.datasets import load, save
+from saccade.diagnostics import check_log, check_run
+from saccade.errors import LogError
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.types import LandmarkLog
+
+WORLD = WorldConfig(
+    course_length=30.0,
+    curvature_amplitude=1.5,
+    steps=600,
+    step_length=0.5,
+    landmarks=20,
+    range_limits=(0.5, 8.0),
+)
+
+
+def scaled(log, control=(1, 1, 1), observation=(1, 1), sigma=1.0):
+    u, z = np.array(control, float), np.array(observation, float)
+    return replace(
+        log,
+        control=log.control * u,
+        control_covariance=log.control_covariance * np.outer(u, u) * sigma**2,
+        observation=log.observation * z,
+        observation_covariance=log.observation_covariance * np.outer(z, z) * sigma**2,
+    )
+
+
+def drive_before_turn(log):
+    distance, turn = np.hypot(*log.control[:, :2].T), log.control[:, 2]
+    return replace(log, control=np.stack([distance, 0 * distance, turn], 1))
+
+
+def rename(log):
+    names = log.landmark.copy()
+    names[len(names) // 2 :] = np.roll(np.arange(20), 7)[names[len(names) // 2 :]]
+    return replace(log, landmark=names)
+
+
+def share(log):
+    first, second = np.argsort(-np.bincount(log.landmark))[:2]
+    return replace(log, landmark=np.where(log.landmark == second, first, log.landmark))
+
+
+def observed(log, pose, keep):
+    names = ("observation", "observation_covariance", "landmark")
+    kept = {name: getattr(log, name)[keep] for name in names}
+    return replace(log, observation_pose=pose[keep], **kept)
+
+
+def delay(log):
+    pose = log.observation_pose + 3
+    return observed(log, pose, pose < len(log.time))
+
+
+def turn_sensor(log):
+    return replace(log, observation=log.observation + np.array([0, np.pi / 2]))
+
+
+def lose_steps(log):
+    keep = np.random.default_rng(3).random(len(log.time)) > 0.1
+    keep[0] = True
+    number = np.cumsum(keep) - 1
+    fewer = observed(log, number[log.observation_pose], keep[log.observation_pose])
+    return LandmarkLog(
+        **{
+            **vars(fewer),
+            "time": log.time[keep],
+            "control": log.control[keep[1:]],
+            "control_covariance": log.control_covariance[keep[1:]],
+        }
+    )
+
+
+DEGREES = 180 / np.pi
+WRONG = {
+    "degrees": (lambda log: scaled(log, (1, 1, DEGREES), (1, DEGREES)), "refused"),
+    "millimetres": (lambda log: scaled(log, observation=(1000, 1)), "millimetres"),
+    "sign": (lambda log: scaled(log, observation=(1, -1)), "mirrored bearings"),
+    "order": (drive_before_turn, "motion order"),
+    "sigmas x 30": (lambda log: scaled(log, sigma=30), "noise"),
+    "sigmas / 30": (lambda log: scaled(log, sigma=1 / 30), "noise"),
+    "renamed": (rename, "names change"),
+    "shared": (share, "shared name"),
+    "clock": (delay, "clock offset"),
+    "frame": (turn_sensor, "turned sensor"),
+    "lost steps": (lose_steps, "lost steps"),
+    "turn": (lambda log: scaled(log, (1, 1, DEGREES)), "degrees"),
+}
+
+
+@pytest.fixture(scope="module")
+def good():
+    return simulate_world(WORLD, 1)
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good, tmp_path):
+    spoil, cause = WRONG[kind]
+    save(tmp_path / "log.csv", replace(spoil(good), truth=None, landmark_truth=None))
+    log = load("csv", tmp_path / "log.csv")
+    if cause == "refused":
+        with pytest.raises(LogError, match="they are in degrees; multiply"):
+            check_log(log)
+        return
+    causes = check_log(log)
+    findings = causes or check_run(log, slam.run(log))
+    assert findings[0].check == cause
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("named", [True, False])
+def test_good_logs_have_no_findings(seed, named):
+    log = simulate_world(WORLD, seed)
+    if not named:
+        log = replace(log, landmark=np.full(len(log.landmark), -1))
+    assert check_run(log, slam.run(log), check_log(log)) == ()
