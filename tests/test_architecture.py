@@ -30,13 +30,15 @@ ALLOWED = {
     "video": FOUNDATION | {"image"},
     "live_video": FOUNDATION | {"image", "video"},
     "pyramid": {"types", "errors", "_jit"},
+    "image_motion": {"types"},
     "workspace": {"types", "errors"},
     "scale_space_config": {"types", "errors"},
     "scale_space": {"types", "errors", "workspace", "scale_space_config"},
     "_pair_sums_kernels": {"types", "_jit"},
     "pair_sums": {"types", "errors", "pyramid", "_pair_sums_kernels"},
     "attention": {
-        *("types", "errors", "_jit", "image", "pyramid", "pair_sums", "_pair_sums_kernels")
+        *("types", "errors", "_jit", "image", "image_motion", "pyramid"),
+        *("pair_sums", "_pair_sums_kernels"),
     },
     "keypoints": {
         *("types", "errors", "_jit", "image", "pyramid", "pair_sums", "_pair_sums_kernels"),

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from saccade.attention import ScanpathModelConfig as ScanpathModelConfig
     from saccade.attention import SymmetryConfig as SymmetryConfig
     from saccade.attention import SymmetryMaps as SymmetryMaps
+    from saccade.attention import VideoConfig as VideoConfig
+    from saccade.attention import VideoMaps as VideoMaps
+    from saccade.attention import VideoSaliency as VideoSaliency
     from saccade.attention import attention_saliency as attention_saliency
     from saccade.attention import boolean_saliency as boolean_saliency
     from saccade.attention import contrast_saliency as contrast_saliency
@@ -74,6 +77,7 @@ _MODULES = {
         *("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
         *("BooleanConfig", "BooleanMaps", "boolean_saliency", "FittedModel"),
         *("ScanpathModelConfig", "sample_scanpaths", "most_probable_scanpath"),
+        *("VideoConfig", "VideoMaps", "VideoSaliency"),
         *("next_fixation_density", "scanpath_log_likelihood"),
     ),
     "errors": (

@@ -255,6 +255,7 @@ def test_look_takes_folders_patterns_and_videos(run, tmp_path):
     assert video["frames"] == 4
     with np.load(video["arrays"]) as arrays:
         np.testing.assert_allclose(arrays["time"], [0, 0.2, 0.4, 0.6])
+        assert ((arrays["gaze"] >= 0) & (arrays["gaze"] <= (95, 63))).all()
         columns = [maps.sum(axis=0).argmax() / maps.shape[1] for maps in arrays["saliency"]]
     assert columns == sorted(columns)
     assert columns[-1] > columns[0]

@@ -21,6 +21,7 @@ from saccade.attention.scanpath_model import (
 )
 from saccade.attention.symmetric_pairs import symmetric_pairs
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
+from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 
 __all__ = [
     "AttentionConfig",
@@ -36,6 +37,9 @@ __all__ = [
     "ScanpathModelConfig",
     "SymmetryConfig",
     "SymmetryMaps",
+    "VideoConfig",
+    "VideoMaps",
+    "VideoSaliency",
     "attention_saliency",
     "boolean_saliency",
     "contrast_pyramids",

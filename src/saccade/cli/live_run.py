@@ -14,7 +14,8 @@ from saccade import visual
 from saccade.attention.models import AttentionModel
 from saccade.cli.batch_run import stop_on_interrupt
 from saccade.cli.drive_run import write_results
-from saccade.cli.output import Progress, print_message, progress_bar, write_arrays
+from saccade.cli.look_video import VideoRecord
+from saccade.cli.output import Progress, print_message, progress_bar
 from saccade.cli.run_output import RunOutput
 from saccade.datasets import load_drive, write_table
 from saccade.datasets.drives.bare import CameraOptions
@@ -25,7 +26,6 @@ from saccade.live_video import LiveVideo
 from saccade.slam import Recorder
 from saccade.types import FloatArray, Image, Regions
 from saccade.video import video_writer
-from saccade.viewing.attention import heat_beside
 from saccade.viewing.live import LiveImages, LiveMap
 from saccade.viewing.style import ORANGE, rgb_levels
 from saccade.visual import VisualConfig
@@ -68,26 +68,16 @@ class Live(NamedTuple):
 
 
 def look_at_camera(live: Live, out: Path, attention: AttentionModel) -> dict[str, Any]:
-    """Write the saliency of each frame as a film and as arrays; returns the row for --json."""
-    times, maps = list[float](), list[FloatArray]()
+    """Write the saliency and the gaze as a film and as arrays; returns the row for --json."""
+    record = VideoRecord(attention)
 
     def analyze(time: float, image: Image) -> tuple[Image, dict[str, Any]]:
-        saliency = attention.maps(image).saliency
-        times.append(time)
-        maps.append(saliency)
-        beside = heat_beside(image, saliency)
+        beside = record.add(time, image)
         return beside, {"heat": beside[:, image.shape[1] :]}
 
-    film = out / f"{NAME}.look.mp4"
-    _process(live, film, analyze)
-    arrays = out / f"{NAME}.look.npz"
-    write_arrays(arrays, {"saliency": np.stack(maps), "time": np.array(times)})
-    return {
-        "image": f"camera {live.source}",
-        "frames": len(maps),
-        "film": str(film),
-        "arrays": str(arrays),
-    }
+    file = out / f"{NAME}.look"
+    _process(live, Path(f"{file}.mp4"), analyze)
+    return record.write(f"camera {live.source}", file)
 
 
 def detect_in_camera(live: Live, out: Path, detect: Callable[[Image], Any]) -> dict[str, Any]:

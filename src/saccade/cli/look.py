@@ -133,18 +133,20 @@ def look(
 
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html);
-    for each video a film (NAME.look.mp4) and the saliency of its frames
-    (NAME.look.npz). With --format csv or mat the scanpaths of all images go to
-    scanpaths.csv, and a hundred drawn ones of each to samples.csv; with --maps
-    each map goes to maps/MAP/NAME.npy. Of a --camera the film is
-    camera.look.mp4; Ctrl-C ends it.
+    for each video a film of the gaze beside the saliency, which has flicker
+    and motion (NAME.look.mp4), and both as arrays (NAME.look.npz). With
+    --format csv or mat the scanpaths of all images go to scanpaths.csv, and a
+    hundred drawn ones of each to samples.csv; with --maps each map goes to
+    maps/MAP/NAME.npy. Of a --camera the film is camera.look.mp4; Ctrl-C ends
+    it.
 
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
     from saccade.attention.scanpath import ScanpathConfig
     from saccade.cli.look_files import LookFiles
-    from saccade.cli.look_run import LEAD, analyze_image, analyze_video
+    from saccade.cli.look_run import LEAD, analyze_image
+    from saccade.cli.look_video import analyze_video
     from saccade.cli.output import for_each_image, print_json, print_result, print_table
     from saccade.cli.precompile import points_compiled_ahead
     from saccade.errors import ConfigError

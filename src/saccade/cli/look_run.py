@@ -1,4 +1,4 @@
-"""Saliency and scanpaths of images and videos, written to files."""
+"""Saliency and scanpaths of images, written to files."""
 
 from functools import partial
 from pathlib import Path
@@ -11,17 +11,15 @@ from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.cli.look_files import LookFiles
-from saccade.cli.output import progress_bar, write_arrays
+from saccade.cli.output import write_arrays
 from saccade.errors import ImageError
 from saccade.formats import FORMATS
 from saccade.image import read_image
 from saccade.keypoints import Sift, SiftConfig
 from saccade.types import Float32Array, Scanpath, ScanpathSamples
-from saccade.video import read_video, video_rate, video_writer
 from saccade.viewing import (
     Section,
     attention_figure,
-    heat_beside,
     save_figures,
     save_film,
     scanpath_frames,
@@ -111,26 +109,3 @@ def _part(
     """The image as a part of a report, with its strongest interest points."""
     keypoints = Sift(SiftConfig(max_keypoints=MAX_POINTS, spread=True))(image)
     return image_part(section, image, layers, scan, keypoints, samples)
-
-
-def analyze_video(path: Path, out: Path, attention: AttentionModel, stride: int) -> dict[str, Any]:
-    """Write the saliency of a video as `out`.mp4 and `out`.npz, return the row for --json.
-
-    The film shows each frame beside its saliency; the arrays are the saliency (n, h, w) and the
-    times (n,) in seconds.
-    """
-    times, maps = [], []
-    film = Path(f"{out}.mp4")
-    with (
-        progress_bar(path.name) as progress,
-        video_writer(film, video_rate(path) / stride) as write,
-    ):
-        for time, frame in read_video(path, stride):
-            saliency = attention.maps(frame).saliency
-            write(heat_beside(frame, saliency))
-            times.append(time)
-            maps.append(saliency)
-            progress(len(maps))
-    arrays = Path(f"{out}.npz")
-    write_arrays(arrays, {"saliency": np.stack(maps), "time": np.array(times)})
-    return {"image": str(path), "frames": len(maps), "film": str(film), "arrays": str(arrays)}

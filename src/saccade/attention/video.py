@@ -1,0 +1,328 @@
+"""Saliency over time: static saliency, flicker and motion of a video, and a track of the gaze.
+
+Flicker is the temporal difference of luminance, motion its opponent (Reichardt) correlation in four
+directions. Both compare a frame with an earlier one, which is first moved as the camera has moved
+the scene, and both are then treated as the features of contrast saliency are: differences of center
+and surround over a pyramid, and the normalization N.
+
+Source: Itti, Dhavale & Pighin (2003), *Realistic avatar eye and head animation using a
+neurobiological model of visual attention*. They correlate oriented filters, here it is differences
+of neighboring levels; and they do not subtract the motion of the camera.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from saccade.attention.channels import intensity
+from saccade.attention.combined import attention_saliency
+from saccade.attention.contrast import existing_scales
+from saccade.attention.contrast_config import ContrastConfig, Scales
+from saccade.attention.mirrored import MirroredArithmetic
+from saccade.attention.models import SaliencyMaps
+from saccade.attention.normalize import smooth
+from saccade.attention.scanpath_model import ScanpathModelConfig, next_fixation_density
+from saccade.errors import ImageError, require, require_ranges, require_types
+from saccade.image import check_image, in_unit_range, repeat_gray
+from saccade.image_motion import camera_motion, moved, tracked
+from saccade.pyramid import FloatMap, cell_centers, halve, resize
+from saccade.types import Float32Array, FloatArray, Image
+
+POOLING = 2.0
+"""Standard deviation in cells of the neighborhood over which correlations are averaged."""
+REACH = 2
+"""Cells within which a saccade lands on the most salient one."""
+MEMORY = 20
+"""Fixations whose places are followed; the inhibition by earlier ones has decayed."""
+
+
+@dataclass(frozen=True)
+class VideoConfig:
+    """Flicker, motion and gaze; times are in seconds and hold at any frame rate."""
+
+    flicker_weight: float = 1.0
+    """Weight of flicker in the saliency; that of the static saliency is 1."""
+    motion_weight: float = 1.0
+    """The same for motion."""
+    scales: Scales = ((1, 3), (2, 4), (3, 5))
+    """Pyramid levels of center and surround, as those of `ContrastConfig`."""
+    semisaturation: float = 0.05
+    """Change of the luminance, which is in [0, 1], that has half the largest response: the
+    normalization alone would raise noise to the height of motion."""
+    static_interval: float = 0.1
+    """Time after which the static saliency is computed again, which takes longer than all else;
+    until then it moves with the scene. 0 computes it at each frame."""
+    delay: float = 0.04
+    """Time between the two frames that are compared: the earlier is the nearest to that."""
+    time_constant: float = 0.1
+    """Of the temporal low-pass filter of the saliency; 0 for none."""
+    scanpath: ScanpathModelConfig = field(default_factory=lambda: ScanpathModelConfig(exponent=2))
+    """Model of the gaze. The exponent is not fitted: people's gazes agree more in videos than in
+    photographs (Dorr, Martinetz, Gegenfurtner & Barth 2010)."""
+    seed: int = 0
+    """Of the random numbers of the gaze."""
+
+    def __post_init__(self) -> None:
+        require_types(self)
+        for name in ("flicker_weight", "motion_weight", "static_interval", "seed"):
+            require_ranges(self, **{name: (0, 2**31)})
+        require_ranges(self, semisaturation=(1e-4, 1), delay=(0, 10), time_constant=(0, 10))
+        _ = self.contrast
+
+    @property
+    def contrast(self) -> ContrastConfig:
+        """Scales and normalization of flicker and motion, checked."""
+        return ContrastConfig(scales=self.scales, scale_weights=(1.0,) * len(self.scales))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class VideoMaps(SaliencyMaps):
+    """Saliency and gaze at a frame; they depend on no later one. Maps are (h, w) float32."""
+
+    saliency: Float32Array
+    """In [0, 1]; equal to `static` while nothing changes."""
+    static: Float32Array
+    """Saliency of the frame by itself, or of one up to `static_interval` earlier, moved."""
+    flicker: Float32Array
+    """In [0, 1]; 1 for a single strong change."""
+    directions: Float32Array
+    """(4, h, w) motion to the right, down, to the left and up relative to the scene; each in
+    [0, 1], 1 for a single thing of high contrast."""
+    gaze: tuple[float, float]
+    """x and y in pixels of the frame."""
+    image_shape: tuple[int, int]
+    """(H, W) of the frame."""
+
+    @property
+    def motion(self) -> Float32Array:
+        """(h, w) sum of the directions."""
+        return np.asarray(self.directions.sum(0))
+
+    @property
+    def layers(self) -> dict[str, Float32Array]:
+        """The maps by name."""
+        return {name: getattr(self, name) for name in ("saliency", "static", "flicker", "motion")}
+
+
+class _Past(NamedTuple):
+    """An earlier frame."""
+
+    time: float
+    luminance: Float32Array
+    """At the finest level of the scales."""
+    camera: FloatArray
+    """(3, 3) motion of the scene from then to now, in cells of that level."""
+
+
+class VideoSaliency:
+    """Saliency and gaze of a video, frame by frame.
+
+    The gaze begins at the center. It fixates for a time drawn from the scanpath model; then it
+    moves to a cell drawn from `next_fixation_density` of the present saliency, or stays if that is
+    next to it. Meanwhile it follows what it fixates (pursuit), and the inhibition of return follows
+    what was fixated.
+
+    Args:
+        config: flicker, motion and gaze.
+        static: computes the saliency (h, w) of a frame by itself, not negative, which is scaled
+            to a maximum of 1 if it is above; None for that of `attention_saliency`.
+
+    Examples:
+        >>> import numpy as np
+        >>> video = saccade.VideoSaliency()
+        >>> frames = np.zeros((2, 90, 160), np.float32)
+        >>> frames[0, 40:50, 20:30] = frames[1, 40:50, 23:33] = 1
+        >>> maps = [video(frame, number / 25) for number, frame in enumerate(frames)][-1]
+        >>> int(maps.directions.max((1, 2)).argmax())  # to the right
+        0
+    """
+
+    def __init__(
+        self,
+        config: VideoConfig | None = None,
+        static: Callable[[Image], FloatMap] | None = None,
+    ) -> None:
+        self.config = config or VideoConfig()
+        self._compute_static = static or (lambda frame: attention_saliency(frame).saliency)
+        self._static_due = -np.inf  # in seconds
+        self._past = deque[_Past]()
+        self._static = self._summed = np.zeros((0, 0), np.float32)  # of the last frame
+        self._shape: tuple[int, ...] = ()  # of the frames
+        self._gaze = _Gaze(self.config)
+
+    def __call__(self, frame: Image, time: float) -> VideoMaps:
+        """Saliency and gaze at the next frame.
+
+        Args:
+            frame: (H, W) or (H, W, 3) RGB, of the size of the frames before.
+            time: seconds, more than of the frame before.
+
+        Raises:
+            ImageError: as `attention_saliency`; or the size has changed.
+            ConfigError: the time is not finite, or not later.
+        """
+        config, pixels = self.config, check_image(frame)
+        shape = pixels.shape[0], pixels.shape[1]
+        if self._shape and shape != self._shape:
+            raise ImageError(f"frame: expected {self._shape} px as before, found {shape}")
+        require(np.isfinite(time), "time", "a finite number of seconds", time)
+        contrast = config.contrast.at_size(shape)
+        luminance = luminance_at(pixels, min(center for center, _ in contrast.scales))
+        if not self._shape:  # the first frame is compared with itself
+            self._past = deque([_Past(-np.inf, luminance, np.eye(3))])
+        last = self._past[-1]
+        require(time > last.time, "time", "later than the frame before", time)
+
+        camera = camera_motion(last.luminance, luminance)
+        before = self._compared(time - config.delay, camera, luminance)
+        static = self._static_map(frame, time, camera)
+        changes = change_maps(before, luminance, contrast, config.semisaturation, shape, static)
+        weights = np.array([config.flicker_weight, *4 * [config.motion_weight]], np.float32)
+        summed = static + np.tensordot(weights, changes, 1)
+        if config.time_constant > 0 and self._summed.shape == summed.shape:
+            remaining = np.exp((last.time - time) / config.time_constant)
+            filtered = moved(self._summed, camera, luminance.shape)
+            summed += np.float32(remaining) * (filtered - summed)
+        saliency = summed / np.float32(max(1.0, summed.max()))
+
+        self._gaze.follow(last.luminance, luminance, camera, shape)
+        gaze = self._gaze.move(saliency, shape, time)
+        self._past.append(_Past(time, luminance, np.eye(3)))
+        self._shape, self._static, self._summed = shape, static, summed
+        return VideoMaps(saliency, static, changes[0], changes[1:], gaze, shape)
+
+    def _compared(self, time: float, camera: FloatArray, now: Float32Array) -> Float32Array:
+        """The earlier luminance nearest to a time, moved with the scene; drops those before."""
+        self._past = deque(past._replace(camera=camera @ past.camera) for past in self._past)
+        nearest = min(self._past, key=lambda past: abs(past.time - time))
+        while self._past[0] is not nearest:
+            self._past.popleft()
+        return moved(nearest.luminance, nearest.camera, now.shape, onto=now)
+
+    def _static_map(self, frame: Image, time: float, camera: FloatArray) -> Float32Array:
+        """The static saliency, or the last one moved with the scene."""
+        if time < self._static_due:
+            return moved(self._static, camera, self._past[-1].luminance.shape)
+        self._static_due = time + self.config.static_interval - 1e-6  # times are rounded
+        static = np.asarray(self._compute_static(frame), np.float32)
+        return static / np.float32(max(1.0, static.max()))
+
+
+class _Gaze:
+    """The present fixation, those before it, and when it ends."""
+
+    def __init__(self, config: VideoConfig) -> None:
+        self._model = config.scanpath
+        self._rng = np.random.default_rng(config.seed)
+        self._path = np.zeros((0, 2))  # in pixels of the frame, the present fixation last
+        self._end = 0.0
+
+    def follow(
+        self,
+        before: Float32Array,
+        now: Float32Array,
+        camera: FloatArray,
+        shape: tuple[int, int],
+    ) -> None:
+        """Move the fixations with what is there, or with the scene where that is not found."""
+        if len(self._path) == 0:
+            return
+        last, scale = np.array(shape[::-1]) - 1, np.divide(now.shape, shape)[::-1]
+        points = ((self._path + 0.5) * scale - 0.5).astype(np.float32)
+        after, found = tracked(before, now, points)
+        with_scene = points @ camera[:2, :2].T + camera[:2, 2]
+        path = (np.where(found[:, None], after, with_scene) + 0.5) / scale - 0.5
+        path[-1] = path[-1].clip(0, last)
+        self._path = path[((path >= 0) & (path <= last)).all(1)]
+
+    def move(
+        self, saliency: Float32Array, shape: tuple[int, int], time: float
+    ) -> tuple[float, float]:
+        """The gaze at a time, after a saccade if the fixation has ended."""
+        if len(self._path) == 0:
+            self._path = np.array([[(shape[1] - 1) / 2, (shape[0] - 1) / 2]])
+            self._end = time + self._duration()
+        elif time >= self._end:
+            density = next_fixation_density(saliency, shape, self._path, self._model)
+            drawn = np.searchsorted(density.cumsum(), self._rng.random())
+            row, column = divmod(min(int(drawn), density.size - 1), density.shape[1])
+            top, left = max(row - REACH, 0), max(column - REACH, 0)
+            near = saliency[top : row + REACH + 1, left : column + REACH + 1]
+            row, column = np.add(np.unravel_index(near.argmax(), near.shape), (top, left))
+            place = cell_centers([row], [column], density.shape, shape)[0]
+            cell = np.divide(shape, density.shape)[::-1]
+            if (abs(place - self._path[-1]) <= cell).all():
+                place = self._path[-1]
+            self._path = np.vstack([self._path[-MEMORY:], place])
+            self._end = max(time, self._end + self._duration())
+        return float(self._path[-1, 0]), float(self._path[-1, 1])
+
+    def _duration(self) -> float:
+        """Duration of a fixation in seconds."""
+        shape = self._model.duration_shape
+        return float(self._rng.gamma(shape, self._model.duration_mean / shape))
+
+
+def luminance_at(pixels: Image, level: int) -> Float32Array:
+    """A level of the pyramid of the luminance of a checked image, in [0, 1] (A.1, A.4)."""
+    for _ in range(level):
+        pixels = halve(pixels)
+    return np.asarray(intensity(repeat_gray(in_unit_range(pixels))), np.float32)
+
+
+def change_maps(
+    before: Float32Array,
+    now: Float32Array,
+    contrast: ContrastConfig,
+    semisaturation: float,
+    image_shape: tuple[int, int],
+    static: Float32Array,
+) -> Float32Array:
+    """Flicker, and motion to the right, down, to the left and up: (5, h, w) in [0, 1].
+
+    Args:
+        before: luminance at the finest level of the scales.
+        now: the same, later.
+        contrast: the scales, `at_size` of the image, and the normalization.
+        semisaturation: see `VideoConfig`.
+        image_shape: (H, W).
+        static: (h, w), a map of the size that is wanted.
+    """
+    arithmetic = MirroredArithmetic(contrast)
+    scales = existing_scales(image_shape, contrast, arithmetic)["intensity"]
+    first = min(scale.center for scale in scales)
+    changes = list[list[Float32Array]]()  # of the levels from the first on
+    for _ in range(first, max(scale.surround for scale in scales) + 1):
+        coarser = halve(before), halve(now)
+        bands = (a - resize(b, a.shape) for a, b in zip((before, now), coarser, strict=True))
+        changes.append([abs(now - before), *opponent_motion(*bands)])
+        before, now = coarser
+    maps = np.zeros((5, *static.shape), np.float32)
+    for center, surround, weight in scales:
+        pairs = zip(changes[center - first], changes[surround - first], strict=True)
+        for total, pair in zip(maps, pairs, strict=True):
+            values = arithmetic.center_surround(*pair, static.shape)  # A.7-A.10
+            values = arithmetic.normalize(smooth(values, contrast.smoothing))
+            peak = float(pair[0].max())
+            total += weight * peak**2 / (peak**2 + semisaturation**2) * values
+    maps /= sum(scale.weight for scale in scales)
+    return np.asarray(maps**contrast.sharpening, np.float32)
+
+
+def opponent_motion(before: FloatMap, now: FloatMap) -> list[Float32Array]:
+    """Root of the pooled opponent correlation: right, down, left and up, (h, w) each.
+
+    That to the right is `before(x - 1) now(x) - now(x - 1) before(x)`, and the same of the neighbor
+    on the other side, averaged where the mean over the neighborhood is positive; to the left it is
+    the opposite (Reichardt 1961).
+    """
+    correlations = (
+        before * cv2.Sobel(now, -1, *axis, ksize=1) - now * cv2.Sobel(before, -1, *axis, ksize=1)
+        for axis in ((1, 0), (0, 1))
+    )
+    across, downward = (smooth(each / 2, POOLING) for each in correlations)
+    return [np.sqrt(np.maximum(each, 0)) for each in (across, downward, -across, -downward)]
