@@ -13,11 +13,23 @@ import saccade
 from support.limits import TIMEOUT
 
 SOURCE = Path(saccade.__file__).parent
-FOUNDATION = {"types", "frames", "errors", "files", "extras", "npz", "formats"}
+FOUNDATION = {
+    "types",
+    "landmark_names",
+    "validation",
+    "frames",
+    "errors",
+    "files",
+    "extras",
+    "npz",
+    "formats",
+}
 ALLOWED = {
     "errors": set(),
-    "types": {"errors"},
-    "frames": {"types", "errors"},
+    "landmark_names": {"errors"},
+    "validation": {"errors"},
+    "types": {"errors", "landmark_names", "validation"},
+    "frames": {"types", "errors", "validation"},
     "files": {"errors"},
     "extras": {"errors"},
     "npz": {"errors", "files"},

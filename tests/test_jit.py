@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import namedtuple
 from pathlib import Path
+from typing import NamedTuple
 
 import numba
 import pytest
@@ -110,6 +111,43 @@ def test_fields_in_another_order_are_another_stamp():
         return _jit.kernel_stamp(f)
 
     assert over("a b") == over("a b") != over("b a")
+
+
+class Nested(NamedTuple):
+    """A type that annotations name by text, as `from __future__ import annotations` makes them."""
+
+    left: "Inner"
+    right: float
+
+
+class Inner(NamedTuple):
+    x: float
+    y: float
+
+
+@pytest.mark.parametrize(
+    "annotation", ["Nested", "tuple[Nested, float]", "Nested | None", tuple["Nested", "Inner"]]
+)
+def test_fields_of_types_that_are_named_by_text_are_in_the_stamp(annotation, monkeypatch):
+    def f(nested):
+        return nested
+
+    f.__annotations__ = {"nested": annotation}
+    before = _jit.kernel_stamp(f)
+    assert _jit.kernel_stamp(f) == before
+    for changed in (Nested, Inner):
+        with monkeypatch.context() as patch:
+            patch.setattr(changed, "_fields", changed._fields[::-1])
+            assert _jit.kernel_stamp(f) != before, changed
+
+
+def test_a_type_that_only_type_checkers_import_is_refused():
+    def f(camera):
+        return camera
+
+    f.__annotations__ = {"camera": "Intrinsics"}
+    with pytest.raises(TypeError, match=r"f: expected annotations .*Intrinsics"):
+        _jit.kernel()(f)
 
 
 @pytest.mark.parametrize("missing", ["_cache", "_cache_file", "_source_stamp", "_load_index"])

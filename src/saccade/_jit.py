@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast, get_args, get_type_hints
 
 from saccade.errors import ConfigError
 
@@ -124,17 +124,34 @@ def kernel_stamp(function: Callable[..., Any]) -> str:
 
     The kernel files of its package and of the top level, and the names of the fields of the
     NamedTuples it takes: compiled code has their positions only.
+
+    Raises:
+        TypeError: an annotation cannot be evaluated yet, such as one that is imported for type
+            checkers only; its layout would be unknown.
     """
     source = Path(inspect.getfile(function))
-    layouts = [_layout(each) for each in inspect.get_annotations(function).values()]
+    layouts = [_layout(each) for each in _evaluated(function).values()]
     return hashlib.sha256(f"{_hash_kernels(_package(source))}{layouts}".encode()).hexdigest()
 
 
-def _layout(annotation: object) -> list[object]:
-    """The names of a NamedTuple's fields, each with the layout of its own type."""
-    names = getattr(annotation, "_fields", ())
-    types = inspect.get_annotations(annotation) if isinstance(annotation, type) and names else {}
-    return [(name, _layout(types.get(name))) for name in names]
+def _evaluated(annotated: Callable[..., Any]) -> dict[str, Any]:
+    """The annotations of a function or class, those evaluated that are text."""
+    try:
+        return get_type_hints(annotated)
+    except NameError as error:
+        name = annotated.__qualname__
+        raise TypeError(f"{name}: expected annotations defined before it: {error}") from error
+
+
+def _layout(annotation: Any) -> list[object]:
+    """The names of a NamedTuple's fields, each with the layout of its own type.
+
+    Of a tuple or another type with parameters, the layouts of these.
+    """
+    if hasattr(annotation, "_fields"):
+        types = _evaluated(annotation)
+        return [(name, _layout(types.get(name))) for name in annotation._fields]
+    return [layout for each in get_args(annotation) if (layout := _layout(each))]
 
 
 def _package(source: Path) -> Path:

@@ -52,7 +52,10 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
 
 
 def require_types(config: Any) -> None:
-    """Raise `ConfigError` unless numbers and choices of a dataclass are of their declared types."""
+    """Raise `ConfigError` unless numbers and choices of a dataclass are of their declared types.
+
+    Whole numbers become float where that is declared: a kernel would be compiled for either.
+    """
     for field in fields(config):
         value, options = getattr(config, field.name), get_args(field.type)
         optional = NoneType in options
@@ -63,6 +66,7 @@ def require_types(config: Any) -> None:
             require(isinstance(value, Integral), field.name, "a whole number", value)
         elif kind is float:
             require(isinstance(value, Real), field.name, "a number", value)
+            object.__setattr__(config, field.name, float(value))
         elif get_origin(kind) is Literal:
             choices = get_args(kind)
             require(value in choices, field.name, " or ".join(map(repr, choices)), value)

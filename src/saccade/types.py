@@ -5,15 +5,16 @@ Image points are (x, y) with the center of the top-left pixel at (0, 0); arrays 
 from the x axis.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.errors import DriveError, KeypointsError, LogError
+from saccade.errors import KeypointsError, LogError
+from saccade.landmark_names import name_texts, number_names
 from saccade.notebook import NotebookTable
+from saccade.validation import check_arrays
 
 Image: TypeAlias = npt.NDArray[Any]
 """(H, W), (H, W, 3) RGB or (H, W, 4) RGBA; uint8, uint16, bool, or float in [0, 1]."""
@@ -242,13 +243,21 @@ class LandmarkMap:
     """Positions of landmarks."""
 
     id: IntArray
-    """(n,) identity in the log; the order of initialization where the log has none."""
+    """(n,) name in the log, by its number (see `landmark_names`); the order of initialization where
+    the log has none."""
     xy: FloatArray
     """(n, 2) meters, in the frame of the trajectory."""
     covariance: FloatArray | None = None
     """(n, 2, 2) square meters, or None if unknown."""
     observations: IntArray | None = None
     """(n,) number of observations of each."""
+    text_names: tuple[str, ...] = ()
+    """Names that are text; the number of the first is `landmark_names.FIRST_TEXT`."""
+
+    @property
+    def names(self) -> npt.NDArray[Any]:
+        """(n,) name of each landmark: `id`, or text if any name is text."""
+        return name_texts(self.id, self.text_names)
 
     def __len__(self) -> int:
         return len(self.id)
@@ -287,7 +296,8 @@ class LandmarkLog:
     """Odometry and landmark observations: t controls between t + 1 poses, k observations.
 
     Raises:
-        LogError: shapes that do not fit together, NaN, or an order that goes back.
+        LogError: shapes that do not fit together, NaN, an order that goes back, or a landmark
+            that is neither an integer from -1 on nor text.
     """
 
     name: str
@@ -311,7 +321,7 @@ class LandmarkLog:
     observation_covariance: FloatArray
     """(k, 2, 2)."""
     landmark: IntArray
-    """(k,) identity of the landmark, -1 if unknown."""
+    """(k,) name of the landmark as a number, -1 if unknown; text is numbered (see `names`)."""
     odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Standard deviations of systematic odometry errors: the relative error of the distance, the
     turn in radians per meter of distance, and the distance in meters per radian of turn."""
@@ -319,8 +329,13 @@ class LandmarkLog:
     """Ground truth, if known; its times need not be those of the log."""
     landmark_truth: LandmarkMap | None = None
     """True positions of the landmarks, if known."""
+    text_names: tuple[str, ...] = ()
+    """Names that are text; the number of the first is `landmark_names.FIRST_TEXT`."""
 
     def __post_init__(self) -> None:
+        numbers = number_names(self.landmark, self.text_names, name=f"{self.name}: landmark")
+        for field_name, value in zip(("landmark", "text_names"), numbers, strict=True):
+            object.__setattr__(self, field_name, value)
         sizes = {"drive": 2, "compose": 3, "custom": self.control.shape[-1]}
         if self.motion not in sizes:
             raise LogError(
@@ -340,6 +355,11 @@ class LandmarkLog:
         check_arrays(self, shapes, ("time", "observation_pose"), LogError)
         if k > 0 and not 0 <= self.observation_pose[0] <= self.observation_pose[-1] <= t:
             raise LogError(f"{self.name}: observation_pose: expected numbers from 0 to {t}")
+
+    @property
+    def names(self) -> npt.NDArray[Any]:
+        """(k,) landmark name of each observation: `landmark`, or text if any name is text."""
+        return name_texts(self.landmark, self.text_names)
 
     def __repr__(self) -> str:
         return (
@@ -378,30 +398,3 @@ def select_rows(record: Record, index: slice | npt.NDArray[Any]) -> Record:
     columns: dict[str, Any] = {field.name: getattr(record, field.name) for field in fields(record)}
     selected = {name: column[index] for name, column in columns.items() if column is not None}
     return replace(record, **selected)
-
-
-def check_arrays(
-    record: Any,
-    shapes: Mapping[str, tuple[int, ...]],
-    ascending: Sequence[str],
-    error: type[LogError | DriveError],
-) -> None:
-    """Raise `error` unless the arrays of a named record have these shapes and are finite.
-
-    Args:
-        record: has a `name`, for the message.
-        shapes: by name of the array.
-        ascending: names of those that must not decrease.
-        error: to raise.
-    """
-    for name, shape in shapes.items():
-        array = getattr(record, name)
-        if array.shape != shape:
-            raise error(f"{record.name}: {name}: expected shape {shape}, found {array.shape}")
-        if not np.isfinite(array).all():
-            raise error(f"{record.name}: {name}: expected finite numbers, found NaN")
-    for name in ascending:
-        decreases = np.diff(getattr(record, name)) < 0
-        if decreases.any():
-            entry = int(np.argmax(decreases)) + 1
-            raise error(f"{record.name}: {name}: goes back at entry {entry}; sort by {name}")

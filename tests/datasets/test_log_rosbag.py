@@ -220,9 +220,8 @@ def test_a_map_from_a_bag_is_the_truth_within_its_covariance(bag, rng):
 
 def test_names_become_numbers():
     assert identities(["tag36h11:5", "", "tag36h11:12"]).tolist() == [5, -1, 12]
-    assert identities(["7", "007", ""]).tolist() == [1, 0, -1]  # different names with one number
-    assert identities(["pole", "tree", "pole", "cone 3"]).tolist() == [1, 2, 1, 0]
-    assert identities([f"a{10**20}", "b3"]).tolist() == [0, 1]
+    for ambiguous in (["7", "007", ""], ["pole", "tree", "cone 3"], [f"a{10**20}", "b3"]):
+        assert identities(ambiguous).tolist() == ambiguous
 
 
 def test_markers_whose_ids_only_count_have_no_identity(bag):

@@ -166,9 +166,9 @@ def test_a_landmark_under_the_robot(rng, kind):
 @each_filter
 @each_association
 def test_behind_is_behind_whichever_way_it_is_said(rng, kind, association):
-    """Bearings of pi and of -pi are one; so are bearings that are whole turns apart."""
+    """Bearings of pi and of -pi are one; so are bearings that are a whole turn apart."""
     log, _, _ = simulate(rng, steps=80)
-    turns = rng.integers(-2, 3, len(log.observation))
+    turns = -np.sign(log.observation[:, 1]) * rng.integers(0, 2, len(log.observation))
     turned = log.observation + 2 * np.pi * np.stack([np.zeros(len(turns)), turns], 1)
     one, two = (
         slam.run(dataclasses.replace(log, observation=z), _config(kind, association))
@@ -243,3 +243,35 @@ def test_a_log_that_ends_within_a_line_names_it(tmp_path):
         log, refusal = result_or_refusal(lambda: load("auto", path))
         assert log is None
         assert refusal.startswith(f"{path}, line 41: expected")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"time": [0.0, 1.0]}, "any: time: expected an array of numbers, found"),
+        ({"landmark": np.array([1.5])}, "any: landmark: expected names .*, found 1.5"),
+        ({"landmark": np.array([-2])}, "any: landmark: expected names .*, found -2"),
+        ({"landmark": np.array([10**18])}, "any: landmark: expected names .*, found 1000"),
+        ({"time": np.array([1.0, 0.0])}, "any: time: goes back at entry 1"),
+        ({"observation": np.array([[-1.0, 0.0]])}, "observation 0: expected a range of 0 m"),
+        ({"observation": np.array([[1.0, 300.0]])}, "observation 0: expected a bearing .* 300"),
+    ],
+)
+def test_a_log_of_impossible_values_is_refused(change, message):
+    """The sensor of a log is not known before it is run."""
+    fields = {
+        "name": "any",
+        "start": np.zeros(3),
+        "time": np.array([0.0, 1.0]),
+        "motion": "drive",
+        "control": np.zeros((1, 2)),
+        "control_covariance": np.eye(2)[None],
+        "observation_pose": np.array([1]),
+        "observation": np.array([[1.0, 0.0]]),
+        "observation_covariance": np.eye(2)[None],
+        "landmark": np.array([4]),
+    }
+    slam.run(LandmarkLog(**fields))
+    with pytest.raises(LogError, match=message) as caught:
+        slam.run(LandmarkLog(**fields | change))
+    assert "\n" not in str(caught.value)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from saccade.errors import LogError
 from saccade.slam.models import compose, difference, drive, inverse_observe, observe, wrap
 from support.oracles_slam import numerical_jacobian
 
@@ -82,6 +83,14 @@ def test_jacobian_is_the_slope(jacobian, rng):
 def test_turn_comes_before_the_drive():
     moved, _, _ = drive(np.array([1.0, 2.0, 0.0]), np.array([3.0, np.pi / 2]))
     np.testing.assert_allclose(moved, [1, 5, np.pi / 2], atol=1e-15)
+    for same in (drive((1, 2, 0), [3, np.pi / 2])[0], compose((1, 2, np.pi / 2), [3, 0, 0])[0]):
+        np.testing.assert_array_equal(same, moved)
+
+
+@pytest.mark.parametrize("control", [[1.0], [1.0, np.nan], "ahead", None, [[1.0], [2.0, 3.0]]])
+def test_a_control_of_other_numbers_is_refused(control):
+    with pytest.raises(LogError, match="control: expected"):
+        drive([0.0, 0.0, 0.0], control)
 
 
 def test_compose_goes_in_the_frame_of_the_last_pose():

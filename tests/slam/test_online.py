@@ -209,6 +209,17 @@ def test_state_that_is_saved_goes_on_to_the_same_bits(rng):
         ({"z": [[1.0, 0.0, 2.0]]}, r"observations: expected shape \(1, 2\)"),
         ({"R": np.zeros((2, 2, 2))}, r"covariances of the observations: expected shape"),
         ({"names": [1, 2]}, r"names: expected shape \(1,\)"),
+        ({"names": [1.5]}, r"names: expected names of landmarks .*, found 1.5"),
+        ({"time": "now"}, "time: expected numbers, found 'now'"),
+        ({"time": 0.5}, "time: expected 1 or later, found 0.5"),
+        ({"control": ["a", "b"]}, "control: expected numbers, found"),
+        ({"z": [[-1.0, 0.2]]}, "observation 0: expected a range of 0 m or more, found -1"),
+        (
+            {"z": [[3.0, 300.0]]},
+            "observation 0: expected a bearing in radians, within 2 pi, found 300",
+        ),
+        ({"z": 3.0}, r"observations: expected shape \(1, 2\)"),
+        ({"z": [[1.0], [1.0, 2.0]]}, "observations: expected numbers, found"),
     ],
 )
 @pytest.mark.parametrize("motion", [drive, lambda pose, control: drive(pose, control)])

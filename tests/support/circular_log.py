@@ -31,7 +31,7 @@ def simulate(rng, motion="compose", steps=300, noise=1.0, reach=8.0):
         control=np.array(controls[:-1]),
         control_covariance=np.tile(U, (steps, 1, 1)),
         observation_pose=seen[:, 0].astype(np.int64),
-        observation=seen[:, 2:],
+        observation=np.stack([np.abs(seen[:, 2]), seen[:, 3]], 1),
         observation_covariance=np.tile(R, (len(seen), 1, 1)),
         landmark=seen[:, 1].astype(np.int64),
     )

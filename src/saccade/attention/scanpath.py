@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from saccade.attention._winner_take_all_kernels import Cells, Network, run_network
-from saccade.errors import ImageError, require
+from saccade.errors import ImageError, require, require_types
 from saccade.pyramid import FloatMap, cell_centers
 from saccade.types import FloatArray, IntArray, Scanpath
 
@@ -70,6 +70,7 @@ class ScanpathConfig:
     """Of the inhibition of return, in seconds."""
 
     def __post_init__(self) -> None:
+        require_types(self)
         signed = ("background", "reset", "inhibition_surround", "peak")
         for name in (field.name for field in fields(self) if field.name not in signed):
             value = getattr(self, name)

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, Self, get_args
+from typing import Literal, Self
 
 import numpy as np
 
-from saccade.errors import require
+from saccade.errors import require, require_types
 from saccade.pyramid import MAX_LEVEL, coarser_levels
 
 Kind = Literal["isotropic", "radial", "color"]
@@ -60,14 +60,7 @@ class SymmetryConfig:
     `saccade.attention.symmetry_2010` describes "kootstra2010"."""
 
     def __post_init__(self) -> None:
-        for name, kind in (
-            ("kind", Kind),
-            ("channels", Channels),
-            ("border", Border),
-            ("arithmetic", Arithmetic),
-        ):
-            choice, choices = getattr(self, name), get_args(kind)
-            require(choice in choices, name, f"one of {', '.join(choices)}", choice)
+        require_types(self)
         inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
         expected = f"rising levels from 0 to {MAX_LEVEL}"

@@ -95,7 +95,10 @@ def slam_part(
     trajectories = {"estimate": result.trajectory, "odometry": result.dead_reckoning}
     trajectories |= {} if truth is None else {"truth": truth}
     trajectories |= {} if smoothed is None else {"smoothed": smoothed.trajectory}
-    used = result.association >= 0
+    used, ids = result.association >= 0, _final_ids(result.map, snapshots[-1])
+    texts = result.map.text_names and dict(
+        zip(ids.tolist(), map(str, result.map.names), strict=True)
+    )
     consistency, window = result.consistency, averaging_window(result.consistency.nis)
     charts = innovation_charts(
         log.time[log.observation_pose],
@@ -111,12 +114,13 @@ def slam_part(
         snapshots,
         ObservedLandmarks(
             log.observation_pose[used],
-            _final_ids(result.map, snapshots[-1])[result.association[used]],
+            ids[result.association[used]],
         ),
         [*charts, *uncertainty_charts(result.trajectory, truth)],
         log.landmark_truth,
         loaded=loaded,
         lost=lost_times(result.trajectory, result.lost),
+        names=texts or None,
     )
 
 

@@ -17,6 +17,7 @@ from saccade.diagnostics.slam_run import check_run
 from saccade.errors import LogError
 from saccade.evaluation.slam_runs import has_headings, summarize_run
 from saccade.extras import import_optional
+from saccade.landmark_names import name_texts
 from saccade.slam import (
     Checkpoint,
     EkfConfig,
@@ -162,13 +163,11 @@ def pose_table(trajectory: Trajectory) -> dict[str, np.ndarray[Any, Any]]:
 
 def innovation_table(log: LandmarkLog, result: SlamResult) -> dict[str, np.ndarray[Any, Any]]:
     """Each observation with its innovation, as columns; NaN where it was not used."""
-    used = result.association >= 0
-    landmark = np.full(len(used), -1)
-    landmark[used] = result.map.id[result.association[used]]
+    landmark = np.append(result.map.id, -1)[result.association]
     return {
         "pose": log.observation_pose,
         "time": log.time[log.observation_pose],
-        "landmark": landmark,
+        "landmark": name_texts(landmark, result.map.text_names),
         "range": log.observation[:, 0],
         "bearing": log.observation[:, 1],
         "innovation_1": result.innovation[:, 0],

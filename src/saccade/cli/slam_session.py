@@ -13,9 +13,6 @@ from saccade.slam.run import motion_of
 from saccade.slam.sessions import find_start
 from saccade.types import FloatArray, LandmarkLog
 
-TYPED_SIGMA = (0.5, 0.5, 0.1)
-"""Metres and radians: standard deviation of a start that is typed, if the settings give none."""
-
 
 @dataclass(frozen=True)
 class Session:
@@ -81,15 +78,15 @@ def open_map(
 
 
 def _first_pose(slam: Slam, log: LandmarkLog, start: str) -> tuple[FloatArray, FloatArray | None]:
-    """The first pose in the frame of the map, and its covariance; None for that of the settings."""
+    """The first pose in the frame of the map, and its covariance; None for that of `Slam.load`."""
     if start == "search":
         return find_start(slam, log)
     if start == "log":
-        return log.start, None
+        return log.start, np.diag(np.square(slam.config.start_sigma))
     try:
         pose = np.array([float(number) for number in start.split(",")])
     except ValueError:
         pose = np.empty(0)
     if pose.shape != (3,) or not np.isfinite(pose).all():
         raise ConfigError(f"--start: expected last, search, log or X,Y,HEADING, found {start!r}")
-    return pose, None if any(slam.config.start_sigma) else np.diag(np.square(TYPED_SIGMA))
+    return pose, None

@@ -334,7 +334,7 @@ def write_landmarks(path: str | Path, landmarks: LandmarkMap) -> None:
     covariance, observations = landmarks.covariance, landmarks.observations
     if covariance is None:
         covariance = np.full((len(landmarks), 2, 2), np.nan)
-    columns = {"id": landmarks.id, "x": landmarks.xy[:, 0], "y": landmarks.xy[:, 1]}
+    columns = {"id": landmarks.names, "x": landmarks.xy[:, 0], "y": landmarks.xy[:, 1]}
     columns |= zip(("cov_xx", "cov_xy", "cov_yy"), upper_triangle(covariance).T, strict=True)
     columns["sightings"] = np.full(len(landmarks), np.nan) if observations is None else observations
     write_table(path, columns)

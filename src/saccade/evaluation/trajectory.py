@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from saccade.landmark_names import renumber
 from saccade.types import BoolArray, FloatArray, LandmarkMap, Trajectory
 
 TRIMMED_ITERATIONS = 30
@@ -92,10 +93,11 @@ def landmark_rmse(landmarks: LandmarkMap, truth: LandmarkMap, aligned: bool = Tr
 
     Args:
         landmarks: the estimates.
-        truth: true positions of landmarks of the same identities.
+        truth: true positions of landmarks of the same names.
         aligned: whether they are aligned with the truth first.
     """
-    _, ours, theirs = np.intersect1d(landmarks.id, truth.id, return_indices=True)
+    ids, _ = renumber(truth.id, truth.text_names, landmarks.text_names)
+    _, ours, theirs = np.intersect1d(landmarks.id, ids, return_indices=True)
     return _rmse(landmarks.xy[ours], truth.xy[theirs], aligned=aligned)
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 from typing import Literal, Self
 
-from saccade.errors import require, require_ranges
+from saccade.errors import require, require_ranges, require_types
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.sift_config import SiftConfig
 
@@ -51,6 +51,7 @@ class MustConfig:
     """How orientations are assigned and keypoints described."""
 
     def __post_init__(self) -> None:
+        require_types(self)
         require_ranges(self, radius=(0.1, 20), falloff=(0.1, 20), scale_power=(-5, 5))
         require(0 < self.gain <= 1e6, "gain", "above 0, at most 1e6", self.gain)
         threshold = self.contrast_threshold

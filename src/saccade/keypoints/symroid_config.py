@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, Self
 
-from saccade.errors import require
+from saccade.errors import require, require_types
 from saccade.keypoints.descriptor_config import DescriptorConfig
 from saccade.keypoints.must_config import MustConfig
 from saccade.pyramid import MAX_LEVEL
@@ -50,6 +50,7 @@ class SymRoidConfig:
     """How orientations of a region are assigned and the region described."""
 
     def __post_init__(self) -> None:
+        require_types(self)
         rising = all(finer < coarser for finer, coarser in pairwise(self.levels))
         inside = all(0 <= level <= MAX_LEVEL for level in self.levels)
         expected = f"rising levels from 0 to {MAX_LEVEL}"

@@ -104,6 +104,7 @@ class World:
         sigma[:, 0] = noise.range_percent / 100 * z[:, 0]
         sigma[:, 1] = np.deg2rad(noise.bearing_sigma)
         z += sigma * self._rng.standard_normal(z.shape)
+        z[:, 0] = np.abs(z[:, 0])
         R = np.square(noise.assumed_factor * sigma)[:, :, None] * np.eye(2)
         return Scan(control, U, z, R, names[seen])
 

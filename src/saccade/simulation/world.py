@@ -200,6 +200,8 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
     sigma = np.empty(z.shape)
     sigma[:, 0] = config.range_percent / 100 * z[:, 0] + config.range_sigma
     sigma[:, 1] = np.deg2rad(config.bearing_sigma)
+    z += sigma * rng.standard_normal(z.shape)
+    z[:, 0] = np.abs(z[:, 0])  # no sensor gives a negative range
     time = config.step_time * np.arange(len(truth), dtype=np.float64)
     return LandmarkLog(
         name=f"simulated {config.vehicle}, seed {seed}",
@@ -209,7 +211,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         control=control,
         control_covariance=U,
         observation_pose=pose,
-        observation=z + sigma * rng.standard_normal(z.shape),
+        observation=z,
         observation_covariance=sigma[:, :, None] ** 2 * np.eye(2),
         landmark=landmark,
         truth=Trajectory(time, truth),

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from saccade.errors import require
+from saccade.errors import require, require_types
 from saccade.slam.association.jcbb import JointCompatibility
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association
@@ -79,9 +79,7 @@ class EkfConfig:
     association rules always work on the whole map."""
 
     def __post_init__(self) -> None:
-        require(self.filter in RETRACTIONS, "filter", f"one of {(*RETRACTIONS,)}", self.filter)
-        kinds = ("auto", "known", *ASSOCIATION_RULES, "multiple")
-        require(self.association in kinds, "association", f"one of {kinds}", self.association)
+        require_types(self)
         require(0 < self.gate < 1, "gate", "a probability between 0 and 1", self.gate)
         require(self.gate <= self.new_gate < 1, "new_gate", "from `gate` to under 1", self.new_gate)
         require(0 < self.name_gate < 1, "name_gate", "a probability under 1", self.name_gate)
@@ -94,8 +92,6 @@ class EkfConfig:
             value = getattr(self, name)
             require(0 < value < 1e6, name, "over 0 and under 1e6", value)
         require(self.max_hypotheses >= 1, "max_hypotheses", "at least 1", self.max_hypotheses)
-        modes = ("auto", "always", "never")
-        require(self.submaps in modes, "submaps", f"one of {modes}", self.submaps)
         require(self.huber > 0, "huber", "over 0, infinite for never", self.huber)
         require(
             len(self.start_sigma) == 3 and all(0 <= s < 1e6 for s in self.start_sigma),

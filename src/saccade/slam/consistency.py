@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.special import chdtri
 
 from saccade.errors import LogError, require
+from saccade.landmark_names import renumber
 from saccade.slam.filter._kernels import TINY
 from saccade.slam.filter.error_state import INVARIANT, Retraction
 from saccade.slam.models import wrap
@@ -24,8 +25,8 @@ MIN_OBSERVATIONS = 20
 TOLERATED_FRACTION = 1.5
 """Factor by which standard deviations may be wrong without a message."""
 WRONG_FRACTION = 0.1
-"""Fraction of observations that may be outliers, or of other landmarks than their names say, without
-a warning."""
+"""Fraction of observations that may be outliers, or of other landmarks than their names say,
+without a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -158,7 +159,7 @@ def landmark_nees(
 
     Args:
         estimate: (n) landmarks with covariance.
-        truth: the true landmarks; those of the estimate are found by `id`.
+        truth: the true landmarks; those of the estimate are found by name.
         turn: the true heading at the end minus the estimated one, in radians.
         retraction: the filter's error parametrization, as in `pose_nees`.
 
@@ -171,11 +172,12 @@ def landmark_nees(
     """
     if estimate.covariance is None:
         raise LogError("estimate: expected a map with covariances, found one without")
-    missing = np.setdiff1d(estimate.id, truth.id)
+    ids, _ = renumber(truth.id, truth.text_names, estimate.text_names)
+    missing = estimate.names[~np.isin(estimate.id, ids)]
     if len(missing) > 0:
         raise LogError(f"truth: expected landmark {missing[0]}, found no true position of it")
-    order = np.argsort(truth.id)
-    xy = truth.xy[order][np.searchsorted(truth.id[order], estimate.id)]
+    order = np.argsort(ids)
+    xy = truth.xy[order][np.searchsorted(ids[order], estimate.id)]
     error = xy - estimate.xy
     if retraction == INVARIANT:
         angle = np.full(len(xy), wrap(turn))

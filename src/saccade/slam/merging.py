@@ -105,7 +105,7 @@ def merge_maps(first: Slam, second: Slam, config: MergeConfig = MergeConfig()) -
     first, second = copy.deepcopy(first), copy.deepcopy(second)
     for each in (first, second):
         drop_candidates(each)
-    maps = _Maps.of(first, second)
+    maps = _Maps.of(first, second, first.number(second.identities, second.text_names))
     _, by_name, other = np.intersect1d(*maps.names, return_indices=True)
     named = maps.names[0][by_name] >= 0
     pairs = np.column_stack([by_name, other])[named]
@@ -150,14 +150,15 @@ class _Maps(NamedTuple):
     names: tuple[IntArray, IntArray]
 
     @classmethod
-    def of(cls, first: Slam, second: Slam) -> "_Maps":
+    def of(cls, first: Slam, second: Slam, names: IntArray) -> "_Maps":
+        """Two maps, the names of the second by the numbers of the first."""
         r, q = len(first.ekf.robot_state), len(second.ekf.robot_state)
         return cls(
             r=r,
             robot=first.ekf.robot_state,
             xy=(first.ekf.landmarks, second.ekf.landmarks),
             P=(first.ekf.covariance, second.ekf.covariance[q:, q:]),
-            names=(first.identities, second.identities),
+            names=(first.identities, names),
         )
 
 

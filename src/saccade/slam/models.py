@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from saccade.slam.filter._kernels import wrapped
 from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
+from saccade.slam.filter.validation import as_numbers, check_vector
 from saccade.types import FloatArray
 
 Motion: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
@@ -58,9 +59,12 @@ def drive(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray
 
     Returns:
         The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 2).
+
+    Raises:
+        LogError: an argument of another shape, or that is not finite.
     """
-    x, y, theta = pose.tolist()
-    d, phi = control.tolist()
+    x, y, theta = check_vector("pose", pose, 3).tolist()
+    d, phi = check_vector("control", control, 2).tolist()
     c, s = cos(theta + phi), sin(theta + phi)
     moved = np.array([x + d * c, y + d * s, wrapped(theta + phi)])  # C.5
     Fx = np.array([[1.0, 0.0, -d * s], [0.0, 1.0, d * c], [0.0, 0.0, 1.0]])  # C.8, (3, 3)
@@ -77,9 +81,12 @@ def compose(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArr
 
     Returns:
         The next pose (3,), and its Jacobians by pose (3, 3) and by control (3, 3).
+
+    Raises:
+        LogError: an argument of another shape, or that is not finite.
     """
-    x, y, theta = pose.tolist()
-    forward, left, turn = control.tolist()
+    x, y, theta = check_vector("pose", pose, 3).tolist()
+    forward, left, turn = check_vector("control", control, 3).tolist()
     c, s = cos(theta), sin(theta)
     dx, dy = c * forward - s * left, s * forward + c * left
     moved = np.array([x + dx, y + dy, wrapped(theta + turn)])
@@ -100,6 +107,7 @@ def observe(pose: FloatArray, landmarks: FloatArray) -> tuple[FloatArray, FloatA
         by x, y, theta, mx, my. Within a micrometre of the robot the bearing is undefined:
         it and its Jacobian are zero, so that the observation corrects nothing.
     """
+    pose, landmarks = as_numbers("pose", pose), as_numbers("landmarks", landmarks)
     dx, dy = pose[0] - landmarks[..., 0], pose[1] - landmarks[..., 1]
     q = np.hypot(dx, dy)
     defined = q > MIN_RANGE
@@ -130,6 +138,7 @@ def inverse_observe(pose: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatA
         Positions in metres (..., 2), and their Jacobians by pose (..., 2, 3) and
         by z (..., 2, 2).
     """
+    pose, z = as_numbers("pose", pose), as_numbers("observations", z)
     r, beta = z[..., 0], pose[2] + z[..., 1]
     c, s = np.cos(beta), np.sin(beta)
     xy = np.stack([pose[0] + r * c, pose[1] + r * s], -1)  # C.15

@@ -175,8 +175,8 @@ class MultiHypothesisSlam(Slam):
     and the map. Once another one is the most probable, its map and its numbers of landmarks take
     the place of the former ones; what was reported stays.
 
-    Names of landmarks are not used. `load` of this class goes on with all hypotheses, `Slam.load`
-    with the most probable one. In the mode "localize" there is one filter, with the rule "mutual".
+    Names of landmarks are not used. `load` goes on with all hypotheses. In the mode "localize"
+    there is one filter, with the rule "mutual".
     """
 
     @cached_property

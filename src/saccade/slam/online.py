@@ -1,12 +1,13 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from saccade.errors import require
+from saccade.landmark_names import name_texts, renumber, stored_texts
 from saccade.slam._step_kernels import StepResults, Steps
 from saccade.slam.association._name_table_kernels import NameTable
 from saccade.slam.association.choice import association_rule
@@ -20,13 +21,14 @@ from saccade.slam.custom_steps import take_custom_step
 from saccade.slam.filter.compressed import CompressedSlam
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.odometry_bias import bias_jacobian
-from saccade.slam.filter.validation import MIN_SIGMA, as_array, as_names, as_number, check_noise
+from saccade.slam.filter.validation import MIN_SIGMA, check_noise, check_range_bearing
 from saccade.slam.lost_steps import leave_out, take_lost_step
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import StepResult, check_diverged
 from saccade.slam.scan_memory import ScanMemory, new_steps
+from saccade.slam.step_arguments import step_arguments
 from saccade.slam.strides import new_stride, take_stride
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -41,7 +43,8 @@ NO_NAMES = DoubtedIdentity().table._replace(counts=np.array([0, 0, -1, 0, 1]))
 class Slam:
     """EKF-SLAM step by step, without knowledge of what comes later.
 
-    `run` takes a log through the same steps, with the same results to the last bit.
+    `run` takes a log through the same steps, with the same results to the last bit. With the
+    association "multiple" it is a `MultiHypothesisSlam`.
 
     Args:
         config: filter, association and noise.
@@ -54,7 +57,7 @@ class Slam:
             still change, as their covariance lets them.
 
     Raises:
-        LogError: here and in `step`, an argument of the wrong shape or that is not finite.
+        LogError: here and in `step`, an argument that is no number, not finite or of another shape.
 
     Examples:
         >>> import numpy as np
@@ -69,6 +72,16 @@ class Slam:
         array([[ 3.8,  1.2],
                [ 4.2, -4.2]])
     """
+
+    def __new__(
+        cls, config: EkfConfig = EkfConfig(), *, association: Association | None = None, **_: Any
+    ) -> Self:
+        """The class for the settings."""
+        if cls is Slam and config.association == "multiple" and association is None:
+            from saccade.slam.multiple import MultiHypothesisSlam
+
+            return cast("Self", super().__new__(MultiHypothesisSlam))
+        return super().__new__(cls)
 
     def __init__(
         self,
@@ -104,9 +117,13 @@ class Slam:
             doubted, config.confirm_after, config.candidate_scans, config.culling_ratio
         )
         ranges = type(sensor) is RangeBearing
+        self._check_scan = check_range_bearing if ranges else lambda z: None
         self.recovery = Recovery(config.recover and ranges, config.new_gate, motion)
         self.num_steps = 0
         """Steps that were taken."""
+        self._time = -np.inf
+        self.text_names: tuple[str, ...] = ()
+        """Names of landmarks that are text; `identities` has their numbers."""
         self.sessions = [0]
         """Landmarks that were added to the map before each session, which `load` begins."""
         self.descriptors: npt.NDArray[Any] | None = None
@@ -132,19 +149,20 @@ class Slam:
         U: FloatArray | None = None,
         z: FloatArray | None = None,
         R: FloatArray | None = None,
-        names: IntArray | None = None,
+        names: npt.ArrayLike | None = None,
     ) -> StepResult:
         """Move to the next pose and process the scan that is observed there.
 
         Args:
-            time: of the pose, in any unit.
+            time: of the pose, in any unit; not before that of the last step.
             control: (c,) from the last pose to this one; None where the robot has not moved, as
                 at the first pose.
             U: (c, c) its covariance.
-            z: (k, 2) range in metres, bearing in radians; None without observations.
+            z: (k, 2) range in metres, bearing in radians within 2 pi; None without observations.
             R: (k, 2, 2) their covariances.
-            names: (k,) landmark identities, -1 where unknown; compared with the map, and not
-                believed if they contradict it, unless `EkfConfig.association` is "known".
+            names: (k,) landmark names, integers from 0 on or text, -1 or "" where unknown; compared
+                with the map, and not believed if they contradict it, unless
+                `EkfConfig.association` is "known".
 
         Returns:
             Pose, association and innovations.
@@ -152,31 +170,19 @@ class Slam:
         Raises:
             LogError: the estimate diverged, or an argument is invalid; then nothing has changed.
         """
-        k, c = 0 if z is None else len(z), self._control_size
-        moves, c = control is not None, c or (1 if control is None else np.size(control))
-        s, out = self._scan.room_for(k, c, self.ekf.robot_filter.robot_size - 3)
+        known = self._time, self._control_size, self.text_names
+        given = step_arguments(time, control, U, z, R, names, *known)
+        k, moves = len(given.z), given.control is not None
+        s, out = self._scan.room_for(k, len(given.U), self.ekf.robot_filter.robot_size - 3)
         s.first[0], s.still[0], s.edge[1] = self.num_steps, not moves, k
-        s.time[0] = as_number("time", time)
-        if moves:
-            s.control[0] = as_array("control", (c,), control)
-            s.U[0] = as_array("covariance of the control", (c, c), U)
-        s.z[:k] = as_array("observations", (k, 2), z)
-        s.R[:k] = as_array("covariances of the observations", (k, 2, 2), R)
-        s.identity[:k] = -1 if names is None else as_names(k, names)
+        s.time[0] = given.time
+        if given.control is not None:
+            s.control[0], s.U[0] = given.control, given.U
+        s.z[:k], s.R[:k], s.identity[:k] = given.z, given.R, given.identity
         self._complete(s, int(moves), k)
+        self._time, self.text_names = given.time, given.text_names
         culled = self.advance(s, 1, out)
-        return StepResult(
-            pose=out.pose[0].copy(),
-            covariance=out.covariance[0].copy(),
-            association=np.maximum(s.landmark[:k], -1),
-            innovations=out.innovations.value[:k].copy(),
-            innovation_covariances=out.innovations.covariance[:k].copy(),
-            nis=out.innovations.nis[:k].copy(),
-            refused=s.refused[:k].copy(),
-            culled=culled[0] if culled else np.empty(0, np.int64),
-            lost=bool(out.lost[0]),
-            hypotheses=self.recovery.hypotheses,
-        )
+        return StepResult.of(s, out, k, culled, self.recovery.hypotheses)
 
     def prepare(
         self,
@@ -211,8 +217,14 @@ class Slam:
         self._complete(steps, t - still, k)
         return steps
 
+    def number(self, numbers: IntArray, text_names: tuple[str, ...]) -> IntArray:
+        """Numbers (k,) that names have here, where those that are text come from another table."""
+        numbers, self.text_names = renumber(numbers, text_names, self.text_names)
+        return numbers
+
     def _complete(self, s: Steps, moves: int, k: int) -> None:
         """Validate and associate the next steps, with so many controls at their end."""
+        self._check_scan(s.z[:k])
         first, motion, sensor = len(s.time) - moves, *self._noise
         check_noise("control", s.control, s.U, first, first + moves, motion, 0.0)
         check_noise("observation", s.z, s.R, 0, k, sensor, MIN_SIGMA)
@@ -325,7 +337,8 @@ class Slam:
             config: other settings than those saved, with the same `filter`.
             start: (3,) pose in the frame of the map, independent of the map. By default the robot
                 has not moved since: all goes on as if there were no file between.
-            covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma`.
+            covariance: (3, 3) of the start; by default that of `EkfConfig.start_sigma` or, where
+                this is zero, of `sessions.START_SIGMA`: half a meter and a tenth of a radian.
             motion: as for `Slam`, like the other models; by default as saved.
             sensor: the sensor model.
             association: a custom association rule.
@@ -342,10 +355,15 @@ class Slam:
 
     @property
     def identities(self) -> IntArray:
-        """(N,) identity of each landmark of the map, -1 for those without."""
+        """(N,) name of each landmark of the map as a number, -1 for those without."""
         if isinstance(self.associate, (KnownIdentity, DoubtedIdentity)):
             return self.associate.identities(len(self.ekf))
         return np.full(len(self.ekf), -1)
+
+    @property
+    def landmark_names(self) -> npt.NDArray[Any]:
+        """(N,) name of each landmark: `identities`, or text if any name is text."""
+        return name_texts(self.identities, self.text_names)
 
     @property
     def confirmed(self) -> BoolArray:
@@ -364,7 +382,8 @@ class Slam:
         """
         parts = {name: arrays_of(name, part) for name, part in self._parts().items()}
         parts["recovery"] = self.recovery.to_arrays()
-        return {**merge(parts), "num_steps": np.array(self.num_steps)}
+        texts = {"text_names": np.array(self.text_names)} if self.text_names else {}
+        return {**merge(parts), **texts, "num_steps": np.array(self.num_steps)}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
@@ -372,13 +391,10 @@ class Slam:
             part.from_arrays(select(arrays, name))
         self.recovery.from_arrays(select(arrays, "recovery"), self.ekf)
         self.num_steps = int(arrays["num_steps"])
+        self.text_names = stored_texts(arrays)
 
     def _parts(self) -> dict[str, Stateful]:
-        return {
-            "ekf": self.ekf,
-            "associate": self.associate,
-            "culling": self.culling,
-        }
+        return {"ekf": self.ekf, "associate": self.associate, "culling": self.culling}
 
     def __repr__(self) -> str:
         return f"Slam({self.num_steps} steps, {self.ekf!r})"

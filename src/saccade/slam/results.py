@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.slam._step_kernels import StepResults, Steps
 from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.hypotheses import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray
@@ -62,6 +63,29 @@ class StepResult:
     until the robot is found in it."""
     hypotheses: PoseHypotheses | None = None
     """Of the pose of a lost robot, after its first scan."""
+
+    @classmethod
+    def of(
+        cls,
+        s: Steps,
+        out: StepResults,
+        k: int,
+        culled: list[IntArray],
+        hypotheses: PoseHypotheses | None,
+    ) -> "StepResult":
+        """A copy of the first step, of k observations, from the memory of kernels."""
+        return cls(
+            pose=out.pose[0].copy(),
+            covariance=out.covariance[0].copy(),
+            association=np.maximum(s.landmark[:k], -1),
+            innovations=out.innovations.value[:k].copy(),
+            innovation_covariances=out.innovations.covariance[:k].copy(),
+            nis=out.innovations.nis[:k].copy(),
+            refused=s.refused[:k].copy(),
+            culled=culled[0] if culled else np.empty(0, np.int64),
+            lost=bool(out.lost[0]),
+            hypotheses=hypotheses,
+        )
 
     def __repr__(self) -> str:
         x, y, theta = self.pose

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saccade.errors import LogError
+from saccade.landmark_names import FIRST_TEXT
 from saccade.notebook import NotebookTable
 from saccade.slam._step_kernels import Steps
 from saccade.slam.association.known import KnownIdentity
@@ -14,7 +15,6 @@ from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
-from saccade.slam.multiple import MultiHypothesisSlam
 from saccade.slam.online import Slam
 from saccade.slam.snapshots import Recorder
 from saccade.slam.strides import new_results
@@ -155,7 +155,7 @@ def run(
             progress(end, poses)
 
     association, kept = np.maximum(steps.landmark, -1), slam.confirmed
-    landmarks = _landmark_map(slam, log, association, kept)
+    landmarks = _landmark_map(slam, steps.identity, association, kept)
     number = np.where(kept, np.cumsum(kept) - 1, -1)
     association = np.append(number, -1)[association]
     refused = float(steps.refused.sum()) / max(len(steps.refused), 1)
@@ -189,8 +189,7 @@ def slam_for(
     Raises:
         LogError: as `run`.
     """
-    several = config.association == "multiple" and associate is None
-    return (MultiHypothesisSlam if several else Slam)(
+    return Slam(
         config,
         start=log.start,
         motion=motion_of(log, motion),
@@ -203,7 +202,8 @@ def slam_for(
 def _steps(slam: Slam, log: LandmarkLog) -> Steps:
     """A whole log."""
     edge = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
-    scans = edge, log.observation, log.observation_covariance, log.landmark
+    identity = slam.number(log.landmark, log.text_names)
+    scans = edge, log.observation, log.observation_covariance, identity
     steps = slam.prepare(log.time, log.control, log.control_covariance, *scans)
     steps.first[0] = max(0, slam.num_steps - 1)  # at the first pose it is already
     return steps
@@ -240,17 +240,20 @@ def motion_of(log: LandmarkLog, custom: Motion | None) -> Motion:
 
 
 def _landmark_map(
-    slam: Slam, log: LandmarkLog, association: IntArray, kept: BoolArray
+    slam: Slam, named: IntArray, association: IntArray, kept: BoolArray
 ) -> LandmarkMap:
+    """The map; `named` (k,) are the names of the observations."""
     identity, used = slam.identities, np.flatnonzero(association >= 0)
     if (identity < 0).all():  # a rule that does not use them
         landmark, first = np.unique(association[used], return_index=True)
-        identity[landmark] = log.landmark[used[first]]
+        identity[landmark] = named[used[first]]
     identity = identity[kept]
-    unnamed = identity < 0  # numbered in order, after the names
+    unnamed = identity < 0  # numbered in order, after the names that are integers
+    last = identity[identity < FIRST_TEXT].max(initial=-1)
     return LandmarkMap(
-        id=np.where(unnamed, identity.max(initial=-1) + np.cumsum(unnamed), identity),
+        id=np.where(unnamed, last + np.cumsum(unnamed), identity),
         xy=slam.ekf.landmarks[kept],
         covariance=slam.ekf.landmark_covariances[kept],
         observations=np.bincount(association[used], minlength=len(kept))[kept],
+        text_names=slam.text_names,
     )

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from saccade.errors import ConfigError, LogError, require
+from saccade.landmark_names import stored_texts
 from saccade.slam.association.known import KnownIdentity
 from saccade.slam.association.rule import Association
 from saccade.slam.checkpoint import Arrays, merge, select
@@ -20,6 +21,9 @@ from saccade.slam.relocalization import Relocalizer
 from saccade.types import FloatArray, LandmarkLog
 
 AnySlam = TypeVar("AnySlam", bound=Slam)
+START_SIGMA = (0.5, 0.5, 0.1)
+"""Metres and radians: standard deviation of a start in a map, if neither it nor the settings say
+one."""
 FOUND = 0.99
 """Probability from which a hypothesis of the pose is right."""
 MIN_MATCHED = 3
@@ -87,6 +91,7 @@ def load(
         slam.culling.from_arrays(select(arrays, "culling"))
     if start is not None or mode == "localize":
         drop_candidates(slam)
+    slam.text_names = stored_texts(arrays)
     slam.sessions = [*arrays["sessions"].tolist(), slam.ekf.num_added]
     slam.descriptors = arrays.get("descriptors")
     return slam
@@ -95,6 +100,8 @@ def load(
 def _place(slam: Slam, arrays: Arrays, covariance: FloatArray | None) -> None:
     """Give a new filter the landmarks of a saved map, independent of its robot."""
     P = slam.ekf.covariance
+    if covariance is None and not any(slam.config.start_sigma):
+        covariance = np.diag(np.square(START_SIGMA))
     if covariance is not None:
         P[:3, :3] = check_covariance("covariance of the start", covariance, 3)
     r = int(arrays["robot_size"])

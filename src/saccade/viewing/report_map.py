@@ -75,6 +75,7 @@ def map_part(
     image_at: Callable[[int], Image | None] | None = None,
     loaded: int = 0,
     lost: Sequence[Sequence[float | None]] = (),
+    names: Mapping[int, str] | None = None,
 ) -> Part:
     """Trajectories and the map over time.
 
@@ -89,6 +90,7 @@ def map_part(
         loaded: landmarks with a smaller id are of a map that was loaded.
         lost: seconds since the first pose at which the robot was lost and found again, None for
             never.
+        names: of landmarks, by id, if they are text.
     """
     time = trajectories["estimate"].time
     start = float(time[0])
@@ -98,6 +100,7 @@ def map_part(
         "ellipse_scale": ELLIPSE_SCALE,
         "ellipse_label": ELLIPSE_LABEL,
         "loaded": loaded,
+        "names": names or {},
         "lost": [[begin, last if end is None else end] for begin, end in lost],
         "trajectories": [_trajectory(*each, start) for each in trajectories.items()],
         "charts": [_chart(chart, start) for chart in charts],

@@ -1,16 +1,13 @@
 """Compiled loops over points: normal equations of the egomotion, and warping of the ground."""
 
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from saccade._jit import kernel
-
-if TYPE_CHECKING:
-    from saccade.types import FloatArray
-    from saccade.visual.camera import Intrinsics
-    from saccade.visual.egomotion import Correspondences
-    from saccade.visual.optical_flow import ByteArray, ImageGradients, ShortArray
+from saccade.types import BoolArray, FloatArray
+from saccade.visual.camera import Intrinsics
+from saccade.visual.optical_flow import ImageGradients, ShortArray
 
 MIN_DEPTH_RATIO = 0.05
 """Least depth after the motion as a fraction of that before; points below it are ignored."""
@@ -18,18 +15,36 @@ MAX_INVERSE_DEPTH = 1.0
 """Upper bound of the estimated inverse depths, in 1 / metres."""
 
 
+class Correspondences(NamedTuple):
+    """k points observed in two frames; inverse depths are 1 / metres along the optical axis."""
+
+    previous: FloatArray
+    current: FloatArray
+    """(k, 2) pixels in the first and in the second frame."""
+    inverse_depth: FloatArray
+    inverse_depth_sigma: FloatArray
+    """(k,) in the first frame, and its standard deviation: 1 where the depth is unknown."""
+    current_inverse_depth: FloatArray
+    current_inverse_depth_sigma: FloatArray
+    """(k,) in the second frame, NaN where it was not measured, and its standard deviation."""
+
+    def take(self, index: BoolArray) -> "Correspondences":
+        """Those of a mask (k,)."""
+        return Correspondences(*(each[index] for each in self))
+
+
 @kernel()
 def accumulate_normal_equations(
-    points: "Correspondences",
-    intrinsics: "Intrinsics",
-    R: "FloatArray",
-    t: "FloatArray",
-    pixel_sigma: "FloatArray",
+    points: Correspondences,
+    intrinsics: Intrinsics,
+    R: FloatArray,
+    t: FloatArray,
+    pixel_sigma: FloatArray,
     kernel_width: float,
-    inverse_depth: "FloatArray",
-    information: "FloatArray",
-    gradient: "FloatArray",
-    squared_residual: "FloatArray",
+    inverse_depth: FloatArray,
+    information: FloatArray,
+    gradient: FloatArray,
+    squared_residual: FloatArray,
 ) -> None:
     """One Gauss-Newton iteration over k points, the inverse depths marginalized.
 
@@ -108,16 +123,16 @@ def accumulate_normal_equations(
 
 @kernel()
 def warp_ground(
-    rays: "FloatArray",
-    intensity: "FloatArray",
-    intrinsics: "Intrinsics",
-    R: "FloatArray",
-    direction: "FloatArray",
+    rays: FloatArray,
+    intensity: FloatArray,
+    intrinsics: Intrinsics,
+    R: FloatArray,
+    direction: FloatArray,
     distance: float,
-    plane: "FloatArray",
-    image: "ImageGradients",
-    warped: "FloatArray",
-    J: "FloatArray",
+    plane: FloatArray,
+    image: ImageGradients,
+    warped: FloatArray,
+    J: FloatArray,
 ) -> int:
     """Sample the next image at m points of the ground plane.
 
@@ -163,7 +178,7 @@ def warp_ground(
 
 
 @kernel()
-def bilinear(image: "ByteArray | ShortArray", x: float, y: float) -> float:
+def bilinear(image: ShortArray, x: float, y: float) -> float:
     """Bilinear interpolation of an image at a sub-pixel position."""
     i, j = int(y), int(x)
     p, q = y - i, x - j

@@ -1,14 +1,10 @@
 """Compiled loops of the sliding window: normal equations of poses, with the points eliminated."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from saccade._jit import kernel
-
-if TYPE_CHECKING:
-    from saccade.types import FloatArray, IntArray
-    from saccade.visual.camera import Intrinsics
+from saccade.types import FloatArray, IntArray
+from saccade.visual.camera import Intrinsics
 
 MIN_DEPTH_RATIO = 0.05
 """Least depth in a frame as a fraction of that in the reference frame; nearer observations are
@@ -22,20 +18,20 @@ PARAMETERS = 2
 
 @kernel()
 def eliminate_points(
-    observed: "FloatArray",
-    sigma: "FloatArray",
-    reference: "IntArray",
-    intrinsics: "Intrinsics",
-    poses: "tuple[FloatArray, FloatArray]",
-    references: "tuple[FloatArray, FloatArray]",
+    observed: FloatArray,
+    sigma: FloatArray,
+    reference: IntArray,
+    intrinsics: Intrinsics,
+    poses: tuple[FloatArray, FloatArray],
+    references: tuple[FloatArray, FloatArray],
     disparity_scale: float,
     kernel_width: float,
-    points: "FloatArray",
-    information: "FloatArray",
-    gradient: "FloatArray",
-    gain: "FloatArray",
-    offset: "FloatArray",
-    squared_residual: "FloatArray",
+    points: FloatArray,
+    information: FloatArray,
+    gradient: FloatArray,
+    gain: FloatArray,
+    offset: FloatArray,
+    squared_residual: FloatArray,
 ) -> None:
     """Add k points observed in n frames to the normal equations of the poses.
 
@@ -165,7 +161,7 @@ def eliminate_points(
 
 
 @kernel()
-def invert3(H: "FloatArray", inverse: "FloatArray") -> None:
+def invert3(H: FloatArray, inverse: FloatArray) -> None:
     """Inverse of a symmetric positive definite (3, 3) matrix."""
     a, b, c = H[0, 0], H[0, 1], H[0, 2]
     d, e, f = H[1, 1], H[1, 2], H[2, 2]

@@ -7,7 +7,7 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import BoolArray, Float32Array, FloatArray
-from saccade.visual._kernels import accumulate_normal_equations
+from saccade.visual._kernels import Correspondences, accumulate_normal_equations
 from saccade.visual.camera import Intrinsics, directions
 
 Prior: TypeAlias = tuple[FloatArray, FloatArray]
@@ -42,24 +42,6 @@ class Mounting(NamedTuple):
     """(3, 3) from the camera's frame into the robot's."""
     position: FloatArray
     """(3,) in the robot's frame, in metres."""
-
-
-class Correspondences(NamedTuple):
-    """k points observed in two frames; inverse depths are 1 / metres along the optical axis."""
-
-    previous: FloatArray
-    current: FloatArray
-    """(k, 2) pixels in the first and in the second frame."""
-    inverse_depth: FloatArray
-    inverse_depth_sigma: FloatArray
-    """(k,) in the first frame, and its standard deviation: 1 where the depth is unknown."""
-    current_inverse_depth: FloatArray
-    current_inverse_depth_sigma: FloatArray
-    """(k,) in the second frame, NaN where it was not measured, and its standard deviation."""
-
-    def take(self, index: BoolArray) -> "Correspondences":
-        """Those of a mask (k,)."""
-        return Correspondences(*(each[index] for each in self))
 
 
 class Motion(NamedTuple):

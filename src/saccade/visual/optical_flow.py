@@ -153,7 +153,7 @@ def reduced_image(image: Image, reduction: int) -> Image:
 class ImageGradients(NamedTuple):
     """An image and its derivatives (Sobel)."""
 
-    intensity: ByteArray
+    intensity: ShortArray
     """(h, w) gray levels."""
     dx: ShortArray
     """(h, w) eight times the derivative along a row."""
@@ -164,7 +164,7 @@ class ImageGradients(NamedTuple):
 def image_gradients(image: ByteArray) -> ImageGradients:
     """Gradients of a gray image (h, w)."""
     dx, dy = (cv2.Sobel(image, cv2.CV_16S, *order, ksize=3) for order in ((1, 0), (0, 1)))
-    return ImageGradients(image, np.asarray(dx, np.int16), np.asarray(dy, np.int16))
+    return ImageGradients(*(np.asarray(each, np.int16) for each in (image, dx, dy)))
 
 
 def track_points(

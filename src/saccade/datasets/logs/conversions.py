@@ -141,6 +141,17 @@ def to_cartesian(observation: FloatArray, covariance: FloatArray) -> tuple[Float
     return np.stack([r * c, r * s], 1), A @ covariance @ A.transpose(0, 2, 1)
 
 
+def require_numbered(log: LandmarkLog, form: str) -> None:
+    """Raise `LogError` if an observation has no name that is an integer, which `form` needs."""
+    unknown = int((log.landmark < 0).sum())
+    if unknown or log.text_names:
+        found = f"none for {unknown} observations" if unknown else repr(log.text_names[0])
+        raise LogError(
+            f"{log.name}: expected the identity of every landmark as a number, which {form} needs, "
+            f"found {found}; write it as CSV"
+        )
+
+
 def require_motion_model(log: LandmarkLog) -> None:
     """Raise `LogError` if the controls are those of a custom motion model."""
     if log.motion == "custom":

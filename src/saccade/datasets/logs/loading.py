@@ -15,6 +15,7 @@ from saccade.datasets.logs.victoria_park import Reference, read_victoria_park
 from saccade.datasets.tables import Archive
 from saccade.errors import ConfigError, LogError, require
 from saccade.types import LandmarkLog
+from saccade.validation import invalid_range_bearing
 
 Kind: TypeAlias = Literal["auto", "csv", "g2o", "isam", "mrclam", "victoria-park", "dlr", "rosbag"]
 """Formats to read; "auto" detects the format from the path and the content."""
@@ -98,7 +99,12 @@ def load(
     converted = kind == "victoria-park" and path.suffix.lower() != ".mat"
     for name in options.keys() - (set() if converted else _OPTIONS.get(kind, set())):
         raise ConfigError(f"{name}: {path} read as {kind} does not have it; leave it out")
-    return _READERS[kind](path, **options)
+    log = _READERS[kind](path, **options)
+    invalid = invalid_range_bearing(log.observation)
+    if invalid is not None:
+        number, expected, found = invalid
+        raise LogError(f"{path}, observation {number}: expected {expected}, found {found}")
+    return log
 
 
 def save(path: str | Path, log: LandmarkLog, kind: Format = "auto") -> None:

@@ -7,7 +7,8 @@ A row is a pose or an observation, and the header names its cells:
     forward, left, turn             this pose in the frame of the last one
       or distance, turn             turned before driven
     cov_forward_forward, ...        its covariance, upper triangle
-    landmark                        identity of the landmark; empty where it is not known
+    landmark                        name of the landmark, an integer from 0 on or text; empty where
+                                    it is not known
     range, bearing                  of an observation from the last pose above
     cov_range_range, ...            its covariance, upper triangle
 
@@ -18,9 +19,10 @@ either, they are assumed. Metres and radians.
 
 import warnings
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.datasets.logs.conversions import (
     ASSUMED_ODOMETRY,
@@ -38,7 +40,9 @@ from saccade.datasets.tables import (
     write_table,
 )
 from saccade.errors import LogError, LogWarning
+from saccade.landmark_names import parse_name
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
+from saccade.validation import invalid_range_bearing
 
 ROUNDING = 1e-9
 """Eigenvalue of a covariance, as a fraction of the largest, that rounding may make negative."""
@@ -84,7 +88,7 @@ def write_log_csv(path: str | Path, log: LandmarkLog) -> None:
         for name, values in columns:
             table[name][rows] = values
     landmark = np.full(n, "", dtype=object)
-    landmark[observation_row] = ["" if i < 0 else str(i) for i in log.landmark.tolist()]
+    landmark[observation_row] = np.where(log.landmark < 0, "", log.names.astype(np.str_))
     write_table(path, table | {"landmark": landmark})
 
 
@@ -125,8 +129,6 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
     time = _cells(records, columns, np.arange(len(records)), ("time",))
     require_ascending(time[poses], lambda i: f"{path}, line {records[poses[i]].line}")
     time, pose_time = time[:, 0], time[poses, 0]
-    for k in np.flatnonzero(columns["range"] < 0)[:1].tolist():
-        raise records[k].error("a range of 0 m or more", f"{columns['range'][k]:g}")
     observation_pose = np.cumsum(~is_observation)[observations] - 1
     for k in np.flatnonzero(time[observations] != pose_time[observation_pose])[:1].tolist():
         raise records[int(observations[k])].error(
@@ -135,6 +137,9 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
         )
     step = _cells(records, columns, controls, control)
     observation = _cells(records, columns, observations, _OBSERVATION)
+    invalid = invalid_range_bearing(observation)
+    if invalid is not None:
+        raise records[int(observations[invalid[0]])].error(*invalid[1:])
     along, heading = ASSUMED_ODOMETRY.variances(np.linalg.norm(step[:, :-1], axis=1), step[:, -1])
     assumed = np.stack([*[along] * (len(control) - 1), heading], 1)
     control_covariance = _covariances(header, records, columns, controls, control, assumed)
@@ -235,12 +240,16 @@ def _covariances(
     return covariances
 
 
-def _landmarks(header: list[str], records: list[Row], rows: IntArray) -> IntArray:
-    """Identities (len(rows),), -1 where the cell is empty."""
-    landmarks = np.full(len(rows), -1, np.int64)
-    if "landmark" in header:
-        column = header.index("landmark")
-        for k, i in enumerate(rows.tolist()):
-            if records[i].cells[column] not in ("", "-1"):
-                landmarks[k] = records[i].integer(column, "the number of a landmark")
-    return landmarks
+def _landmarks(header: list[str], records: list[Row], rows: IntArray) -> npt.NDArray[Any]:
+    """Names (len(rows),), integers or text, -1 where the cell is empty."""
+    if "landmark" not in header:
+        return np.full(len(rows), -1, np.int64)
+    column = header.index("landmark")
+    named = [records[i] for i in rows.tolist()]
+    names = [parse_name(row.cells[column]) for row in named]
+    if None in names:
+        row = named[names.index(None)]
+        raise row.error(
+            "the name of a landmark (text, or an integer from 0 on)", repr(row.cells[column][:40])
+        )
+    return np.array(names, object)

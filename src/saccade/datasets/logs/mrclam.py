@@ -5,7 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from saccade.datasets.logs.conversions import OdometryNoise, integrate, to_relative_poses
+from saccade.datasets.logs.conversions import (
+    OdometryNoise,
+    integrate,
+    require_numbered,
+    to_relative_poses,
+)
 from saccade.datasets.tables import Archive, read_table
 from saccade.errors import LogError, require
 from saccade.files import atomic_write, results_in
@@ -192,17 +197,16 @@ def write_mrclam(folder: str | Path, log: LandmarkLog, robot: int = 1) -> None:
 
     Args:
         folder: of the files; created if it is missing.
-        log: with a clock and the identity of every landmark.
+        log: with a clock and the number of every landmark.
         robot: 1 to 5.
 
     Raises:
-        LogError: a motion takes no time, or an observation has no identity.
+        LogError: a motion takes no time, or an observation has no landmark number.
         OutputError: a file cannot be written.
         ConfigError: no such robot.
     """
     require(1 <= robot <= ROBOTS, "robot", f"a number from 1 to {ROBOTS}", robot)
-    if (log.landmark < 0).any():
-        raise LogError(f"{log.name}: expected the identity of every landmark, found none for some")
+    require_numbered(log, "mrclam")
     surveyed = np.empty(0, np.int64) if log.landmark_truth is None else log.landmark_truth.id
     landmarks = np.union1d(log.landmark, surveyed)
     shift = max(0, ROBOTS + 1 - int(landmarks.min(initial=ROBOTS + 1)))

@@ -21,7 +21,12 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from saccade.datasets.logs.conversions import to_cartesian, to_range_bearing, to_relative_poses
+from saccade.datasets.logs.conversions import (
+    require_numbered,
+    to_cartesian,
+    to_range_bearing,
+    to_relative_poses,
+)
 from saccade.datasets.tables import Row, from_upper_triangle, read_rows, upper_triangle
 from saccade.errors import LogError, require
 from saccade.files import atomic_write
@@ -214,21 +219,17 @@ def write_pose_graph(
 
     Args:
         path: the file; replaced if it exists.
-        log: with the identity of every landmark.
+        log: with the number of every landmark.
         dialect: selects the tags and the matrix form.
         range_bearing: write observations as ranges and bearings, as GTSAM reads them (`BR`).
 
     Raises:
-        LogError: an observation has no identity, or no exact representation.
+        LogError: an observation has no landmark number, or no exact representation.
         OutputError: the file cannot be written.
         ConfigError: no such dialect.
     """
     require(dialect in get_args(Dialect), "dialect", f"one of {get_args(Dialect)}", dialect)
-    if (log.landmark < 0).any():
-        raise LogError(
-            f"{log.name}: expected the identity of every landmark, which {dialect} needs, found "
-            f"none for {int((log.landmark < 0).sum())} observations; write it as CSV"
-        )
+    require_numbered(log, dialect)
     edge, observation, vertex, form = _DIALECTS[dialect]
     landmark_offset = len(log.time) if dialect == "g2o" else 0
     poses = np.arange(len(log.time))

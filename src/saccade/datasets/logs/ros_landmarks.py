@@ -22,11 +22,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from saccade.datasets.ros_bags import Bag, stamp_of
 from saccade.datasets.ros_transforms import Transforms, bare
 from saccade.errors import LogError
-from saccade.types import FloatArray, IntArray
+from saccade.types import FloatArray
 
 OTHER_TOPICS = ("map", "path", "particle", "cloud", "goal", "plan", "traj", "truth")
 """Words in the names of topics that are chosen last: they rarely are observations."""
@@ -87,18 +88,13 @@ def read_detections(bag: Bag, topic: str, transforms: Transforms) -> list[Detect
     return found
 
 
-def identities(names: Sequence[str]) -> IntArray:
-    """Numbers of names: those in which they end, or by their order if these are ambiguous.
-
-    An empty name is -1.
-    """
-    distinct = sorted(set(names) - {""})
-    endings = [_number(name) for name in distinct]
-    numbers = [number for number in endings if number is not None]
-    if len(set(numbers)) < len(distinct):
-        numbers = list(range(len(distinct)))
-    known = {"": -1} | dict(zip(distinct, numbers, strict=True))
-    return np.array([known[name] for name in names], np.int64)
+def identities(names: Sequence[str]) -> npt.NDArray[Any]:
+    """Names (k,) by the numbers in which they end, -1 for none; if ambiguous, as they are."""
+    distinct = set(names) - {""}
+    endings = {name: _number(name) for name in distinct}
+    if len(set(endings.values()) - {None}) < len(distinct):
+        return np.array(names, object)
+    return np.array([endings[name] if name else -1 for name in names], np.int64)
 
 
 def _number(name: str) -> int | None:

@@ -50,7 +50,7 @@ def best_assignments(
     used = np.zeros(landmarks, np.bool_)
     L, white = np.zeros((2 * m, 2 * m)), np.zeros(2 * m)
     total, pairs = np.zeros(m + 1), np.zeros(m + 1, np.int64)
-    tried, i = 0, 0
+    tried, i = 0, 0 * m  # no literal: a kernel called with one is compiled for it, too
     while i >= 0:
         if i == m:
             _insert(cost, pair, total[m], chosen)

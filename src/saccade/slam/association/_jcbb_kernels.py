@@ -38,7 +38,7 @@ def branch_and_bound(
     L, white = np.zeros((2 * m, 2 * m)), np.zeros(2 * m)
     total, pairs = np.zeros(m + 1), np.zeros(m + 1, np.int64)
     max_pairs, min_total = 0, np.inf
-    tried, i = 0, 0
+    tried, i = 0, 0 * m  # no literal: a kernel called with one is compiled for it, too
     while i >= 0:
         if i == m:
             if pairs[m] > max_pairs or (pairs[m] == max_pairs and total[m] < min_total):

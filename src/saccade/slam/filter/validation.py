@@ -9,6 +9,7 @@ import numpy.typing as npt
 from saccade.errors import LogError
 from saccade.slam.filter._validation_kernels import LARGEST, first_invalid, prepare_noise
 from saccade.types import FloatArray
+from saccade.validation import invalid_range_bearing
 
 MIN_SIGMA = 1e-4
 """Metres and radians: standard deviation added to observations with a singular covariance. Exact
@@ -21,7 +22,7 @@ def check_vector(name: str, value: FloatArray, size: int | None = None) -> Float
     Raises:
         LogError: it has another shape, or a number is not finite or beyond `LARGEST`.
     """
-    array = np.asarray(value, np.float64)
+    array = as_numbers(name, value)
     if array.ndim != 1 or (size is not None and len(array) != size):
         raise LogError(f"{name}: expected {size or 'some'} numbers, found shape {array.shape}")
     if not (np.abs(array) < LARGEST).all():  # NaN is not under anything
@@ -35,7 +36,7 @@ def check_covariance(name: str, value: FloatArray, size: int) -> FloatArray:
     Raises:
         LogError: it is no covariance matrix.
     """
-    matrix = np.asarray(value, np.float64)
+    matrix = as_numbers(name, value)
     if matrix.shape != (size, size):
         raise LogError(f"{name}: expected shape {(size, size)}, found {matrix.shape}")
     if not (np.abs(matrix) < LARGEST**2).all():
@@ -74,6 +75,14 @@ def _raise_for(i: int, name: str, values: FloatArray, covariances: FloatArray) -
         check_covariance(f"covariance of {name} {i}", covariances[i], values.shape[1])
 
 
+def check_range_bearing(z: FloatArray) -> None:
+    """Raise unless all of (k, 2) are ranges and bearings."""
+    invalid = invalid_range_bearing(z)
+    if invalid is not None:
+        number, expected, found = invalid
+        raise LogError(f"observation {number}: expected {expected}, found {found}")
+
+
 def check_landmark(landmark: int, count: int) -> None:
     """Raise unless it is the number of a landmark in a map of `count`."""
     if not 0 <= landmark < count:
@@ -83,27 +92,33 @@ def check_landmark(landmark: int, count: int) -> None:
         )
 
 
-def as_array(name: str, shape: tuple[int, ...], value: object) -> npt.NDArray[Any]:
-    """The numbers as an array of this shape; None for none."""
-    if value is None and 0 in shape:
+def as_numbers(name: str, value: object) -> FloatArray:
+    """The numbers as an array; None is NaN."""
+    try:
+        return np.asarray(np.nan if value is None else value, np.float64)
+    except (TypeError, ValueError) as error:
+        found = " ".join(repr(value).split())[:60]
+        raise LogError(f"{name}: expected numbers, found {found}") from error
+
+
+def as_array(name: str, shape: tuple[int, ...], value: object) -> FloatArray:
+    """The numbers as an array of this shape; None, or an empty list, for none."""
+    array = as_numbers(name, value)
+    if 0 in shape and (value is None or array.size == 0):
         return np.empty(shape)
-    array = np.asarray(np.nan if value is None else value)
-    if array.shape != shape:
-        raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
+    require_shape(name, shape, array)
     return array
 
 
-def as_names(k: int, value: object) -> npt.NDArray[Any]:
-    """The finite numbers (k,)."""
-    names = as_array("names", (k,), value)
-    if names.dtype.kind != "i" and not np.isfinite(names).all():
-        raise LogError(f"names: expected finite numbers, found {names.tolist()}")
-    return names
+def require_shape(name: str, shape: tuple[int, ...], array: npt.NDArray[Any]) -> None:
+    """Raise unless an array has this shape."""
+    if array.shape != shape:
+        raise LogError(f"{name}: expected shape {shape}, found {array.shape}")
 
 
 def as_number(name: str, value: object) -> float:
     """The finite number."""
-    number = float(as_array(name, (), value))
+    number = as_array(name, (), value).item()
     if not isfinite(number):
         raise LogError(f"{name}: expected finite numbers, found {number}")
     return number

@@ -195,7 +195,7 @@ class SmoothingProblem:
             step = int(self.first[number])
             return f"pose {step} (at {self.log.time[step]:g})"
         seen = int((self.filtered.association == number).sum())
-        return f"landmark {self.filtered.map.id[number]} (seen {seen} time{'s' * (seen != 1)})"
+        return f"landmark {self.filtered.map.names[number]} (seen {seen} time{'s' * (seen != 1)})"
 
     def pose_key(self, number: int) -> int:
         """The key of a pose variable."""

@@ -178,6 +178,7 @@ kinds.map = (element, data) => {
   for (const trajectory of data.trajectories) shown[trajectory.name] = true;
   let number = snapshots.length - 1;
   let id = -1; // of the chosen landmark
+  const named = (each) => data.names[each] ?? each;
   const period = Math.max(20, Math.min(80, 12000 / snapshots.length));
 
   const canvas = make("canvas", {
@@ -273,7 +274,7 @@ kinds.map = (element, data) => {
     const row = snapshots.rowOf(id, number);
     const times = count === 1 ? "once" : `${count} times`;
     const origin = id < data.loaded ? ", of the map that was loaded" : data.loaded > 0 ? ", new" : "";
-    detail.append(make("h3", {}, `Landmark ${id}${origin}`));
+    detail.append(make("h3", {}, `Landmark ${named(id)}${origin}`));
     let text = ofLandmark.length ? `Observed ${times}.` : "Not in the final map: its observations are not kept.";
     if (row >= 0) {
       const [x, y, xx, xy, yy] = snapshots.landmark(row);
@@ -299,7 +300,7 @@ kinds.map = (element, data) => {
     const all = images.filter((entry) => steps.has(entry.step));
     const every = Math.max(1, Math.ceil(all.length / 6));
     for (const entry of all.filter((_, i) => i % every === 0)) {
-      const small = imageCanvas(entry, `Landmark ${id} in frame ${entry.step}`);
+      const small = imageCanvas(entry, `Landmark ${named(id)} in frame ${entry.step}`);
       small.draw = () => drawImage(small, entry, points, id, palette());
       const button = make("button", {
         type: "button", class: "thumb", onclick: () => {
