@@ -113,7 +113,8 @@ class AttentionModel:
 
 def bare_saliency(maps: Any) -> "FloatMap":
     """The saliency (h, w) of a model's maps, without a prior of the position."""
-    return getattr(maps, "bare", maps.saliency)
+    bare: FloatMap = getattr(maps, "bare", maps.saliency)
+    return bare
 
 
 def contrast_of(maps: Any) -> Any:

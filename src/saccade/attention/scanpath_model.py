@@ -359,7 +359,8 @@ def _grid(saliency: FloatArray, shape: tuple[int, int], config: ScanpathModelCon
     u, v = (np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h
     if config.smoothing > 0:
         cells = config.smoothing * max(h, w)
-        saliency = cv2.GaussianBlur(saliency, (0, 0), cells, borderType=cv2.BORDER_REFLECT)
+        blurred = cv2.GaussianBlur(saliency, (0, 0), cells, borderType=cv2.BORDER_REFLECT)
+        saliency = np.asarray(blurred, np.float64)
     mass = (saliency / (saliency.max() or 1.0) + config.floor) ** config.exponent
     mass *= position_prior(
         (h, w), config.center_sigma, config.center_height, config.border_distance
