@@ -284,7 +284,7 @@ def most_probable_scanpath(
     rows, columns = _most_salient(saliency, coarse.shape, cells[0])
     return Scanpath(
         xy=cell_centers(rows, columns, saliency.shape, shape),
-        time=config.duration_mean * np.arange(1, fixations + 1),
+        time=config.duration_mean * np.arange(1.0, fixations + 1),
         saliency=saliency[rows, columns],
     )
 
