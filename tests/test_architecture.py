@@ -16,6 +16,7 @@ SOURCE = Path(saccade.__file__).parent
 FOUNDATION = {
     "types",
     "landmark_names",
+    "notebook",
     "validation",
     "frames",
     "errors",

@@ -318,9 +318,9 @@ def _ring(config: DriveConfig, **changed: object) -> Frame:
 
 def film_frame() -> Figure:
     """Four frames of the film of a scanpath."""
-    image = photo("rocket")
+    image = photo("chelsea")
     maps = saccade.attention_saliency(image)
-    path = saccade.scanpath(maps.saliency, image.shape, fixations=6)
+    path = saccade.most_probable_scanpath(maps.bare, image.shape, fixations=6)
     frames = viewing.scanpath_frames(image, path)[0][1:5]
     height, width = frames[0].shape[:2]
     figure = figure_for(width, height, columns=len(frames), rows=1, panel=3.2)

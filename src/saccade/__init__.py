@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from saccade.attention import attention_saliency as attention_saliency
     from saccade.attention import boolean_saliency as boolean_saliency
     from saccade.attention import contrast_saliency as contrast_saliency
+    from saccade.attention import most_probable_scanpath as most_probable_scanpath
     from saccade.attention import next_fixation_density as next_fixation_density
     from saccade.attention import sample_scanpaths as sample_scanpaths
     from saccade.attention import scanpath_log_likelihood as scanpath_log_likelihood
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from saccade.types import ScanpathSamples as ScanpathSamples
     from saccade.types import SymmetricPairs as SymmetricPairs
     from saccade.types import Trajectory as Trajectory
+    from saccade.viewing.show import show as show
 
 __version__ = "0.1.0"
 
@@ -74,7 +76,7 @@ _MODULES = {
         *("ContrastConfig", "ContrastMaps", "contrast_saliency", "ScanpathConfig", "scanpath"),
         *("SymmetryConfig", "SymmetryMaps", "symmetry_saliency"),
         *("BooleanConfig", "BooleanMaps", "boolean_saliency", "FittedModel"),
-        *("ScanpathModelConfig", "sample_scanpaths"),
+        *("ScanpathModelConfig", "sample_scanpaths", "most_probable_scanpath"),
         *("VideoConfig", "VideoMaps", "VideoSaliency"),
         *("next_fixation_density", "scanpath_log_likelihood"),
     ),
@@ -97,6 +99,7 @@ _MODULES = {
         *("Keypoints", "LandmarkLog", "LandmarkMap", "Scanpath", "ScanpathSamples"),
         *("SymmetricPairs", "Trajectory"),
     ),
+    "viewing.show": ("show",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 _PACKAGES = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")

@@ -29,6 +29,8 @@ KINDS = {
 
 DEFAULT = "default"
 """Name of the preset of the default settings."""
+FREE_VIEWING = "free_viewing"
+"""Name of the preset of attention that shows where people look at a photograph."""
 NONE = "none"
 """None in TOML, which has no null."""
 MAX_INTEGER = 1 << 1023

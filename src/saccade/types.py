@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from saccade.errors import KeypointsError, LogError
 from saccade.landmark_names import name_texts, number_names
+from saccade.notebook import NotebookTable
 from saccade.validation import check_arrays
 
 Image: TypeAlias = npt.NDArray[Any]
@@ -28,7 +29,7 @@ THREE_SIGMA_2D = 11.829
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Keypoints:
+class Keypoints(NotebookTable):
     """Interest points of one image, the strongest first unless a detector says otherwise."""
 
     xy: Float32Array
@@ -80,6 +81,12 @@ class Keypoints:
 
     def __getitem__(self, index: slice | npt.NDArray[Any]) -> "Keypoints":
         return select_rows(self, index)
+
+    def summary(self) -> dict[str, str]:
+        """Sizes and key numbers, by name."""
+        sizes = f"{self.size.min():.1f} to {self.size.max():.1f} pixels" if len(self) else "none"
+        described = "none" if self.descriptors is None else f"{self.descriptors.shape[1]} numbers"
+        return {"points": str(len(self)), "diameter": sizes, "descriptors": described}
 
     def __repr__(self) -> str:
         described = "without descriptors" if self.descriptors is None else "with descriptors"

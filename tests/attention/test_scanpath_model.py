@@ -3,12 +3,14 @@
 import os
 import subprocess
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy.stats import chisquare, kstest
 
 import saccade
+import saccade.pyramid
 from saccade.attention import scanpath_model
 from saccade.attention._scanpath_model_kernels import alias_table, draw_cell
 from saccade.attention.scanpath_model import ScanpathModelConfig
@@ -82,6 +84,29 @@ def test_samples_have_the_density(saliency, monkeypatch, max_trials):
     for path in paths[:400]:
         expected += saccade.next_fixation_density(saliency, SHAPE, [start, path[0]], CONFIG) / 400
     assert np.abs(counts(paths[:, 1]) / count - expected.ravel()).sum() < 0.1
+
+
+def test_the_most_probable_path_is_the_best_of_all(saliency):
+    """Of all paths of three fixations, by the likelihood of each, if the beam holds them all."""
+    small, shape = saliency[:3, :4], (30, 40)
+    centers = [(10 * column + 4.5, 10 * row + 4.5) for row in range(3) for column in range(4)]
+    paths = list(product(centers, repeat=3))
+    logs = [saccade.scanpath_log_likelihood(small, shape, path, CONFIG).sum() for path in paths]
+    found = saccade.most_probable_scanpath(small, shape, 3, CONFIG, beam=len(paths))
+    np.testing.assert_allclose(found.xy, paths[int(np.argmax(logs))])
+    np.testing.assert_allclose(found.time, 0.217 * np.array([1, 2, 3]))
+    narrow = saccade.most_probable_scanpath(small, shape, 3, CONFIG, beam=3)
+    log = saccade.scanpath_log_likelihood(small, shape, narrow.xy, CONFIG).sum()
+    assert log >= np.percentile(logs, 99)
+
+
+def test_the_most_probable_path_goes_to_the_peaks_of_a_large_map():
+    saliency = np.zeros((60, 80))
+    saliency[15, 61], saliency[44, 22] = 1.0, 0.9
+    path = saccade.most_probable_scanpath(saliency, (600, 800), 4)
+    peaks = saccade.pyramid.cell_centers([15, 44], [61, 22], saliency.shape, (600, 800))
+    assert {*map(tuple, path.xy)} >= {*map(tuple, peaks)}
+    assert len(saccade.most_probable_scanpath(saliency, (600, 800), 0)) == 0
 
 
 def counts(xy):

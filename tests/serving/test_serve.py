@@ -354,8 +354,10 @@ def test_the_copied_command_has_the_settings(tmp_path):
         ["bash", "-ec", command], cwd=tmp_path, env=environment, timeout=TIMEOUT, check=True
     )
     words = (tmp_path / "said").read_text().splitlines()
-    assert words == ["look", f"./{name}", "--fixations", "3", "--config", "attention.toml"]
-    set_so = load_settings("attention", path=tmp_path / "attention.toml")
+    path = ["--scanpath", "winner-take-all"]
+    options = ["--fixations", "3", *path, "--config", "attention.toml"]
+    assert words == ["look", f"./{name}", *options]
+    set_so = load_settings("attention", "free_viewing", path=tmp_path / "attention.toml")
     inner = {kind: CHANGED[kind] for kind in ("contrast", "symmetry")}
     assert set_so == settings_from("attention", CHANGED["attention"] | inner, "request")
     assert command.startswith("# scanpath settings: in Python only\n")
@@ -368,10 +370,12 @@ def test_a_preset_is_named_by_what_it_changes():
     table = tomllib.loads(text.split("<<'END'\n")[1].split("END\n")[0])
     assert settings_from("sift", table, "sift") == sift
     assert text.endswith("saccade detect a.jpg --config sift.toml")
-    plain = snippets.attention_command(
-        "a.jpg", "attention", load_settings("attention"), load_settings("scanpath"), 10
-    )
-    assert plain == "saccade look a.jpg"
+    for preset, option in (("free_viewing", ""), ("default", " --bare")):
+        settings = load_settings("attention", preset)
+        plain = snippets.attention_command(
+            "a.jpg", "attention", settings, load_settings("scanpath"), 10
+        )
+        assert plain == f"saccade look a.jpg --scanpath winner-take-all{option}"
 
 
 def test_every_setting_is_on_the_page_and_every_preset_in_its_range():

@@ -14,6 +14,7 @@ from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
 from saccade.attention.scanpath_model import (
     ScanpathModelConfig,
+    most_probable_scanpath,
     next_fixation_density,
     sample_scanpaths,
     scanpath_log_likelihood,
@@ -43,6 +44,7 @@ __all__ = [
     "boolean_saliency",
     "contrast_pyramids",
     "contrast_saliency",
+    "most_probable_scanpath",
     "next_fixation_density",
     "proto_object",
     "sample_scanpaths",

@@ -19,6 +19,7 @@ from saccade.attention.contrast_config import MAX_WEIGHT
 from saccade.attention.faces import FaceDetector, face_map
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import Normalization, normalize, rescale, sharpen
+from saccade.attention.position_prior import position_prior
 from saccade.attention.symmetry import SymmetryConfig, SymmetryMaps, symmetry_saliency
 from saccade.errors import require, require_ranges, require_types
 from saccade.image import check_image
@@ -104,6 +105,8 @@ class AttentionMaps(SaliencyMaps):
 
     saliency: FloatMap
     """(h, w) in [0, 1], of the size of the contrast map."""
+    bare: FloatMap
+    """The same without the prior of the position: equal unless the settings have one."""
     contrast: ContrastMaps
     """Contrast saliency and its conspicuity maps."""
     symmetry: SymmetryMaps
@@ -140,6 +143,13 @@ def attention_saliency(
 ) -> AttentionMaps:
     """Saliency from contrast, symmetry and Boolean maps.
 
+    Which settings to take:
+
+    - `AttentionConfig.free_viewing()` to show where people look at a photograph: AUC, NSS, CC.
+    - The default, which has no prior of the position, for shuffled AUC, for images without a frame
+      such as those of a robot, and for models with a center of their own, such as
+      `saccade.sample_scanpaths`.
+
     Args:
         image: (H, W) or (H, W, 3) RGB, any dtype that `saccade.types.Image` names.
         config: the weights, and the settings of the models.
@@ -173,27 +183,18 @@ def attention_saliency(
         found = face_map(faces(image), contrast.image_shape, shape)
         summed = rescale(summed) + config.face_weight * found
     saliency = sharpen(rescale(summed), config.sharpening).astype(np.float32)
+    prior = position_prior(
+        *(saliency.shape, config.center_prior, config.center_height, config.border_prior)
+    )
     return AttentionMaps(
-        saliency=saliency * position_prior(saliency.shape, config),
+        saliency=saliency * prior.astype(np.float32),
+        bare=saliency,
         contrast=contrast,
         symmetry=symmetry,
         boolean=boolean,
         image_shape=contrast.image_shape,
         faces=found,
     )
-
-
-def position_prior(shape: tuple[int, ...], config: AttentionConfig) -> FloatMap:
-    """(h, w) float32 factor of the saliency by the position alone; 1 without a prior."""
-    y, x = ((np.arange(side) + 0.5) / side - 0.5 for side in shape)
-    prior = np.ones(shape)
-    if config.center_prior is not None:
-        above = (y + config.center_height) / config.center_prior
-        prior *= np.outer(np.exp(-(above**2) / 2), np.exp(-((x / config.center_prior) ** 2) / 2))
-    if config.border_prior is not None:
-        distance = np.minimum(0.5 - abs(y)[:, None], 0.5 - abs(x))
-        prior *= 1 - np.exp(-distance / config.border_prior)
-    return prior.astype(np.float32)
 
 
 def _boolean_maps(image: Image, config: AttentionConfig, shape: tuple[int, ...]) -> BooleanMaps:

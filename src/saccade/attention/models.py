@@ -3,10 +3,13 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from saccade.notebook import NotebookTable
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from saccade.attention.faces import FaceDetector
+    from saccade.pyramid import FloatMap
     from saccade.types import Float32Array, SymmetricPairs
 
 REFERENCE_SIZE = 800
@@ -18,7 +21,7 @@ KINDS = {name: name for name in ("attention", "contrast", "symmetry", "boolean")
 """Kind of the configuration of each model, as `saccade config` calls it."""
 
 
-class SaliencyMaps:
+class SaliencyMaps(NotebookTable):
     """Base of the results of the models: saliency by size, by name and by rank."""
 
     saliency: "npt.NDArray[Any]"
@@ -47,6 +50,17 @@ class SaliencyMaps:
         _, position, count = np.unique(self.saliency, return_inverse=True, return_counts=True)
         fraction = (np.cumsum(count) - count / 2) / self.saliency.size
         return fraction[position].reshape(self.saliency.shape).astype(np.float32)
+
+    def summary(self) -> dict[str, str]:
+        """Sizes and key numbers, by name."""
+        (h, w), (height, width) = self.saliency.shape, self.image_shape
+        row, column = divmod(int(self.saliency.argmax()), w)
+        x, y = (column + 0.5) * width / w - 0.5, (row + 0.5) * height / h - 0.5
+        return {
+            "image": f"{width} x {height} pixels",
+            "maps": f"{w} x {h} cells: {', '.join(self.layers)}",
+            "most salient": f"x {x:.0f}, y {y:.0f}",
+        }
 
     def __repr__(self) -> str:
         (h, w), (height, width) = self.saliency.shape, self.image_shape
@@ -95,6 +109,12 @@ class AttentionModel:
         radius = PAIR_RADIUS * max(image.shape) / REFERENCE_SIZE
         positions = [(x, y) for x, y in xy]
         return symmetric_pairs_at(image, positions, settings, radius=radius, max_pairs=2)
+
+
+def bare_saliency(maps: Any) -> "FloatMap":
+    """The saliency (h, w) of a model's maps, without a prior of the position."""
+    bare: FloatMap = getattr(maps, "bare", maps.saliency)
+    return bare
 
 
 def contrast_of(maps: Any) -> Any:

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -33,11 +34,14 @@ from saccade.attention._scanpath_model_kernels import (
     fill_density,
     log_probabilities,
 )
+from saccade.attention.position_prior import position_prior
 from saccade.attention.scanpath import checked_map
 from saccade.errors import ImageError, require, require_ranges, require_types
-from saccade.pyramid import FloatMap
-from saccade.types import FloatArray, IntArray, ScanpathSamples
+from saccade.pyramid import FloatMap, cell_centers, resize
+from saccade.types import FloatArray, IntArray, Scanpath, ScanpathSamples
 
+BEAM_CELLS = 25
+"""Most cells a side on which a path is searched."""
 MAX_TRIALS = 400
 """Proposals of a fixation before it is drawn from the density of all cells, which takes longer."""
 
@@ -54,8 +58,15 @@ class ScanpathModelConfig:
     """Of the saliency, which is scaled to a maximum of 1."""
     floor: float = 0.0022
     """Added to the saliency: places without any are looked at, too."""
+    smoothing: float = 0.0
+    """Standard deviation of a Gaussian by which the saliency is smoothed before."""
     center_sigma: float | None = 0.37
     """Standard deviation of the center bias as a fraction of each side; None for no bias."""
+    center_height: float = 0.0
+    """Height of its center above the middle of the image, as a fraction of the image's height."""
+    border_distance: float | None = None
+    """Distance from the border, as a fraction of each side, within which there is less to look at;
+    see `saccade.attention.position_prior`. None for no such factor."""
     amplitude_scale: float = 0.009
     """Amplitude from which the kernel falls as a power."""
     amplitude_exponent: float = 0.57
@@ -81,6 +92,8 @@ class ScanpathModelConfig:
             self,
             exponent=(0, 20),
             floor=(1e-9, 1e9),
+            smoothing=(0, 1),
+            center_height=(-0.5, 0.5),
             amplitude_scale=(1e-3, 1e3),
             amplitude_exponent=(0, 20),
             horizontal=(-0.99, 0.99),
@@ -91,10 +104,9 @@ class ScanpathModelConfig:
             duration_mean=(1e-3, 1e3),
             duration_shape=(1e-2, 1e4),
         )
-        sigma = self.center_sigma
-        require(
-            sigma is None or 0.01 <= sigma <= 100, "center_sigma", "0.01 to 100, or none", sigma
-        )
+        for name in ("center_sigma", "border_distance"):
+            value = getattr(self, name)
+            require(value is None or 0.01 <= value <= 100, name, "0.01 to 100, or none", value)
 
     @classmethod
     def similar(cls) -> Self:
@@ -115,6 +127,29 @@ class ScanpathModelConfig:
             inhibition=0.58,
             inhibition_sigma=0.153,
             inhibition_decay=0.97,
+        )
+
+    @classmethod
+    def typical(cls) -> Self:
+        """Parameters of `most_probable_scanpath`: the path that is most similar to people's.
+
+        Chosen by ScanMatch at people's mean amplitude. A density with these parameters predicts
+        single fixations worse than the default; docs/scanpaths.md has the scores.
+        """
+        return cls(
+            exponent=2.73,
+            floor=0.21,
+            smoothing=0.06,
+            center_sigma=0.25,
+            center_height=0.077,
+            border_distance=0.04,
+            amplitude_scale=0.038,
+            amplitude_exponent=0.58,
+            horizontal=0.27,
+            persistence=0.14,
+            inhibition=0.965,
+            inhibition_sigma=0.15,
+            inhibition_decay=0.84,
         )
 
     @property
@@ -191,6 +226,69 @@ def sample_scanpaths(
     )
 
 
+def most_probable_scanpath(
+    saliency: FloatMap,
+    image_shape: Sequence[int],
+    fixations: int = 10,
+    config: ScanpathModelConfig | None = None,
+    *,
+    beam: int = 20,
+    start: tuple[float, float] | None = None,
+) -> Scanpath:
+    """The most probable path of the scanpath model, by beam search.
+
+    The probability of a path is the product of its `next_fixation_density`, on a map of at most
+    25 cells a side, since neighbors of a cell are about as probable; each fixation is then put on
+    the most salient of the cells of `saliency` that the found one covers.
+
+    Args:
+        saliency: (h, w), finite, not negative, without a prior of the position (see
+            `attention_saliency`): the model has one. Its cells tile the image.
+        image_shape: (H, W), or more dimensions, of the image.
+        fixations: of the path.
+        config: the model; by default `ScanpathModelConfig.typical()`.
+        beam: number of paths that are kept after each fixation.
+        start: x and y of the fixation before the first, in image pixels; None for the center.
+
+    Returns:
+        Fixations whose times are those of fixations of the mean duration.
+
+    Raises:
+        ImageError: as `saccade.scanpath`; or `start` lies outside the image.
+        ConfigError: `fixations` is negative, or `beam` below 1.
+    """
+    config = config or ScanpathModelConfig.typical()
+    saliency = checked_map(saliency, image_shape)
+    require(fixations >= 0, "fixations", "0 or more", fixations)
+    require(beam >= 1, "beam", "at least 1", beam)
+    shape = (int(image_shape[0]), int(image_shape[1]))
+    reduction = -(-max(saliency.shape) // BEAM_CELLS)
+    coarse = resize(
+        saliency, (-(-saliency.shape[0] // reduction), -(-saliency.shape[1] // reduction))
+    )
+    grid = _grid(coarse, shape, config)
+    centers = np.column_stack([grid.x, grid.y])
+    paths = _positions(_start(start, shape), shape)[None]  # (b, k, 2)
+    cells, logs = np.empty((1, 0), np.int64), np.zeros(1)
+    density = np.empty(coarse.size)
+    for _ in range(fixations):
+        options = np.empty((len(paths), coarse.size))
+        for path, row in zip(paths, options, strict=True):
+            fill_density(config.dynamics, grid, path, density)
+            np.log(density, out=row)
+        options += logs[:, None]
+        best = np.argsort(-options, axis=None, kind="stable")[:beam]
+        former, cell = np.divmod(best, coarse.size)
+        paths = np.concatenate([paths[former], centers[cell][:, None]], axis=1)
+        cells, logs = np.column_stack([cells[former], cell]), options.ravel()[best]
+    rows, columns = _most_salient(saliency, coarse.shape, cells[0])
+    return Scanpath(
+        xy=cell_centers(rows, columns, saliency.shape, shape),
+        time=config.duration_mean * np.arange(1.0, fixations + 1),
+        saliency=saliency[rows, columns],
+    )
+
+
 def next_fixation_density(
     saliency: FloatMap,
     image_shape: Sequence[int],
@@ -259,10 +357,14 @@ def _grid(saliency: FloatArray, shape: tuple[int, int], config: ScanpathModelCon
     """The cells of a map with their mass: saliency to its power, times the center bias."""
     (h, w), side = saliency.shape, max(shape)
     u, v = (np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h
+    if config.smoothing > 0:
+        cells = config.smoothing * max(h, w)
+        blurred = cv2.GaussianBlur(saliency, (0, 0), cells, borderType=cv2.BORDER_REFLECT)
+        saliency = np.asarray(blurred, np.float64)
     mass = (saliency / (saliency.max() or 1.0) + config.floor) ** config.exponent
-    if config.center_sigma is not None:
-        across, down = (np.exp(-(((p - 0.5) / config.center_sigma) ** 2) / 2) for p in (u, v))
-        mass *= np.outer(down, across)
+    mass *= position_prior(
+        (h, w), config.center_sigma, config.center_height, config.border_distance
+    )
     x, y = np.meshgrid(u * shape[1] / side, v * shape[0] / side)
     return Grid(
         x=x.ravel(),
@@ -271,6 +373,22 @@ def _grid(saliency: FloatArray, shape: tuple[int, int], config: ScanpathModelCon
         width=shape[1] / side / w,
         height=shape[0] / side / h,
     )
+
+
+def _most_salient(
+    saliency: FloatArray, coarse: tuple[int, ...], cells: IntArray
+) -> tuple[IntArray, IntArray]:
+    """(n,) row and column of the greatest saliency in each of (n,) cells of a coarser map."""
+    (h, w), found = saliency.shape, []
+    for row, column in zip(*np.divmod(cells, coarse[1]), strict=True):
+        top, left = row * h // coarse[0], column * w // coarse[1]
+        bottom = max((row + 1) * h // coarse[0], top + 1)
+        right = max((column + 1) * w // coarse[1], left + 1)
+        part = saliency[top:bottom, left:right]
+        inner = np.unravel_index(int(part.argmax()), part.shape)
+        found.append((top + inner[0], left + inner[1]))
+    rows, columns = np.array(found, np.int64).reshape(-1, 2).T
+    return rows, columns
 
 
 def _start(start: tuple[float, float] | None, shape: tuple[int, int]) -> FloatArray:

@@ -14,6 +14,8 @@ DEFAULT_MODEL = "attention"
 MODELS = "attention, contrast, symmetry, boolean, or a file of saccade fit (.toml)"
 CARRIED = "auto"
 """Value of --faces for what OpenCV carries."""
+PUBLISHED = ("kootstra2010", "itti1998", "saliencytoolbox2")
+"""Presets whose scanpath is that of the winner-take-all network."""
 
 ModelChoice = Annotated[str, Option(metavar="MODEL", help=f"Saliency model: {MODELS}.")]
 Faces = Annotated[
@@ -33,15 +35,24 @@ def attention_model(
     *,
     keep_features: bool = False,
     faces: str | None = None,
+    free_viewing: bool = False,
 ) -> "AttentionModel":
     """The model with the settings of the command line.
+
+    Args:
+        model: name or file.
+        preset: name of a preset, or None.
+        config: file of settings, or None.
+        keep_features: whether the maps of contrast hold their feature maps.
+        faces: detector of faces, or None.
+        free_viewing: whether the default of the attention model is its preset of that name.
 
     Raises:
         ConfigError: no such model, preset, setting or detector of faces.
     """
     from saccade.attention.models import FITTED, KINDS, AttentionModel
     from saccade.errors import require
-    from saccade.settings import load_model, load_settings
+    from saccade.settings import FREE_VIEWING, load_model, load_settings
 
     detector = face_detector(faces)
     if model.endswith(".toml"):
@@ -51,6 +62,8 @@ def attention_model(
     require(model in KINDS, "model", MODELS, model)
     usable = faces is None or model == DEFAULT_MODEL
     require(usable, "faces", "--model attention or a fitted one", model)
+    if free_viewing and model == DEFAULT_MODEL:
+        preset = preset or FREE_VIEWING
     settings = load_settings(KINDS[model], preset, config)
     return AttentionModel(model, settings, keep_features, detector)
 
@@ -68,10 +81,12 @@ def face_detector(faces: str | None) -> "FaceDetector | None":
     return detector
 
 
-def scanpath_network(preset: str | None) -> "ScanpathConfig":
-    """The winner-take-all network of a model's preset: of the same source where there is one."""
+def scanpath_network(preset: str | None) -> "ScanpathConfig | None":
+    """The winner-take-all network of a published model's preset; None for other presets."""
     from saccade.settings import load_settings, preset_names
 
+    if preset not in PUBLISHED:
+        return None
     known = preset in preset_names("scanpath")
     network: ScanpathConfig = load_settings("scanpath", preset if known else None)
     return network

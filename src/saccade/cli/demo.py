@@ -86,8 +86,8 @@ def _run(data: Path, out: Path, builder: "ReportBuilder") -> dict[str, dict[str,
         Progress(*columns, console=Console(stderr=True)) as bar,
     ):
         task = bar.add_task("attention: saliency and scanpath", total=1)
-        attention = attention_model(DEFAULT_MODEL, preset=None, config=None)
-        results["look"] = analyze_image(data / "rocket.jpg", out / "look", attention, 10, builder)
+        attention = attention_model(DEFAULT_MODEL, preset=None, config=None, free_viewing=True)
+        results["look"] = analyze_image(data / "chelsea.jpg", out / "look", attention, 10, builder)
         bar.update(task, completed=1)
 
         task = bar.add_task("interest points: two views of a hallway", total=1)
@@ -136,16 +136,16 @@ def _page(results: dict[str, dict[str, Any]]) -> str:
         Section(
             "Attention: where to look",
             "The contrast model finds locations that differ from their surroundings in intensity, "
-            "color or orientation, the symmetry model finds centers of facing edges. A "
-            "winner-take-all network with inhibition of return visits the most salient locations "
-            "one by one.",
+            "color or orientation, the symmetry model finds centers of facing edges, and Boolean "
+            "maps find surrounded regions. The scanpath is the most probable one of a model that "
+            "was fitted to people.",
             [
                 Picture(
                     Path(look["picture"]).name,
                     "The photograph with numbered fixations, the maps of saliency, contrast and "
                     "symmetry as heat, and the pairs of edges that drew the fixations",
-                    "Rocket on the pad at dusk: scanpath, saliency, the maps that it combines, and "
-                    "the symmetric edge pairs at the fixations. Photograph: SpaceX, CC0.",
+                    "Chelsea the cat: scanpath, saliency, the maps that it combines, and the "
+                    "symmetric edge pairs at the fixations. Photograph: Stefan van der Walt, CC0.",
                     wide=True,
                 )
             ],

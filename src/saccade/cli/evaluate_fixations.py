@@ -102,7 +102,9 @@ def fixations(
     """Score saliency maps by how well they predict human fixations.
 
     Means over the images with 95 % bootstrap intervals, and the paired
-    differences of each further model from the first.
+    differences of each further model from the first. By default the attention
+    model is scored without and with the prior of the position, and as one density
+    from which each metric has the map that is optimal for it.
     """
     from saccade.cli.evaluate_fixations_run import Task, chosen_models, draw, run, write_csv
     from saccade.cli.fixation_tables import fixation_format

@@ -33,6 +33,9 @@ from saccade.viewing.fixation_scores import Bar, fixation_score_figure
 from saccade.viewing.style import save_figure
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
+BARE, FREE_VIEWING = "attention, bare", "attention, free viewing"
+BY_METRIC = "the same, best map by metric"
+"""The attention model with and without the prior of the position, and the former as a density."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +76,13 @@ def chosen_models(
     config: Path | None,
     faces: str | None,
 ) -> dict[str, Model]:
-    """The models of the command line by name, in their order.
+    """The models of the command line by name, in their order; `default_models` where there is none.
 
     Raises:
         ConfigError: no such model, or a name that is given twice.
     """
+    if not (models or maps or preset or config):
+        return default_models(task, faces)
     chosen: dict[str, Model] = {}
     words = [*models] if models or maps else [DEFAULT_MODEL]
     single = len(words) == 1
@@ -90,6 +95,27 @@ def chosen_models(
         name, folder = (None, word) if Path(word).is_dir() else _named(word)
         _add(chosen, name or folder, saliency_from_files(task.images, Path(folder)))
     return chosen
+
+
+def default_models(task: Task, faces: str | None) -> dict[str, Model]:
+    """The attention model without and with the prior of the position, and the latter as a density.
+
+    The last one is scored by the map that is optimal for each metric.
+    """
+    attention = attention_model(DEFAULT_MODEL, None, None, faces=faces, free_viewing=True)
+
+    @lru_cache(maxsize=1)
+    def maps(name: str) -> tuple[Float32Array, Float32Array]:
+        image = read_image(task.images / name)
+        found = attention.maps(image)
+        bare, saliency = (resize(each, image.shape[:2]) for each in (found.bare, found.saliency))
+        return bare, saliency
+
+    return {
+        BARE: lambda name: maps(name)[0],
+        FREE_VIEWING: lambda name: maps(name)[1],
+        BY_METRIC: lambda name: maps(name)[1],
+    }
 
 
 def _named(word: str) -> tuple[str | None, str]:
@@ -143,7 +169,7 @@ def run(
     scored: dict[str, list[tuple[str, object]]] = {name: [] for name in models}
     of_fixations: list[FixationRow] = []
     for image, by_model in tracked(
-        score_models(models, points, sizes, task.sigma), "scoring", len(points)
+        score_models(models, points, sizes, task.sigma, (BY_METRIC,)), "scoring", len(points)
     ):
         for name, scores in by_model.items():
             scored[name].append((image, scores))

@@ -49,6 +49,13 @@ class MapFormat(StrEnum):
     TIFF = "tiff"
 
 
+class PathModel(StrEnum):
+    """How the scanpath is found."""
+
+    most_probable = "most-probable"
+    winner_take_all = "winner-take-all"
+
+
 class Inhibition(StrEnum):
     """Region of inhibition of return."""
 
@@ -66,12 +73,31 @@ def look(
     preset: Preset = None,
     config: Config = None,
     faces: Faces = None,
+    bare: Annotated[
+        bool,
+        Option(
+            "--bare",
+            help="Saliency of the content alone: without the prior of the position, by which "
+            "people look at the center of a photograph and not at its border.",
+        ),
+    ] = False,
     fixations: Annotated[
         int, Option(min=1, max=1000, metavar="N", help="Length of the scanpath.")
     ] = 10,
+    scanpath: Annotated[
+        PathModel | None,
+        Option(
+            help="The most probable path of the scanpath model, or that of the winner-take-all "
+            "network, the default with --preset kootstra2010, itti1998 and saliencytoolbox2.",
+            show_default="most-probable",
+        ),
+    ] = None,
     inhibition: Annotated[
         Inhibition,
-        Option(help="Inhibition of return: of a disc, or of the shape of a proto-object."),
+        Option(
+            help="Inhibition of return in the winner-take-all network: of a disc, or of the shape "
+            "of a proto-object."
+        ),
     ] = Inhibition.disc,
     scanpath_film: Annotated[
         bool, Option("--scanpath-film", help="Also animate each scanpath: NAME.scanpath.gif.")
@@ -101,7 +127,9 @@ def look(
 ) -> None:
     """Compute saliency by contrast and symmetry, and a scanpath.
 
-    Values of different models, presets and images have no common scale.
+    The map shows where people look at a photograph on a screen; with --bare it
+    depends on the content of the image alone. Values of different models,
+    presets and images have no common scale.
 
     For each image --out receives a figure (NAME.look.png) and the arrays
     (NAME.look.npz), and for all of them an interactive report (report.html);
@@ -115,6 +143,7 @@ def look(
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
+    from saccade.attention.scanpath import ScanpathConfig
     from saccade.cli.look_files import LookFiles
     from saccade.cli.look_run import LEAD, analyze_image
     from saccade.cli.look_video import analyze_video
@@ -128,9 +157,13 @@ def look(
 
     sources = images_or_camera(images, camera)
     by_shape = inhibition is Inhibition.shape
+    if by_shape and scanpath is PathModel.most_probable:
+        raise ConfigError("inhibition: a shape needs --scanpath winner-take-all")
     if by_shape and model not in (DEFAULT_MODEL, "contrast"):
         raise ConfigError(f"inhibition: a shape needs --model attention or contrast, found {model}")
-    attention = attention_model(model, preset, config, keep_features=by_shape, faces=faces)
+    attention = attention_model(
+        model, preset, config, keep_features=by_shape, faces=faces, free_viewing=not bare
+    )
     if camera is not None:
         from saccade.cli.live_run import Live, look_at_camera
 
@@ -139,6 +172,10 @@ def look(
         print_result(row, as_json, f"camera -> {out}")
         return
     network = scanpath_network(preset)
+    if by_shape or scanpath is PathModel.winner_take_all:
+        network = network or ScanpathConfig()
+    elif scanpath is PathModel.most_probable:
+        network = None
     builder = ReportBuilder("saccade look", LEAD)
     chosen = list(dict.fromkeys(formats or []))
     tables = [each for each in chosen if each in (Format.CSV, Format.MAT)]

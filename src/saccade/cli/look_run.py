@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from saccade.attention.models import AttentionModel, contrast_of
+from saccade.attention.models import AttentionModel, bare_saliency, contrast_of
 from saccade.attention.proto_object import proto_object
 from saccade.attention.scanpath import ScanpathConfig, scanpath
-from saccade.attention.scanpath_model import sample_scanpaths
+from saccade.attention.scanpath_model import most_probable_scanpath, sample_scanpaths
 from saccade.cli.look_files import LookFiles
 from saccade.cli.output import write_arrays
 from saccade.errors import ImageError
@@ -29,7 +29,7 @@ from saccade.viewing.report import MAX_POINTS, Part, ReportBuilder, image_part
 LEAD = "Saliency by contrast and symmetry, scanpaths, and the strongest interest points."
 TEXT = (
     "The map is laid over the photograph, and the scanpath plays four times slower than in the "
-    "model; point at an interest point to see its size, angle and descriptor. The cloud of thin "
+    "model. Point at an interest point to see its size, angle and descriptor. The cloud of thin "
     "lines is a hundred scanpaths drawn from the scanpath model; below are the amplitudes and the "
     "directions of their saccades."
 )
@@ -60,9 +60,13 @@ def analyze_image(
         maps = attention.maps(image)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from error
-    region = partial(proto_object, contrast_of(maps)) if by_shape else None
-    scan = scanpath(maps.saliency, image.shape, fixations, network, region=region)
-    samples = sample_scanpaths(maps.saliency, image.shape, SAMPLES, fixations)
+    bare = bare_saliency(maps)
+    if network is None:
+        scan = most_probable_scanpath(bare, image.shape, fixations)
+    else:
+        region = partial(proto_object, contrast_of(maps)) if by_shape else None
+        scan = scanpath(maps.saliency, image.shape, fixations, network, region=region)
+    samples = sample_scanpaths(bare, image.shape, SAMPLES, fixations)
     layers = maps.layers
     pairs = attention.pairs(image, scan.xy)
     picture = save_figures(attention_figure(image, layers, scan, pairs), out, files.figures)

@@ -5,12 +5,12 @@ pixels. Names and definitions follow Bylinskii, Judd, Oliva, Torralba & Durand, 
 evaluation metrics tell us about saliency models?* (TPAMI 2019).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from saccade.errors import ImageError
 from saccade.types import FloatArray
@@ -19,6 +19,11 @@ Map = npt.NDArray[np.floating]
 
 TINY = 2.2204e-16
 """Keeps quotients and logarithms finite, as in the MIT saliency benchmark."""
+
+
+BASELINE_FLOOR = 0.1
+"""Fraction of a uniform distribution beside the density of the other images' fixations, over which
+a predicted density is optimal for shuffled AUC."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,45 @@ def score(
         sim=similarity(saliency, density),
         kl=divergence(saliency, density),
         information_gain=information_gain(saliency, baseline, fixations),
+    )
+
+
+def score_density(
+    density: Map,
+    fixations: FloatArray,
+    others: FloatArray,
+    sigma: float = 24.0,
+    baseline: Map | None = None,
+) -> FixationScores:
+    """Score one predicted density, each metric by the map that is optimal for it.
+
+    That is the density itself for AUC, NSS and information gain; over the density of the other
+    images' fixations for shuffled AUC; and blurred as the fixation density is for CC, SIM and KL
+    (for SIM about optimal).
+
+    Args:
+        density: (H, W) of the size of the image; not negative, of any scale.
+        fixations: as of `score`; so are the other arguments.
+        others: negatives of the shuffled AUC.
+        sigma: standard deviation of the blur in pixels.
+        baseline: (H, W) fixation density of `others`, to compute it once for many maps.
+
+    Source: Kummerer, Wallis & Bethge, *Saliency benchmarking made easy: separating models, maps
+    and metrics* (ECCV 2018).
+    """
+    if baseline is None:
+        baseline = fixation_density(others, density.shape, sigma)
+    plain = score(density, fixations, others, sigma, baseline)
+    p = distribution(density)
+    blurred = gaussian_filter(p, sigma, mode="constant", truncate=4.0)
+    smooth = score(blurred, fixations, others, sigma, baseline)
+    relative = p / (distribution(baseline) + BASELINE_FLOOR / p.size)
+    return replace(
+        plain,
+        shuffled_auc=shuffled_auc(relative, fixations, others),
+        cc=smooth.cc,
+        sim=smooth.sim,
+        kl=smooth.kl,
     )
 
 

@@ -1,6 +1,6 @@
 """Fixation prediction: saliency maps scored over a set of images."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,13 @@ import numpy.typing as npt
 
 from saccade.datasets.matlab import read_matrix
 from saccade.errors import ImageError, LogError
-from saccade.evaluation.fixations import FixationScores, fixation_density, inside, score
+from saccade.evaluation.fixations import (
+    FixationScores,
+    fixation_density,
+    inside,
+    score,
+    score_density,
+)
 from saccade.evaluation.intervals import ScoreSet
 from saccade.image import as_gray, read_image, read_stored
 from saccade.npz import map_array
@@ -73,8 +79,12 @@ def score_models(
     fixations: Mapping[str, FloatArray],
     sizes: Mapping[str, tuple[int, int]],
     sigma: float = 24.0,
+    densities: Collection[str] = (),
 ) -> Iterator[tuple[str, dict[str, FixationScores]]]:
-    """The same for several models by name; yields the scores of each model on each image."""
+    """The same for several models by name; yields the scores of each model on each image.
+
+    Those named in `densities` are scored by `score_density`.
+    """
     if len(fixations) < 2:
         raise LogError(f"fixations: expected at least two images, found {len(fixations)}")
     for name, xy in fixations.items():
@@ -84,7 +94,9 @@ def score_models(
             yield (
                 name,
                 {
-                    label: score(model(name), xy, others, sigma, baseline)
+                    label: (score_density if label in densities else score)(
+                        model(name), xy, others, sigma, baseline
+                    )
                     for label, model in models.items()
                 },
             )

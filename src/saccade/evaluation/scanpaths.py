@@ -7,7 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.attention.scanpath import ScanpathConfig, scanpath
-from saccade.attention.scanpath_model import ScanpathModelConfig, sample_scanpaths
+from saccade.attention.scanpath_model import (
+    ScanpathModelConfig,
+    most_probable_scanpath,
+    sample_scanpaths,
+)
 from saccade.errors import LogError
 from saccade.evaluation.fixations import inside
 from saccade.evaluation.scanpath_similarity import (
@@ -19,8 +23,9 @@ from saccade.evaluation.scanpath_similarity import (
 from saccade.types import FixationTable, Float32Array, FloatArray, Scanpath
 
 PEOPLE, OTHERS, WALK = "people", "other images", "centered walk"
-SAMPLED, SIMILAR, DETERMINISTIC = "sampled", "sampled, similar", "winner-take-all"
-SOURCES = (PEOPLE, OTHERS, WALK, SAMPLED, SIMILAR, DETERMINISTIC)
+SAMPLED, SIMILAR = "sampled", "sampled, similar"
+MOST_PROBABLE, DETERMINISTIC = "most probable", "winner-take-all"
+SOURCES = (PEOPLE, OTHERS, WALK, SAMPLED, SIMILAR, MOST_PROBABLE, DETERMINISTIC)
 """Where the scanpaths come from that are compared with those of people."""
 WALK_SIGMA = 0.25
 """Center bias of the centered walk where the model has none."""
@@ -162,6 +167,9 @@ def score_paths(
         for number in range(len(drawn)):
             path = GazePath(drawn.xy[number], drawn.duration[number])
             yield _row(name, source, number, path, everyone, shape, settings)
+    probable = most_probable_scanpath(saliency, shape, settings.fixations)
+    path = GazePath(probable.xy, durations_of(probable))
+    yield _row(name, MOST_PROBABLE, 0, path, everyone, shape, settings)
     winners = scanpath(saliency, shape, settings.fixations, settings.network)
     if len(winners):
         path = GazePath(winners.xy, durations_of(winners))

@@ -10,7 +10,7 @@ from types import NoneType
 from typing import Any, Literal, TypeAlias, get_args, get_origin, get_type_hints
 
 from saccade.serving.simulated_robot import NOISE_RANGES, PlaygroundNoise
-from saccade.settings import DEFAULT, load_settings, preset_names
+from saccade.settings import DEFAULT, FREE_VIEWING, load_settings, preset_names
 from saccade.slam.config import RETRACTIONS
 from saccade.slam.consistency import chi_square_band
 from saccade.viewing.slam import ELLIPSE_LABEL, ELLIPSE_SCALE
@@ -119,6 +119,8 @@ KIND_RANGES: dict[str, dict[str, Range]] = {
     "symroid": {"max_keypoints": (0, 500, 1)},
 }
 """Ranges of one kind of configuration where they differ."""
+INITIAL = {"attention": FREE_VIEWING}
+"""Presets with which the page opens where these are not the default."""
 HIDDEN = {"attention": ("face_weight",)}
 """Settings without effect here: the page has no detector of faces."""
 SHOWN_FIRST = {
@@ -205,6 +207,7 @@ def _group(kind: str, title: str) -> dict[str, Any]:
         "title": title,
         "first": len(first),
         "presets": presets,
+        "initial": INITIAL.get(kind, DEFAULT),
         "fields": [
             each
             for each in setting_controls(type(settings), RANGES | KIND_RANGES.get(kind, {}), first)

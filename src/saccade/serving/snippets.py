@@ -8,7 +8,7 @@ import tomli_w
 
 from saccade.attention.models import KINDS
 from saccade.serving.controls import DETECTORS
-from saccade.settings import NONE
+from saccade.settings import FREE_VIEWING, NONE, load_settings
 
 FIXATIONS = 10
 """Default length of a scanpath."""
@@ -41,7 +41,13 @@ def attention_command(name: str, model: str, settings: Any, path: Any, fixations
     """The command that computes saliency and scanpath."""
     options = ["--model", model] if model != "attention" else []
     options += ["--fixations", str(fixations)] if fixations != FIXATIONS else []
-    command = _command("look", name, options, KINDS[model], settings)
+    options += ["--scanpath", "winner-take-all"]
+    default = type(settings)()
+    if model == "attention" and settings == default:
+        options += ["--bare"]
+    elif model == "attention":
+        default = load_settings(model, FREE_VIEWING)
+    command = _command("look", name, options, KINDS[model], _toml_value(settings, default))
     if changes(path):
         command = f"# scanpath settings: in Python only\n{command}"
     return command
@@ -50,12 +56,12 @@ def attention_command(name: str, model: str, settings: Any, path: Any, fixations
 def detection_command(name: str, detector: str, settings: Any) -> str:
     """The command that detects interest points."""
     options = [] if detector == "sift" else ["--detector", detector]
-    return _command("detect", name, options, detector, settings)
+    return _command("detect", name, options, detector, _toml_value(settings, type(settings)()))
 
 
-def changes(settings: Any) -> dict[str, Any]:
-    """The settings of a configuration that differ from their defaults."""
-    default = type(settings)()
+def changes(settings: Any, default: Any = None) -> dict[str, Any]:
+    """The settings of a configuration that differ from another, by default from their defaults."""
+    default = type(settings)() if default is None else default
     values = ((each.name, getattr(settings, each.name)) for each in fields(settings))
     return {name: value for name, value in values if value != getattr(default, name)}
 
@@ -69,17 +75,19 @@ def _constructor(settings: Any) -> str:
     return f"saccade.{type(settings).__name__}({arguments})"
 
 
-def _toml_value(value: Any) -> Any:
+def _toml_value(value: Any, default: Any) -> Any:
     if is_dataclass(value):
-        return {name: _toml_value(each) for name, each in changes(value).items()}
+        return {
+            name: _toml_value(each, getattr(default, name, None))
+            for name, each in changes(value, default).items()
+        }
     return NONE if value is None else value
 
 
-def _command(command: str, name: str, options: list[str], kind: str, settings: Any) -> str:
-    """A command, preceded by the settings file that it needs."""
+def _command(command: str, name: str, options: list[str], kind: str, table: dict[str, Any]) -> str:
+    """A command, preceded by the file with the table of settings that it needs."""
     photo = shlex.quote(f"./{name}" if name.startswith("-") else name)
     line = " ".join(("saccade", command, photo, *options))
-    table = _toml_value(settings)
     if not table:
         return line
     return f"cat > {kind}.toml <<'END'\n{tomli_w.dumps(table)}END\n{line} --config {kind}.toml"

@@ -7,6 +7,7 @@ import numpy as np
 
 from saccade.errors import LogError
 from saccade.landmark_names import FIRST_TEXT
+from saccade.notebook import NotebookTable
 from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
@@ -26,7 +27,7 @@ MAX_NONLINEARITY = 0.12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SlamResult:
+class SlamResult(NotebookTable):
     """Trajectory, map and consistency of a filtered log."""
 
     trajectory: Trajectory
@@ -58,6 +59,17 @@ class SlamResult:
     """(t + 1,) whether the robot found itself lost at each pose: that is by odometry alone."""
     session: IntArray | None = None
     """(n,) in which session each landmark of the map was added, from 0, see `Slam.load`."""
+
+    def summary(self) -> dict[str, str]:
+        """Sizes and key numbers, by name."""
+        used = int((self.association >= 0).sum())
+        return {
+            "trajectory": repr(self.trajectory)[11:-1],
+            "landmarks": str(len(self.map)),
+            "observations": f"{used} of {len(self.association)} used",
+            "consistency": repr(self.consistency),
+            "warning": self.warning or "none",
+        }
 
     def __repr__(self) -> str:
         return f"SlamResult({self.trajectory!r}, {self.map!r}, {self.consistency!r})"

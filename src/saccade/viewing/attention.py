@@ -62,8 +62,8 @@ def attention_figure(
     """
     maps = maps if isinstance(maps, Mapping) else maps.layers
     height, width = image.shape[:2]
-    count = 2 + len(maps) + bool(pairs)
-    columns = 2 if count <= 4 else 3
+    count = 1 + len(maps) + bool(maps) + bool(pairs)
+    columns = min(count, 2) if count <= 4 else 3
     rows = -(-count // columns)
     figure = figure_for(width, height, columns, rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -75,9 +75,10 @@ def attention_figure(
     options: dict[str, Any] = {"cmap": HEAT, "extent": extent, "interpolation": "bilinear"}
     for axes, (title, values) in zip(panels[1:], maps.items(), strict=False):
         draw_panel(axes, values, title, vmin=0, **options)
-    title, saliency = next(iter(maps.items()))
-    weighted, title = weighted_by(image, saliency), f"image weighted by {title}"
-    draw_panel(panels[1 + len(maps)], weighted, title, interpolation="antialiased")
+    if maps:
+        title, saliency = next(iter(maps.items()))
+        weighted, title = weighted_by(image, saliency), f"image weighted by {title}"
+        draw_panel(panels[1 + len(maps)], weighted, title, interpolation="antialiased")
     if pairs:
         draw_pairs(panels[count - 1], image, pairs, "symmetric pairs at the fixations")
     for axes in panels[count:]:

@@ -9,6 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from saccade.frames import Drive
+from saccade.notebook import NotebookTable
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
@@ -59,7 +60,7 @@ class LandmarkObservations(Table):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class VisualResult:
+class VisualResult(NotebookTable):
     """Trajectory, map and observations of a drive of n frames."""
 
     trajectory: Trajectory
@@ -89,6 +90,16 @@ class VisualResult:
     """(n,) whether the robot knew that it was lost, after each frame."""
     remarks: tuple[str, ...]
     """Warnings, one sentence each."""
+
+    def summary(self) -> dict[str, str]:
+        """Sizes and key numbers, by name."""
+        return {
+            "trajectory": repr(self.trajectory)[11:-1],
+            "landmarks": str(len(self.map)),
+            "observations": repr(self.observations),
+            "frames lost": str(int(self.lost.sum())),
+            "remarks": "; ".join(self.remarks) or "none",
+        }
 
     def __repr__(self) -> str:
         return f"VisualResult({self.trajectory!r}, {self.map!r}, {self.observations!r})"

@@ -134,7 +134,7 @@ function listField(field, changed) {
  * called on input, `presetChosen()` after a preset, which may set other kinds too.
  */
 function settingsGroup(group, values, changed, presetChosen) {
-  const { kind, presets } = group;
+  const { kind, presets, initial } = group;
   const inputs = new Map(group.fields.map((field) => [field.name, setting(field, (value) => {
     values[kind][field.name] = value;
     showPreset();
@@ -143,7 +143,7 @@ function settingsGroup(group, values, changed, presetChosen) {
   const preset = make("select", { onchange: () => choose(preset.value) },
     ...Object.keys(presets).map((name) => make("option", { value: name }, name)),
     make("option", { value: "", hidden: true }, "changed"));
-  const reset = make("button", { type: "button", onclick: () => choose("default") }, "Reset");
+  const reset = make("button", { type: "button", onclick: () => choose(initial) }, "Reset");
   const state = make("span", { class: "state" });
 
   function choose(name) {
@@ -155,8 +155,8 @@ function settingsGroup(group, values, changed, presetChosen) {
     const matches = ([, tables]) => Object.entries(tables).every(([each, table]) => equal(table, values[each]));
     const match = Object.entries(presets).find(matches);
     preset.value = match ? match[0] : "";
-    reset.disabled = match !== undefined && match[0] === "default";
-    state.textContent = preset.value === "default" ? "" : preset.value || "changed";
+    reset.disabled = match !== undefined && match[0] === initial;
+    state.textContent = preset.value === initial ? "" : preset.value || "changed";
   }
   const first = group.fields.slice(0, group.first), rest = group.fields.slice(group.first);
   const elements = (fields) => fields.map((field) => inputs.get(field.name).element);
@@ -178,8 +178,8 @@ function settingsGroup(group, values, changed, presetChosen) {
 /** Every group with the values of its settings; `changed(kind)` is called on input. */
 function settingsGroups(groups, changed) {
   const values = Object.fromEntries(groups.map(({ kind }) => [kind, {}]));
-  for (const { presets } of groups) {
-    for (const [kind, table] of Object.entries(presets.default)) Object.assign(values[kind], table);
+  for (const { presets, initial } of groups) {
+    for (const [kind, table] of Object.entries(presets[initial])) Object.assign(values[kind], table);
   }
   const byKind = new Map(groups.map((group) => [group.kind, settingsGroup(group, values, () => {
     for (const each of byKind.values()) each.showPreset();

@@ -282,7 +282,7 @@ function serve(element, data) {
   }
   waitUntilWarm(false);
   choice.show();
-  sample(data.samples.includes("rocket.jpg") ? "rocket.jpg" : data.samples[0]);
+  sample(data.samples.includes("chelsea.jpg") ? "chelsea.jpg" : data.samples[0]);
   document.documentElement.dataset.ready = "true";
 }
 
