@@ -87,7 +87,7 @@ def test_counts_are_those_of_a_list(seed):
         culling.reserve(len(ekf))
         culling.add_reach(5.0)
         if is_check:
-            culling.predict(ekf.view, predicted)
+            culling.in_view.predicted[:mapped] = predicted
         culling.update(is_check, candidates, len(ekf), np.array(found, np.int64))
         removed = culling.remove_culled(none)
         assert removed.tolist() == listed.update(predicted, candidates, found)

@@ -1,5 +1,7 @@
 """Relocalization against known poses, symmetric maps and maps of another place."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from saccade import slam
 from saccade.errors import ConfigError, LogError
+from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam.models import wrap
 
 SIGMA = np.array([0.05, 0.01])

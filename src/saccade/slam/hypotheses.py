@@ -97,9 +97,7 @@ class Hypothesis:
         ekf, culling, mapped = self.ekf, self.culling, len(self.ekf)
         ekf.reserve(len(z))
         culling.reserve(mapped + len(z))
-        culling.add_reach(float(z[:, 0].max()))
-        if check := culling.is_due():
-            culling.predict(ekf.view)
+        check = culling.predict_visible(ekf, z, may_cull=True)
         new = association == NEW
         association = np.where(new, mapped + np.cumsum(new) - 1, association)
         self.innovations = ekf.update_scan(z, R, association)
@@ -108,7 +106,7 @@ class Hypothesis:
             self.co_observations = np.pad(self.co_observations, (0, added))
             self.refused = np.pad(self.refused, (0, added))
         self.co_observations[np.ix_(association, association)] += 1
-        culling.update(check, mapped, len(ekf), association)
+        culling.count_scan(ekf, check, mapped, association)
         self.association = np.append(self.association, association)
         ids, found = ekf.ids, [self]
         for each in found:  # those that are found on the way are looked at, too
@@ -197,12 +195,12 @@ class Hypothesis:
     def deviations(self) -> FloatArray:
         """(n,) standard deviations of their coordinates."""
         covariance = self.ekf.landmark_covariances[self.culling.confirmed(len(self.ekf))]
-        return np.sqrt(covariance.trace(0, 1, 2) / 2)
+        return np.asarray(np.sqrt(covariance.trace(0, 1, 2) / 2))
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, between two steps."""
         parts = {"ekf": arrays_of("ekf", self.ekf), "culling": arrays_of("culling", self.culling)}
-        arrays = {"co_observations": self.co_observations, "association": self.association}
+        arrays: Arrays = {"co_observations": self.co_observations, "association": self.association}
         arrays["refused"] = self.refused
         return {**merge(parts), **arrays, "weight": np.array(self.weight)}
 

@@ -1,6 +1,5 @@
 """EKF-SLAM step by step: the one loop of the filter, for a live robot and for a whole log."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -19,7 +18,8 @@ from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.hypotheses import Hypotheses
-from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
+from saccade.slam.local_map import LargeMapSlam
+from saccade.slam.local_map_choice import LocalMapChoice
 from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.pose_hypotheses import PoseHypotheses
@@ -163,18 +163,20 @@ class Slam:
         """
         named = self.known_landmarks(scan.names)
         self._choose_hypotheses(scan)
-        self._choose_view(scan, named)
+        expects = self.recovery.rule.enabled or (self.culling.rule.enabled and self._may_cull)
+        self._choice.choose_view(self.ekf, self.culling, scan, named, expects=expects)
         self._predict(scan)  # C.5-C.9
         if self.recovery.lost:
-            return self._search(scan, named)
+            return self._result(scan, self.recovery.follow(self.ekf, self.culling, scan, named))
         if len(scan.z) == 0:
             return self._result(scan, NONE)
-        if self._contradicts(scan, named):
-            return self._leave_out(scan, named)
         if self.several.alive:
             return self._observe_several(scan)
+        if self.recovery.contradicts(self.ekf, self.culling, scan, named):
+            self.recovery.begin_if_lost(self.ekf, self.confirmed, scan, named)
+            return self._result(scan, np.full(len(scan.z), -1))
         association = self._associate(scan)
-        check = self._predict_visible(scan)
+        check = self.culling.predict_visible(self.ekf, scan.z, may_cull=self._may_cull)
         innovations = self._update(scan, association)  # C.10-C.14
         mapped = len(self.ekf)
         self._augment(scan, association)  # C.15-C.18
@@ -198,36 +200,11 @@ class Slam:
         association = best.association[-len(scan.z) :].copy()
         return self._result(scan, association, best.innovations, best.culled)
 
-    def _choose_view(self, scan: Scan, named: IntArray) -> None:
-        """Choose the local map of a large map in which the step works, and make room for it."""
-        ekf, culling, before = self.ekf, self.culling, None
-        ekf.spread()
-        if isinstance(ekf, LargeMapSlam):
-            expects = self.recovery.rule.enabled or (culling.rule.enabled and self._may_cull)
-            reach = max(culling.reach, 0.0) if expects else 0.0
-            before = ekf.local_map
-            self._choice.choose(ekf, scan.control, scan.z, scan.R, named, reach)
-        ekf.reserve(len(scan.z))
-        rows = ekf.view.now.landmarks + len(scan.z)
-        if not isinstance(ekf, LargeMapSlam) or ekf.local_map is None:
-            culling.reserve(rows)
-        elif ekf.local_map is not before or not culling.has_local_room(rows):
-            capacity = len(ekf.view.blocks)
-            culling.reserve(len(ekf.local_map.number) + capacity)
-            culling.enter(ekf.local_map.numbers(capacity))
-
     def _predict(self, scan: Scan) -> None:
         """Move the robot (C.5-C.9)."""
         if scan.control is not None:
             self.ekf.models.predict(self.ekf.view, *scan.control)
         self.several.predict(scan)
-
-    def _contradicts(self, scan: Scan, named: IntArray) -> bool:
-        """Whether a scan contradicts that the robot is where the filter believes."""
-        if not self.recovery.rule.enabled or self.several.alive:
-            return False
-        confirmed = self.culling.in_view.confirmed
-        return self.recovery.contradicts(self.ekf, scan.z, scan.R, confirmed, named)
 
     def _associate(self, scan: Scan) -> IntArray:
         """(k,) landmark of each observation, `NEW` or `DROPPED`."""
@@ -240,23 +217,10 @@ class Slam:
                 self.associate.forget_from(len(self.ekf))
         return association
 
-    def _predict_visible(self, scan: Scan) -> bool:
-        """Predict the observations of all landmarks where missed ones are counted; whether so."""
-        ekf, culling = self.ekf, self.culling
-        culling.add_reach(float(scan.z[:, 0].max()))
-        if not (culling.is_due() and self._may_cull):
-            return False
-        custom = not ekf.models.observes_ranges
-        culling.predict(ekf.view, ekf.predict_observations().z if custom else None)
-        return True
-
     def _update(self, scan: Scan, association: IntArray) -> Innovations:
         """Update by the scan (C.10-C.14), and augment by identified landmarks at their turn."""
-        ekf = self.ekf
-        local = ekf.to_view(association)
-        if isinstance(ekf, LargeMapSlam) and ekf.local_map is not None:
-            observed = ekf.local_map.observed
-            observed[local[(local >= 0) & (local < len(observed))]] = True
+        ekf, local = self.ekf, self.ekf.to_view(association)
+        ekf.mark_observed(local)
         return ekf.models.update(ekf.view, scan.z, scan.R, local)
 
     def _augment(self, scan: Scan, association: IntArray) -> None:
@@ -268,41 +232,15 @@ class Slam:
 
     def _cull(self, check: bool, mapped: int, association: IntArray) -> IntArray:
         """Count what was observed and missed, and remove (g,) landmarks that are missed often."""
-        ekf, culling = self.ekf, self.culling
-        others = len(ekf) - ekf.view.now.landmarks
-        local = ekf.to_view(association)
-        culling.update(check, mapped - others, ekf.view.now.landmarks, local)
-        marked = np.flatnonzero(culling.in_view.culled) if check else NONE
-        stale = self.associate.stale if isinstance(self.associate, GatedIdentity) else ()
+        marked = self.culling.count_scan(self.ekf, check, mapped, association)
+        stale = self.associate.stale if isinstance(self.associate, GatedIdentity) else []
         if len(marked) == 0 and len(stale) == 0:
             return NONE
-        marked = ekf.from_view(marked)
-        named = self.identities[marked] >= 0
-        culling.counts.culled[marked[named]] = False
-        return self._remove(culling.remove_culled(np.array(stale, np.int64)), association)
-
-    def _remove(self, landmarks: IntArray, association: IntArray) -> IntArray:
-        """Remove landmarks from the filter, and from an association (k,) in place."""
-        if len(landmarks) > 0:
-            self.remove(landmarks, association)
-        return landmarks
-
-    def _leave_out(self, scan: Scan, named: IntArray) -> StepResult:
-        """Process a scan that contradicts the filter; the robot may be lost."""
-        if self.recovery.begin_if_lost(self.ekf, self.confirmed):
-            self.recovery.search(scan.z, scan.R, named)
-        return self._result(scan, np.full(len(scan.z), -1))
-
-    def _search(self, scan: Scan, named: IntArray) -> StepResult:
-        """Search a lost robot by a scan."""
-        association = np.full(len(scan.z), -1)
-        if scan.control is not None:
-            self.recovery.predict(*scan.control)
-        if len(scan.z) > 0:
-            self._contradicts(scan, named)
-            self.recovery.search(scan.z, scan.R, named)
-            association = self.recovery.resume_if_found(self.ekf)
-        return self._result(scan, association)
+        self.culling.keep(marked[self.identities[marked] >= 0])
+        culled = self.culling.remove_culled(np.array(stale, np.int64))
+        if len(culled) > 0:
+            self.remove(culled, association)
+        return culled
 
     def _result(
         self,
@@ -321,8 +259,8 @@ class Slam:
             found = self.recovery.hypotheses
             return StepResult(pose, covariance, *NOTHING_OBSERVED, lost, found, several or 1)
         refused = np.zeros(len(scan.z), np.bool_)
-        gated = isinstance(self.associate, GatedIdentity) and not several
-        if innovations is not None and gated:
+        asked = innovations is not None and not several
+        if asked and isinstance(self.associate, GatedIdentity):
             refused = self.associate.refused
         return StepResult(
             pose,
@@ -404,15 +342,9 @@ class Slam:
         found = type(self.ekf.sensor).__name__
         require(self.ekf.models.observes_ranges, "sensor", "range and bearing", found)
         confirmed = self.confirmed
-        require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
         scan = validated_scan(self.config, None, 0.0, None, None, z, R, names)
-        if not self.recovery.lost:
-            self.recovery.begin(self.ekf, confirmed, anywhere=True)
-        self.recovery.search(scan.z, scan.R, self.known_landmarks(scan.names))
-        hypotheses = self.recovery.hypotheses
-        assert hypotheses is not None
-        rows = np.append(np.flatnonzero(confirmed), -1)  # the last is for none
-        return replace(hypotheses, association=rows[hypotheses.association])
+        require(bool(confirmed.any()), "map", "landmarks to find the robot among", "none")
+        return self.recovery.locate(self.ekf, confirmed, scan, self.known_landmarks(scan.names))
 
     def save(self, path: str | Path) -> None:
         """Save the whole state as a map file, for `load`; custom models by name only.
@@ -498,11 +430,7 @@ class Slam:
         self.num_steps = int(arrays["num_steps"])
 
     def _parts(self) -> dict[str, Stateful]:
-        return {
-            "ekf": self.ekf,
-            "associate": self.associate,
-            "culling": self.culling,
-        }
+        return {"ekf": self.ekf, "associate": self.associate, "culling": self.culling}
 
     def __repr__(self) -> str:
         return f"Slam({self.num_steps} steps, {self.ekf!r})"

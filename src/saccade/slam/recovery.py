@@ -5,6 +5,8 @@ was counted before. Once the scans of a few steps fit a robot anywhere better th
 filter believes it, the filter stops, and hypotheses of the pose are followed until one is left.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from saccade._jit import share
@@ -22,9 +24,11 @@ from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import scalars
+from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import Motion, wrap
 from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.slam.relocalization import Relocalizer
+from saccade.slam.scans import Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 
 LIMIT = 14.0
@@ -71,22 +75,30 @@ class Recovery:
         """Whether the robot is lost."""
         return self._search is not None
 
-    def contradicts(
-        self, ekf: EkfSlam, z: FloatArray, R: FloatArray, confirmed: BoolArray, named: IntArray
-    ) -> bool:
-        """Test a scan (k, 2) before the update; see the kernel."""
-        f = ekf.view
-        others = len(ekf) - f.now.landmarks
-        return contradicts(f, self.evidence, self.rule, z, R, confirmed, ekf.to_view(named), others)
+    def contradicts(self, ekf: EkfSlam, culling: Culling, scan: Scan, named: IntArray) -> bool:
+        """Whether a scan contradicts that the robot is where the filter believes; see the kernel.
 
-    def begin_if_lost(self, ekf: EkfSlam, confirmed: BoolArray) -> bool:
-        """Begin to search among `confirmed` landmarks if the evidence is enough; whether it is."""
-        now = self.evidence.now
-        if now.total < self.rule.limit:
+        Args:
+            ekf: the filter, before the update.
+            culling: which of its landmarks are confirmed.
+            scan: the scan.
+            named: (k,) landmark that each observation names, -1 for none.
+        """
+        if not self.rule.enabled:
             return False
-        self.begin(ekf, confirmed, anywhere=False)
-        now.total = self.rule.limit
-        return True
+        f, confirmed = ekf.view, culling.in_view.confirmed
+        others, known = len(ekf) - f.now.landmarks, ekf.to_view(named)
+        return contradicts(f, self.evidence, self.rule, scan.z, scan.R, confirmed, known, others)
+
+    def begin_if_lost(
+        self, ekf: EkfSlam, confirmed: BoolArray, scan: Scan, named: IntArray
+    ) -> None:
+        """Begin to search among `confirmed` landmarks if the evidence is enough."""
+        now = self.evidence.now
+        if now.total >= self.rule.limit:
+            self.begin(ekf, confirmed, anywhere=False)
+            now.total = self.rule.limit
+            self.search(scan.z, scan.R, named)
 
     def begin(self, ekf: EkfSlam, confirmed: BoolArray, *, anywhere: bool) -> None:
         """Begin to search among `confirmed` landmarks.
@@ -103,10 +115,31 @@ class Recovery:
             self._search.propose(ekf.pose)
         self._agreeing = self._scans = 0
 
-    def predict(self, u: FloatArray, U: FloatArray) -> None:
-        """Move the hypotheses of a lost robot."""
-        if self._search is not None:
-            self._search.predict(u, U)
+    def locate(
+        self, ekf: EkfSlam, confirmed: BoolArray, scan: Scan, named: IntArray
+    ) -> PoseHypotheses:
+        """Hypotheses of a robot that is anywhere, with numbers of the filter's landmarks."""
+        if not self.lost:
+            self.begin(ekf, confirmed, anywhere=True)
+        self.search(scan.z, scan.R, named)
+        assert self.hypotheses is not None
+        rows = np.append(self._landmarks, -1)  # the last is for none
+        return replace(self.hypotheses, association=rows[self.hypotheses.association])
+
+    def follow(self, ekf: EkfSlam, culling: Culling, scan: Scan, named: IntArray) -> IntArray:
+        """Follow the hypotheses of a lost robot through a step, which may find it.
+
+        Returns:
+            (k,) landmark of each observation, -1 for none.
+        """
+        assert self._search is not None
+        if scan.control is not None:
+            self._search.predict(*scan.control)
+        if len(scan.z) == 0:
+            return np.empty(0, np.int64)
+        self.contradicts(ekf, culling, scan, named)
+        self.search(scan.z, scan.R, named)
+        return self._resume_if_found(ekf)
 
     def search(self, z: FloatArray, R: FloatArray, named: IntArray) -> None:
         """Weight the hypotheses of a lost robot by a scan, and look for others.
@@ -119,7 +152,7 @@ class Recovery:
         if self._search is not None:
             self.hypotheses = self._search.add(z, R, self._searched(named))
 
-    def resume_if_found(self, ekf: EkfSlam) -> IntArray:
+    def _resume_if_found(self, ekf: EkfSlam) -> IntArray:
         """Reset the pose of the filter and end the search if one hypothesis is left.
 
         The points of the last scans update the new pose, so that it has its covariance with the

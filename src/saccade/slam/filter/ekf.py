@@ -249,6 +249,9 @@ class EkfSlam:
         """Numbers of landmarks (k,) of `view`; negative ones stay."""
         return landmarks
 
+    def mark_observed(self, landmarks: IntArray) -> None:
+        """Called with the landmarks (k,) of `view` that a scan updates, negative for none."""
+
     def reserve(self, observations: int = 1) -> None:
         """Make room for a motion and so many observations, each perhaps of a new landmark."""
         self.filter_state = room_for_scan(self.filter_state, observations)

@@ -4,7 +4,7 @@ import numpy as np
 
 from saccade._jit import share
 from saccade.slam.checkpoint import Arrays
-from saccade.slam.filter._state_kernels import FilterState
+from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import scalars
 from saccade.slam.map_management._kernels import (
     BEARING_BINS,
@@ -151,30 +151,54 @@ class Culling:
         totals = self._whole.totals
         totals.reach = max(totals.reach, reach)
 
-    def predict(self, f: FilterState, expected: FloatArray | None = None) -> None:
-        """Predict the observations of all landmarks in view, before a scan that is a check.
+    def predict_visible(self, ekf: EkfSlam, z: FloatArray, *, may_cull: bool) -> bool:
+        """Predict the observations of all landmarks in view if missed ones are counted in a scan.
 
         Args:
-            f: the state.
-            expected: (n, 2) by a custom sensor model; else range and bearing.
+            ekf: the filter, before the update by the scan.
+            z: (k, 2) the scan.
+            may_cull: whether there may be a landmark to cull.
+
+        Returns:
+            Whether missed landmarks are counted.
         """
-        if expected is None:
-            predict_visible(f, self.in_view.predicted)
+        self.add_reach(float(z[:, 0].max()))
+        if not (self.is_due() and may_cull):
+            return False
+        if ekf.models.observes_ranges:
+            predict_visible(ekf.view, self.in_view.predicted)
         else:
-            self.in_view.predicted[: len(expected)] = expected
+            self.in_view.predicted[: len(ekf)] = ekf.predict_observations().z
+        return True
 
-    def update(self, check: bool, candidates: int, landmarks: int, association: IntArray) -> None:
-        """Count the observed and the missed landmarks of a scan; marks those that are culled.
+    def count_scan(
+        self, ekf: EkfSlam, check: bool, candidates: int, association: IntArray
+    ) -> IntArray:
+        """Count the observed and the missed landmarks of a scan.
 
         Args:
+            ekf: the filter, after the scan.
             check: whether those missed are counted, by their predicted observations.
             candidates: number of the first landmark that was added as a candidate.
-            landmarks: their number after the scan.
             association: (m,) landmark of each observation, negative for none.
+
+        Returns:
+            (g,) landmarks that are to be culled.
         """
+        landmarks = ekf.view.now.landmarks
+        outside = len(ekf) - landmarks
+        self.update(check, candidates - outside, landmarks, ekf.to_view(association))
+        return ekf.from_view(np.flatnonzero(self.in_view.culled)) if check else association[:0]
+
+    def update(self, check: bool, candidates: int, landmarks: int, association: IntArray) -> None:
+        """See `count_scan`; with numbers of the landmarks in view."""
         if self.rule.enabled:
             counts = self.in_view
             check_visibility(counts, self.rule, check, candidates, landmarks, association)
+
+    def keep(self, landmarks: IntArray) -> None:
+        """Do not cull these landmarks (k,)."""
+        self.counts.culled[landmarks] = False
 
     def reserve(self, landmarks: int) -> None:
         """Make room for a map of so many landmarks."""
