@@ -185,12 +185,11 @@ class Slam:
             return self._result(scan, self.recovery.follow(self.ekf, self.culling, scan, named))
         if len(scan.z) == 0:
             return self._result(scan, NONE)
-        several = bool(self.several.alive)
-        if not several and self.recovery.contradicts(self.ekf, self.culling, scan, named):
+        if self.several.alive:
+            return self._observe_several(scan)
+        if self.recovery.contradicts(self.ekf, self.culling, scan, named):
             self.recovery.begin_if_lost(self.ekf, self.confirmed, scan, named)
             return self._result(scan, np.full(len(scan.z), -1))
-        if several:
-            return self._observe_several(scan)
         association = self._associate(scan)
         check = self.culling.predict_visible(self.ekf, scan.z, may_cull=self._may_cull)
         innovations = self._update(scan, association)  # C.10-C.14
