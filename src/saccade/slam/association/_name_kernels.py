@@ -157,7 +157,7 @@ def contradicts_uncertain(
         refused[i] = known and not seen.nis[i] <= gate
     _refuse_inconsistent(f, table, seen, name, refused)
     for i in range(len(name)):
-        uncertain = uncertain or (refused[i] and seen.looseness[i] > LOOSE)
+        uncertain = uncertain or (refused[i] and seen.looseness[i] > LOOP)
     return uncertain
 
 
