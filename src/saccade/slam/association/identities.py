@@ -100,7 +100,7 @@ class GatedIdentity(Association):
         scan = _Positions(ekf, z, R)
         if any(looseness[i] > LOOSE for i in known.keys() - refused):
             self._refuse_inconsistent(scan, known, refused)
-        if any(looseness[i] > LOOSE for i in refused):  # the linear gate is wrong there
+        if any(looseness[i] > LOOP for i in refused):  # the linear gate is wrong there
             rows, landmark = list(known), np.array([name.landmark for name in known.values()])
             xy, C = (np.stack(each) for each in zip(*map(scan.position, rows), strict=True))
             agree = consistent_names(ekf, xy, C, landmark, self.gate)
