@@ -49,5 +49,9 @@ def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | 
     for k in np.flatnonzero(below | beyond)[:1].tolist():
         if below[k]:
             return k, "a range of 0 m or more", f"{z[k, 0]:g}"
-        return k, "a bearing in radians, within 2 pi", f"{z[k, 1]:g} (degrees?)"
+        return (
+            k,
+            "a bearing in radians, within 2 pi",
+            f"{z[k, 1]:g}: degrees? Multiply bearings, turns and headings by pi / 180",
+        )
     return None

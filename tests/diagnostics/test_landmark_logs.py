@@ -105,11 +105,11 @@ def good():
 def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good, tmp_path):
     spoil, cause = WRONG[kind]
     save(tmp_path / "log.csv", replace(spoil(good), truth=None, landmark_truth=None))
-    log = load("csv", tmp_path / "log.csv")
     if cause == "refused":
-        with pytest.raises(LogError, match="they are in degrees; multiply"):
-            check_log(log)
+        with pytest.raises(LogError, match="degrees. Multiply bearings"):
+            load("csv", tmp_path / "log.csv")
         return
+    log = load("csv", tmp_path / "log.csv")
     causes = check_log(log)
     findings = causes or check_run(log, slam.run(log))
     assert findings[0].check == cause

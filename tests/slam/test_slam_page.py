@@ -47,6 +47,7 @@ def page(tmp_path_factory):
     rng = np.random.default_rng(3)
     log, truth, _ = simulate(rng, "drive", noise=0.0)
     seen = log.observation + rng.normal(size=log.observation.shape) * [0.1, 0.02]
+    seen[:, 0] = np.abs(seen[:, 0])
     bearings = np.stack([log.observation[:, 0], seen[:, 1]], 1)
     drifting = dataclasses.replace(
         log, control=log.control + rng.normal(size=log.control.shape) * [0.02, 0.01]

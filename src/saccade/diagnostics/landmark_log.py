@@ -21,9 +21,9 @@ MAX_BEARING = 2 * np.pi
 FAR = 1000.0
 """Metres; a larger median range is hardly one of a robot's sensor."""
 MIN_PAIRS, MAX_PAIRS = 30, 2000
-"""Pairs of sightings at one lag from which something is said, and of which more are left out."""
+"""Pairs of observations at one lag from which something is said, and of which more are left out."""
 MOTION = 0.08, 0.45
-"""Median relative movement of a landmark between sightings: at the shortest lag, and at most."""
+"""Median relative movement of a landmark between observations: at the shortest lag, and at most."""
 MIN_GAIN = 0.5
 """Nats per pair by which another reading is better, unless its own least gain is given."""
 MIN_WINS = 0.7
@@ -35,7 +35,7 @@ MAX_GAP = 20.0
 FACTORS = 2.0 ** np.arange(-7, 8)
 """Factors on the standard deviations among which the best is taken."""
 SINGULAR = 1e-8
-"""Variance added to a sighting, over its squared range: exact ones have none."""
+"""Variance added to a observation, over its squared range: exact ones have none."""
 DEGREE, MILLIMETRE = np.pi / 180, 1e-3
 
 
@@ -280,7 +280,7 @@ def _readings_of(log: LandmarkLog) -> Readings:
 
 
 def _pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
-    """Earlier (m,) and later (m,) sightings of a landmark, a short while apart.
+    """Earlier (m,) and later (m,) observations of a landmark, a short while apart.
 
     Lags double, from the shortest in which landmarks move noticeably; at most three are used.
     """
@@ -318,7 +318,7 @@ def _pairs(log: LandmarkLog) -> tuple[IntArray, IntArray]:
 
 
 def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
-    """(k,) the same number for sightings of the same landmark: its name.
+    """(k,) the same number for observations of the same landmark: its name.
 
     Without names, mutual nearest neighbors in consecutive scans, where no other is near.
     """
@@ -342,7 +342,7 @@ def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
 def _residuals(
     log: Readings, a: IntArray, b: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Later sightings (m, 2) minus those predicted, with the covariances of sensor and odometry."""
+    """Later observations (m, 2) minus those predicted, with the covariances of sensor and odometry."""
     U = log.control_covariance
     variance = np.zeros((len(log.time), 2))
     variance[1:] = np.cumsum(np.stack([(U[:, 0, 0] + U[:, 1, 1]) / 2, U[:, 2, 2]], 1), 0)
@@ -397,7 +397,7 @@ def _over(nis: FloatArray, log_det: FloatArray, guess: float) -> FloatArray:
 
 
 def _guess(log: Readings) -> float:
-    """Mean log-likelihood of the sightings by their own mean and covariance."""
+    """Mean log-likelihood of the observations by their own mean and covariance."""
     spread = np.linalg.det(np.cov(_points(log.observation).T))
     return float(-np.log(2 * np.pi * np.e) - np.log(max(spread, 1e-300)) / 2)
 

@@ -20,7 +20,7 @@ MIN_SIGHTINGS, MIN_SHARE, MIN_SECOND = 16, 0.1, 0.005
 """Sightings of a name whose places are compared, the fraction of them at the second place, and the
 fraction that these are of all observations."""
 MIN_NAME_REFUSED = 0.1
-"""Fraction of the sightings of a shared name that are refused."""
+"""Fraction of the observations of a shared name that are refused."""
 MIN_SEPARATION = 4.0
 """Distance of two places of a name, over the spread at either and over their uncertainty."""
 MAX_ORDER = 0.6
@@ -145,7 +145,7 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
 
 
 def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, float]]:
-    """Names that stand for two places in turn: name, sightings at the second, metres between."""
+    """Names that stand for two places in turn: name, observations at the second, metres between."""
     pose = result.trajectory.pose[log.observation_pose]
     bearing = pose[:, 2] + log.observation[:, 1]
     direction = np.stack([np.cos(bearing), np.sin(bearing)], 1)
@@ -158,29 +158,29 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         variance += C[:, 0, 0] + C[:, 1, 1] + turned
     found = []
     for name in np.unique(log.landmark[log.landmark >= 0]).tolist():
-        sightings = np.flatnonzero(log.landmark == name)
-        if len(sightings) < MIN_SIGHTINGS:
+        rows = np.flatnonzero(log.landmark == name)
+        if len(rows) < MIN_SIGHTINGS:
             continue
-        if result.refused[sightings].mean() < MIN_NAME_REFUSED:
+        if result.refused[rows].mean() < MIN_NAME_REFUSED:
             continue
-        second = _split(place[sightings])
+        second = _split(place[rows])
         share = min(second.mean(), 1 - second.mean())
-        if share < MIN_SHARE or share * len(sightings) < MIN_SECOND * len(log.landmark):
+        if share < MIN_SHARE or share * len(rows) < MIN_SECOND * len(log.landmark):
             continue
         order = np.flatnonzero(second).mean() - np.flatnonzero(~second).mean()
-        if abs(order) > MAX_ORDER * len(sightings) / 2:
+        if abs(order) > MAX_ORDER * len(rows) / 2:
             continue
-        groups = place[sightings][~second], place[sightings][second]
+        groups = place[rows][~second], place[rows][second]
         middles = [np.median(group, 0) for group in groups]
         widths = [np.median(np.hypot(*(g - m).T)) for g, m in zip(groups, middles, strict=True)]
         distance = float(np.hypot(*(middles[0] - middles[1])))
-        uncertainty = float(np.sqrt(np.median(variance[sightings])))
-        apart = np.hypot(*np.diff(place[sightings], axis=0).T)
-        apart = apart[np.diff(log.observation_pose[sightings]) == 0]  # seen twice at once
+        uncertainty = float(np.sqrt(np.median(variance[rows])))
+        apart = np.hypot(*np.diff(place[rows], axis=0).T)
+        apart = apart[np.diff(log.observation_pose[rows]) == 0]  # seen twice at once
         at_once = float(np.mean(apart > distance / 2)) if len(apart) > MIN_SIGHTINGS else 0.0
-        narrow = distance > 2 * MIN_SEPARATION * float(np.median(noise[sightings]))
+        narrow = distance > 2 * MIN_SEPARATION * float(np.median(noise[rows]))
         if distance > MIN_SEPARATION * max(*widths, uncertainty) or (at_once > 0.5 and narrow):
-            found.append((name, int(share * len(sightings)), distance))
+            found.append((name, int(share * len(rows)), distance))
     return found
 
 

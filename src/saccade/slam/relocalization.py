@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from saccade.errors import require
-from saccade.slam._relocalization_kernels import add_support, build_grid, select_distinct
+from saccade.slam._relocalization_kernels import Grid, add_support, select_distinct
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
@@ -390,3 +390,14 @@ def _is_same(mode: _Mode, other: _Mode) -> bool:
     e[2] = float(wrap(e[2]))
     close = bool(np.hypot(*e[:2]) < SAME_POSITION / 10 and abs(e[2]) < SAME_HEADING / 10)
     return close or float(e @ np.linalg.solve(other.covariance, e)) < 9.0
+
+
+def build_grid(landmarks: FloatArray, size: float) -> Grid:
+    """A grid of landmarks (N, 2), N over 0, with cells of this side or larger."""
+    low, extent = landmarks.min(0), np.ptp(landmarks, axis=0)
+    size = max(size, float(extent.max()) / (2 * len(landmarks) ** 0.5 + 1), 1e-6)
+    nx, ny = (int(n) + 1 for n in extent / size)
+    cell = np.floor((landmarks - low) / size).astype(np.int64) @ [ny, 1]
+    order = np.argsort(cell, kind="stable")
+    start = np.searchsorted(cell[order], np.arange(nx * ny + 1))
+    return Grid(low, size, (nx, ny), start, np.array(landmarks[order], np.float64))

@@ -19,7 +19,7 @@ from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
-SURE, MOST_UNUSED = 0.9, 0.15
+SURE, MOST_UNUSED = 0.9, 0.25
 """A map without names is in doubt if its hypothesis has a smaller probability, or more of the
 observations are not used."""
 MAX_NONLINEARITY = 0.12
