@@ -3,8 +3,6 @@
 from math import cos, floor, hypot, inf, sin
 from typing import NamedTuple
 
-import numpy as np
-
 from saccade._jit import kernel
 from saccade.slam.filter._kernels import wrapped
 from saccade.types import FloatArray, IntArray
