@@ -106,7 +106,7 @@ def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good, tmp_path
     spoil, cause = WRONG[kind]
     save(tmp_path / "log.csv", replace(spoil(good), truth=None, landmark_truth=None))
     if cause == "refused":
-        with pytest.raises(LogError, match="degrees. Multiply bearings"):
+        with pytest.raises(LogError, match=r"degrees\? Multiply bearings"):
             load("csv", tmp_path / "log.csv")
         return
     log = load("csv", tmp_path / "log.csv")

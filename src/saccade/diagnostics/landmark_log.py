@@ -342,7 +342,7 @@ def _tracks(log: LandmarkLog, xy: FloatArray) -> IntArray:
 def _residuals(
     log: Readings, a: IntArray, b: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Later observations (m, 2) minus those predicted, with the covariances of sensor and odometry."""
+    """Later observations (m, 2) minus those predicted; covariances of sensor and odometry."""
     U = log.control_covariance
     variance = np.zeros((len(log.time), 2))
     variance[1:] = np.cumsum(np.stack([(U[:, 0, 0] + U[:, 1, 1]) / 2, U[:, 2, 2]], 1), 0)
