@@ -7,8 +7,14 @@ import numpy as np
 from saccade._jit import Bound, kernel
 from saccade.slam._recovery_kernels import LostEvidence, LostRule, leaves_out
 from saccade.slam.association._kernels import DROPPED, NEW, Gates, _associate_nearest
-from saccade.slam.association._name_kernels import NameGates, associate_named
-from saccade.slam.association._name_table_kernels import STALE, NameTable, keep_named, may_cull
+from saccade.slam.association._name_kernels import associate_named
+from saccade.slam.association._name_table_kernels import (
+    STALE,
+    NameGates,
+    NameTable,
+    keep_named,
+    may_cull,
+)
 from saccade.slam.filter._range_bearing_kernels import (
     Innovations,
     augment_range_bearing,

@@ -17,8 +17,7 @@ from saccade.slam._step_kernels import (
     take_steps,
 )
 from saccade.slam.association._kernels import NEW, Gates
-from saccade.slam.association._name_kernels import NameGates
-from saccade.slam.association._name_table_kernels import NameTable
+from saccade.slam.association._name_table_kernels import NameGates, NameTable
 from saccade.slam.association.doubted import DoubtedIdentity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor
 from saccade.slam.association.rule import Association

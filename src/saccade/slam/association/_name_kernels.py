@@ -1,7 +1,6 @@
 """Association by landmark names that may be wrong."""
 
 from math import hypot, inf
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +27,8 @@ from saccade.slam.association._name_table_kernels import (
     UNDECIDED,
     UNNAMED,
     WINDOW,
+    NamedScan,
+    NameGates,
     NameTable,
     settle_names,
 )
@@ -41,28 +42,6 @@ from saccade.slam.filter._state_kernels import (
     Scratch,
 )
 from saccade.types import BoolArray, FloatArray, IntArray
-
-
-class NameGates(NamedTuple):
-    """Parameters of association by name."""
-
-    enabled: bool
-    """Whether names are used at all."""
-    gate: float
-    """Squared Mahalanobis distance up to which an observation is of the landmark of its name."""
-
-
-class NamedScan(NamedTuple):
-    """The m observations of a scan, compared with the landmarks that their names say."""
-
-    nis: FloatArray
-    """(m,) normalized innovation squared; infinite without a landmark."""
-    looseness: FloatArray
-    """(m,) variance of the prediction over that of the observation, the larger of the two."""
-    xy: FloatArray
-    """(m, 2) position in the map."""
-    covariance: FloatArray
-    """(m, 2, 2) of its noise."""
 
 
 @kernel()

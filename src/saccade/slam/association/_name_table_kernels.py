@@ -61,6 +61,28 @@ class NameTable(NamedTuple):
     are believed; landmarks to be removed, and observations or landmarks without a name so far."""
 
 
+class NameGates(NamedTuple):
+    """Parameters of association by name."""
+
+    enabled: bool
+    """Whether names are used at all."""
+    gate: float
+    """Squared Mahalanobis distance up to which an observation is of the landmark of its name."""
+
+
+class NamedScan(NamedTuple):
+    """The m observations of a scan, compared with the landmarks that their names say."""
+
+    nis: FloatArray
+    """(m,) normalized innovation squared; infinite without a landmark."""
+    looseness: FloatArray
+    """(m,) variance of the prediction over that of the observation, the larger of the two."""
+    xy: FloatArray
+    """(m, 2) position in the map."""
+    covariance: FloatArray
+    """(m, 2, 2) of its noise."""
+
+
 @kernel()
 def settle_names(
     f: FilterState,

@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from saccade.slam.association._name_kernels import (
-    NamedScan,
-    NameGates,
     contradicts_uncertain,
     judge_names,
 )
@@ -15,6 +13,8 @@ from saccade.slam.association._name_table_kernels import (
     STALE,
     UNDECIDED,
     UNNAMED,
+    NamedScan,
+    NameGates,
     NameTable,
     settle_names,
 )
