@@ -61,7 +61,6 @@ def associate_named(
     """Associate a scan (m,) by names (m,), -1 where unknown, and else by geometry.
 
     Fills the landmark of each observation, or `NEW` or `DROPPED`, and whether its name was refused.
-
     Returns whether this was done; not where a name contradicts an uncertain prediction.
     """
     unnamed = 0
