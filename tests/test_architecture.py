@@ -29,7 +29,9 @@ ALLOWED = {
     "errors": set(),
     "landmark_names": {"errors"},
     "validation": {"errors"},
-    "types": {"errors", "landmark_names", "validation"},
+    "notebook": set(),
+    "pictures": {"types", "errors", "image", "attention", "viewing"},
+    "types": {"errors", "landmark_names", "notebook", "validation"},
     "frames": {"types", "errors", "validation"},
     "files": {"errors"},
     "extras": {"errors"},
@@ -50,7 +52,7 @@ ALLOWED = {
     "_pair_sums_kernels": {"types", "_jit"},
     "pair_sums": {"types", "errors", "pyramid", "_pair_sums_kernels"},
     "attention": {
-        *("types", "errors", "_jit", "image", "image_motion", "pyramid"),
+        *("types", "errors", "notebook", "_jit", "image", "image_motion", "pyramid"),
         *("pair_sums", "_pair_sums_kernels"),
     },
     "keypoints": {

@@ -45,7 +45,7 @@ for name in ("sift", "must", "symroid"):
     run("detect", *photos, "--detector", name, "--out", out / name)
 run("detect", photos[0], "--config", out / "sift.toml", "--out", out / "whole")
 run("match", *photos[:2], "--out", out / "match")
-for name in ("auto", "known", "nearest", "mutual", "joint", "multiple"):
+for name in ("auto", "known", "nearest", "mutual", "multiple"):
     run("slam", log, "--association", name, "--no-film", "--out", out / name)
 run("slam", log, "--config", out / "whole.toml", "--save-map", out / "map.npz", "--no-film",
     "--out", out / "w")

@@ -221,7 +221,7 @@ def test_levels_rise_and_stay_within_a_pyramid(config):
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (0.0,)}),
         (SymmetryConfig, "level_weights", {"levels": (1,), "level_weights": (OWN_INF,)}),
         (SymmetryConfig, "inner", {"inner": 12.5, "outer": 12.0}),
-        (SymmetryConfig, "outer", {"inner": 0.5, "outer": 0.5}),
+        (SymmetryConfig, "outer", {"inner": 0, "outer": 0}),
         (SymRoidConfig, "inner", {"inner": 12.5, "outer": 12.0}),
         (SiftConfig, "grid", {"grid": "shifted", "density": 0.5}),
         (SiftConfig, "spread", {"spread": True}),

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from saccade.keypoints.symroid_config import SymRoidConfig as SymRoidConfig
     from saccade.keypoints.verification import Verification as Verification
     from saccade.keypoints.verification import verify as verify
+    from saccade.pictures import show as show
     from saccade.settings import load_model as load_model
     from saccade.types import Keypoints as Keypoints
     from saccade.types import LandmarkLog as LandmarkLog
@@ -66,7 +67,6 @@ if TYPE_CHECKING:
     from saccade.types import ScanpathSamples as ScanpathSamples
     from saccade.types import SymmetricPairs as SymmetricPairs
     from saccade.types import Trajectory as Trajectory
-    from saccade.viewing.show import show as show
 
 __version__ = "0.1.0"
 
@@ -99,7 +99,7 @@ _MODULES = {
         *("Keypoints", "LandmarkLog", "LandmarkMap", "Scanpath", "ScanpathSamples"),
         *("SymmetricPairs", "Trajectory"),
     ),
-    "viewing.show": ("show",),
+    "pictures": ("show",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 _PACKAGES = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")

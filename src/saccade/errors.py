@@ -54,7 +54,7 @@ def require(holds: bool, name: str, expected: str, found: object) -> None:
 def require_types(config: Any) -> None:
     """Raise `ConfigError` unless numbers and choices of a dataclass are of their declared types.
 
-    Whole numbers become float where that is declared: a kernel would be compiled for either.
+    Whole numbers become of the declared type: a kernel would be compiled for either.
     """
     for field in fields(config):
         value, options = getattr(config, field.name), get_args(field.type)
@@ -63,7 +63,11 @@ def require_types(config: Any) -> None:
         if optional and value is None:
             continue
         if kind is int:
-            require(isinstance(value, Integral), field.name, "a whole number", value)
+            whole = isinstance(value, Real) and (
+                isinstance(value, Integral) or float(value).is_integer()
+            )
+            require(whole, field.name, "a whole number", value)
+            object.__setattr__(config, field.name, int(value))
         elif kind is float:
             require(isinstance(value, Real), field.name, "a number", value)
             object.__setattr__(config, field.name, float(value))

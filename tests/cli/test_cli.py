@@ -44,7 +44,8 @@ def test_version(run):
 
 
 def test_look(run, tmp_path):
-    code, out, _ = run("look", ROCKET, "--fixations", 4, "--out", "looked", "--json")
+    path = "--bare", "--scanpath", "winner-take-all"
+    code, out, _ = run("look", ROCKET, "--fixations", 4, *path, "--out", "looked", "--json")
     assert code == 0
     (row,) = json.loads(out)["images"]
     assert looks_like_a_picture(row["picture"])
@@ -72,7 +73,7 @@ def test_look_by_each_model(run, tmp_path, model, more):
         "symmetry": saccade.symmetry_saliency,
         "attention": saccade.attention_saliency,
     }[model]
-    code, _, _ = run("look", ROCKET, "--model", model)
+    code, _, _ = run("look", ROCKET, "--model", model, "--bare")
     assert code == 0
     expected = saliency(saccade.read_image(ROCKET)).saliency
     with np.load(tmp_path / "saccade-look" / "rocket.look.npz") as arrays:
@@ -92,7 +93,8 @@ def test_settings_within_settings_can_be_handed_back(run, tmp_path):
     (tmp_path / "mine.toml").write_text(text)
     named = run("look", ROCKET, "--preset", "kootstra2010", "--json")
     assert named[0] == 0
-    assert run("look", ROCKET, "--config", "mine.toml", "--json") == named
+    path = "--bare", "--scanpath", "winner-take-all"
+    assert run("look", ROCKET, *path, "--config", "mine.toml", "--json") == named
     for broken, words in (("kind = 1", "symmetry: kind"), ("gain = -1", "symmetry: gain")):
         (tmp_path / "broken.toml").write_text(f"[symmetry]\n{broken}\n")
         code, _, err = run("look", ROCKET, "--config", "broken.toml")
@@ -295,7 +297,8 @@ def test_the_scanpath_can_be_played(run):
 
 
 def test_objects_can_be_inhibited_whole(run):
-    disc = json.loads(run("look", ROCKET, "--json")[1])["images"][0]
+    network = "--scanpath", "winner-take-all"
+    disc = json.loads(run("look", ROCKET, *network, "--json")[1])["images"][0]
     shape = json.loads(run("look", ROCKET, "--inhibition", "shape", "--json")[1])["images"][0]
     assert shape["scanpath"][0] == disc["scanpath"][0]
     assert shape["scanpath"] != disc["scanpath"]

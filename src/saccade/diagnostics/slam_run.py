@@ -134,7 +134,7 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
     if len(at) == 0:
         return None
     end = np.minimum(at + count // 5, count)
-    before, after = total[at] / at, (total[end] - total[at]) / (end - at)
+    before, after = total[at] / np.maximum(at, 1), (total[end] - total[at]) / (end - at)
     best = int(np.argmax(after - before))
     if after[best] < MIN_JUMP * before[best]:
         return None

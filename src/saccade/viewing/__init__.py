@@ -5,7 +5,6 @@ from saccade.viewing.film import drive_frames, map_frames, save_film, scanpath_f
 from saccade.viewing.keypoint_frames import keypoint_frame_figure
 from saccade.viewing.keypoints import keypoint_figure, match_figure, region_figure
 from saccade.viewing.page import Picture, Section, html_page
-from saccade.viewing.show import result_figure, show
 from saccade.viewing.slam import innovation_figure, map_figure
 from saccade.viewing.style import save_figure, save_figures
 
@@ -24,10 +23,8 @@ __all__ = [
     "match_figure",
     "pair_figure",
     "region_figure",
-    "result_figure",
     "save_figure",
     "save_figures",
     "save_film",
     "scanpath_frames",
-    "show",
 ]
