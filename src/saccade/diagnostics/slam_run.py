@@ -13,6 +13,8 @@ MAX_UNUSED = 0.3
 """Fraction of the observations that may be without use."""
 MAX_DUPLICATES = 0.1
 """Fraction of the landmarks that may stand for a name, or a place, that has one."""
+MIN_OBSERVATIONS = 50
+"""Observations from which names are said to have changed."""
 MIN_REFUSED, MIN_JUMP = 0.04, 3.0
 """Fraction of named observations refused or not used from which names may have changed, and its
 ratio after and before."""
@@ -64,7 +66,7 @@ def _symptoms(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
         what = f"the run ends lost: the last {seconds:.1f} s are by odometry alone"
         yield Finding("warning", "lost", what, advice, seconds, "s")
     if result.consistency.warning:
-        mean = result.consistency.mean
+        mean = float(np.nan_to_num(result.consistency.mean))  # NaN of a run without updates
         yield Finding("warning", "consistency", result.consistency.warning, advice, mean, "NIS")
     yield from _check_duplicates(log, result, advice)
 
@@ -131,10 +133,10 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
     count = len(refused)
     total = np.concatenate([[0], np.cumsum(refused)])
     at = np.arange(count // 10, 9 * count // 10)
-    if len(at) == 0:
+    if count < MIN_OBSERVATIONS:
         return None
     end = np.minimum(at + count // 5, count)
-    before, after = total[at] / np.maximum(at, 1), (total[end] - total[at]) / (end - at)
+    before, after = total[at] / at, (total[end] - total[at]) / (end - at)
     best = int(np.argmax(after - before))
     if after[best] < MIN_JUMP * before[best]:
         return None
