@@ -14,7 +14,7 @@ from saccade.slam.association.alternatives import Alternatives
 from saccade.slam.filter.joining import join_landmarks
 from support.clustered_world import clustered_world
 
-MULTIPLE = EkfConfig()
+MULTIPLE = EkfConfig(association="multiple")
 
 
 def _hidden(log):
@@ -70,18 +70,6 @@ def test_a_map_is_saved_and_gone_on_with(tmp_path):
     found, expected = (each.step(41.0, z=scan[0], R=scan[1]) for each in (loaded, live))
     np.testing.assert_allclose(found.pose, expected.pose, atol=1e-9)
     np.testing.assert_array_equal(found.association, expected.association)
-
-
-def test_one_filter_goes_on_once_a_landmark_is_named():
-    log = clustered_world(2, steps=160)
-    live = slam.slam_for(log)
-    slam.run(_hidden(log), initial=live)
-    assert live.several.alive
-    k = log.observation_pose == log.observation_pose[-1]
-    scan = {"z": log.observation[k], "R": log.observation_covariance[k]}
-    result = live.step(41.0, **scan, names=log.landmark[k])
-    assert not live.several.alive
-    assert (result.association >= 0).all()
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -112,7 +112,7 @@ class Slam:
             float("inf") if config.association == "known" else chi_square_gate(2, config.new_gate)
         )
         self._choice = LocalMapChoice(config.submaps == "always", gate)
-        several = association is None and config.association in ("auto", "multiple")
+        several = association is None and config.association == "multiple"
         self._may_follow_several = several and built_in and adds and config.max_hypotheses > 1
         self.several = Hypotheses(config.gate, config.max_hypotheses)
         """The association hypotheses, of which `ekf` and `culling` are the most probable one's."""
@@ -199,13 +199,12 @@ class Slam:
         return self._result(scan, association, innovations, culled)
 
     def _choose_hypotheses(self, scan: Scan) -> None:
-        """Follow several hypotheses of a robot that names no landmark, while its map is small."""
+        """Follow several hypotheses from the first scan on, while the map is small."""
         if len(scan.z) == 0 or not self._may_follow_several:
             return
-        named = self.config.association == "auto" and scan.names.max() >= 0
-        if self.several.alive and (named or self.several.is_large):
+        if self.several.alive and self.several.is_large:
             self.several.settle()
-        elif not named and len(self.ekf) == 0 and self.culling.counts.totals.scans == 0:
+        elif len(self.ekf) == 0 and self.culling.counts.totals.scans == 0:
             self.several.begin(self.ekf, self.culling)
 
     def _observe_several(self, scan: Scan) -> StepResult:
