@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from saccade.diagnostics.findings import Finding
+from saccade.diagnostics.findings import Finding, counted
 from saccade.errors import LogError
 from saccade.slam.models import drive
 from saccade.types import FloatArray, IntArray, LandmarkLog
@@ -28,8 +28,12 @@ MIN_GAIN = 0.5
 """Nats per pair by which another reading is better, unless its own least gain is given."""
 MIN_WINS = 0.7
 """Fraction of tenths of the log in which it is better."""
-NOISE_FACTORS = 1 / 12, 3.0
-"""Factors on the standard deviations that are no doubt wrong: less and more than these."""
+NOISE_FACTORS, MIN_NOISE_GAIN = (1 / 12, 1.5), 0.15
+"""Factors on the standard deviations between which they are believed, and nats per pair by which
+one outside is better than all of them."""
+MIN_REPEATED, MIN_SEPARATION = 10, 3.0
+"""Poses with a name twice from which it is said to be shared, and the standard deviations that the
+two observations are apart."""
 MAX_GAP = 20.0
 """Longest step, over the duration that 99 % of the steps are within."""
 FACTORS = 2.0 ** np.arange(-7, 8)
@@ -88,6 +92,17 @@ class Rival:
     min_gain: float = MIN_GAIN
 
 
+def shared_name_finding(names: list[int], distance: float, when: str) -> Finding:
+    """Finding of names that several landmarks share, the one with most evidence first."""
+    what = f"several landmarks share the name {names[0]}: it is observed {when} at places "
+    what += f"{distance:.1f} m apart"
+    if len(names) > 1:
+        others = ", ".join(map(str, sorted(names[1:])[:6]))
+        what += f" (so {counted(len(names) - 1, 'is', 'are')}: {others})"
+    advice = "Give each landmark a name of its own, or leave the name empty where it is unsure"
+    return Finding("error", "shared name", what, advice, float(names[0]), "name")
+
+
 def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
     """Check the units, signs, axes, order, clock and noise of a log, before it is mapped.
 
@@ -110,7 +125,9 @@ def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
         )
     findings = [*_check_gap(log)]
     if log.motion != "custom":
-        findings = [*_check_readings(log), *findings]
+        readings = _readings_of(log)
+        findings = [*_check_readings(log, readings), *findings]
+        findings += _check_repeated_names(log, readings.control)
     median = float(np.median(log.observation[:, 0])) if len(bearing) else 0.0
     if median > FAR and not any("millimetres" in finding.check for finding in findings):
         what = f"half of the ranges are over {median:.0f} m, which is far for a sensor"
@@ -134,13 +151,36 @@ def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
         yield Finding("warning", "lost steps", what, advice, float(duration[longest]), "s")
 
 
-def _check_readings(log: LandmarkLog) -> Iterator[Finding]:
+def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Finding]:
+    """Names that a pose has twice, at places farther apart than noise and its step explain."""
+    order = np.lexsort((log.observation_pose, log.landmark))
+    a, b = order[:-1], order[1:]
+    twice = (log.landmark[a] >= 0) & (log.landmark[a] == log.landmark[b])
+    twice &= log.observation_pose[a] == log.observation_pose[b]
+    a, b = a[twice], b[twice]
+    if len(a) == 0:
+        return
+    xy, C = _points(log.observation), _point_covariance(log.observation, log.observation_covariance)
+    square, _ = _normalized(xy[b] - xy[a], C[a] + C[b])
+    distance = np.hypot(*(xy[b] - xy[a]).T)
+    step = np.hypot(*control[:, :2].T) + np.abs(control[:, 2]) * np.median(log.observation[:, 0])
+    apart = (square > MIN_SEPARATION**2) & (distance > step.max(initial=0.0))
+    names, count = np.unique(log.landmark[a[apart]], return_counts=True)
+    names = names[np.argsort(-count, kind="stable")][: int((count >= MIN_REPEATED).sum())]
+    if len(names):
+        of = apart & (log.landmark[a] == names[0])
+        yield shared_name_finding(names.tolist(), float(np.median(distance[of])), "at once")
+
+
+def _check_readings(log: LandmarkLog, readings: Readings) -> Iterator[Finding]:
     """The rival reading that explains the log best, if any, and the factor of its noise."""
-    readings = _readings_of(log)
     pairs = _pairs(log)
     if len(pairs[0]) < MIN_PAIRS:
         return
     recorded, (factor, of_odometry) = _gains(readings, *pairs)
+    least, most = NOISE_FACTORS
+    believed = FACTORS[(least <= FACTORS) & (most >= FACTORS)]
+    stated, _ = _gains(readings, *pairs, believed)
     best, best_gains = None, recorded
     order = np.argsort(readings.observed[pairs[0]], kind="stable")
     for rival in _rivals(readings):
@@ -154,7 +194,7 @@ def _check_readings(log: LandmarkLog) -> Iterator[Finding]:
     if best is not None:
         size = float(best_gains.mean() - recorded.mean())
         yield Finding("error", best.check, best.what, best.advice, size, "nats")
-    elif not NOISE_FACTORS[0] <= factor <= NOISE_FACTORS[1]:
+    elif recorded.mean() - stated.mean() > MIN_NOISE_GAIN:
         word, verb, times = "small", "Multiply", factor
         if factor < 1:
             word, verb, times = "large", "Divide", 1 / factor
@@ -343,30 +383,33 @@ def _residuals(
     log: Readings, a: IntArray, b: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Later observations (m, 2) minus those predicted; covariances of sensor and odometry."""
-    U = log.control_covariance
-    variance = np.zeros((len(log.time), 2))
-    variance[1:] = np.cumsum(np.stack([(U[:, 0, 0] + U[:, 1, 1]) / 2, U[:, 2, 2]], 1), 0)
-    knots = np.column_stack([_path(log.control), variance])
+    U, path = log.control_covariance, _path(log.control)
+    along = _rotation(path[:-1, 2])
+    grown = np.zeros((len(log.time), 5))
+    grown[1:, :4] = np.cumsum((along @ U[:, :2, :2] @ along.transpose(0, 2, 1)).reshape(-1, 4), 0)
+    grown[1:, 4] = np.cumsum(U[:, 2, 2])
+    knots = np.column_stack([path, grown])
     state = np.stack([np.interp(log.observed, log.time, column) for column in knots.T], 1)
     x, y, xy = state[a], state[b], _points(log.observation)
     turn = x[:, 2] - y[:, 2]
-    moved = _rotated(x[:, :2] - y[:, :2], -y[:, 2])
-    residual = xy[b] - _rotated(xy[a], turn) - moved
-    left = np.stack([-xy[:, 1], xy[:, 0]], 1)
-    unit = xy / np.maximum(np.hypot(*xy.T), 1e-12)[:, None]
-    J = np.stack([unit, left], 2)
-    C = J @ log.observation_covariance @ J.transpose(0, 2, 1)
-    c, s = np.cos(turn), np.sin(turn)
-    T = np.stack([np.stack([c, -s], 1), np.stack([s, c], 1)], 1)
+    carried, moved = _rotated(xy[a], turn), _rotated(x[:, :2] - y[:, :2], -y[:, 2])
+    residual = xy[b] - carried - moved
+    C = _point_covariance(log.observation, log.observation_covariance)
+    T, W = _rotation(turn), _rotation(-y[:, 2])
     floor = SINGULAR * np.square(log.observation[b, :1]) + 1e-12
     sensor = C[b] + T @ C[a] @ T.transpose(0, 2, 1) + floor[:, :, None] * np.eye(2)
-    grown = np.maximum(y[:, 3:] - x[:, 3:], 0)[:, :, None, None]
-    odometry = grown[:, 0] * np.eye(2) + grown[:, 1] * left[b, :, None] * left[b, None, :]
+    change = y[:, 3:] - x[:, 3:]
+    odometry = W @ change[:, :4].reshape(-1, 2, 2) @ W.transpose(0, 2, 1)
+    middle = (carried + xy[b]) / 2  # where a turn in the middle of the way sees the landmark
+    lever = np.stack([-middle[:, 1], middle[:, 0]], 1)
+    odometry += change[:, 4, None, None] * lever[:, :, None] * lever[:, None, :]
     return residual, sensor, odometry
 
 
-def _gains(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, tuple[float, float]]:
-    """(m,) log-likelihood of each pair over that of a guess, at the likeliest noise.
+def _gains(
+    log: Readings, a: IntArray, b: IntArray, noise: FloatArray = FACTORS
+) -> tuple[FloatArray, tuple[float, float]]:
+    """(m,) log-likelihood of each pair over that of a guess, at the likeliest factor of its noise.
 
     Returns:
         With the factors on the standard deviations of sensor and odometry: equal, or that of
@@ -374,7 +417,7 @@ def _gains(log: Readings, a: IntArray, b: IntArray) -> tuple[FloatArray, tuple[f
     """
     residual, sensor, odometry = _residuals(log, a, b)
     guess, best = _guess(log), (np.zeros(len(a)), (1.0, 1.0))
-    for k in FACTORS.tolist():
+    for k in noise.tolist():
         for factors in ((k, k), (k, 1.0)):
             S = factors[0] ** 2 * sensor + factors[1] ** 2 * odometry
             gain = _over(*_normalized(residual, S), guess)
@@ -415,7 +458,20 @@ def _points(observation: FloatArray) -> FloatArray:
     return np.stack([r * np.cos(bearing), r * np.sin(bearing)], 1)
 
 
+def _point_covariance(observation: FloatArray, R: FloatArray) -> FloatArray:
+    """(k, 2, 2) covariances of the points, by those of ranges and bearings."""
+    r, bearing = observation.T
+    c, s = np.cos(bearing), np.sin(bearing)
+    J = np.stack([np.stack([c, -r * s], 1), np.stack([s, r * c], 1)], 1)
+    return np.asarray(J @ R @ J.transpose(0, 2, 1))
+
+
+def _rotation(angle: FloatArray) -> FloatArray:
+    """(m, 2, 2) rotations by angles (m,)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([c, -s], 1), np.stack([s, c], 1)], 1)
+
+
 def _rotated(xy: FloatArray, angle: FloatArray) -> FloatArray:
     """Vectors (m, 2) turned by angles (m,)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * xy[:, 0] - s * xy[:, 1], s * xy[:, 0] + c * xy[:, 1]], 1)
+    return np.asarray((_rotation(angle) @ xy[:, :, None])[:, :, 0])

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from saccade.diagnostics.findings import Finding, counted
+from saccade.diagnostics.findings import Finding
+from saccade.diagnostics.landmark_log import shared_name_finding
 from saccade.slam import SlamResult
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog
 
@@ -100,8 +101,8 @@ def _check_duplicates(log: LandmarkLog, result: SlamResult, advice: str) -> Iter
 
 def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     """Names that change their meaning, or that several landmarks share."""
-    refused = (log.landmark >= 0) & (result.refused | (result.association < 0))
-    if refused.mean() > MIN_REFUSED:
+    unused = (log.landmark >= 0) & (result.association < 0)
+    for refused in (result.refused, result.refused | unused):
         change = _change(refused, log.landmark)
         if change is not None:
             time = float(log.time[log.observation_pose[change]] - log.time[0])
@@ -113,16 +114,10 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
             advice = "Give a landmark the same name in all of the log, or map its parts one by one"
             yield Finding("error", "names change", what, advice, time, "s")
             return
-    shared = _shared_names(log, result)
+    shared = sorted(_shared_names(log, result), key=lambda each: -each[1])
     if shared:
-        name, _, distance = max(shared, key=lambda each: each[1])
-        what = f"several landmarks share the name {name}: it is observed at places {distance:.1f} m"
-        what += " apart, in turn"
-        if len(shared) > 1:
-            others = sorted(other for other, _, _ in shared if other != name)
-            what += f" (so {counted(len(others), 'is', 'are')}: {', '.join(map(str, others[:6]))})"
-        advice = "Give each landmark a name of its own, or leave the name empty where it is unsure"
-        yield Finding("error", "shared name", what, advice, float(name), "name")
+        names = [name for name, _, _ in shared]
+        yield shared_name_finding(names, shared[0][2], "in turn")
 
 
 def _change(refused: BoolArray, names: IntArray) -> int | None:
@@ -131,6 +126,8 @@ def _change(refused: BoolArray, names: IntArray) -> int | None:
     It is that where the fraction refused in the fifth of the log after it exceeds that before most.
     """
     count = len(refused)
+    if refused.mean() <= MIN_REFUSED:
+        return None
     total = np.concatenate([[0], np.cumsum(refused)])
     at = np.arange(count // 10, 9 * count // 10)
     if count < MIN_OBSERVATIONS:
@@ -177,11 +174,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
         widths = [np.median(np.hypot(*(g - m).T)) for g, m in zip(groups, middles, strict=True)]
         distance = float(np.hypot(*(middles[0] - middles[1])))
         uncertainty = float(np.sqrt(np.median(variance[rows])))
-        apart = np.hypot(*np.diff(place[rows], axis=0).T)
-        apart = apart[np.diff(log.observation_pose[rows]) == 0]  # seen twice at once
-        at_once = float(np.mean(apart > distance / 2)) if len(apart) > MIN_SIGHTINGS else 0.0
-        narrow = distance > 2 * MIN_SEPARATION * float(np.median(noise[rows]))
-        if distance > MIN_SEPARATION * max(*widths, uncertainty) or (at_once > 0.5 and narrow):
+        if distance > MIN_SEPARATION * max(*widths, uncertainty):
             found.append((name, int(share * len(rows)), distance))
     return found
 
