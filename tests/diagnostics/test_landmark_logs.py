@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from saccade import slam
-from saccade.datasets import load, save
 from saccade.diagnostics import check_log, check_run
 from saccade.errors import LogError
 from saccade.simulation import WorldConfig, simulate_world
@@ -15,7 +14,7 @@ from saccade.types import LandmarkLog
 WORLD = WorldConfig(
     course_length=30.0,
     curvature_amplitude=1.5,
-    steps=600,
+    steps=300,
     step_length=0.5,
     landmarks=20,
     range_limits=(0.5, 8.0),
@@ -102,20 +101,19 @@ def good():
 
 
 @pytest.mark.parametrize("kind", WRONG)
-def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good, tmp_path):
+def test_a_wrong_log_is_refused_or_its_cause_is_named_first(kind, good):
     spoil, cause = WRONG[kind]
-    save(tmp_path / "log.csv", replace(spoil(good), truth=None, landmark_truth=None))
+    log = spoil(good)
     if cause == "refused":
-        with pytest.raises(LogError, match=r"degrees\? Multiply bearings"):
-            load("csv", tmp_path / "log.csv")
+        with pytest.raises(LogError, match="they are in degrees; multiply bearings"):
+            check_log(log)
         return
-    log = load("csv", tmp_path / "log.csv")
     causes = check_log(log)
     findings = causes or check_run(log, slam.run(log))
     assert findings[0].check == cause
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("named", [True, False])
 def test_good_logs_have_no_findings(seed, named):
     log = simulate_world(WORLD, seed)

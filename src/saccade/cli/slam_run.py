@@ -78,10 +78,12 @@ def map_log(
         if smoothing is not None:
             progress(0, 1, "smoothing")
             smoothed = smooth(log, result, smoothing)
-    except (LogError, np.linalg.LinAlgError) as error:
-        if not causes and not isinstance(error, LogError):
+    except (LogError, ArithmeticError, np.linalg.LinAlgError) as error:
+        known = isinstance(error, LogError)
+        if not causes and not known:
             raise
-        raise LogError(f"{log.name}: {' '.join(map(str, causes[:1]))} {error}") from error
+        why = error if known else "The estimate diverged"
+        raise LogError(f"{log.name}: {' '.join(map(str, causes[:1]))} {why}") from error
     files = write_tables(out, log, result, smoothed)
     files |= write_figures(output, log, result, smoothed)
     snapshots, odometry = recorder.snapshots, result.dead_reckoning

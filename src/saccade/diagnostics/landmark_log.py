@@ -5,7 +5,7 @@ axis, order or clock predicts the later ones much better than the numbers as the
 No filter is run: gates and wrong associations have no part in it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from saccade.diagnostics.findings import Finding, counted
 from saccade.errors import LogError
+from saccade.landmark_names import name_texts
 from saccade.slam.models import drive
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
@@ -92,15 +93,18 @@ class Rival:
     min_gain: float = MIN_GAIN
 
 
-def shared_name_finding(names: list[int], distance: float, when: str) -> Finding:
+def shared_name_finding(
+    log: LandmarkLog, numbers: Sequence[int], distance: float, when: str
+) -> Finding:
     """Finding of names that several landmarks share, the one with most evidence first."""
+    names = [str(name) for name in name_texts(np.array(numbers), log.text_names)]
     what = f"several landmarks share the name {names[0]}: it is observed {when} at places "
     what += f"{distance:.1f} m apart"
     if len(names) > 1:
-        others = ", ".join(map(str, sorted(names[1:])[:6]))
+        others = ", ".join(names[1:7])
         what += f" (so {counted(len(names) - 1, 'is', 'are')}: {others})"
     advice = "Give each landmark a name of its own, or leave the name empty where it is unsure"
-    return Finding("error", "shared name", what, advice, float(names[0]), "name")
+    return Finding("error", "shared name", what, advice, distance, "m")
 
 
 def check_log(log: LandmarkLog) -> tuple[Finding, ...]:
@@ -169,7 +173,7 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
     names = names[np.argsort(-count, kind="stable")][: int((count >= MIN_REPEATED).sum())]
     if len(names):
         of = apart & (log.landmark[a] == names[0])
-        yield shared_name_finding(names.tolist(), float(np.median(distance[of])), "at once")
+        yield shared_name_finding(log, names.tolist(), float(np.median(distance[of])), "at once")
 
 
 def _check_readings(log: LandmarkLog, readings: Readings) -> Iterator[Finding]:

@@ -117,7 +117,7 @@ def _check_names(log: LandmarkLog, result: SlamResult) -> Iterator[Finding]:
     shared = sorted(_shared_names(log, result), key=lambda each: -each[1])
     if shared:
         names = [name for name, _, _ in shared]
-        yield shared_name_finding(names, shared[0][2], "in turn")
+        yield shared_name_finding(log, names, shared[0][2], "in turn")
 
 
 def _change(refused: BoolArray, names: IntArray) -> int | None:
