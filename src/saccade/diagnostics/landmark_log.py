@@ -37,7 +37,7 @@ MIN_REPEATED, MIN_SEPARATION = 10, 3.0
 two observations are apart."""
 MAX_GAP = 20.0
 """Longest step, over the duration that 99 % of the steps are within."""
-FACTORS = 2.0 ** np.arange(-7, 8)
+FACTORS: FloatArray = np.exp2(np.arange(-7.0, 8.0))
 """Factors on the standard deviations among which the best is taken."""
 SINGULAR = 1e-8
 """Variance added to a observation, over its squared range: exact ones have none."""
@@ -147,9 +147,10 @@ def _check_gap(log: LandmarkLog) -> Iterator[Finding]:
         return
     longest, usual = int(duration.argmax()), float(np.quantile(duration, 0.99))
     if duration[longest] > MAX_GAP * usual:
+        start, end = log.time[longest : longest + 2] - log.time[0]
         what = (
-            f"steps are lost: there is no pose from {log.time[longest]:g} to "
-            f"{log.time[longest + 1]:g} s, and odometry of one step at its end"
+            f"steps are lost: there is no pose from {start:.1f} to {end:.1f} s after the first, "
+            "and odometry of one step at its end"
         )
         advice = "Record odometry without gaps, or map the parts one by one"
         yield Finding("warning", "lost steps", what, advice, float(duration[longest]), "s")
@@ -162,13 +163,13 @@ def _check_repeated_names(log: LandmarkLog, control: FloatArray) -> Iterator[Fin
     twice = (log.landmark[a] >= 0) & (log.landmark[a] == log.landmark[b])
     twice &= log.observation_pose[a] == log.observation_pose[b]
     a, b = a[twice], b[twice]
-    if len(a) == 0:
+    if len(a) == 0 or len(control) == 0:
         return
     xy, C = _points(log.observation), _point_covariance(log.observation, log.observation_covariance)
     square, _ = _normalized(xy[b] - xy[a], C[a] + C[b])
     distance = np.hypot(*(xy[b] - xy[a]).T)
     step = np.hypot(*control[:, :2].T) + np.abs(control[:, 2]) * np.median(log.observation[:, 0])
-    apart = (square > MIN_SEPARATION**2) & (distance > step.max(initial=0.0))
+    apart = (square > MIN_SEPARATION**2) & (distance > np.quantile(step, 0.99))
     names, count = np.unique(log.landmark[a[apart]], return_counts=True)
     names = names[np.argsort(-count, kind="stable")][: int((count >= MIN_REPEATED).sum())]
     if len(names):

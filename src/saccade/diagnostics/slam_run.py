@@ -149,8 +149,7 @@ def _shared_names(log: LandmarkLog, result: SlamResult) -> list[tuple[int, int, 
     bearing = pose[:, 2] + log.observation[:, 1]
     direction = np.stack([np.cos(bearing), np.sin(bearing)], 1)
     place = pose[:, :2] + log.observation[:, :1] * direction
-    noise = _spread(log.observation, log.observation_covariance)
-    variance = np.square(noise)
+    variance = np.square(_spread(log.observation, log.observation_covariance))
     if result.trajectory.covariance is not None:
         C = result.trajectory.covariance[log.observation_pose]
         turned = C[:, 2, 2] * np.square(log.observation[:, 0])
