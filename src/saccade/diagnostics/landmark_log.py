@@ -40,7 +40,7 @@ MAX_GAP = 20.0
 FACTORS: FloatArray = np.exp2(np.arange(-7.0, 8.0))
 """Factors on the standard deviations among which the best is taken."""
 SINGULAR = 1e-8
-"""Variance added to a observation, over its squared range: exact ones have none."""
+"""Variance added to an observation, over its squared range: exact ones have none."""
 DEGREE, MILLIMETRE = np.pi / 180, 1e-3
 
 
