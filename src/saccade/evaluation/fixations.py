@@ -5,7 +5,7 @@ pixels. Names and definitions follow Bylinskii, Judd, Oliva, Torralba & Durand, 
 evaluation metrics tell us about saliency models?* (TPAMI 2019).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -66,23 +66,11 @@ def score(
     Raises:
         ImageError: the map is not finite, or a fixation lies outside it.
     """
-    if saliency.ndim != 2:
-        raise ImageError(f"saliency map: expected shape (H, W), found {saliency.shape}")
-    if not np.isfinite(saliency).all():
-        raise ImageError("saliency map: expected finite values, found NaN or infinity")
-    height, width = saliency.shape
-    density = fixation_density(fixations, (height, width), sigma)
+    shape = _checked_shape(saliency)
     if baseline is None:
-        baseline = fixation_density(others, (height, width), sigma)
-    return FixationScores(
-        auc=auc(saliency, fixations),
-        shuffled_auc=shuffled_auc(saliency, fixations, others),
-        nss=nss(saliency, fixations),
-        cc=correlation(saliency, density),
-        sim=similarity(saliency, density),
-        kl=divergence(saliency, density),
-        information_gain=information_gain(saliency, baseline, fixations),
-    )
+        baseline = fixation_density(others, shape, sigma)
+    observed = fixation_density(fixations, shape, sigma)
+    return _score_maps(saliency, saliency, saliency, fixations, others, observed, baseline)
 
 
 def score_density(
@@ -108,19 +96,52 @@ def score_density(
     Source: Kummerer, Wallis & Bethge, *Saliency benchmarking made easy: separating models, maps
     and metrics* (ECCV 2018).
     """
+    shape = _checked_shape(density)
     if baseline is None:
-        baseline = fixation_density(others, density.shape, sigma)
-    plain = score(density, fixations, others, sigma, baseline)
+        baseline = fixation_density(others, shape, sigma)
+    observed = fixation_density(fixations, shape, sigma)
     p = distribution(density)
-    blurred = gaussian_filter(p, sigma, mode="constant", truncate=4.0)
-    smooth = score(blurred, fixations, others, sigma, baseline)
     relative = p / (distribution(baseline) + BASELINE_FLOOR / p.size)
-    return replace(
-        plain,
+    blurred = gaussian_filter(p, sigma, mode="constant", truncate=4.0)
+    return _score_maps(density, relative, blurred, fixations, others, observed, baseline)
+
+
+def _checked_shape(saliency: Map) -> tuple[int, int]:
+    """(H, W) of a map.
+
+    Raises:
+        ImageError: it has other dimensions, or is not finite.
+    """
+    if saliency.ndim != 2:
+        raise ImageError(f"saliency map: expected shape (H, W), found {saliency.shape}")
+    if not np.isfinite(saliency).all():
+        raise ImageError("saliency map: expected finite values, found NaN or infinity")
+    height, width = saliency.shape
+    return height, width
+
+
+def _score_maps(
+    plain: Map,
+    relative: Map,
+    blurred: Map,
+    fixations: FloatArray,
+    others: FloatArray,
+    observed: Map,
+    baseline: Map,
+) -> FixationScores:
+    """Scores of a prediction (H, W), of it relative to the other images' fixations, and blurred.
+
+    Shuffled AUC takes the second; CC, SIM and KL take the third, and compare it with the fixation
+    density `observed`; the other metrics take the first.
+    """
+    return FixationScores(
+        auc=auc(plain, fixations),
         shuffled_auc=shuffled_auc(relative, fixations, others),
-        cc=smooth.cc,
-        sim=smooth.sim,
-        kl=smooth.kl,
+        nss=nss(plain, fixations),
+        cc=correlation(blurred, observed),
+        sim=similarity(blurred, observed),
+        kl=divergence(blurred, observed),
+        information_gain=information_gain(plain, baseline, fixations),
     )
 
 
