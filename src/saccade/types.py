@@ -233,9 +233,14 @@ class Trajectory:
         columns[2] = np.angle(np.exp(1j * columns[2]))
         return np.stack(columns, 1)
 
-    def __repr__(self) -> str:
+    @property
+    def size(self) -> str:
+        """Number of poses and length of the path."""
         length = float(np.hypot(*np.diff(self.pose[:, :2], axis=0).T).sum()) if len(self) else 0.0
-        return f"Trajectory({len(self)} poses, {length:.1f} m)"
+        return f"{len(self)} poses, {length:.1f} m"
+
+    def __repr__(self) -> str:
+        return f"Trajectory({self.size})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -81,12 +81,10 @@ def face_detector(faces: str | None) -> "FaceDetector | None":
     return detector
 
 
-def scanpath_network(preset: str | None) -> "ScanpathConfig | None":
-    """The winner-take-all network of a published model's preset; None for other presets."""
+def scanpath_network(preset: str | None) -> "ScanpathConfig":
+    """The winner-take-all network of a model's preset: of the same source where there is one."""
     from saccade.settings import load_settings, preset_names
 
-    if preset not in PUBLISHED:
-        return None
     known = preset in preset_names("scanpath")
     network: ScanpathConfig = load_settings("scanpath", preset if known else None)
     return network

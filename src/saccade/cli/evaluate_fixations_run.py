@@ -33,9 +33,9 @@ from saccade.viewing.fixation_scores import Bar, fixation_score_figure
 from saccade.viewing.style import save_figure
 
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
-BARE, FREE_VIEWING = "attention, bare", "attention, free viewing"
+BARE, WITH_PRIOR = "attention, bare", "attention, free viewing"
 BY_METRIC = "the same, best map by metric"
-"""The attention model with and without the prior of the position, and the former as a density."""
+"""The attention model without and with the prior of the position, and the latter as a density."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def default_models(task: Task, faces: str | None) -> dict[str, Model]:
 
     return {
         BARE: lambda name: maps(name)[0],
-        FREE_VIEWING: lambda name: maps(name)[1],
+        WITH_PRIOR: lambda name: maps(name)[1],
         BY_METRIC: lambda name: maps(name)[1],
     }
 

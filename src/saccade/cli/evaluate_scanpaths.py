@@ -116,7 +116,6 @@ def scanpaths(
 
     Means over the images with 95 % bootstrap intervals.
     """
-    from saccade.attention.scanpath import ScanpathConfig
     from saccade.attention.scanpath_model import ScanpathModelConfig
     from saccade.cli.fixation_tables import fixation_format, load_fixations
     from saccade.cli.output import print_json, print_message, print_table, tracked
@@ -140,7 +139,7 @@ def scanpaths(
         length or mean_fixations(people),
         samples,
         chosen,
-        scanpath_network(preset) or ScanpathConfig(),
+        scanpath_network(preset),
         ScanMatchConfig(grid_columns, grid_rows, threshold),
         seed,
     )

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from saccade.cli.attention_models import (
     DEFAULT_MODEL,
+    PUBLISHED,
     Faces,
     ModelChoice,
     attention_model,
@@ -143,7 +144,6 @@ def look(
     Exit code 1: some images could not be read; the results of the others are
     in --out. Ctrl-C stops after the image in progress.
     """
-    from saccade.attention.scanpath import ScanpathConfig
     from saccade.cli.look_files import LookFiles
     from saccade.cli.look_run import LEAD, analyze_image
     from saccade.cli.look_video import analyze_video
@@ -171,11 +171,9 @@ def look(
             row = look_at_camera(Live(camera, frames, live, page), out, attention)
         print_result(row, as_json, f"camera -> {out}")
         return
-    network = scanpath_network(preset)
-    if by_shape or scanpath is PathModel.winner_take_all:
-        network = network or ScanpathConfig()
-    elif scanpath is PathModel.most_probable:
-        network = None
+    published = scanpath is None and preset in PUBLISHED
+    by_network = by_shape or published or scanpath is PathModel.winner_take_all
+    network = scanpath_network(preset) if by_network else None
     builder = ReportBuilder("saccade look", LEAD)
     chosen = list(dict.fromkeys(formats or []))
     tables = [each for each in chosen if each in (Format.CSV, Format.MAT)]

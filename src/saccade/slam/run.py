@@ -64,7 +64,7 @@ class SlamResult(NotebookTable):
         """Sizes and key numbers, by name."""
         used = int((self.association >= 0).sum())
         return {
-            "trajectory": repr(self.trajectory)[11:-1],
+            "trajectory": self.trajectory.size,
             "landmarks": str(len(self.map)),
             "observations": f"{used} of {len(self.association)} used",
             "consistency": repr(self.consistency),

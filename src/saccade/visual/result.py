@@ -94,7 +94,7 @@ class VisualResult(NotebookTable):
     def summary(self) -> dict[str, str]:
         """Sizes and key numbers, by name."""
         return {
-            "trajectory": repr(self.trajectory)[11:-1],
+            "trajectory": self.trajectory.size,
             "landmarks": str(len(self.map)),
             "observations": repr(self.observations),
             "frames lost": str(int(self.lost.sum())),
