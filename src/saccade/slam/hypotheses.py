@@ -18,7 +18,7 @@ from saccade.slam.filter._range_bearing_kernels import Innovations
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.joining import join_landmarks
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.map_management.culling import Culling
+from saccade.slam.map_management.culling import Culling, numbers_of_kept
 from saccade.slam.models import wrap
 from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray
@@ -163,10 +163,10 @@ class Hypothesis:
         """Remove landmarks, and those that are to be culled."""
         removed = self.culling.remove_culled(landmarks)
         if len(removed) > 0:
-            kept = np.setdiff1d(np.arange(len(self.ekf)), removed)
-            number = np.full(len(self.ekf) + 1, -1)  # the last is for none
-            number[kept] = np.arange(len(kept))
-            self.association = number[self.association]
+            is_kept = np.ones(len(self.ekf), np.bool_)
+            is_kept[removed] = False
+            kept = np.flatnonzero(is_kept)
+            self.association = numbers_of_kept(is_kept)[self.association]
             self.co_observations = self.co_observations[np.ix_(kept, kept)]
             self.refused = self.refused[np.ix_(kept, kept)]
             self.ekf.remove(removed)

@@ -22,7 +22,7 @@ from saccade.slam.filter.progressive import update_in_parts
 from saccade.slam.hypotheses import Hypotheses
 from saccade.slam.local_map import LargeMapSlam
 from saccade.slam.local_map_choice import LocalMapChoice
-from saccade.slam.map_management.culling import Culling
+from saccade.slam.map_management.culling import Culling, numbers_of_kept
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
 from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.slam.recovery import Recovery
@@ -297,7 +297,7 @@ class Slam:
         """Remove landmarks (g,) from the filter, and from an association (k,) in place."""
         kept = np.ones(len(self.ekf), np.bool_)
         kept[landmarks] = False
-        number = np.where(kept, np.cumsum(kept) - 1, -1)
+        number = numbers_of_kept(kept)
         used = association >= 0
         association[used] = number[association[used]]
         self.ekf.remove(landmarks)
@@ -318,8 +318,7 @@ class Slam:
         if len(result.culled) > 0:
             kept = np.ones(len(self.ekf) + len(result.culled), np.bool_)
             kept[result.culled] = False
-            number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-            association[:] = number[association]
+            association[:] = numbers_of_kept(kept)[association]
 
     def known_landmarks(self, identity: IntArray) -> IntArray:
         """(k,) landmark of the map that each observation names, -1 for none."""

@@ -13,6 +13,7 @@ from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.filter.models import new_innovations
+from saccade.slam.map_management.culling import numbers_of_kept
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.scans import scans_of
@@ -170,8 +171,7 @@ def run(
 
     kept = slam.confirmed
     landmarks = _landmark_map(slam, names, association, kept)
-    number = np.where(kept, np.cumsum(kept) - 1, -1)
-    association = np.append(number, -1)[association]
+    association = numbers_of_kept(kept)[association]
     return SlamResult(
         trajectory=Trajectory(log.time, pose, covariance),
         map=landmarks,

@@ -270,6 +270,14 @@ class Culling:
         self._local = None
 
 
+def numbers_of_kept(kept: BoolArray) -> IntArray:
+    """(n + 1,) number of each of n landmarks among those that are kept, -1 for the others.
+
+    The last one is -1, so that an association of none, -1, stays none.
+    """
+    return np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+
+
 def _new_counts(capacity: int, totals: Totals) -> VisibilityCounts:
     return share(
         bind_counts,
