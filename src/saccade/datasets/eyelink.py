@@ -69,8 +69,9 @@ def read_eyelink(path: Path, columns: Mapping[str, str] | None = None) -> Fixati
                 early += 1
                 continue
             start, milliseconds = (row.numbers(slice(i, i + 1))[0] for i in (2, 4))
-            x, y = (np.nan if cell in BLANK else row.numbers(slice(i, i + 1))[0]
-                    for i, cell in zip((5, 6), row.cells[5:7], strict=True))  # fmt: skip
+            x, y = (
+                np.nan if row.cells[i] in BLANK else row.numbers(slice(i, i + 1))[0] for i in (5, 6)
+            )
             fixations.append(
                 RawFixation(image.name, path.stem, start, x, y, milliseconds, image.box)
             )
