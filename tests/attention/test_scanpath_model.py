@@ -107,6 +107,9 @@ def test_the_most_probable_path_goes_to_the_peaks_of_a_large_map():
     peaks = saccade.pyramid.cell_centers([15, 44], [61, 22], saliency.shape, (600, 800))
     assert {*map(tuple, path.xy)} >= {*map(tuple, peaks)}
     assert len(saccade.most_probable_scanpath(saliency, (600, 800), 0)) == 0
+    narrow = ScanpathModelConfig(center_sigma=0.01)
+    (fixation,) = saccade.most_probable_scanpath(saliency, (600, 800), 1, narrow).xy
+    assert np.abs(fixation - (399.5, 299.5)).max() < 40  # a cell of the search, of 4 x 10 pixels
 
 
 def counts(xy):

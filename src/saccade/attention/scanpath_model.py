@@ -275,7 +275,8 @@ def most_probable_scanpath(
         options = np.empty((len(paths), coarse.size))
         for path, row in zip(paths, options, strict=True):
             fill_density(config.dynamics, grid, path, density)
-            np.log(density, out=row)
+            with np.errstate(divide="ignore"):  # far from a narrow center it is 0
+                np.log(density, out=row)
         options += logs[:, None]
         best = np.argsort(-options, axis=None, kind="stable")[:beam]
         former, cell = np.divmod(best, coarse.size)
