@@ -17,7 +17,7 @@ from saccade.simulation.rendering import Illumination, render
 from saccade.simulation.scene import Ground, Walls, build_scene, poster_images
 from saccade.simulation.textures import all_posters
 from saccade.slam import compose
-from saccade.slam.filter.odometry_bias import unbiased
+from saccade.slam.filter.models import unbiased
 from saccade.types import Trajectory
 
 TEXELS = 180.0

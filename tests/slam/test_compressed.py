@@ -16,7 +16,7 @@ from saccade.slam import (
     inverse_observe,
     observe,
 )
-from saccade.slam._local_map_kernels import read_block, write_block
+from saccade.slam.filter._state_kernels import read_block, write_block
 from saccade.slam.local_map import LargeMapSlam
 
 U, NOISE = np.diag([1e-4, 1e-5]), np.diag([0.01, 0.0004])

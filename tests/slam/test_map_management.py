@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from saccade import datasets, slam
 from saccade.simulation import WorldConfig, simulate_world
 from saccade.slam import DROPPED, EkfConfig, EkfSlam, observe
-from saccade.slam.map_management.culling import Culling
+from saccade.slam.culling import Culling
 from support.circular_log import simulate
 from support.oracles_slam import ListedLandmarks
 from support.paths import SHARED

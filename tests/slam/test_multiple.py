@@ -11,7 +11,7 @@ from saccade.evaluation.trajectory import position_rmse
 from saccade.slam import EkfConfig, EkfSlam, Retraction, Slam
 from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives
-from saccade.slam.filter.joining import join_landmarks
+from saccade.slam.filter.ekf import join_landmarks
 from support.clustered_world import clustered_world
 
 MULTIPLE = EkfConfig(association="multiple")

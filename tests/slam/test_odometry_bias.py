@@ -8,7 +8,7 @@ import pytest
 from saccade import slam
 from saccade.slam import RANGE_BEARING, compose
 from saccade.slam.config import RETRACTIONS
-from saccade.slam.filter.odometry_bias import unbiased
+from saccade.slam.filter.models import unbiased
 from support.circular_log import simulate
 
 BIAS = np.array([0.08, -0.04, 0.15])

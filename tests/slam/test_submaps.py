@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from saccade import slam
 from saccade.errors import ConfigError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import Checkpoint, EkfConfig, Recorder, local_map_choice
+from saccade.slam import Checkpoint, EkfConfig, Recorder, local_map
 from saccade.slam.local_map import LargeMapSlam
 from support.interrupted_run import interrupt_at
 
@@ -98,8 +98,8 @@ def test_a_large_map_chooses_by_itself(monkeypatch, entries):
     log = simulate_world(WORLD, 1)
     whole = slam.run(log, EkfConfig(submaps="never"))
     assert not entries
-    monkeypatch.setattr(local_map_choice, "LARGE", 30)
-    monkeypatch.setattr(local_map_choice, "MAX_FRACTION", 0.5)
+    monkeypatch.setattr(local_map, "LARGE", 30)
+    monkeypatch.setattr(local_map, "MAX_FRACTION", 0.5)
     _close(slam.run(log, EkfConfig()), whole)
     assert min(mapped for _, mapped in entries) >= 30
     assert all(inside <= mapped / 2 for inside, mapped in entries)

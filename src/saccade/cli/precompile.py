@@ -72,9 +72,9 @@ def compile_filter() -> None:
 
     from saccade._jit import compile_for
     from saccade.slam import NearestNeighbor, Slam
+    from saccade.slam._culling_kernels import check_visibility, predict_visible
     from saccade.slam._recovery_kernels import contradicts
     from saccade.slam.association._kernels import associate_nearest, compare_identities
-    from saccade.slam.map_management._kernels import check_visibility, predict_visible
 
     slam, z, R = Slam(), np.zeros((1, 2)), np.zeros((1, 2, 2))
     f, counts, names = slam.ekf.view, slam.culling.in_view, np.zeros(1, np.int64)

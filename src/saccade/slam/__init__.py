@@ -22,13 +22,11 @@ from saccade.slam.models import (
     wrap,
 )
 from saccade.slam.online import Slam
-from saccade.slam.pose_hypotheses import PoseHypotheses, RelocalizationConfig
 from saccade.slam.relocalization import Relocalizer
-from saccade.slam.results import Innovation, StepResult
+from saccade.slam.results import Innovation, PoseHypotheses, RelocalizationConfig, StepResult
 from saccade.slam.run import SlamResult, dead_reckon, run, slam_for
 from saccade.slam.sessions import find_start
-from saccade.slam.smoothing.batch import smooth
-from saccade.slam.smoothing.problem import SmoothConfig, SmoothResult
+from saccade.slam.smoothing import SmoothConfig, SmoothResult, smooth
 from saccade.slam.snapshots import Recorder
 
 __all__ = [

@@ -14,11 +14,10 @@ from saccade.slam.association._kernels import NEW
 from saccade.slam.association.alternatives import Alternatives, log_determinant
 from saccade.slam.checkpoint import Arrays, arrays_of, merge, select
 from saccade.slam.consistency import normalized_squared
+from saccade.slam.culling import Culling, numbers_of_kept
 from saccade.slam.filter._range_bearing_kernels import Innovations
-from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.joining import join_landmarks
+from saccade.slam.filter.ekf import EkfSlam, join_landmarks
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.map_management.culling import Culling, numbers_of_kept
 from saccade.slam.models import wrap
 from saccade.slam.scans import Scan
 from saccade.types import FloatArray, IntArray

@@ -20,8 +20,8 @@ from saccade.slam.association.identities import GatedIdentity
 from saccade.slam.association.rule import KnownIdentity
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.online import Slam
-from saccade.slam.pose_hypotheses import RelocalizationConfig
 from saccade.slam.relocalization import Relocalizer
+from saccade.slam.results import RelocalizationConfig
 from saccade.slam.sessions import drop_candidates
 from saccade.types import FloatArray, IntArray
 

@@ -9,24 +9,20 @@ import numpy.typing as npt
 from saccade.errors import require
 from saccade.landmark_names import name_texts, renumber, stored_texts
 from saccade.slam.association._kernels import DROPPED, NEW
-from saccade.slam.association.choice import association_rule
-from saccade.slam.association.identities import GatedIdentity
+from saccade.slam.association.identities import GatedIdentity, association_rule
 from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays, Stateful, arrays_of, merge, select
 from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.consistency import chi_square_gate
+from saccade.slam.culling import Culling, numbers_of_kept
 from saccade.slam.filter._range_bearing_kernels import Innovations, write_pose
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.models import new_innovations
-from saccade.slam.filter.progressive import update_in_parts
+from saccade.slam.filter.models import new_innovations, update_in_parts
 from saccade.slam.hypotheses import Hypotheses
-from saccade.slam.local_map import LargeMapSlam
-from saccade.slam.local_map_choice import LocalMapChoice
-from saccade.slam.map_management.culling import Culling, numbers_of_kept
+from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
 from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
-from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.slam.recovery import Recovery
-from saccade.slam.results import StepResult, check_diverged
+from saccade.slam.results import PoseHypotheses, StepResult, check_diverged
 from saccade.slam.scans import Scan, validated_scan
 from saccade.types import BoolArray, FloatArray, IntArray
 

@@ -22,12 +22,12 @@ from saccade.slam._recovery_kernels import (
 )
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.consistency import chi_square_gate
+from saccade.slam.culling import Culling
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import scalars
-from saccade.slam.map_management.culling import Culling
 from saccade.slam.models import Motion, wrap
-from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.slam.relocalization import Relocalizer
+from saccade.slam.results import PoseHypotheses
 from saccade.slam.scans import Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 

@@ -19,7 +19,7 @@ from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
 from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
-from saccade.slam.pose_hypotheses import PoseHypotheses, RelocalizationConfig
+from saccade.slam.results import PoseHypotheses, RelocalizationConfig
 from saccade.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays, Checkpoint, Stateful, StoredArrays
 from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
+from saccade.slam.culling import numbers_of_kept
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.map_management.culling import numbers_of_kept
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.scans import scans_of

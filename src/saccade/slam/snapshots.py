@@ -9,7 +9,7 @@ import numpy as np
 from saccade.errors import require
 from saccade.slam.checkpoint import Arrays, merge, select
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.pose_hypotheses import PoseHypotheses
+from saccade.slam.results import PoseHypotheses
 from saccade.types import BoolArray, FloatArray, IntArray, MapSnapshot
 
 

@@ -5,9 +5,9 @@ import numpy as np
 from saccade.frames import steps_between
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
-from saccade.slam.pose_hypotheses import PoseHypotheses
 from saccade.slam.recovery import prior_of, search_among
 from saccade.slam.relocalization import Relocalizer
+from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.egomotion import Motion, Prior

@@ -5,18 +5,63 @@ What follows from one that is not is rare, and plain NumPy.
 """
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from saccade.slam.association._kernels import DROPPED, NEW, compare_identities
 from saccade.slam.association.consistent_names import consistent_names
-from saccade.slam.association.identity import ESTABLISHED, UNDECIDED, Identity
 from saccade.slam.association.nearest_neighbor import NearestNeighbor, squared_distances
-from saccade.slam.association.rule import Association
+from saccade.slam.association.rule import Association, KnownIdentity
 from saccade.slam.checkpoint import Arrays
+from saccade.slam.config import ASSOCIATION_RULES, EkfConfig
 from saccade.slam.consistency import chi_square_gate
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import FloatArray, IntArray
+
+UNDECIDED = -3
+"""Association of an observation for which geometry is still to be asked."""
+ESTABLISHED = 3
+"""Accepted observations after which an identity may contradict the filter, along with others."""
+
+
+@dataclass
+class Identity:
+    """What is known of an identity. Times count the identified observations before."""
+
+    landmark: int = -1
+    """Number in the map, -1 for none."""
+    accepted: int = 0
+    """Observations that were accepted for that landmark."""
+    accepted_at: int = -1
+    """Time of the last of them."""
+    refused_at: int = -1
+    """Time of the last refused observation."""
+    votes: int = 0
+    """Refused observations, one after the other, at one position."""
+    since: int = -1
+    """Time of the first of them."""
+    target: int = UNDECIDED
+    """Landmark that they are near to, `NEW` or `UNDECIDED`."""
+    closings: int = 0
+    """Recent observations that would close a loop by themselves."""
+    closing_at: int = -1
+    """Time of the last of them."""
+    xy: FloatArray = field(default_factory=lambda: np.zeros(2))
+    """(2,) position in the map of the last refused observation."""
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+    """(2, 2) of its noise."""
+
+    FIELDS: ClassVar[tuple[str, ...]] = (
+        *("landmark", "accepted", "accepted_at", "refused_at", "votes", "since", "target"),
+        *("closings", "closing_at", "xy", "covariance"),
+    )
+
+    @property
+    def is_established(self) -> bool:
+        """Whether it may contradict the filter."""
+        return self.accepted >= ESTABLISHED
+
 
 TRUSTED = 10
 """Accepted observations after which an identity alone is believed against the filter, and refused
@@ -399,3 +444,14 @@ def _distances_agree(
         along = mean / mapped
         variance += max(float(along @ joint @ along), 0.0)
     return (observed - mapped) ** 2 <= PAIR_GATE * variance
+
+
+def association_rule(config: EkfConfig) -> Association:
+    """The rule of `EkfConfig.association`; of "multiple", that in a fixed map."""
+    if config.association == "known":
+        return KnownIdentity()
+    if config.association == "auto":
+        geometry = NearestNeighbor(config.gate, config.new_gate, mutual=True)
+        return GatedIdentity(config.name_gate, geometry)
+    kind = "mutual" if config.association == "multiple" else config.association
+    return ASSOCIATION_RULES[kind](config.gate, config.new_gate)

@@ -3,6 +3,8 @@
 The models of this package are compiled; custom ones are NumPy, with the same methods.
 """
 
+from collections.abc import Callable
+from math import ceil, log2
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +20,35 @@ from saccade.slam.filter._range_bearing_kernels import (
 )
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.slam.filter.error_state import linearize
-from saccade.slam.filter.odometry_bias import BIASES, bias_jacobian
 from saccade.slam.filter.state import landmark_blocks, robot_rows, state_rows
 from saccade.slam.models import Motion, RangeBearing, Sensor, compose, drive
 from saccade.types import FloatArray, IntArray
+
+BIASES = 3
+"""States after the pose: relative error of the distance; turn in radians per metre driven; and
+metres lost per radian turned."""
+
+
+def bias_jacobian(control: FloatArray) -> FloatArray:
+    """Jacobian D of controls by the biases: the true control is u + D bias.
+
+    Args:
+        control: (t, 2) distance and turn, or (t, 3) forward, left and turn.
+
+    Returns:
+        (t, c, 3).
+    """
+    forward, turn = control[:, 0], control[:, -1]
+    D = np.zeros((*control.shape, BIASES))
+    D[:, :-1, 0] = control[:, :-1]
+    D[:, -1, 1] = forward
+    D[:, 0, 2] = -np.sign(forward) * np.abs(turn)
+    return D
+
+
+def unbiased(control: FloatArray, bias: FloatArray) -> FloatArray:
+    """Controls (t, c) corrected for the biases (3,)."""
+    return np.asarray(control + bias_jacobian(control) @ bias)
 
 
 class PredictedObservations(NamedTuple):
@@ -156,3 +183,44 @@ def new_innovations(k: int) -> Innovations:
 
 
 _NO_BIAS = {c: np.zeros((c, 0)) for c in (2, 3)}
+
+
+Update = Callable[[FloatArray, IntArray], Innovations]
+"""From covariances (k, 2, 2) and landmarks (k,) of a scan to the innovations of its update."""
+
+
+def update_in_parts(
+    update: Update, R: FloatArray, landmark: IntArray, mapped: int, looseness: float
+) -> Innovations:
+    """Update by a scan, linearized anew on the way to the result.
+
+    An observation of weight w, that is of covariance R / w, moves the estimate a part of the way;
+    the weights of all parts sum to one, and each is as large as those before it together.
+
+    Args:
+        update: of the filter, by the scan.
+        R: (k, 2, 2) covariances of the observations.
+        landmark: (k,) number of the landmark of each; the next free number augments.
+        mapped: number of landmarks in the map.
+        looseness: ratio of the predicted variance to that of the observations: the parts begin
+            with its inverse. At most 1 for an update at once.
+
+    Returns:
+        The innovations before any part; the normalized square is the sum of those of the parts,
+        which is the same one where the observation is linear.
+
+    Source: Zanetti (2012), "Recursive update filtering for nonlinear estimation".
+    """
+    parts = max(ceil(log2(looseness)), 0)
+    if parts == 0:
+        return update(R, landmark)
+    exponents = np.append(parts, np.arange(parts, 0, -1))
+    weights = 0.5**exponents
+    each = [update(R / weight, np.where(landmark < mapped, landmark, -1)) for weight in weights]
+    new = update(R, np.where(landmark < mapped, -1, landmark))
+    first = each[0]
+    first.covariance[:] -= R / weights[0] - R
+    first.nis[:] = sum(part.nis for part in each)
+    for old, added in zip(first, new, strict=True):
+        old[np.isnan(old)] = added[np.isnan(old)]
+    return first

@@ -3,10 +3,7 @@
 import numpy as np
 
 from saccade._jit import share
-from saccade.slam.checkpoint import Arrays
-from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.state import scalars
-from saccade.slam.map_management._kernels import (
+from saccade.slam._culling_kernels import (
     BEARING_BINS,
     RANGE_BINS,
     CullingRule,
@@ -16,6 +13,9 @@ from saccade.slam.map_management._kernels import (
     check_visibility,
     predict_visible,
 )
+from saccade.slam.checkpoint import Arrays
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.state import scalars
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MAX_AMBIGUOUS = 0.5

@@ -1,1 +1,0 @@
-"""Confirmation of new landmarks, and culling of wrong ones."""

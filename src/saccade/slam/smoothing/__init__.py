@@ -1,1 +1,0 @@
-"""Smoothing of a whole log, or with a fixed lag."""
