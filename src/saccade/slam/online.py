@@ -289,7 +289,7 @@ class Slam:
             several,
         )
 
-    def remove(self, landmarks: IntArray, association: IntArray) -> None:
+    def remove(self, landmarks: IntArray, association: IntArray = NONE) -> None:
         """Remove landmarks (g,) from the filter, and from an association (k,) in place."""
         kept = np.ones(len(self.ekf), np.bool_)
         kept[landmarks] = False
@@ -297,7 +297,7 @@ class Slam:
         used = association >= 0
         association[used] = number[association[used]]
         self.ekf.remove(landmarks)
-        if isinstance(self.associate, GatedIdentity):
+        if isinstance(self.associate, (KnownIdentity, GatedIdentity)):
             self.associate.removed(number)
         if self.descriptors is not None:
             self.descriptors = self.descriptors[kept[: len(self.descriptors)]]

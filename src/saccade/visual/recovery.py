@@ -173,7 +173,7 @@ class Recovery:
         ekf, known = self._map.ekf, association >= 0
         z, R = self._search.observations
         ekf.reset_pose(found.pose[0], prior_of(ekf, found.covariance[0], association))
-        ekf.update_scan(z[known], R[known], association[known])  # C.10-C.14
+        self._map.correct(association[known], z[known], R[known])
         self._end()
         return True
 

@@ -5,10 +5,12 @@ from scipy.linalg import block_diag
 
 from saccade.frames import CameraTurn, Drive, steps_between
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
+from saccade.slam.config import EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.filter.models import PredictedObservations
 from saccade.slam.models import compose
+from saccade.slam.online import Slam
+from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
@@ -52,13 +54,16 @@ class VisualMap:
         relative_sigma = config.relative_motion_sigma[0], config.relative_height_sigma
         self.scale = OdometryScale(scale_sigma, relative_sigma[0 if has_depth else 1])
         self._map_scale = self.scale.factor
-        self.ekf = EkfSlam(
-            drive.start,
-            np.zeros((3, 3)),
-            motion=compose,
-            retraction=INVARIANT,
+        settings = EkfConfig(
+            filter="invariant",
+            association="known",
             huber=config.huber,
+            recover=False,
+            submaps="never",
+            start_sigma=(0.0, 0.0, 0.0),
         )
+        self.slam = Slam(settings, start=drive.start, motion=compose)
+        """Steps the filter; the names of its landmarks are their ids."""
         self.landmarks = Landmarks()
         self._next_id = 0
         self.planarity = Planarity(float(np.radians(config.tilt_sigma)))
@@ -76,13 +81,13 @@ class VisualMap:
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
         parts = {name: attribute_arrays(part) for name, part in self._parts().items()}
-        parts |= {"ekf": self.ekf.to_arrays(), "landmarks": attribute_arrays(self.landmarks)}
+        parts |= {"slam": self.slam.to_arrays(), "landmarks": attribute_arrays(self.landmarks)}
         return attribute_arrays(self) | merge(parts)
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore the state from the arrays of `to_arrays`."""
         restore_attributes(self, arrays)
-        self.ekf.from_arrays(select(arrays, "ekf"))
+        self.slam.from_arrays(select(arrays, "slam"))
         self.landmarks = Landmarks(**select(arrays, "landmarks"))
         for name, part in self._parts().items():
             restore_attributes(part, select(arrays, name))
@@ -95,6 +100,11 @@ class VisualMap:
         """Set how the camera is turned in the frames from now on."""
         self.camera = self._drive.camera.turned(turn)
         self._turn_sigma = 0.0 if turn is None else turn.sigma
+
+    @property
+    def ekf(self) -> EkfSlam:
+        """The filter, to read."""
+        return self.slam.ekf
 
     @property
     def next_id(self) -> int:
@@ -164,7 +174,7 @@ class VisualMap:
                     control = fuse(control, odometry)
         elif adjusted is not None:
             control = adjusted[0], adjusted[1] + systematic
-        self.ekf.predict(*control)
+        self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
 
     def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
         """Update the scale of odometry by a distance over the ground in metres.
@@ -263,7 +273,7 @@ class VisualMap:
             R = self._covariance(observations, int(reidentified.sum()))
             if number > 0:  # observations of a track share the error of its first one
                 R = R * correlation_factor(self._seconds(number), self._config)
-            self.ekf.update_scan(observations.z[reidentified], R[reidentified], rows[reidentified])
+            self.correct(rows[reidentified], observations.z[reidentified], R[reidentified])
             landmarks = self.landmarks
             landmarks.observations[rows] += 1
             landmarks.last_observed[rows] = number
@@ -271,16 +281,25 @@ class VisualMap:
             landmarks.height[rows] += difference / landmarks.observations[rows]
         return innovation, S
 
+    def correct(self, rows: IntArray, z: FloatArray, R: FloatArray) -> None:
+        """Update the filter by observations z (k, 2), R (k, 2, 2) of landmarks (k,)."""
+        self._observe(self.landmarks.id[rows], z, R)
+
+    def _observe(self, ids: IntArray, z: FloatArray, R: FloatArray) -> None:
+        """Process observations of landmarks (k,) at the present pose; unknown ones are added."""
+        if len(ids) > 0:
+            self.slam.process(Scan(0.0, None, np.ascontiguousarray(z), R, ids))
+
     def initialize(
         self, observations: RangeBearings, descriptors: ByteArray, number: int
     ) -> IntArray:
         """Augment the map by the landmarks of k observations. Returns their ids (k,)."""
-        k, first_row = len(observations), len(self.ekf)
-        R = self._covariance(observations, 1)
-        self.ekf.update_scan(observations.z, R, np.arange(first_row, first_row + k))
+        k = len(observations)
+        ids = np.arange(self._next_id, self._next_id + k)
+        self._observe(ids, observations.z, self._covariance(observations, 1))
         new = Landmarks.zeros(
             k,
-            id=np.arange(self._next_id, self._next_id + k),
+            id=ids,
             height=observations.height,
             descriptor=descriptors,
             observations=np.ones(k, np.int64),
@@ -310,7 +329,7 @@ class VisualMap:
 
     def remove(self, rows: IntArray) -> None:
         """Remove landmarks by their rows, ascending."""
-        self.ekf.remove(rows)
+        self.slam.remove(rows)
         self.landmarks = self.landmarks[np.delete(np.arange(len(self.landmarks)), rows)]
 
     def _covariance(self, observations: RangeBearings, count: int) -> FloatArray:

@@ -73,6 +73,11 @@ class KnownIdentity(Association):
         """Landmark of the map of each identity, -1 for none."""
         return [self.number.get(name, -1) for name in names]
 
+    def removed(self, number: IntArray) -> None:
+        """Called when landmarks were removed: `number` (n,) is that of each now, -1 for none."""
+        now = {name: int(number[landmark]) for name, landmark in self.number.items()}
+        self.number = {name: landmark for name, landmark in now.items() if landmark >= 0}
+
     def identities(self, landmarks: int) -> IntArray:
         """(n,) identity of each landmark of a map of n, -1 where it has none."""
         found = np.full(landmarks, -1)
