@@ -45,13 +45,10 @@ def invalid_range_bearing(z: npt.NDArray[np.float64]) -> tuple[int, str, str] | 
     Returns:
         Its number, what was expected and what was found; None if all are valid.
     """
-    below, beyond = z[:, 0] < 0, np.abs(z[:, 1]) > 2 * np.pi
-    for k in np.flatnonzero(below | beyond)[:1].tolist():
-        if below[k]:
-            return k, "a range of 0 m or more", f"{z[k, 0]:g}"
-        return (
-            k,
-            "a bearing in radians, within 2 pi",
-            f"{z[k, 1]:g}: degrees? Multiply bearings, turns and headings by pi / 180",
-        )
+    for k, (distance, bearing) in enumerate(z.tolist()):
+        if distance < 0:
+            return k, "a range of 0 m or more", f"{distance:g}"
+        if abs(bearing) > 2 * np.pi:
+            hint = "degrees? Multiply bearings, turns and headings by pi / 180"
+            return k, "a bearing in radians, within 2 pi", f"{bearing:g}: {hint}"
     return None

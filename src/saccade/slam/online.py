@@ -242,10 +242,11 @@ class Slam:
 
     def _augment(self, scan: Scan, association: IntArray) -> None:
         """Add the new landmarks as candidates (C.15-C.18); fills their numbers."""
-        for k in np.flatnonzero(association == NEW):
-            association[k] = len(self.ekf)
-            self.ekf.models.augment(self.ekf.view, scan.z[k], scan.R[k])
-            self.associate.added(int(association[k]), int(scan.names[k]))
+        for k, number in enumerate(association.tolist()):
+            if number == NEW:
+                association[k] = len(self.ekf)
+                self.ekf.models.augment(self.ekf.view, scan.z[k], scan.R[k])
+                self.associate.added(int(association[k]), int(scan.names[k]))
 
     def _cull(self, check: bool, mapped: int, association: IntArray) -> IntArray:
         """Count what was observed and missed, and remove (g,) landmarks that are missed often."""

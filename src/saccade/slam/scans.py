@@ -82,8 +82,9 @@ def validated_scan(
         motion = u, U
     z = np.empty((0, 2)) if z is None else np.atleast_1d(as_numbers("observations", z))
     k = len(z)
-    identity = np.full(k, -1)
-    if names is not None:
+    if names is None:
+        identity = np.full(k, -1)
+    else:
         identity, text_names = number_names(names, text_names)
         require_shape("names", (k,), identity)
     z = as_array("observations", (k, 2), z).astype(np.float64)

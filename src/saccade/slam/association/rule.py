@@ -1,7 +1,6 @@
 """The interface of data association, and known data association."""
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.types import FloatArray, IntArray
 
 
-class Association(Protocol):
+class Association:
     """A data-association rule.
 
     One that learns from scan to scan has its own `to_arrays` and `from_arrays`, for checkpoints.
@@ -30,6 +29,7 @@ class Association(Protocol):
             (m,) the number of the landmark in the map, `NEW` or `DROPPED`. The next free numbers
             add landmarks without waiting for more observations.
         """
+        raise NotImplementedError
 
     def added(self, landmark: int, identity: int) -> None:
         """Called when an observation of `identity` was added to the map as number `landmark`."""

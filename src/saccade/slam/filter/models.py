@@ -177,9 +177,9 @@ def control_bias(u: FloatArray, robot_size: int) -> FloatArray:
 
 def new_innovations(k: int) -> Innovations:
     """Room for the innovations of so many observations."""
-    if k == 0:
-        return Innovations(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
-    return Innovations(np.full((k, 2), np.nan), np.full((k, 2, 2), np.nan), np.full(k, np.nan))
+    room = np.full(7 * k, np.nan)
+    value, covariance = room[: 2 * k].reshape(k, 2), room[2 * k : 6 * k].reshape(k, 2, 2)
+    return Innovations(value, covariance, room[6 * k :])
 
 
 _NO_BIAS = {c: np.zeros((c, 0)) for c in (2, 3)}
