@@ -61,8 +61,9 @@ class VideoConfig:
     time_constant: float = 0.1
     """Of the temporal low-pass filter of the saliency; 0 for none."""
     scanpath: ScanpathModelConfig = field(default_factory=lambda: ScanpathModelConfig(exponent=2))
-    """Model of the gaze. The exponent is not fitted: people's gazes agree more in videos than in
-    photographs (Dorr, Martinetz, Gegenfurtner & Barth 2010)."""
+    """Model of the gaze. The exponent is not fitted: past its onset, people's gazes differ more in
+    a photograph than in a video (Dorr, Martinetz, Gegenfurtner & Barth 2010, *Variability of eye
+    movements when viewing dynamic natural scenes*)."""
     seed: int = 0
     """Of the random numbers of the gaze."""
 

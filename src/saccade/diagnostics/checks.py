@@ -28,7 +28,7 @@ from saccade.diagnostics.recording import (
 )
 from saccade.diagnostics.survey import Survey, survey_drive
 from saccade.diagnostics.truth import check_truth
-from saccade.errors import require
+from saccade.errors import DriveError, require
 from saccade.frames import Drive
 
 ORDER = ("error", "warning", "note")
@@ -49,8 +49,11 @@ def check_drive(
 
     Raises:
         ConfigError: too few frames to inspect.
+        DriveError: the drive has fewer than two frames, so that nothing moves in it.
     """
     require(frames >= 40, "frames", "at least 40", frames)
+    if len(drive.control) == 0:
+        raise DriveError(f"{drive.name}: expected a drive of at least two frames, found fewer")
     return report_on(drive, survey_drive(drive, frames, progress))
 
 
