@@ -1,8 +1,8 @@
-"""Gaze control: where a camera that turns, or a fovea within an image, looks next.
+"""Gaze control: where a camera that turns looks next.
 
 A policy is a pure function of what the robot believes, of salient places, of the gazes it can
 choose from, and of their limits. Directions are in the robot's frame: pan to the left of ahead,
-tilt up, in radians; for a fovea they are those of the center of its window.
+tilt up, in radians.
 """
 
 from collections.abc import Callable

@@ -62,8 +62,6 @@ class GazeControl:
         limits: of the motion.
         turn: carries a decision out; called with the time in seconds and the gaze.
         interval: seconds between decisions.
-        latency: frames from a decision to the first one that follows it, at least; as many less one
-            are read ahead.
     """
 
     def __init__(
@@ -73,11 +71,9 @@ class GazeControl:
         limits: GazeLimits,
         turn: Callable[[float, Gaze], object],
         interval: float = 0.2,
-        latency: int = 1,
     ) -> None:
         self._policy, self._candidates, self._limits = policy, candidates, limits
         self._turn, self._interval = turn, interval
-        self.frames_ahead = latency - 1
         self._places = PlaceMemory(limits.max_range)
         self._viewpoints: dict[int, FloatArray] = {}
         self._looked: dict[tuple[int, ...], float] = {}

@@ -151,13 +151,12 @@ class Pipeline:
         self.log = RunLog(drive)
         self._cameras = drive.camera, drive.camera  # as turned in the last frame and in this one
         self._camera_trajectory = CameraTrajectory()
-        reduction = max((frame.reduction for frame in first.values()), default=1)
-        self._ground = GroundTracker(drive.camera, reduction)
+        self._ground = GroundTracker(drive.camera)
         adjusts = has_depth and config.window > 2
         self._window = SlidingWindow(drive.camera, config) if adjusts else None
         cache = cache if gaze is None else None  # what a frame shows depends on the gaze
         self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
-        ahead = config.detect_interval if gaze is None else gaze.frames_ahead
+        ahead = config.detect_interval if gaze is None else 0
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
