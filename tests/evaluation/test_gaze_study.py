@@ -64,7 +64,7 @@ def test_a_stored_run_is_read_and_a_broken_one_is_named(tmp_path):
     path.write_text(json.dumps(run("rooms", "fixed", 0, 0.25)))
     assert result_of(stored, tmp_path)["ate_m"] == 0.25
     path.write_text(json.dumps(run("rooms", "fixed", 1, 0.25)))
-    with pytest.raises(ConfigError, match="rooms-8-fixed-0"):
+    with pytest.raises(ConfigError, match="rooms-camera-8-fixed-0"):
         result_of(stored, tmp_path)
 
 

@@ -1,17 +1,19 @@
 """`saccade evaluate gaze`: gaze policies compared."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from typer import Option
 
 from saccade.cli.evaluate_selection import Score, score_cells
-from saccade.cli.options import FigureFormats, Json, Report, figure_formats
+from saccade.cli.options import EgomotionName, FigureFormats, Json, Report, figure_formats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from saccade.evaluation.gaze import GazeScores
+    from saccade.simulation.drive_config import WorldName
+    from saccade.visual.config import Egomotion
 
 MAIN = "ate_m", "end_m", "closed", "frames_to_close"
 """Scores of the first of two tables, which fit into 80 columns."""
@@ -61,6 +63,7 @@ def gaze(
             show_default="all of them",
         ),
     ] = None,
+    egomotion: EgomotionName = "camera",
     seeds: Annotated[
         int, Option(min=1, help="Number of drives of each, with consecutive seeds.")
     ] = 10,
@@ -82,20 +85,22 @@ def gaze(
     from saccade.cli.output import print_json, print_message, print_table, progress_bar
     from saccade.errors import require
     from saccade.evaluation.gaze import GazeScores
-    from saccade.evaluation.gaze_drives import WORLDS
+    from saccade.evaluation.gaze_drives import LAPS
     from saccade.evaluation.gaze_runs import GazeRun, run_all
     from saccade.files import results_in
     from saccade.viewing import save_figures
+    from saccade.visual.config import EGOMOTIONS
     from saccade.visual.gaze_policies import POLICIES
 
     chosen = list(dict.fromkeys(policies or POLICIES))
     for each in chosen:
         require(each in POLICIES, "policy", f"one of {', '.join(POLICIES)}", each)
-    places = list(dict.fromkeys(worlds or WORLDS))
+    places = list(dict.fromkeys(worlds or LAPS))
     for each in places:
-        require(each in WORLDS, "world", f"one of {', '.join(WORLDS)}", each)
+        require(each in LAPS, "world", f"one of {', '.join(LAPS)}", each)
+    require(egomotion in EGOMOTIONS, "egomotion", f"one of {', '.join(EGOMOTIONS)}", egomotion)
     runs = [
-        GazeRun(world, policy, seed, frames)
+        GazeRun(cast("WorldName", world), policy, seed, frames, cast("Egomotion", egomotion))
         for seed in range(first_seed, first_seed + seeds)
         for world in places
         for policy in chosen
@@ -110,7 +115,13 @@ def gaze(
     _write_report(report, figure, rows, comparisons)
     if as_json:
         print_json(
-            {"frames": frames, "seeds": scores.seed, "rows": rows, "comparisons": comparisons}
+            {
+                "egomotion": egomotion,
+                "frames": frames,
+                "seeds": scores.seed,
+                "rows": rows,
+                "comparisons": comparisons,
+            }
         )
     else:
         shown = _shown(rows)

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import TypeAlias
 
 from saccade import visual
 from saccade.frames import Drive
@@ -11,6 +9,7 @@ from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName
 from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
+from saccade.visual.config import Egomotion
 from saccade.visual.gaze_control import GazeControl, pan_candidates
 from saccade.visual.gaze_policies import POLICIES
 
@@ -20,8 +19,6 @@ SETTINGS = VisualConfig(recover=False)
 """Nobody moves the robot; before a blank wall the test whether somebody did sometimes fails."""
 LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
 """Of each drive; after each the robot is where it began."""
-Run: TypeAlias = Callable[[str, int, int], tuple[Drive, VisualResult]]
-"""A drive and its result by policy, seed, and number of frames."""
 
 
 def gaze_drive(
@@ -30,6 +27,7 @@ def gaze_drive(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
     recorder: Recorder | None = None,
+    egomotion: Egomotion = "camera",
 ) -> tuple[Drive, VisualResult, GazeControl]:
     """Map a simulated drive whose camera is turned by a policy.
 
@@ -39,6 +37,7 @@ def gaze_drive(
         seed: of the world, of all noise, and of what the policy draws.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
+        egomotion: what measures the motion.
 
     Returns:
         The drive, whose frames can now be loaded in any order; its result, and the decisions.
@@ -47,22 +46,14 @@ def gaze_drive(
     drive = simulate_drive(config, seed, pan)
     candidates = pan_candidates(drive.camera, pan.limits)
     control = GazeControl(POLICIES[policy](seed), candidates, pan.limits, pan.turn_to)
-    return drive, visual.run(drive, SETTINGS, progress, recorder=recorder, gaze=control), control
+    settings = replace(SETTINGS, egomotion=egomotion)
+    return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control), control
 
 
-def _pan_run(world: WorldName, policy: str, seed: int, frames: int) -> tuple[Drive, VisualResult]:
-    return gaze_drive(_in_laps(PAN_DRIVE, world, frames), policy, seed)[:2]
-
-
-def _in_laps(config: DriveConfig, world: WorldName, frames: int) -> DriveConfig:
-    """A drive in a world that ends where it began."""
+def run_in_world(
+    world: WorldName, policy: str, seed: int, frames: int, egomotion: Egomotion = "camera"
+) -> tuple[Drive, VisualResult]:
+    """A drive of the study, which ends where it began, and its result; see `gaze_drive`."""
     lap = max(2, frames // LAPS[world])
-    return replace(config, world=world, frames=frames, frames_per_lap=lap)
-
-
-WORLDS: dict[str, Run] = {
-    "ring": partial(_pan_run, "ring"),
-    "crossing": partial(_pan_run, "crossing"),
-    "rooms": partial(_pan_run, "rooms"),
-}
-"""Drives of the study with a camera that turns, by name."""
+    config = replace(PAN_DRIVE, world=world, frames=frames, frames_per_lap=lap)
+    return gaze_drive(config, policy, seed, egomotion=egomotion)[:2]

@@ -10,11 +10,13 @@ import numpy as np
 
 import saccade
 from saccade.evaluation.drives import summarize_drive
-from saccade.evaluation.gaze_drives import WORLDS
+from saccade.evaluation.gaze_drives import run_in_world
 from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
 from saccade.frames import Drive
+from saccade.simulation.drive_config import WorldName
 from saccade.types import FloatArray
 from saccade.visual import ObservationKind, VisualResult
+from saccade.visual.config import Egomotion
 
 SCORES = (
     *("ate_m", "end_m", "closed", "frames_to_close", "entropy", "redetected"),
@@ -32,17 +34,18 @@ TIMES = 20
 class GazeRun:
     """One drive with one policy and one seed."""
 
-    world: str
-    """Of `WORLDS`."""
+    world: WorldName
     policy: str
     seed: int
     """Of the world, of all noise, and of what the policy draws."""
     frames: int
     """Largest number of frames."""
+    egomotion: Egomotion = "camera"
+    """What measures the motion."""
 
     def path(self, out: Path) -> Path:
         """The file of the run; each version of the package has its own."""
-        name = f"{self.world}-{self.frames}-{self.policy}-{self.seed}.json"
+        name = f"{self.world}-{self.egomotion}-{self.frames}-{self.policy}-{self.seed}.json"
         return out / "runs" / saccade.__version__ / name
 
     @property
@@ -73,7 +76,7 @@ def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
     path = run.path(out)
     if path.exists():
         return read_run(path, run.identity, SCORES, {"entropy_over_time": TIMES})
-    drive, result = WORLDS[run.world](run.policy, run.seed, run.frames)
+    drive, result = run_in_world(run.world, run.policy, run.seed, run.frames, run.egomotion)
     row = run.identity | score(drive, result)
     write_run(path, row)
     return row

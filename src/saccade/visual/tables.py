@@ -77,7 +77,8 @@ class TrackedPoints(Table):
     descriptor: ByteArray = column(128, dtype=np.uint8)
     """(k, 128) in that frame."""
     reidentified: BoolArray = column(dtype=np.bool_)
-    """(k,) whether it was re-identified there as a lost landmark."""
+    """(k,) whether its observations correct the pose: it was re-identified there as a lost
+    landmark, or the motion is measured by wheels."""
     rematch_attempts: IntArray = column(dtype=np.int64)
     """(k,) later frames in which points were detected while it was tracked."""
     rematches: IntArray = column(dtype=np.int64)
