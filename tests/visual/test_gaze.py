@@ -50,8 +50,6 @@ def belief(landmarks=(), **changes):
         joint_innovation=0.02 * np.eye(2 * m),
         innovation_given_pose=0.001 * np.eye(2 * m),
         viewpoint=np.zeros((m, 2)),
-        unseen=np.full(m, 20.0),
-        unattended=np.zeros(18),
     )
     return replace(usual, **changes)
 
@@ -88,6 +86,8 @@ def test_the_robot_looks_where_known_landmarks_are_if_its_pose_is_uncertain():
     assert chosen.terms["re-detect"] > 1
     sure = belief(behind, joint_innovation=1e-9 * np.eye(6), innovation_given_pose=1e-9 * np.eye(6))
     assert informative(sure, NOWHERE, CANDIDATES, LIMITS).pan == 0.0
+    by_wheels = informative(replace(lost, egomotion="wheels"), NOWHERE, CANDIDATES, LIMITS)
+    assert list(by_wheels.terms) == ["re-detect"]
 
 
 def test_landmarks_seen_from_elsewhere_or_tracked_since_they_were_new_are_not_redetected():
@@ -170,11 +170,7 @@ def test_the_next_frame_is_seen_where_the_policy_looked(tmp_path):
     drive = simulate_drive(config, 0, pan)
     limits = pan.limits
 
-    unattended = []
-
     def left(belief, places, candidates, limits):
-        direction = round((belief.pose[2] + belief.gaze.pan) / np.radians(20.0)) % 18
-        unattended.append(belief.unattended[direction])
         return Gaze(0.4, reason="left")
 
     control = GazeControl(left, pan_candidates(drive.camera, limits), limits, pan.turn_to)
@@ -188,4 +184,3 @@ def test_the_next_frame_is_seen_where_the_policy_looked(tmp_path):
     assert_allclose(turns[:2], 0, atol=0.01)
     assert_allclose(turns[-3:], 0.4, atol=0.01)
     assert control.decisions[0].chosen.reason == "left"
-    assert unattended == [np.inf] * 6 + [0.0] * 2  # from 1.2 s on: it turned at 0.2 s

@@ -59,7 +59,7 @@ def gaze(
         list[str] | None,
         Option(
             "--policy",
-            help="fixed, random, sweep, salient, informative or behaviors. Several with commas.",
+            help="fixed, random, sweep, salient or informative. Several with commas.",
             show_default="all of them",
         ),
     ] = None,

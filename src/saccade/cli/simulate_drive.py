@@ -26,10 +26,7 @@ def drive(
     ] = None,
     gaze: Annotated[
         str | None,
-        Option(
-            help="Turn the camera while it maps: fixed, random, sweep, salient, informative or "
-            "behaviors."
-        ),
+        Option(help="Turn the camera while it maps: fixed, random, sweep, salient or informative."),
     ] = None,
     egomotion: EgomotionName = "camera",
     color: Annotated[bool, Option("--color", help="Render in color.")] = False,

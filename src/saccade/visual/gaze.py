@@ -15,6 +15,7 @@ from saccade.frames import Gaze as Gaze
 from saccade.frames import GazeLimits as GazeLimits
 from saccade.slam.models import compose, wrap
 from saccade.types import BoolArray, FloatArray
+from saccade.visual.config import Egomotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,8 @@ class Belief:
     """(2m, 2m) the same if the pose were known."""
     viewpoint: FloatArray
     """(m, 2) position of the robot from which each was first observed."""
-    unseen: FloatArray
-    """(m,) seconds since each was last observed."""
-    unattended: FloatArray
-    """(d,) seconds since each of d even directions in the map, from heading 0 on,
-    was last looked at from hereabouts; infinite for never."""
+    egomotion: Egomotion = "camera"
+    """What measures the motion."""
 
     def after(self, seconds: float) -> FloatArray:
         """(3,) pose after a time, at the expected velocity."""

@@ -218,7 +218,7 @@ class Pipeline:
             self._previous, self.log.last_visible = frame, number
         if self._gaze is not None:
             time = float(self.drive.time[number])
-            self._gaze.decide(time, features, self.map, self.tracked)
+            self._gaze.decide(time, features, self.map, self.tracked, self.config.egomotion)
 
     @property
     def pose_covariance(self) -> FloatArray:
