@@ -13,7 +13,7 @@ from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.slam import Checkpoint
 from saccade.visual.camera import to_pixels
 from saccade.visual.egomotion import camera_motion, correspondences_of, estimate_motion
-from saccade.visual.gaze import Belief, Candidates, Gaze, GazeLimits, SalientPlaces, reachable
+from saccade.visual.gaze import Belief, Candidates, Gaze, GazeLimits, SalientPlaces
 from saccade.visual.gaze_control import GazeControl, pan_candidates
 from saccade.visual.gaze_policies import (
     BEARING_SIGMA,
@@ -161,7 +161,6 @@ def test_a_pan_camera_has_latency_rate_and_range_and_no_foresight():
     assert_allclose([pan.angle(t) for t in (1.4, 1.6, 1.8, 3.0)], [0.1, 0.2, 0.1, 0.0], atol=1e-12)
     errors = [pan.measured(t).pan - pan.angle(t) for t in np.arange(2, 40, 0.1)]
     assert np.std(errors) == pytest.approx(pan.measured(5.0).sigma, rel=0.15)
-    assert reachable(Gaze(0.0), Gaze(2.0), 0.5, GazeLimits(rate=1.0)).pan == 0.5
 
 
 def test_the_next_frame_is_seen_where_the_policy_looked(tmp_path):
