@@ -74,10 +74,6 @@ OF_PAGES = {
     "gaze.md": lambda names: (
         len(names["result"].trajectory) == 12 and names["control"].decisions[-1].chosen.pan != 0
     ),
-    "fovea.md": lambda names: (
-        names["drive"].load(0).image.size > 4 * names["fovea"].drive.load(0).image.size
-        and len(names["result"].trajectory) == 12
-    ),
     "live.md": lambda names: (
         12 < len(names["live"].ekf) <= 20
         and (names["step"].association >= 0).all()

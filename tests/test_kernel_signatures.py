@@ -60,7 +60,6 @@ if everything:
     run("slam", log, "--tune", "--preset", "kootstra2010", "--no-film", "--out", out / "standard")
     run("simulate", "drive", "--frames", "60", "--preset", "mono", "--out", out / "one")
     run("drive", out / "one", "--no-film", "--out", out / "mono")
-    run("drive", out / "seen", "--no-film", "--fovea", "random", "--out", out / "fovea")
 
 found = {}
 for path in home.rglob("_*kernels.py"):

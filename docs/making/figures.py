@@ -13,18 +13,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import saccade
-from saccade import datasets, slam, viewing, visual
+from saccade import datasets, slam, viewing
 from saccade.attention.normalize import normalize
-from saccade.evaluation.gaze_drives import SETTINGS, WIDE_DRIVE
 from saccade.frames import Frame
 from saccade.pyramid import halve
 from saccade.simulation import DriveConfig, LightConfig, simulate_drive
 from saccade.viewing.attention import draw_scanpath
-from saccade.viewing.fovea import foveated_image
 from saccade.viewing.keypoints import draw_keypoints
 from saccade.viewing.style import BLUE, HEAT, ORANGE, figure_for, picture_axes
-from saccade.visual.fovea import Fovea
-from saccade.visual.gaze_policies import POLICIES
 
 DATA = Path(str(files("saccade") / "data"))
 
@@ -330,26 +326,8 @@ def film_frame() -> Figure:
     return figure
 
 
-def fovea() -> Figure:
-    """Three frames of the wide ring as the fovea of `informative` sees them."""
-    shown, config = (30, 58, 86), replace(WIDE_DRIVE, frames=90, frames_per_lap=100, color=True)
-    eye = Fovea(simulate_drive(config, 3))
-    visual.run(eye.drive, SETTINGS, gaze=eye.control(POLICIES["informative"](3)))
-    height, width = config.image_size[::-1]
-    figure = figure_for(width, height, columns=1, rows=len(shown), panel=9)
-    for axes, number in zip(figure.subplots(len(shown)), shown, strict=True):
-        frame = eye.drive.load(number)
-        axes.imshow(foveated_image(frame), cmap="gray", vmin=0, vmax=255)
-        assert frame.periphery is not None
-        corner = np.array(frame.periphery.corner) - 0.5
-        axes.add_patch(Rectangle(corner, *eye.window, fill=False, color=ORANGE, linewidth=1.6))
-        picture_axes(axes, f"frame {number}: {frame.gaze.reason}")
-    return figure
-
-
 PAGES: "dict[str, Callable[[], Figure]]" = {
     "pyramid": pyramid,
-    "fovea": fovea,
     "attention-steps": attention_steps,
     "promotion": promotion,
     "presets": presets,

@@ -156,37 +156,13 @@ class Tracks:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Periphery:
-    """The whole image at a reduced resolution, where a frame has but a window of it in full.
-
-    A reduced pixel is the mean of `reduction` times `reduction` pixels; rows and columns that are
-    left over are in none.
-    """
-
-    image: Image
-    """(h, w) or (h, w, 3) of the (left) camera."""
-    right: Image | None
-    """The same of the right camera of a rectified stereo rig."""
-    reduction: int
-    """Pixels of the image along each side of a reduced pixel."""
-    corner: tuple[int, int]
-    """First column and row of the window in the (left) image."""
-    right_column: int
-    """First column of the window in the right image; its rows are the same."""
-    pan: float
-    """Direction of the middle of the window: radians to the left of ahead."""
-    reason: str = ""
-    """Why the window is there: the `Gaze.reason` of the last decision that it follows."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """The data of the camera at one time."""
 
     time: float
     """Timestamp in seconds."""
     image: Image | None = None
-    """Image of the (left) camera, or its window at full resolution where there is a `periphery`."""
+    """Image of the (left) camera."""
     right: Image | None = None
     """Image of the right camera of a rectified stereo rig."""
     depth: FloatArray | None = None
@@ -195,25 +171,16 @@ class Frame:
     """Tracked points, instead of an image or with it."""
     turn: CameraTurn | None = None
     """Of a camera that turns, at this time; None where it is as mounted."""
-    periphery: Periphery | None = None
-    """What is seen around the window of a fovea; None where the image is whole."""
 
     @property
     def gaze(self) -> Gaze:
-        """Where the camera, or the fovea in its image, looks, and why."""
+        """Where the camera looks, and why."""
         if self.turn is not None:
             return Gaze(self.turn.pan, self.turn.tilt, self.turn.reason)
-        if self.periphery is not None:
-            return Gaze(self.periphery.pan, 0.0, self.periphery.reason)
         return Gaze(0.0)
 
-    @property
-    def reduction(self) -> int:
-        """Pixels of the image along each side of a pixel of the whole view."""
-        return 1 if self.periphery is None else self.periphery.reduction
-
     def __repr__(self) -> str:
-        names = ("image", "right", "depth", "tracks", "periphery")
+        names = ("image", "right", "depth", "tracks")
         present = [name for name in names if getattr(self, name) is not None]
         return f"Frame({self.time:.3f} s, {', '.join(present) or 'empty'})"
 

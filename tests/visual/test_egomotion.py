@@ -68,7 +68,7 @@ def test_the_covariance_of_an_observation_is_that_of_many_draws():
 def test_tilt_displaces_points_above_the_camera(rng):
     place, tilt = np.array([12.0, -5.0, 4.0]), 0.02
     xy, depth = to_pixels(CAMERA, place[None])
-    point = TrackedPoints.zeros(1, xy=xy, depth=depth, pixel_size=np.ones(1))
+    point = TrackedPoints.zeros(1, xy=xy, depth=depth)
     level, _ = observe(CAMERA, point, VisualConfig(pixel_sigma=1e-6), tilt)
     lean = tilt * rng.standard_normal((100000, 2))
     up = place[2] - CAMERA.position[2]  # about the camera; the lever of the robot's origin is small
@@ -90,7 +90,7 @@ def test_a_rocking_robot_knows_that_its_map_is_flat():
 
 def test_a_bearing_only_observation_lies_on_the_ray():
     xy = np.array([[100.0, 250.0], [500.0, 90.0]], np.float32)
-    points, ranges = TrackedPoints.zeros(2, xy=xy, pixel_size=np.ones(2)), np.array([8.0, 30.0])
+    points, ranges = TrackedPoints.zeros(2, xy=xy), np.array([8.0, 30.0])
     seen = observe_bearings(CAMERA, points, ranges, VisualConfig(), 0.01)
     place = np.stack(
         [
@@ -210,7 +210,7 @@ def test_rays_intersect_at_the_point():
     way = CameraTrajectory()
     way.append(R, t)
     ends = {"first_xy": xy.astype(np.float32), "xy": now.astype(np.float32)}
-    points = TrackedPoints.zeros(len(xy), pixel_size=np.ones(len(xy)), **ends)
+    points = TrackedPoints.zeros(len(xy), **ends)
     found, sigma = way.triangulate(CAMERA, points, 0.3)
     sure = sigma < 0.1 * deep
     assert sure.sum() > 20

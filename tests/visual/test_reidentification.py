@@ -93,7 +93,6 @@ def test_points_that_are_no_landmarks_hide_none(rng):
         depth=np.linspace(2, 4, 6),
         depth_sigma=np.full(6, 0.02),
         landmark=np.full(6, -1),
-        pixel_size=np.ones(6),
         descriptor=rng.integers(0, 256, (6, 128), np.uint8),
     )
     visual_map = VisualMap(drive, config, has_depth=True)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from saccade import visual
 from saccade.datasets import load_drive, save_drive
-from saccade.errors import DriveError
+from saccade.errors import ConfigError, DriveError
 from saccade.evaluation.drives import summarize_drive
 from saccade.frames import AHEAD, Camera, CameraTurn
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
@@ -110,6 +110,25 @@ def test_a_turning_camera_maps_and_one_that_ignores_its_turn_does_not(pan_drive)
     truth = pan_drive.truth.pose[:, 2]
     heading = visual.run(ignorant).trajectory.pose[:, 2]
     assert np.abs(heading - truth).max() > 0.3  # it takes the turn for the robot's
+
+
+def test_by_wheels_every_observation_corrects_the_pose(pan_drive):
+    """Within the ellipse, which is smaller than that of odometry and its systematic errors."""
+    run = visual.run(pan_drive, visual.VisualConfig(egomotion="wheels"))
+    tracked = run.observations.kind == visual.ObservationKind.TRACKED
+    assert tracked.sum() > 20
+    assert np.isfinite(run.observations.innovation[tracked]).all()
+    assert summarize_drive(pan_drive, run)["inside_3sigma"] == 1
+    heading = np.sum(pan_drive.control_covariance[:, 2, 2])
+    way = np.hypot(*pan_drive.control[:, :2].T).sum()
+    alone = np.sqrt(heading + (pan_drive.odometry_bias[1] * way) ** 2)
+    assert np.sqrt(run.trajectory.covariance[-1, 2, 2]) < 0.5 * alone
+
+
+def test_wheels_ask_for_depth(pan_drive):
+    mono = replace(pan_drive, camera=replace(pan_drive.camera, baseline=0.0))
+    with pytest.raises(ConfigError, match="egomotion: expected camera"):
+        visual.run(mono, visual.VisualConfig(egomotion="wheels"))
 
 
 def test_tracks_of_a_turning_camera_know_its_turn(pan_drive):

@@ -39,7 +39,6 @@ def observed(camera, pose, world, ids, rng, pixel=0.0, disparity=0.0, distortion
         depth=depth,
         depth_sigma=depth**2 * 0.4 / bf,
         id=ids[ok],
-        pixel_size=np.ones(len(xy)),
     )
 
 

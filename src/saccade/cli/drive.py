@@ -57,15 +57,6 @@ def drive(
         Path | None,
         Option(metavar="FOLDER", help="Also write the tracked points, as a drive of tracks."),
     ] = None,
-    fovea: Annotated[
-        str | None,
-        Option(
-            metavar="POLICY",
-            help="See a quarter of the pixels: a window at full resolution, which a gaze policy "
-            "(fixed, random, sweep, salient, informative or behaviors) moves, and the rest "
-            "reduced. Without checkpoints.",
-        ),
-    ] = None,
     camera: Camera = None,
     live: LiveWindow = False,
     page: LivePage = False,
@@ -97,7 +88,6 @@ def drive(
     from saccade.cli.run_output import RunOutput
     from saccade.datasets.drives.bare import CameraOptions, parse_intrinsics
     from saccade.diagnostics import drop_repeated
-    from saccade.errors import require
     from saccade.files import results_in
     from saccade.settings import load_settings
 
@@ -106,7 +96,6 @@ def drive(
     settings = replace(settings, **{k: v for k, v in given.items() if v is not None})
     known_camera = CameraOptions(parse_intrinsics(intrinsics), baseline)
     output = RunOutput(out, film, checkpoint_interval=checkpoint, figures=figure_formats(figures))
-    require(fovea is None or camera is None, "--fovea", "none with --camera", fovea)
     if camera is not None:
         from saccade.cli.live_run import Live, map_camera
 
@@ -121,19 +110,11 @@ def drive(
         recorded = recorded.until(frames)
     if not anyway:
         recorded = drop_repeated(recorded)
-    gaze = None
-    if fovea is not None:
-        from saccade.visual.fovea import Fovea
-        from saccade.visual.gaze_policies import POLICIES
-
-        require(fovea in POLICIES, "fovea", f"one of {', '.join(POLICIES)}", fovea)
-        eye = Fovea(recorded)
-        recorded, gaze = eye.drive, eye.control(POLICIES[fovea](settings.seed))
     known = (*recorded.remarks, *recorded.assumptions)
     for remark in known:
         print_message(remark)
     with results_in(out), progress_bar(recorded.name) as progress:
-        row = map_drive(recorded, settings, output, progress, save_tracks, gaze)
+        row = map_drive(recorded, settings, output, progress, save_tracks)
     print_drive(row, as_json, f"{recorded.name} -> {out}", len(known))
 
 

@@ -11,7 +11,6 @@ from saccade.frames import Drive
 from saccade.slam.consistency import chi_square_band, normalized_squared
 from saccade.types import Image, MapSnapshot
 from saccade.viewing.film import Eye
-from saccade.viewing.fovea import foveated_image
 from saccade.viewing.page import Section
 from saccade.viewing.report import Part
 from saccade.viewing.report_map import (
@@ -79,8 +78,7 @@ def image_loader(drive: Drive) -> Callable[[int], Image | None]:
 
     def load(number: int) -> Image | None:
         try:
-            frame = drive.load(number)
-            return None if frame.image is None else foveated_image(frame)
+            return drive.load(number).image
         except ImageError:
             return None
 
@@ -95,12 +93,9 @@ def eye_loader(drive: Drive) -> Callable[[int], Eye | None] | None:
             frame = drive.load(number)
         except ImageError:
             return None
-        if frame.turn is None and frame.periphery is None:
+        if frame.turn is None:
             return None
-        width = drive.camera.width
-        if frame.periphery is not None and frame.image is not None:
-            width = frame.image.shape[1]
-        field_of_view = 2 * float(np.arctan(width / 2 / drive.camera.fx))
+        field_of_view = 2 * float(np.arctan(drive.camera.width / 2 / drive.camera.fx))
         return Eye(frame.gaze.pan, field_of_view, frame.gaze.reason)
 
     return load if load(0) is not None else None

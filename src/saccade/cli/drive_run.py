@@ -23,7 +23,6 @@ from saccade.types import Float32Array, Image, MapSnapshot
 from saccade.viewing import drive_frames, map_figure, save_figures
 from saccade.viewing.report_map import ObservedLandmarks
 from saccade.visual import VisualConfig, VisualResult
-from saccade.visual.gaze_control import GazeControl
 
 LEAD = "The trajectory of a robot and the map of its landmarks, from camera frames and odometry."
 
@@ -34,11 +33,10 @@ def map_drive(
     output: RunOutput,
     progress: Progress,
     save_tracks: Path | None = None,
-    gaze: GazeControl | None = None,
 ) -> dict[str, Any]:
     """Map a drive, write the results, and return the content of run.json.
 
-    The tracked points are written to a folder `save_tracks`. With a gaze there is no checkpoint.
+    The tracked points are written to a folder `save_tracks`.
     """
     tracks = None
     if save_tracks is not None:
@@ -51,13 +49,11 @@ def map_drive(
         progress(done, total, "map")
 
     with resumable(checkpoint.path), visual.dedicated_process():
-        saved = None if gaze is not None else checkpoint
         result = visual.run(
             *(drive, settings, report),
             recorder=recorder,
-            checkpoint=saved,
+            checkpoint=checkpoint,
             tracks=tracks,
-            gaze=gaze,
         )
     row = write_results(drive, settings, output, progress, result, recorder.snapshots)
     if save_tracks is not None and tracks is not None:

@@ -1,34 +1,35 @@
-"""`saccade evaluate gaze`: gaze policies compared, of a camera that turns or of a fovea."""
+"""`saccade evaluate gaze`: gaze policies compared."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from typer import Option
 
 from saccade.cli.evaluate_selection import Score, score_cells
-from saccade.cli.options import FigureFormats, Json, Report, figure_formats
+from saccade.cli.options import EgomotionName, FigureFormats, Json, Report, figure_formats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from saccade.evaluation.gaze import GazeScores
+    from saccade.simulation.drive_config import WorldName
+    from saccade.visual.config import Egomotion
 
 MAIN = "ate_m", "end_m", "closed", "frames_to_close"
 """Scores of the first of two tables, which fit into 80 columns."""
-LEAD = "Gaze policies compared, at equal numbers of frames and of pixels."
+LEAD = "Gaze policies compared, at equal numbers of frames."
 COMPARED = "All worlds, relative to {}"
 MEANING_OF_COMPARISON = (
     "ATE ratio: geometric mean over worlds and seeds, with its 95 % interval over the seeds; lower "
     "is better. Closed: drives in which the loop was closed. Inside: frames whose true position "
-    "lies in the 99.7 % ellipse. Speed: frames per second, reading excluded."
+    "lies in the 99.7 % ellipse."
 )
 MEANING = (
     "ATE: absolute trajectory error. Return: position error at the end, where the robot is back "
     "at its start. Closed: drives in which at least three landmarks were re-identified in a frame "
     "5 m of travel after they were last observed; frames: until then. Entropy: of the pose, mean "
     "over the drive, in nats. Again: landmarks re-identified. Right: correct ones of the "
-    "re-identifications. Inside: frames whose true position lies in the 99.7 % ellipse. Speed: "
-    "frames per second, reading excluded."
+    "re-identifications. Inside: frames whose true position lies in the 99.7 % ellipse."
 )
 SCORES = {
     "ate_m": Score("ATE [m]", 1, 3),
@@ -39,7 +40,6 @@ SCORES = {
     "redetected": Score("again"),
     "association_precision": Score("right [%]", 100, 1, 100),
     "inside_3sigma": Score("inside [%]", 100, 1, 100),
-    "frames_per_second": Score("speed [1/s]", 1, 0),
 }
 
 
@@ -51,29 +51,19 @@ def gaze(
         list[str] | None,
         Option(
             "--world",
-            help="ring, crossing or rooms; with --fovea ring, or the folder of a recorded drive, "
-            "which is driven out and back. Several with commas.",
-            show_default="all of them; with --fovea ring",
+            help="ring, crossing or rooms. Several with commas.",
+            show_default="all of them",
         ),
     ] = None,
-    fovea: Annotated[
-        bool,
-        Option(
-            "--fovea",
-            help="Instead of the camera, a window at full resolution moves in wide images, which "
-            "are reduced around it: a quarter of the pixels.",
-        ),
-    ] = False,
     policies: Annotated[
         list[str] | None,
         Option(
             "--policy",
-            help="fixed, random, sweep, salient, informative or behaviors; with --fovea also whole "
-            "(all pixels), reduced (as many as a fovea has, evenly) and window (that in the middle "
-            "alone). Several with commas.",
+            help="fixed, random, sweep, salient or informative. Several with commas.",
             show_default="all of them",
         ),
     ] = None,
+    egomotion: EgomotionName = "camera",
     seeds: Annotated[
         int, Option(min=1, help="Number of drives of each, with consecutive seeds.")
     ] = 10,
@@ -84,11 +74,10 @@ def gaze(
     report: Report = None,
     as_json: Json = False,
 ) -> None:
-    """Compare gaze policies: where a camera that turns, or a fovea in wide images, shall look.
+    """Compare gaze policies: where a camera that turns shall look.
 
     Each table has the means over the seeds, with half of their 95 % bootstrap intervals. The last
-    ones compare each policy with a camera that does not turn and with a steady sweep; of a fovea,
-    with the whole images, with these evenly reduced, and with the window in their middle alone.
+    ones compare each policy with a camera that does not turn and with a steady sweep.
 
     --out receives a figure (gaze.png) and every run: an interrupted evaluation resumes, and more
     seeds add to it.
@@ -96,25 +85,22 @@ def gaze(
     from saccade.cli.output import print_json, print_message, print_table, progress_bar
     from saccade.errors import require
     from saccade.evaluation.gaze import GazeScores
-    from saccade.evaluation.gaze_drives import WIDE_WORLD, WITHOUT_FOVEA, WORLDS
+    from saccade.evaluation.gaze_drives import LAPS
     from saccade.evaluation.gaze_runs import GazeRun, run_all
     from saccade.files import results_in
     from saccade.viewing import save_figures
+    from saccade.visual.config import EGOMOTIONS
     from saccade.visual.gaze_policies import POLICIES
 
-    known = [*WITHOUT_FOVEA, *POLICIES] if fovea else list(POLICIES)
-    chosen = list(dict.fromkeys(policies or known))
+    chosen = list(dict.fromkeys(policies or POLICIES))
     for each in chosen:
-        require(each in known, "policy", f"one of {', '.join(known)}", each)
-    places = list(dict.fromkeys(worlds or ([WIDE_WORLD] if fovea else WORLDS)))
+        require(each in POLICIES, "policy", f"one of {', '.join(POLICIES)}", each)
+    places = list(dict.fromkeys(worlds or LAPS))
     for each in places:
-        if fovea:
-            recorded = each == WIDE_WORLD or Path(each).is_dir()
-            require(recorded, "world", f"{WIDE_WORLD} or the folder of a recorded drive", each)
-        else:
-            require(each in WORLDS, "world", f"one of {', '.join(WORLDS)}", each)
+        require(each in LAPS, "world", f"one of {', '.join(LAPS)}", each)
+    require(egomotion in EGOMOTIONS, "egomotion", f"one of {', '.join(EGOMOTIONS)}", egomotion)
     runs = [
-        GazeRun(world, policy, seed, frames, fovea)
+        GazeRun(cast("WorldName", world), policy, seed, frames, cast("Egomotion", egomotion))
         for seed in range(first_seed, first_seed + seeds)
         for world in places
         for policy in chosen
@@ -124,13 +110,18 @@ def gaze(
         figure = _figure(scores)
         picture = save_figures(figure, out / "gaze", figure_formats(figures))
     rows = list(scores.rows())
-    compared = WITHOUT_FOVEA if fovea else ("fixed", "sweep")
-    references = [name for name in compared if name in scores.policy]
+    references = [name for name in ("fixed", "sweep") if name in scores.policy]
     comparisons = {name: scores.comparison(name) for name in references}
     _write_report(report, figure, rows, comparisons)
     if as_json:
         print_json(
-            {"frames": frames, "seeds": scores.seed, "rows": rows, "comparisons": comparisons}
+            {
+                "egomotion": egomotion,
+                "frames": frames,
+                "seeds": scores.seed,
+                "rows": rows,
+                "comparisons": comparisons,
+            }
         )
     else:
         shown = _shown(rows)
@@ -161,11 +152,8 @@ def _comparison_table(comparison: list[dict[str, Any]]) -> tuple[list[str], list
         mean, low, high = row["ate_m_ratio"]
         ratio = "-" if mean is None else f"{mean:.2f} [{low:.2f} {high:.2f}]"
         inside = "-" if row["inside_3sigma"] is None else f"{100 * row['inside_3sigma']:.1f}"
-        closed, speed = f"{row['closed']} of {row['drives']}", row["frames_per_second_ratio"]
-        fast = [] if speed is None else [f"{speed:.2f}"]
-        cells.append([row["policy"], ratio, closed, inside, *fast])
-    headings = ["", "ATE ratio", "closed", "inside [%]", "speed ratio"]
-    return headings[: len(cells[0])], cells
+        cells.append([row["policy"], ratio, f"{row['closed']} of {row['drives']}", inside])
+    return ["", "ATE ratio", "closed", "inside [%]"], cells
 
 
 def _figure(scores: "GazeScores") -> "Figure":

@@ -165,6 +165,9 @@ DropFirst = Annotated[
     int,
     Option("--drop", min=0, metavar="N", help="Leave out the first N fixations of each scanpath."),
 ]
+EgomotionName = Annotated[
+    str, Option("--egomotion", help="What measures the motion: camera or wheels (odometry).")
+]
 Seed = Annotated[int, Option(min=0, help="Seed of the random number generator.")]
 MaxKeypoints = Annotated[
     int | None, Option("--max", min=1, metavar="N", help="Keep only the N strongest keypoints.")

@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 from typer import Option
 
-from saccade.cli.options import Config, Json, Out, Seed
+from saccade.cli.options import Config, EgomotionName, Json, Out, Seed
+
+if TYPE_CHECKING:
+    from saccade.visual.config import Egomotion
 
 
 def drive(
@@ -23,11 +26,9 @@ def drive(
     ] = None,
     gaze: Annotated[
         str | None,
-        Option(
-            help="Turn the camera while it maps: fixed, random, sweep, salient, informative or "
-            "behaviors."
-        ),
+        Option(help="Turn the camera while it maps: fixed, random, sweep, salient or informative."),
     ] = None,
+    egomotion: EgomotionName = "camera",
     color: Annotated[bool, Option("--color", help="Render in color.")] = False,
     depth: Annotated[bool, Option("--depth", help="Also render depth images.")] = False,
     config: Config = None,
@@ -60,7 +61,9 @@ def drive(
 
         require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)
         with progress_bar("looking", settings.frames) as update:
-            simulated, _, _ = gaze_drive(settings, gaze, seed, update)
+            simulated, _, _ = gaze_drive(
+                settings, gaze, seed, update, egomotion=cast("Egomotion", egomotion)
+            )
     with progress_bar("rendering", len(simulated)) as update:
         save_drive(out, simulated, update)
     row = {

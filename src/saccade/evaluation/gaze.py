@@ -58,15 +58,14 @@ class GazeScores:
                 yield row
 
     def comparison(self, reference: str) -> list[dict[str, Any]]:
-        """Of each policy ATE and speed as ratios to those of a reference, and the loops closed.
+        """Of each policy the ATE as a ratio to that of a reference, and the loops closed.
 
-        Ratios are geometric means over worlds and seeds, that of the ATE with its interval by
-        seeds: those of one seed are averaged over the worlds first.
+        The ratio is the geometric mean over worlds and seeds, with its interval by seeds: those of
+        one seed are averaged over the worlds first.
         """
-        logs, speeds = (np.log(self.tables[name]) for name in ("ate_m", "frames_per_second"))
+        logs = np.log(self.tables["ate_m"])
         chosen = [self.policy.index(reference)]
         gain = (logs - logs[:, chosen]).mean(0).T  # (seeds, policies)
-        faster = np.exp((speeds - speeds[:, chosen]).mean((0, 2)))
         low, high = mean_interval(gain, CONFIDENCE, seed=0)
         ratio = np.exp(np.stack([gain.mean(0), low, high], 1))
         closed, inside = self.tables["closed"], self.tables["inside_3sigma"]
@@ -78,7 +77,6 @@ class GazeScores:
                 "closed": int(np.nansum(closed[:, p])),
                 "drives": int(np.isfinite(closed[:, p]).sum()),
                 "inside_3sigma": none_if_nan(float(np.nanmean(inside[:, p]))),
-                "frames_per_second_ratio": none_if_nan(float(faster[p])),
             }
             for p, policy in enumerate(self.policy)
         ]

@@ -10,17 +10,19 @@ import numpy as np
 
 import saccade
 from saccade.evaluation.drives import summarize_drive
-from saccade.evaluation.gaze_drives import WORLDS, fovea_run
+from saccade.evaluation.gaze_drives import run_in_world
 from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
 from saccade.frames import Drive
+from saccade.simulation.drive_config import WorldName
 from saccade.types import FloatArray
 from saccade.visual import ObservationKind, VisualResult
+from saccade.visual.config import Egomotion
 
 SCORES = (
     *("ate_m", "end_m", "closed", "frames_to_close", "entropy", "redetected"),
-    *("association_precision", "inside_3sigma", "frames_per_second"),
+    *("association_precision", "inside_3sigma"),
 )
-"""Scores that are stored of each run; the last one where the frames are in memory."""
+"""Scores that are stored of each run."""
 LOOP_DISTANCE, LOOP_LANDMARKS = 5.0, 3
 """Metres that the robot travelled since it last observed the landmarks that close a loop, and how
 many of them it re-identifies in one frame."""
@@ -32,31 +34,24 @@ TIMES = 20
 class GazeRun:
     """One drive with one policy and one seed."""
 
-    world: str
-    """Of `WORLDS`; of a fovea also the folder of a recorded drive."""
+    world: WorldName
     policy: str
     seed: int
     """Of the world, of all noise, and of what the policy draws."""
     frames: int
     """Largest number of frames."""
-    fovea: bool = False
-    """Whether it is a fovea in wide images that looks around, not the camera."""
+    egomotion: Egomotion = "camera"
+    """What measures the motion."""
 
     def path(self, out: Path) -> Path:
         """The file of the run; each version of the package has its own."""
-        eye = "-fovea" if self.fovea else ""
-        name = f"{self.name}{eye}-{self.frames}-{self.policy}-{self.seed}.json"
+        name = f"{self.world}-{self.egomotion}-{self.frames}-{self.policy}-{self.seed}.json"
         return out / "runs" / saccade.__version__ / name
-
-    @property
-    def name(self) -> str:
-        """Of the world."""
-        return self.world if self.world in WORLDS else Path(self.world).resolve().name
 
     @property
     def identity(self) -> dict[str, Any]:
         """What tells it from other runs."""
-        return {"world": self.name, "policy": self.policy, "seed": self.seed}
+        return {"world": self.world, "policy": self.policy, "seed": self.seed}
 
 
 def run_all(
@@ -81,12 +76,8 @@ def result_of(run: GazeRun, out: Path) -> dict[str, Any]:
     path = run.path(out)
     if path.exists():
         return read_run(path, run.identity, SCORES, {"entropy_over_time": TIMES})
-    speed = None
-    if run.fovea:
-        drive, result, speed = fovea_run(run.world, run.policy, run.seed, run.frames)
-    else:
-        drive, result = WORLDS[run.world](run.policy, run.seed, run.frames)
-    row = run.identity | score(drive, result) | {"frames_per_second": speed}
+    drive, result = run_in_world(run.world, run.policy, run.seed, run.frames, run.egomotion)
+    row = run.identity | score(drive, result)
     write_run(path, row)
     return row
 

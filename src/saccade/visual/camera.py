@@ -106,7 +106,6 @@ def range_bearing(
     depth_sigma: FloatArray,
     config: VisualConfig,
     tilt: float,
-    pixel_size: Float32Array | None = None,
 ) -> RangeBearings:
     """Observations of k points of known depth, with first-order covariances.
 
@@ -118,14 +117,13 @@ def range_bearing(
         config: standard deviation of a pixel.
         tilt: standard deviation of roll and pitch in radians, which displace points above and
             below the camera.
-        pixel_size: (k,) of the pixels in which each was seen; by default 1.
     """
     points = from_pixels(camera, xy, depth)
     x, y, above = points[:, 0], points[:, 1], points[:, 2] - camera.position[2]
     r = np.maximum(np.hypot(x, y), MIN_DEPTH)
     J = np.stack([np.stack([x / r, y / r], 1), np.stack([-y, x], 1) / r[:, None] ** 2], 1)
     R = camera.rotation[:2]
-    sigma = config.pixel_sigma if pixel_size is None else config.pixel_sigma * pixel_size[:, None]
+    sigma = config.pixel_sigma
     by_u = depth[:, None] * (R[:, 0] / camera.fx) * sigma
     by_v = depth[:, None] * (R[:, 1] / camera.fy) * sigma
     by_depth = (directions(camera, xy) @ camera.rotation.T)[:, :2] * depth_sigma[:, None]
@@ -142,7 +140,7 @@ def observe(
     """Observations of k points, and (k,) whether the range is within its limits and certain."""
     depth, sigma = (np.nan_to_num(each, nan=1.0) for each in (points.depth, points.depth_sigma))
     xy = points.xy.astype(np.float64)
-    observations = range_bearing(camera, xy, depth, sigma, config, tilt, points.pixel_size)
+    observations = range_bearing(camera, xy, depth, sigma, config, tilt)
     r, range_sigma = observations.z[:, 0], np.sqrt(observations.covariance[:, 0, 0])
     near, far = config.range_limits
     usable = np.isfinite(points.depth) & (r > near) & (r < far)
@@ -161,4 +159,4 @@ def observe_bearings(
     discriminant = np.maximum(b**2 - a * (np.square(origin).sum(1) - ranges**2), 0.0)
     depth = np.maximum(np.sqrt(discriminant) - b, MIN_DEPTH) / np.maximum(a, 1e-12)
     sigma = UNKNOWN_DEPTH_SIGMA * depth
-    return range_bearing(camera, xy, depth, sigma, config, tilt, points.pixel_size)
+    return range_bearing(camera, xy, depth, sigma, config, tilt)

@@ -17,6 +17,9 @@ Selection: TypeAlias = Literal[
 ]
 """Criteria by which points become landmarks."""
 SELECTIONS = get_args(Selection)
+Egomotion: TypeAlias = Literal["camera", "wheels"]
+"""What measures the motion of the robot."""
+EGOMOTIONS = get_args(Egomotion)
 DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
 """Interest point detectors."""
 
@@ -66,6 +69,11 @@ class VisualConfig:
     max_tracks: int = 200
     """Maximum number of points tracked at a time: landmarks, and others for the egomotion; of each
     where they are not shared."""
+    egomotion: Egomotion = "camera"
+    """What measures the motion: the camera, with odometry ("camera"), so that only re-identified
+    landmarks correct the pose, since the pixels of the others have been used; or odometry alone
+    ("wheels"), whose systematic errors the filter estimates, and every observation of a landmark
+    corrects the pose. The latter asks for stereo or depth images."""
     window: int = 6
     """Number of frames whose poses and points are adjusted together; 2 estimates each motion from
     the last frame alone."""

@@ -15,8 +15,6 @@ from saccade.visual.config import VisualConfig
 from saccade.visual.optical_flow import (
     ByteArray,
     PreparedFrame,
-    Window,
-    reduced,
     track_disparities,
 )
 from saccade.visual.tables import TrackedPoints
@@ -86,37 +84,18 @@ def measure_depth(
     if prepared.left is None or prepared.right is None:
         unknown = np.full(len(xy), np.nan)
         return unknown, unknown
-    r = prepared.frame.reduction
-    own = reduced(xy, r)
     if previous is not None:
-        initial = camera.fx * camera.baseline / previous / r
+        initial = camera.fx * camera.baseline / previous
     else:
-        max_disparity = camera.fx * camera.baseline / max(config.range_limits[0], 1e-3) / r
-        initial = _block_disparities(prepared.left, prepared.right, own, max_disparity)
+        max_disparity = camera.fx * camera.baseline / max(config.range_limits[0], 1e-3)
+        initial = _block_disparities(prepared.left, prepared.right, xy, max_disparity)
         if from_neighbors:
-            initial = _filled(initial, own)
-    disparity = track_disparities(prepared.left, prepared.right, own, initial)
+            initial = _filled(initial, xy)
+    disparity = track_disparities(prepared.left, prepared.right, xy, initial)
     if previous is None:
         disparity = np.where(initial > 0, disparity, np.nan)
-    disparity, pixel_size = r * disparity, np.full(len(xy), float(r))
-    if prepared.window is not None:
-        _refine(prepared.window, xy, disparity, pixel_size)
     depth = depth_of(camera, disparity)
-    return depth, pixel_size * depth_sigma(camera, depth, config)
-
-
-def _refine(
-    window: Window, xy: Float32Array, disparity: FloatArray, pixel_size: FloatArray
-) -> None:
-    """Measure the disparities (k,) of pixels (k, 2) within a window at its full resolution."""
-    if window.right is None:
-        return
-    rows = np.flatnonzero(window.contains(xy, 0.0) & np.isfinite(disparity))
-    initial = disparity[rows] - window.shift
-    fine = track_disparities(window.left, window.right, window.own(xy[rows]), initial)
-    fine += window.shift
-    rows, fine = rows[np.isfinite(fine)], fine[np.isfinite(fine)]
-    disparity[rows], pixel_size[rows] = fine, 1.0
+    return depth, depth_sigma(camera, depth, config)
 
 
 def depth_of(camera: Camera, disparity: FloatArray) -> FloatArray:
@@ -180,7 +159,7 @@ class CameraTrajectory:
         Args:
             camera: the calibration.
             points: k points.
-            pixel_sigma: standard deviation of a pixel of full resolution, in each axis.
+            pixel_sigma: standard deviation of a pixel, in each axis.
 
         Returns:
             (k,) metres along the optical axis in the last frame, and their standard deviations;
@@ -204,7 +183,7 @@ class CameraTrajectory:
         intersect = sine > MIN_PARALLAX
         depth = (c * p - b * q) / np.where(intersect, determinant, 1.0)
         first_depth = (b * p - a * q) / np.where(intersect, determinant, 1.0)
-        angle_sigma = np.sqrt(2) * pixel_sigma * points.pixel_size / camera.fx
+        angle_sigma = np.sqrt(2) * pixel_sigma / camera.fx
         steps = np.maximum(len(self.translation) - 1 - points.first_frame, 1)
         relative_sigma = np.hypot(
             angle_sigma / np.maximum(sine, MIN_PARALLAX), STEP_SIGMA / np.sqrt(steps)

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Generic, Self, TypeVar, cast
 
@@ -35,7 +35,6 @@ from saccade.visual.egomotion import (
 from saccade.visual.optical_flow import (
     ByteArray,
     PreparedFrame,
-    enlarged,
     prepare_frame,
     track_frame,
 )
@@ -156,11 +155,10 @@ class FeatureExtractor:
         self, prepared: PreparedFrame, detected: TrackedPoints | None
     ) -> Float32Array | None:
         """Where the whole image is salient, if points were detected."""
-        frame = prepared.frame
-        whole = frame.image if frame.periphery is None else frame.periphery.image
-        if not self._attends or detected is None or whole is None:
+        image = prepared.frame.image
+        if not self._attends or detected is None or image is None:
             return None
-        return contrast_saliency(whole).saliency
+        return contrast_saliency(image).saliency
 
     def _detect(
         self, prepared: PreparedFrame, number: int, *, separate: bool
@@ -174,10 +172,9 @@ class FeatureExtractor:
                 descriptors = np.zeros((len(tracks), 128), np.uint8)
             depth = depth_of(camera, tracks.disparity)
             sigma = depth_sigma(camera, depth, self._config)
-            pixel_size = np.ones(len(points), np.float32)
         elif prepared.left is not None:
             detect = self._detect_landmarks if separate else self._detect_points
-            points, pixel_size = _keypoints(prepared, detect)
+            points = _keypoints(prepared.left, detect)
             descriptors, track = cast("ByteArray", points.descriptors), np.full(len(points), -1)
             depth, sigma = measure_depth(
                 camera, prepared, points.xy, self._config, from_neighbors=separate
@@ -197,37 +194,15 @@ class FeatureExtractor:
             size=points.size,
             response=points.response,
             descriptor=descriptors,
-            pixel_size=pixel_size,
         )
         return found.for_landmarks_only() if separate else found
 
 
-def _keypoints(
-    prepared: PreparedFrame, detect: Callable[[Image], Keypoints]
-) -> tuple[Keypoints, Float32Array]:
-    """Keypoints of a frame with an image, one for each position, and the sizes of pixels (k,).
-
-    Of a fovea those of its window, and of the periphery those around it.
-    """
-    assert prepared.left is not None
-    points, r, window = detect(prepared.left), prepared.frame.reduction, prepared.window
-    pixel_size = np.full(len(points), r, np.float32)
-    if window is not None:
-        points = replace(points, xy=enlarged(points.xy, r), size=r * points.size)
-        points = points[~window.contains(points.xy, 0.0)]
-        fine = detect(window.left)
-        points = _joined(replace(fine, xy=window.whole(fine.xy)), points)
-        pixel_size = np.where(np.arange(len(points)) < len(fine), 1, r).astype(np.float32)
+def _keypoints(image: ByteArray, detect: Callable[[Image], Keypoints]) -> Keypoints:
+    """Keypoints of an image, one for each position."""
+    points = detect(image)
     _, first = np.unique(points.xy, axis=0, return_index=True)
-    first = np.sort(first)  # of points with several orientations
-    return points[first], pixel_size[first]
-
-
-def _joined(first: Keypoints, second: Keypoints) -> Keypoints:
-    """The points of both."""
-    names = [each.name for each in fields(Keypoints)]
-    columns = [[getattr(points, name) for points in (first, second)] for name in names]
-    return Keypoints(*map(np.concatenate, columns))
+    return points[np.sort(first)]  # of points with several orientations
 
 
 def _detector(
@@ -327,33 +302,30 @@ def track(
         tracked, xy = tracked[old], tracks.xy[new].astype(np.float32)
         depth = depth_of(camera, tracks.disparity[new])
         sigma = depth_sigma(camera, depth, config)
-        pixel_size = tracked.pixel_size
     elif current.left is not None and previous.left is not None:
         guess = None
-        if previous.frame.turn != current.frame.turn or current.window is not None:
+        if previous.frame.turn != current.frame.turn:
             pose = camera_motion(camera, prior[0], before)
             guess = move_pixels(camera, pose, tracked.xy, tracked.depth)
-        xy, ok, pixel_size = track_frame(previous, current, tracked.xy, guess)
+        xy, ok = track_frame(previous, current, tracked.xy, guess)
         ok &= is_inside(camera, xy, BORDER)
-        tracked, xy, pixel_size = tracked[ok], xy[ok], pixel_size[ok]
+        tracked, xy = tracked[ok], xy[ok]
         depth, sigma = measure_depth(camera, current, xy, config, tracked.depth)
     else:
         return TrackedPoints(), None
-    pixel_sigma = config.pixel_sigma * pixel_size.astype(np.float64)
+    pixel_sigma = np.full(len(tracked), config.pixel_sigma)
     has_depth = measures_depth(camera, current.frame)
     previous_depth = tracked.depth if has_depth else np.full(len(tracked), np.nan)
     points = correspondences_of(tracked.xy, xy, previous_depth, tracked.depth_sigma, depth, sigma)
     agrees, others = ~tracked.landmark_only, tracked.landmark_only
-    moves = current.frame.turn is not None or current.window is not None
-    expected = None if has_depth and not moves else prior
+    expected = None if has_depth and current.frame.turn is None else prior
     motion = estimate_motion(camera, points.take(agrees), pixel_sigma[agrees], expected, before)
     if motion is None:
         return TrackedPoints(), None
     motion = motion._replace(includes_prior=not has_depth)
     agrees[agrees] = motion.inliers
     agrees[others] = agree_with_motion(camera, points.take(others), pixel_sigma[others], motion)
-    size = np.maximum(tracked.pixel_size, pixel_size)
-    tracked = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma, pixel_size=size)
+    tracked = replace(tracked, xy=xy, depth=depth, depth_sigma=sigma)
     return tracked[agrees], motion
 
 
@@ -372,10 +344,7 @@ def extend(
         config: number of tracks, and their spacing.
     """
     radius = config.min_spacing / 2
-    replaced = tracked.near(reidentified, radius)
-    coarse = (tracked.pixel_size > 1) & ~tracked.is_landmark
-    replaced[coarse] |= tracked[coarse].near(detected[detected.pixel_size == 1], radius)
-    others = tracked[~replaced]
+    others = tracked[~tracked.near(reidentified, radius)]
     tracked = TrackedPoints.concatenate([others, reidentified])
     new = detected[~detected.near(tracked, radius)]
     capacity = max(0, config.max_tracks - len(tracked))

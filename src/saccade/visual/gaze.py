@@ -1,20 +1,21 @@
-"""Gaze control: where a camera that turns, or a fovea within an image, looks next.
+"""Gaze control: where a camera that turns looks next.
 
 A policy is a pure function of what the robot believes, of salient places, of the gazes it can
 choose from, and of their limits. Directions are in the robot's frame: pan to the left of ahead,
-tilt up, in radians; for a fovea they are those of the center of its window.
+tilt up, in radians.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from saccade.frames import Gaze as Gaze
 from saccade.frames import GazeLimits as GazeLimits
-from saccade.slam.models import compose, wrap
+from saccade.slam.models import compose
 from saccade.types import BoolArray, FloatArray
+from saccade.visual.config import Egomotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,8 @@ class Belief:
     """(2m, 2m) the same if the pose were known."""
     viewpoint: FloatArray
     """(m, 2) position of the robot from which each was first observed."""
-    unseen: FloatArray
-    """(m,) seconds since each was last observed."""
-    unattended: FloatArray
-    """(d,) seconds since each of d even directions in the map, from heading 0 on,
-    was last looked at from hereabouts; infinite for never."""
+    egomotion: Egomotion = "camera"
+    """What measures the motion."""
 
     def after(self, seconds: float) -> FloatArray:
         """(3,) pose after a time, at the expected velocity."""
@@ -131,21 +129,3 @@ def sweep(
 
 SWEEP_RATE = 0.5
 """Radians per second of a sweep, slow enough that points are tracked."""
-
-
-def reachable(gaze: Gaze, target: Gaze, seconds: float, limits: GazeLimits) -> Gaze:
-    """Where a gaze is after a time in which it turns to a target within its limits."""
-    largest = limits.rate * max(seconds, 0.0)
-    pan = gaze.pan + float(np.clip(np.clip(target.pan, *limits.pan) - gaze.pan, -largest, largest))
-    tilt = float(np.clip(target.tilt, *limits.tilt)) - gaze.tilt
-    tilt = gaze.tilt + float(np.clip(tilt, -largest, largest))
-    return replace(target, pan=pan, tilt=tilt)
-
-
-def in_view(
-    belief: Belief, pose: FloatArray, pan: float, field_of_view: float
-) -> tuple[BoolArray, FloatArray]:
-    """(m,) whether landmarks are within the width of a view from a pose (3,), and their ranges."""
-    offset = belief.landmarks - pose[:2]
-    bearing = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - pose[2] - pan)
-    return np.asarray(np.abs(bearing) < field_of_view / 2), np.hypot(*offset.T)

@@ -10,6 +10,7 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import from_pixels
+from saccade.visual.config import Egomotion
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.gaze import Belief, Candidates, Gaze, GazeLimits, Policy, SalientPlaces
 from saccade.visual.selection import sample_saliency
@@ -20,11 +21,6 @@ LEAVING = 0.15
 """Radians from which a turn leaves so many points behind that new ones are detected before it."""
 MAX_LANDMARKS = 60
 """Landmarks of a belief, those least recently observed first."""
-NEIGHBORHOOD, DIRECTIONS = 3 / 16, 18
-"""Size of the cells, as a fraction of `GazeLimits.max_range`, and number of directions, by which it
-is remembered what was looked at."""
-DWELL = 1.0
-"""Seconds for which the camera rests until it has looked at what it sees."""
 STEP = np.radians(20.0)
 """Between candidates, by default."""
 SPACING, MIN_SALIENCY, PLACES_PER_FRAME = 1 / 16, 0.3, 8
@@ -62,8 +58,6 @@ class GazeControl:
         limits: of the motion.
         turn: carries a decision out; called with the time in seconds and the gaze.
         interval: seconds between decisions.
-        latency: frames from a decision to the first one that follows it, at least; as many less one
-            are read ahead.
     """
 
     def __init__(
@@ -73,16 +67,12 @@ class GazeControl:
         limits: GazeLimits,
         turn: Callable[[float, Gaze], object],
         interval: float = 0.2,
-        latency: int = 1,
     ) -> None:
         self._policy, self._candidates, self._limits = policy, candidates, limits
         self._turn, self._interval = turn, interval
-        self.frames_ahead = latency - 1
         self._places = PlaceMemory(limits.max_range)
         self._viewpoints: dict[int, FloatArray] = {}
-        self._looked: dict[tuple[int, ...], float] = {}
         self._last: tuple[float, FloatArray] | None = None
-        self._rest = -np.inf, np.inf  # since when the camera rests, and where
         self._velocity = np.zeros(3)
         self._observed: dict[int, float] = {}
         self.decisions: list[Decision] = []
@@ -101,6 +91,7 @@ class GazeControl:
         features: FrameFeatures,
         visual_map: VisualMap,
         tracked: TrackedPoints,
+        egomotion: Egomotion = "camera",
     ) -> None:
         """Update the memory by a frame; decide, and turn the camera if it is time to.
 
@@ -109,6 +100,7 @@ class GazeControl:
             features: the frame, and the points detected in it, if any.
             visual_map: the map after it.
             tracked: points tracked in it.
+            egomotion: what measures the motion.
         """
         pose, present = visual_map.ekf.pose, features.frame.frame.gaze
         if self._last is not None and time > self._last[0]:
@@ -120,10 +112,6 @@ class GazeControl:
             self._viewpoints.setdefault(landmark, pose[:2])
         width = self._candidates.field_of_view[0]
         self._places.attend(time, pose, present.pan, width)
-        if abs(present.pan - self._rest[1]) > LEAVING:
-            self._rest = time, present.pan
-        elif time - self._rest[0] >= DWELL:
-            self._looked[self._cell(pose, pose[2] + present.pan)] = time
         if features.candidates is not None and features.saliency is not None:
             camera, points = visual_map.camera, features.candidates
             saliency = sample_saliency(features.saliency, (camera.height, camera.width), points.xy)
@@ -131,14 +119,19 @@ class GazeControl:
         previous = self.decisions[-1].time if self.decisions else -np.inf
         if time - previous < self._interval - 1e-6:
             return
-        belief = self._belief(time, present, visual_map, tracked)
+        belief = self._belief(time, present, visual_map, tracked, egomotion)
         places = self._places.around(time, pose)
         chosen = self._policy(belief, places, self._candidates, self._limits)
         self.decisions.append(Decision(time, present, chosen))
         self._turn(time, chosen)
 
     def _belief(
-        self, time: float, gaze: Gaze, visual_map: VisualMap, tracked: TrackedPoints
+        self,
+        time: float,
+        gaze: Gaze,
+        visual_map: VisualMap,
+        tracked: TrackedPoints,
+        egomotion: Egomotion,
     ) -> Belief:
         ekf, landmarks = visual_map.ekf, visual_map.landmarks
         rows = self._nearby(time, visual_map)
@@ -167,21 +160,8 @@ class GazeControl:
             viewpoint=np.array([self._viewpoints.get(i, pose[:2]) for i in ids.tolist()]).reshape(
                 -1, 2
             ),
-            unseen=np.array([time - self._observed.get(i, time) for i in ids.tolist()]),
-            unattended=self._unattended(time, pose),
+            egomotion=egomotion,
         )
-
-    def _cell(self, pose: FloatArray, direction: float) -> tuple[int, ...]:
-        """Place and direction of a view."""
-        size = NEIGHBORHOOD * self._limits.max_range
-        x, y = np.floor(pose[:2] / size).astype(int).tolist()
-        return x, y, round(direction / (2 * np.pi / DIRECTIONS)) % DIRECTIONS
-
-    def _unattended(self, time: float, pose: FloatArray) -> FloatArray:
-        """(DIRECTIONS,) seconds since each direction was looked at from hereabouts."""
-        headings = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
-        cells = [self._cell(pose, heading) for heading in headings.tolist()]
-        return np.array([time - self._looked.get(cell, -np.inf) for cell in cells])
 
     def _nearby(self, time: float, visual_map: VisualMap) -> IntArray:
         """Rows of the landmarks near the robot."""

@@ -1,8 +1,6 @@
-"""Gaze policies that use the map: salient places, expected information, and behaviors."""
+"""Gaze policies that use the map: salient places, and expected information."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +28,6 @@ NEAR = 0.5
 MAX_VIEW_CHANGE, MAX_RANGE_RATIO = np.radians(40.0), 1.8
 """Change of the direction in which a landmark is seen, and of its range, from where it was first
 seen, up to which its descriptor matches."""
-NOVELTY_TIME = 10.0
-"""Seconds after which a direction is worth half as much to explore as one never looked at."""
 POINTS_PER_PLACE, FEW_POINTS, MANY_POINTS = 25.0, 10.0, 150.0
 """Points that are tracked around a salient place; and numbers under and over which more of them do
 not change the motion."""
@@ -49,17 +45,6 @@ SHARED_SIGMA = 0.01, 0.004
 """The same of the error that all observations of a frame share."""
 MAX_JOINT = 12
 """Landmarks of a view whose joint information is computed: the most informative ones."""
-
-
-class Weights(NamedTuple):
-    """Of the terms of `informative`, in nats."""
-
-    landmark: float = 0.1
-    """Of a new landmark that is expected."""
-    attention: float = 1.0
-    """Share of the expected new landmarks that follow saliency; the others are everywhere."""
-    map: float = 0.1
-    """Of the entropy of the map beside that of the pose."""
 
 
 def salient(
@@ -155,45 +140,19 @@ def information(belief: Belief, share: FloatArray) -> tuple[FloatArray, FloatArr
     return of_pose, of_map
 
 
-def informative_policy(weights: Weights | None = None) -> Policy:
-    """A policy that takes the gaze with the greatest expected information, see `Weights`."""
-    return partial(informative, weights=weights or Weights())
-
-
 def informative(
-    belief: Belief,
-    places: SalientPlaces,
-    candidates: Candidates,
-    limits: GazeLimits,
-    weights: Weights | None = None,
+    belief: Belief, places: SalientPlaces, candidates: Candidates, limits: GazeLimits
 ) -> Gaze:
-    """To the gaze with the greatest expected decrease of the entropy of pose and map.
+    """To the gaze with the greatest expected decrease of the entropy of the pose.
 
-    Greedy over the candidates: re-observed landmarks, new landmarks, points that stay in view by
-    which the motion is measured, and the cost of the turn.
+    Greedy over the candidates: by re-observed landmarks, and where the camera measures the motion
+    by what the view tells of it, less the cost of the turn.
     """
-    weights = weights or Weights()
-    of_pose, of_map = information(belief, redetections(belief, candidates, limits))
-    inside, r = visible(belief.pose, belief.landmarks, candidates)
-    alike = looks_alike(belief.pose, belief.landmarks, belief.viewpoint)
-    known = inside @ ((r < limits.max_range) & alike).astype(np.float64)
-    fresh = np.exp(-known / 5) * novelty(belief, candidates)
-    attention = attraction(belief, places, candidates)
-    terms = {
-        "re-detect": of_pose,
-        "map": weights.map * of_map,
-        "explore": 20 * weights.landmark * fresh,
-        "attend": weights.landmark * weights.attention * attention,
-        "track": motion(belief, places, candidates, limits),
-    }
+    gain, _ = information(belief, redetections(belief, candidates, limits))
+    terms = {"re-detect": gain}
+    if belief.egomotion == "camera":
+        terms["track"] = motion(belief, places, candidates, limits)
     return _choose(belief, candidates, terms)
-
-
-def novelty(belief: Belief, candidates: Candidates) -> FloatArray:
-    """(n,) how long ago each direction was looked at from hereabouts: 0 just now, 1 never."""
-    count = len(belief.unattended)
-    direction = np.rint((candidates.pan + belief.pose[2]) / (2 * np.pi / count)).astype(np.int64)
-    return np.asarray(1 - 0.5 ** (belief.unattended[direction % count] / NOVELTY_TIME))
 
 
 def motion(
@@ -235,43 +194,11 @@ def _choose(belief: Belief, candidates: Candidates, terms: dict[str, FloatArray]
     return Gaze(pan, tilt, max(lead, key=lambda name: lead[name]), chosen)
 
 
-ENOUGH = 6
-"""Landmarks in view from which `behaviors` explores."""
-
-
-def behaviors(
-    belief: Belief, places: SalientPlaces, candidates: Candidates, limits: GazeLimits
-) -> Gaze:
-    """Track, re-detect or explore, after Frintrop & Jensfelt (2008).
-
-    While a landmark that fixes the pose is expected to be re-detected, the camera turns to the
-    most informative ones. While too few landmarks are tracked, it stays and tracks. Else it
-    explores, where there are no landmarks, and there to what is salient.
-    """
-    share = redetections(belief, candidates, limits)
-    absent = share * ~belief.tracked
-    gain = information(belief, absent)[0]
-    if gain.max(initial=0.0) > REDETECT_GAIN:
-        return _choose(belief, candidates, {"re-detect": gain})
-    inside, _ = visible(belief.pose, belief.landmarks, candidates)
-    turn = np.abs(candidates.pan - belief.gaze.pan)
-    if 0 < belief.tracked.sum() < ENOUGH:
-        held = inside @ belief.tracked.astype(np.float64)
-        return _choose(belief, candidates, {"track": held - 1e-3 * turn})
-    empty = 1 / (1 + inside.sum(1))
-    attention = 0.1 * attraction(belief, places, candidates)
-    return _choose(belief, candidates, {"explore": empty - 0.05 * turn, "attend": attention})
-
-
-REDETECT_GAIN = 2.0
-"""Nats of expected information from which `behaviors` re-detects."""
-
 POLICIES: dict[str, Callable[[int], Policy]] = {
     "fixed": lambda seed: fixed,
     "random": random_policy,
     "sweep": lambda seed: sweep,
     "salient": lambda seed: salient,
-    "informative": lambda seed: informative_policy(),
-    "behaviors": lambda seed: behaviors,
+    "informative": lambda seed: informative,
 }
 """Policies by name; each takes the seed of what it draws."""

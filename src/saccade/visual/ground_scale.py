@@ -10,17 +10,16 @@ import numpy as np
 from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray
 from saccade.visual._kernels import warp_ground
-from saccade.visual.camera import Intrinsics, directions, reduced_camera
+from saccade.visual.camera import Intrinsics, directions
 from saccade.visual.egomotion import Motion
 from saccade.visual.optical_flow import ByteArray, ImageGradients, image_gradients
 
 NEAR, FAR, HALF_WIDTH = 6.0, 16.0, 1.3
 """Region of the ground that is sampled: metres in front of the camera, and to each side."""
 ROW_STEP, COLUMN_STEP = 3, 4
-"""Pixels of full resolution between samples."""
+"""Pixels between samples."""
 BLUR_SIGMA, BLUR_SIZE = 1.5, (7, 7)
-"""Standard deviation of the Gaussian filter, in pixels of full resolution, and the size of its
-window."""
+"""Standard deviation of the Gaussian filter, in pixels, and the size of its window."""
 TILT_SIGMA = np.radians((0.7, 1.0))
 """Standard deviations of the ground's pitch and roll relative to the robot."""
 PREVIOUS_MARGIN, CURRENT_MARGIN = 8, 128
@@ -43,13 +42,10 @@ class GroundTracker:
 
     Args:
         camera: the calibration.
-        reduction: of the images.
     """
 
-    def __init__(self, camera: Camera, reduction: int = 1) -> None:
-        camera = camera if reduction == 1 else reduced_camera(camera, reduction)
-        self._blur = BLUR_SIGMA / reduction
-        self._camera, self._pixels = camera, _ground_samples(camera, reduction)
+    def __init__(self, camera: Camera) -> None:
+        self._camera, self._pixels = camera, _ground_samples(camera)
         self.rays = directions(camera, self._pixels.astype(np.float64))
         """(m, 3) rays of the sampled pixels in the camera's frame."""
 
@@ -64,9 +60,9 @@ class GroundTracker:
         initial = float(np.linalg.norm(motion.translation))
         if initial < MIN_DISTANCE * height or len(self._pixels) == 0:
             return None
-        before, (left, top) = _smoothed_crop(previous, self._pixels, PREVIOUS_MARGIN, self._blur)
+        before, (left, top) = _smoothed_crop(previous, self._pixels, PREVIOUS_MARGIN)
         intensity = before[self._pixels[:, 1] - top, self._pixels[:, 0] - left].astype(np.float64)
-        after, (left, top) = _smoothed_crop(current, self._pixels, CURRENT_MARGIN, self._blur)
+        after, (left, top) = _smoothed_crop(current, self._pixels, CURRENT_MARGIN)
         camera = Intrinsics.of(self._camera)
         crop = camera._replace(cx=camera.cx - left, cy=camera.cy - top)
         state = self._align(intensity, image_gradients(after), crop, motion)
@@ -119,19 +115,17 @@ class GroundTracker:
         return np.stack([normal, direction, np.cross(normal, direction)])
 
 
-def _ground_samples(camera: Camera, reduction: int) -> IntArray:
+def _ground_samples(camera: Camera) -> IntArray:
     """(m, 2) pixels of a trapezoid of ground in front of the robot."""
     down = -camera.rotation[2]
-    rows = np.arange(camera.height - 4, 0, -max(1, ROW_STEP // reduction))
+    rows = np.arange(camera.height - 4, 0, -ROW_STEP)
     steepness = down[1] * (rows - camera.cy) / camera.fy + down[2]
     depth = camera.position[2] / np.where(steepness > 0, steepness, np.nan)
     samples = [np.zeros((0, 2), np.int64)]
     for row, z in zip(rows.tolist(), depth.tolist(), strict=True):
         if NEAR < z < FAR:
             half = camera.fx * HALF_WIDTH / z
-            columns = np.arange(
-                camera.cx - half, camera.cx + half, max(1, COLUMN_STEP // min(reduction, 2))
-            ).astype(np.int64)
+            columns = np.arange(camera.cx - half, camera.cx + half, COLUMN_STEP).astype(np.int64)
             columns = columns[(columns >= 0) & (columns < camera.width)]
             samples.append(np.stack([columns, np.full(len(columns), row)], 1))
     return np.concatenate(samples)
@@ -143,10 +137,10 @@ def _median(values: FloatArray) -> float:
 
 
 def _smoothed_crop(
-    image: ByteArray, pixels: IntArray, margin: int, sigma: float
+    image: ByteArray, pixels: IntArray, margin: int
 ) -> tuple[ByteArray, tuple[int, int]]:
     """The smoothed part of an image around pixels (m, 2), and its top left corner (x, y)."""
     left, top = np.maximum(pixels.min(0) - margin, 0).tolist()
     right, bottom = (pixels.max(0) + margin + 1).tolist()
-    crop = cv2.GaussianBlur(image[top:bottom, left:right], BLUR_SIZE, sigma)
+    crop = cv2.GaussianBlur(image[top:bottom, left:right], BLUR_SIZE, BLUR_SIGMA)
     return np.asarray(crop, np.uint8), (left, top)

@@ -20,14 +20,10 @@ MIN_CONTRAST = 4.0
 """Standard deviation of the gray levels below which an image is blank."""
 WINDOW = (15, 15)
 """Size of the window of Lucas-Kanade tracking, in pixels."""
-WINDOW_REDUCED = (15, 15)
-"""The same in the periphery of a fovea."""
 LEVELS = 4
 """Pyramid levels above the image itself, which bound how far a point may move."""
 LEVELS_OF_GUESS = 1
 """The same where it is predicted where each point is."""
-LEVELS_REDUCED = 2
-"""The same in the periphery of a fovea."""
 MAX_FORWARD_BACKWARD_ERROR = 0.5
 """Pixels between a point and where it is after tracking forward and backward."""
 MAX_ROW_OFFSET = 1.0
@@ -42,45 +38,14 @@ CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
-    """The part of an image that a fovea sees at full resolution."""
-
-    left: ByteArray
-    """(h, w) gray levels."""
-    right: ByteArray | None
-    """(h, w) gray levels of the right camera."""
-    corner: tuple[int, int]
-    """First column and row in the (left) image."""
-    shift: int
-    """Columns by which the window of the right camera is to the left."""
-
-    def contains(self, xy: Float32Array, border: float) -> BoolArray:
-        """(k,) whether pixels (k, 2) of the image are in it, at least `border` from its edge."""
-        last = np.array(self.left.shape[::-1]) - 1 - border
-        own = self.own(xy)
-        return np.asarray(((own >= border) & (own <= last)).all(1))
-
-    def own(self, xy: Float32Array) -> Float32Array:
-        """(k, 2) pixels of the window at pixels (k, 2) of the image."""
-        return np.asarray(xy - np.array(self.corner, np.float32))
-
-    def whole(self, xy: Float32Array) -> Float32Array:
-        """(k, 2) pixels of the image at pixels (k, 2) of the window."""
-        return np.asarray(xy + np.array(self.corner, np.float32))
-
-
-@dataclass(frozen=True, eq=False)
 class PreparedFrame:
     """A frame with its images as gray levels."""
 
     frame: Frame
     left: ByteArray | None = None
-    """(H, W) gray levels of the whole image, or of the periphery of a fovea; None where there is
-    no image, or a blank one."""
+    """(H, W) gray levels; None where there is no image, or a blank one."""
     right: ByteArray | None = None
     """The same of the right camera."""
-    window: Window | None = None
-    """What a fovea sees at full resolution; None without one."""
 
     @property
     def is_blank(self) -> bool:
@@ -112,13 +77,7 @@ def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
         return PreparedFrame(frame)
     gray = gray_bytes(frame.image)
     right = None if frame.right is None else gray_bytes(frame.right)
-    periphery, window, size = frame.periphery, None, (camera.width, camera.height)
-    if periphery is not None:
-        corner = periphery.corner
-        window = Window(gray, right, corner, corner[0] - periphery.right_column)
-        gray = gray_bytes(periphery.image)
-        right = None if periphery.right is None else gray_bytes(periphery.right)
-        size = camera.width // periphery.reduction, camera.height // periphery.reduction
+    size = camera.width, camera.height
     if gray.shape[::-1] != size:
         raise DriveError(
             f"frame at {frame.time:.3f} s: expected an image of {size[0]} x {size[1]} "
@@ -126,7 +85,7 @@ def prepare_frame(frame: Frame, camera: Camera) -> PreparedFrame:
         )
     if cv2.meanStdDev(gray)[1][0, 0] < MIN_CONTRAST:
         return PreparedFrame(frame)
-    prepared = PreparedFrame(frame, gray, right, window)
+    prepared = PreparedFrame(frame, gray, right)
     _ = prepared.brightness, prepared.view  # computed where frames are read ahead
     return prepared
 
@@ -173,7 +132,6 @@ def track_points(
     xy: Float32Array,
     guess: Float32Array | None = None,
     levels: int = LEVELS,
-    size: tuple[int, int] = WINDOW,
 ) -> tuple[Float32Array, BoolArray]:
     """Lucas-Kanade tracking with a forward-backward check.
 
@@ -183,7 +141,6 @@ def track_points(
         xy: (k, 2) pixels in the first.
         guess: (k, 2) initial pixels in the second; by default those in the first.
         levels: of the pyramid above the images: fewer trust the guess more.
-        size: of the window, in pixels.
 
     Returns:
         (k, 2) pixels in the second, and (k,) whether each point was found.
@@ -197,24 +154,14 @@ def track_points(
     nothing = np.zeros((0, 1), np.uint8)
     flag = cv2.OPTFLOW_USE_INITIAL_FLOW
     tracked, found, _ = cv2.calcOpticalFlowPyrLK(
-        previous, current, origin, start.copy(), nothing, nothing, size, levels, CRITERIA, flag
+        previous, current, origin, start.copy(), nothing, nothing, WINDOW, levels, CRITERIA, flag
     )
     returned, found_back, _ = cv2.calcOpticalFlowPyrLK(
-        current, previous, tracked, origin.copy(), nothing, nothing, size, 1, CRITERIA, flag
+        current, previous, tracked, origin.copy(), nothing, nothing, WINDOW, 1, CRITERIA, flag
     )
     error = np.hypot(*(returned - origin).T)
     ok = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (error < MAX_FORWARD_BACKWARD_ERROR)
     return np.asarray(tracked, np.float32), np.asarray(ok)
-
-
-def reduced(xy: Float32Array, reduction: int) -> Float32Array:
-    """(k, 2) pixels of a reduced image at pixels (k, 2) of the image."""
-    return xy if reduction == 1 else ((xy + 0.5) / reduction - 0.5).astype(np.float32)
-
-
-def enlarged(xy: Float32Array, reduction: int) -> Float32Array:
-    """(k, 2) pixels of the image at pixels (k, 2) of a reduced one."""
-    return xy if reduction == 1 else ((xy + 0.5) * reduction - 0.5).astype(np.float32)
 
 
 def track_frame(
@@ -222,7 +169,7 @@ def track_frame(
     current: PreparedFrame,
     xy: Float32Array,
     guess: Float32Array | None = None,
-) -> tuple[Float32Array, BoolArray, Float32Array]:
+) -> tuple[Float32Array, BoolArray]:
     """Track pixels from one frame to the next.
 
     Args:
@@ -232,37 +179,13 @@ def track_frame(
         guess: (k, 2) where they are expected in the second; by default where they are in the first.
 
     Returns:
-        (k, 2) pixels in the second, (k,) whether each point was found, and (k,) the size of the
-        pixels in which it was: those of the window of a fovea, if it is seen there in both frames.
+        (k, 2) pixels in the second, and (k,) whether each point was found.
     """
     gain = brightness_gain(current, previous)
     assert previous.left is not None
     assert current.left is not None
-    whole, r = brightened(current.left, gain), current.frame.reduction
-    if previous.window is None or current.window is None:
-        levels = LEVELS if guess is None else LEVELS_OF_GUESS
-        moved, ok = track_points(previous.left, whole, xy, guess, levels)
-        return moved, ok, np.ones(len(xy), np.float32)
-    moved, ok = _track_in_window(previous.window, current.window, gain, xy, guess)
-    rest, pixel_size = np.flatnonzero(~ok), np.where(ok, 1, r).astype(np.float32)
-    coarse, found = track_points(
-        previous.left, whole, reduced(xy[rest], r), levels=LEVELS_REDUCED, size=WINDOW_REDUCED
-    )
-    moved[rest], ok[rest] = enlarged(coarse, r), found
-    return moved, ok, pixel_size
-
-
-def _track_in_window(
-    before: Window, now: Window, gain: float, xy: Float32Array, guess: Float32Array | None
-) -> tuple[Float32Array, BoolArray]:
-    """Track pixels (k, 2) from one window of a fovea to the next, as `track_points` does."""
-    start, border = xy if guess is None else guess, WINDOW[0] / 2
-    moved, ok = xy.copy(), before.contains(xy, border) & now.contains(start, 0.0)
-    image = brightened(now.left, gain)
-    fine, found = track_points(before.left, image, before.own(xy[ok]), now.own(start[ok]))
-    moved[ok] = now.whole(fine)
-    ok[ok] = found & now.contains(moved[ok], border)
-    return moved, ok
+    levels = LEVELS if guess is None else LEVELS_OF_GUESS
+    return track_points(previous.left, brightened(current.left, gain), xy, guess, levels)
 
 
 def brightness_gain(frame: PreparedFrame, reference: PreparedFrame) -> float:
@@ -286,8 +209,7 @@ def track_disparities(
     """(k,) disparities of pixels (k, 2) in the left image of a rectified rig.
 
     Lucas-Kanade tracking from initial disparities (k,), 0 where these are NaN. The result is NaN
-    where a point is not found in its row of the right image. Those of two windows with different
-    first columns may be negative.
+    where a point is not found in its row of the right image.
     """
     guess = xy.astype(np.float32)
     guess[:, 0] -= np.nan_to_num(initial).astype(np.float32)

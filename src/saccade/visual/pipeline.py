@@ -18,7 +18,10 @@ from saccade.slam.checkpoint import (
     restore_attributes,
     select,
 )
+from saccade.slam.filter.ekf import EkfSlam
+from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.filter.models import PredictedObservations
+from saccade.slam.models import compose
 from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
@@ -142,6 +145,10 @@ class Pipeline:
         self.drive, self.config = drive, config
         has_depth = any(measures_depth(drive.camera, frame) for frame in first.values())
         self.map = VisualMap(drive, config, has_depth)
+        self._by_wheels = config.egomotion == "wheels"
+        if self._by_wheels:
+            require(has_depth, "egomotion", "camera where depth is not measured", "wheels")
+            self.map.ekf = _with_odometry_bias(drive, config)
         self.recovery = Recovery(self.map, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
@@ -151,13 +158,12 @@ class Pipeline:
         self.log = RunLog(drive)
         self._cameras = drive.camera, drive.camera  # as turned in the last frame and in this one
         self._camera_trajectory = CameraTrajectory()
-        reduction = max((frame.reduction for frame in first.values()), default=1)
-        self._ground = GroundTracker(drive.camera, reduction)
-        adjusts = has_depth and config.window > 2
+        self._ground = GroundTracker(drive.camera)
+        adjusts = has_depth and config.window > 2 and not self._by_wheels
         self._window = SlidingWindow(drive.camera, config) if adjusts else None
         cache = cache if gaze is None else None  # what a frame shows depends on the gaze
         self._extract = FeatureExtractor(drive, config, cache, first, gaze is not None)
-        ahead = config.detect_interval if gaze is None else gaze.frames_ahead
+        ahead = config.detect_interval if gaze is None else 0
         self._features = Prefetcher(self._extract, len(drive), ahead)
         self._gaze = gaze
         self._previous = PreparedFrame(Frame(float(drive.time[0])))
@@ -212,7 +218,7 @@ class Pipeline:
             self._previous, self.log.last_visible = frame, number
         if self._gaze is not None:
             time = float(self.drive.time[number])
-            self._gaze.decide(time, features, self.map, self.tracked)
+            self._gaze.decide(time, features, self.map, self.tracked, self.config.egomotion)
 
     @property
     def pose_covariance(self) -> FloatArray:
@@ -314,7 +320,11 @@ class Pipeline:
         """Predict the pose; with a single camera, also triangulate the tracked points."""
         (earlier, camera), trajectory = self._cameras, self._camera_trajectory
         with self.log.timed("predict"):
-            self.map.predict(number, expected, motion, adjusted)
+            if self._by_wheels:
+                odometry = self.drive.control[number - 1], self.drive.control_covariance[number - 1]
+                self.map.ekf.predict(*odometry)
+            else:
+                self.map.predict(number, expected, motion, adjusted)
         if motion is None:
             trajectory.append(*camera_motion(camera, expected[0], earlier))
             return
@@ -394,7 +404,16 @@ class Pipeline:
             landmark = self.tracked.landmark.copy()
             landmark[chosen] = self.map.initialize(observations, points.descriptor, number)
             points = replace(points, landmark=landmark[chosen])
+            self.tracked.reidentified[chosen] = self._by_wheels
             self.map.enforce_budget(landmark[landmark >= 0], number)
             removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
             self.tracked = replace(self.tracked, landmark=landmark)[~removed]
         self.log.add_observations(number, ObservationKind.INITIALIZED, points, observations)
+
+
+def _with_odometry_bias(drive: Drive, config: VisualConfig) -> EkfSlam:
+    """A filter that estimates the systematic errors of odometry, if there are any."""
+    bias = drive.odometry_bias if any(drive.odometry_bias) else ()
+    robot = np.concatenate([drive.start, np.zeros(len(bias))])
+    covariance = np.diag(np.square([0.0, 0.0, 0.0, *bias]))
+    return EkfSlam(robot, covariance, compose, retraction=INVARIANT, huber=config.huber)

@@ -77,13 +77,12 @@ class TrackedPoints(Table):
     descriptor: ByteArray = column(128, dtype=np.uint8)
     """(k, 128) in that frame."""
     reidentified: BoolArray = column(dtype=np.bool_)
-    """(k,) whether it was re-identified there as a lost landmark."""
+    """(k,) whether its observations correct the pose: it was re-identified there as a lost
+    landmark, or the motion is measured by wheels."""
     rematch_attempts: IntArray = column(dtype=np.int64)
     """(k,) later frames in which points were detected while it was tracked."""
     rematches: IntArray = column(dtype=np.int64)
     """(k,) those of them in which its descriptor was matched at its tracked position."""
-    pixel_size: Float32Array = column(dtype=np.float32)
-    """(k,) of the pixels in which it was seen: 1, or more in the periphery of a fovea."""
     landmark_only: BoolArray = column(dtype=np.bool_)
     """(k,) whether it is tracked for landmarks alone, apart from the points of the egomotion."""
 
@@ -91,6 +90,11 @@ class TrackedPoints(Table):
         """The same points, tracked apart from those of the egomotion; their ids are others."""
         alone = np.ones(len(self), np.bool_)
         return replace(self, id=self.id + LANDMARK_ONLY_ID, landmark_only=alone)
+
+    @property
+    def pixel_size(self) -> Float32Array:
+        """(k,) ones: all are seen in the pixels of the image."""
+        return np.ones(len(self), np.float32)
 
     @property
     def for_motion(self) -> "TrackedPoints":
@@ -119,11 +123,11 @@ class TrackedPoints(Table):
         return replace(points, response=self.response, descriptors=self.descriptor)
 
     def near(self, others: "TrackedPoints", radius: float) -> BoolArray:
-        """(k,) whether each is less than `radius` of its own pixels from any of the others."""
+        """(k,) whether each is less than `radius` pixels from any of the others."""
         if len(self) == 0 or len(others) == 0:
             return np.zeros(len(self), np.bool_)
         squared = np.square(self.xy[:, None] - others.xy).sum(2)
-        return np.asarray((squared < np.square(radius * self.pixel_size)[:, None]).any(1))
+        return np.asarray((squared < radius**2).any(1))
 
 
 @dataclass(frozen=True, eq=False)
