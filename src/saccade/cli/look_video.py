@@ -1,13 +1,14 @@
 """Saliency and gaze of a video, written as a film and as arrays."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from saccade.attention.models import AttentionModel, bare_saliency
-from saccade.attention.video import VideoMaps, VideoSaliency
+from saccade.attention.models import AttentionModel
+from saccade.attention.video import VideoConfig, VideoMaps, VideoSaliency
 from saccade.cli.output import progress_bar, write_arrays
 from saccade.types import Image
 from saccade.video import read_video, video_rate, video_writer
@@ -18,12 +19,14 @@ class VideoRecord:
     """Saliency and gaze of the frames so far.
 
     Args:
-        attention: model of the static saliency, which is taken without its prior of the position:
-            the gaze has a center of its own.
+        attention: model of the static saliency. If it has a prior of the center, the gaze has none.
     """
 
     def __init__(self, attention: AttentionModel) -> None:
-        self._video = VideoSaliency(static=lambda frame: bare_saliency(attention.maps(frame)))
+        config = VideoConfig()
+        if getattr(attention.settings, "center_prior", None) is not None:
+            config = replace(config, scanpath=replace(config.scanpath, center_sigma=None))
+        self._video = VideoSaliency(config, lambda frame: attention.maps(frame).saliency)
         self._times = list[float]()
         self._maps = list[VideoMaps]()
 

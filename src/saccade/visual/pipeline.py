@@ -18,10 +18,7 @@ from saccade.slam.checkpoint import (
     restore_attributes,
     select,
 )
-from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.error_state import INVARIANT
 from saccade.slam.filter.models import PredictedObservations
-from saccade.slam.models import compose
 from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
@@ -148,7 +145,6 @@ class Pipeline:
         self._by_wheels = config.egomotion == "wheels"
         if self._by_wheels:
             require(has_depth, "egomotion", "camera where depth is not measured", "wheels")
-            self.map.ekf = _with_odometry_bias(drive, config)
         self.recovery = Recovery(self.map, config)
         self.tracked = TrackedPoints()
         self.detected: TrackedPoints | None = None
@@ -321,8 +317,7 @@ class Pipeline:
         (earlier, camera), trajectory = self._cameras, self._camera_trajectory
         with self.log.timed("predict"):
             if self._by_wheels:
-                odometry = self.drive.control[number - 1], self.drive.control_covariance[number - 1]
-                self.map.ekf.predict(*odometry)
+                self.map.predict_by_odometry(number)
             else:
                 self.map.predict(number, expected, motion, adjusted)
         if motion is None:
@@ -409,11 +404,3 @@ class Pipeline:
             removed = (landmark >= 0) & (self.map.landmarks.rows(landmark) < 0)
             self.tracked = replace(self.tracked, landmark=landmark)[~removed]
         self.log.add_observations(number, ObservationKind.INITIALIZED, points, observations)
-
-
-def _with_odometry_bias(drive: Drive, config: VisualConfig) -> EkfSlam:
-    """A filter that estimates the systematic errors of odometry, if there are any."""
-    bias = drive.odometry_bias if any(drive.odometry_bias) else ()
-    robot = np.concatenate([drive.start, np.zeros(len(bias))])
-    covariance = np.diag(np.square([0.0, 0.0, 0.0, *bias]))
-    return EkfSlam(robot, covariance, compose, retraction=INVARIANT, huber=config.huber)

@@ -62,7 +62,9 @@ class VisualMap:
             submaps="never",
             start_sigma=(0.0, 0.0, 0.0),
         )
-        self.slam = Slam(settings, start=drive.start, motion=compose)
+        by_wheels = config.egomotion == "wheels"
+        bias = drive.odometry_bias if by_wheels else (0.0, 0.0, 0.0)
+        self.slam = Slam(settings, start=drive.start, motion=compose, odometry_bias=bias)
         """Steps the filter; the names of its landmarks are their ids."""
         self.landmarks = Landmarks()
         self._next_id = 0
@@ -174,6 +176,15 @@ class VisualMap:
                     control = fuse(control, odometry)
         elif adjusted is not None:
             control = adjusted[0], adjusted[1] + systematic
+        self._move(number, control)
+
+    def predict_by_odometry(self, number: int) -> None:
+        """Predict the pose of a frame after the first by odometry; its biases are estimated."""
+        drive = self._drive
+        self._move(number, (drive.control[number - 1], drive.control_covariance[number - 1]))
+
+    def _move(self, number: int, control: Prior) -> None:
+        """Move the robot to the pose of a frame by a control (3,) with covariance (3, 3)."""
         self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
 
     def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
