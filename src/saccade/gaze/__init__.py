@@ -1,0 +1,5 @@
+"""Where a robot looks next, by its map: image -> attention -> landmarks -> map, and back."""
+
+from saccade.gaze.gazer import POLICIES, Gazer, Look
+
+__all__ = ["POLICIES", "Gazer", "Look"]
