@@ -162,7 +162,7 @@ class Culling:
         Returns:
             Whether missed landmarks are counted.
         """
-        self.add_reach(float(z[:, 0].max()))
+        self.add_reach(max(z[:, 0].tolist()))
         if not (self.is_due() and may_cull):
             return False
         if ekf.models.observes_ranges:
