@@ -60,11 +60,12 @@ ALLOWED = {
         *("workspace", "scale_space", "scale_space_config", "textbook"),
     },
     "slam": FOUNDATION | {"_jit"},
-    "visual": FOUNDATION | {"_jit", "image", "pyramid", "attention", "keypoints", "slam"},
+    "gaze": FOUNDATION | {"slam"},
+    "visual": FOUNDATION | {"_jit", "image", "pyramid", "attention", "keypoints", "slam", "gaze"},
     "simulation": FOUNDATION | {"image", "slam"},
     "datasets": FOUNDATION | {"image", "video", "live_video"},
     "evaluation": FOUNDATION
-    | {"image", "pyramid", "attention", "keypoints", "slam", "visual"}
+    | {"image", "pyramid", "attention", "keypoints", "slam", "visual", "gaze"}
     | {"datasets", "simulation", "exchange"},
     "diagnostics": FOUNDATION | {"visual", "slam"},
     "exchange": FOUNDATION,

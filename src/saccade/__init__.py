@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from saccade import datasets as datasets
     from saccade import exchange as exchange
+    from saccade import gaze as gaze
     from saccade import slam as slam
     from saccade import textbook as textbook
     from saccade import viewing as viewing
@@ -102,7 +103,7 @@ _MODULES = {
     "pictures": ("show",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
-_PACKAGES = ("datasets", "exchange", "slam", "textbook", "viewing", "visual")
+_PACKAGES = ("datasets", "exchange", "gaze", "slam", "textbook", "viewing", "visual")
 
 __all__ = sorted([*_MODULE_OF, *_PACKAGES])
 

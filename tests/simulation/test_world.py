@@ -58,6 +58,26 @@ def test_the_errors_have_the_covariance_that_the_log_says(name):
     assert square.mean() == pytest.approx(2, abs=5 * 2 / np.sqrt(len(v)))
 
 
+def test_systematic_errors_of_the_wheels_are_those_that_the_log_tells():
+    course = {"odometry_percent": 0.0, "steps": 50}
+    true = simulate_world(WorldConfig(**course)).control
+    log = simulate_world(WorldConfig(scale_percent=4.0, heading_drift=2.0, **course))
+    assert log.odometry_bias == pytest.approx((0.04, np.deg2rad(2.0), 0))
+    moved, length = (np.hypot(*control[:, :2].T) for control in (log.control, true))
+    assert np.abs(length / moved - 1) == pytest.approx(0.04)
+    turned = log.control[:, 2] - true[:, 2]
+    assert np.abs(turned / moved) == pytest.approx(np.deg2rad(2.0))
+
+
+def test_landmarks_in_groups_are_near_each_other():
+    world = WorldConfig(landmarks=40, group_size=4, layout=1)
+    xy = simulate_world(world).landmark_truth.xy
+    spread = xy.reshape(10, 4, 2).std(1).mean()
+    assert spread < 1.2 < 5 < xy.std(0).mean()
+    other = simulate_world(replace(world, layout=2)).landmark_truth.xy
+    assert np.abs(other - xy).max() > 1
+
+
 def test_another_seed_is_other_noise_in_the_same_world():
     one, same, other = (simulate_world(WorldConfig(), seed) for seed in (1, 1, 2))
     assert one.observation.tobytes() == same.observation.tobytes()

@@ -14,7 +14,7 @@ from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
 LAYOUT_SEED = 2010
-"""Seed of the landmark positions, which are equal in all runs."""
+"""Seed of the landmark positions, by default; they are equal in all runs."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,10 @@ class WorldConfig:
     """Number of landmarks along the course."""
     landmark_spread: float = 5.0
     """Largest distance of a landmark from the course, to either side, in metres."""
+    group_size: int = 1
+    """Number of landmarks in each group, within a metre or so; 1 for no groups."""
+    layout: int = LAYOUT_SEED
+    """Seed of the positions of the landmarks."""
     scan_interval: int = 1
     """Steps per scan."""
     range_limits: tuple[float, float] = (0.5, 5.0)
@@ -55,6 +59,10 @@ class WorldConfig:
     2 sqrt 2 f v radians of turn."""
     turn_sigma: float = 0.0
     """Standard deviation added to that of a robot's turn in a step, in degrees."""
+    scale_percent: float = 0.0
+    """Systematic error of a robot's distances, in per cent, whose sign is drawn."""
+    heading_drift: float = 0.0
+    """Systematic error of a robot's turns, in degrees per metre, whose sign is drawn."""
     speed_sigma: float = 0.3
     """Standard deviation of a car's speed in a step, in metres per second."""
     steering_sigma: float = 3.0
@@ -64,15 +72,17 @@ class WorldConfig:
 
     def __post_init__(self) -> None:
         require_types(self)
-        counts = ("steps", "landmarks", "scan_interval")
+        counts = ("steps", "landmarks", "scan_interval", "group_size")
         lengths = ("course_length", "step_length", "step_time", "wheel_base")
         spreads = (
             *("landmark_spread", "range_percent", "range_sigma", "bearing_sigma"),
             *("odometry_percent", "turn_sigma", "speed_sigma", "steering_sigma"),
+            *("scale_percent", "heading_drift"),
         )
         require_ranges(self, **dict.fromkeys(counts, (1, 10**6)))
         require_ranges(self, **dict.fromkeys(lengths, (1e-6, 1e6)))
         require_ranges(self, **dict.fromkeys(spreads, (0, 1000)))
+        require_ranges(self, layout=(0, 2**31))
         require_ranges(self, curvature_amplitude=(0, 3), field_of_view=(0.1, 360))
         limits = self.range_limits
         ascending = len(limits) == 2 and 0 <= limits[0] < limits[1] < 1e6
@@ -195,7 +205,13 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
     commands = _commands(config)
     truth = _path(_increments(config, commands))  # (t + 1, 3)
     landmarks = _landmarks(config)  # (n, 2)
-    control, U = _odometry(config, commands, rng)
+    bias = config.scale_percent / 100, float(np.deg2rad(config.heading_drift))
+    scale, drift = bias * np.random.default_rng((seed, 1)).choice([-1.0, 1.0], 2)
+    distance, turn = commands.T
+    if config.vehicle == "robot":  # what its wheels tell, without noise
+        distance = distance / (1 + scale)
+        turn = turn - drift * distance
+    control, U = _odometry(config, np.stack([distance, turn], 1), rng)
     pose, landmark, z = _observations(config, truth, landmarks)
     sigma = np.empty(z.shape)
     sigma[:, 0] = config.range_percent / 100 * z[:, 0] + config.range_sigma
@@ -210,6 +226,7 @@ def simulate_world(config: WorldConfig = WorldConfig(), seed: int = 0) -> Landma
         motion="compose",
         control=control,
         control_covariance=U,
+        odometry_bias=(*bias, 0.0),
         observation_pose=pose,
         observation=z,
         observation_covariance=sigma[:, :, None] ** 2 * np.eye(2),
@@ -282,14 +299,19 @@ def _path(steps: FloatArray) -> FloatArray:
 
 def _landmarks(config: WorldConfig) -> FloatArray:
     """(n, 2) random landmarks along the course and to its sides."""
-    rng = np.random.default_rng(LAYOUT_SEED)
+    rng = np.random.default_rng(config.layout)
     steps_per_lap = int(np.ceil(config.course_length / config.step_length))
     lap = replace(config, steps=steps_per_lap)
     course = _path(_increments(lap, _commands(lap)))
-    pose = course[rng.integers(0, len(course), config.landmarks)]  # (n, 3)
+    groups = -(-config.landmarks // config.group_size)
+    pose = course[rng.integers(0, len(course), groups)]  # (g, 3)
     left = np.stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])], 1)
     spread = config.landmark_spread
-    return pose[:, :2] + left * rng.uniform(-spread, spread, (config.landmarks, 1))
+    center = pose[:, :2] + left * rng.uniform(-spread, spread, (groups, 1))
+    if config.group_size == 1:
+        return center
+    xy = np.repeat(center, config.group_size, 0)[: config.landmarks]
+    return xy + rng.standard_normal(xy.shape)
 
 
 def _observations(

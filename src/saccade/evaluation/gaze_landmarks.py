@@ -1,0 +1,122 @@
+"""A robot with a camera that turns, at the level of landmarks: by a map that it makes or knows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from saccade.frames import steps_between
+from saccade.gaze import Gazer, Policy
+from saccade.simulation import WorldConfig, simulate_world
+from saccade.slam import EkfConfig, Slam
+from saccade.slam.consistency import chi_square_gate
+from saccade.slam.models import compose, observe, wrap
+from saccade.types import LandmarkLog
+
+FIELD_OF_VIEW, REACH, RATE, PERIOD = float(np.radians(50)), 8.0, float(np.radians(120)), 0.2
+"""Of the camera in radians, metres and radians per second; and seconds from scan to scan."""
+SPEED, LAPS = 1.0, 2
+"""Of the robot in metres per second."""
+KNOWN_SIGMA = 0.02
+"""Standard deviation of the landmarks of a map that is known, in metres."""
+COURSES = {  # metres, curvature, seed of the landmarks
+    "pond": (62.0, 0.0, 1),
+    "clover": (80.0, 0.9, 2),
+    "island": (96.0, 1.4, 3),
+    "park": (114.0, 1.0, 4),
+    "yard": (70.0, 0.5, 5),
+    "campus": (105.0, 1.2, 6),
+}
+
+
+def landmark_world(name: str) -> WorldConfig:
+    """An uneven world of `COURSES`: landmarks stand in groups, and wheels err systematically."""
+    length, curvature, layout = COURSES[name]
+    return WorldConfig(
+        course_length=length,
+        curvature_amplitude=curvature,
+        steps=round(LAPS * length / SPEED / PERIOD),
+        step_length=SPEED * PERIOD,
+        step_time=PERIOD,
+        landmarks=40,
+        group_size=4,
+        layout=layout,
+        landmark_spread=6.0,
+        range_limits=(0.3, REACH),
+        range_percent=0.0,
+        range_sigma=0.1,
+        bearing_sigma=1.0,
+        odometry_percent=1.0,
+        scale_percent=3.0,
+        heading_drift=1.5,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LandmarkRun:
+    """What a drive gave."""
+
+    ate: float
+    """Root mean squared error of the position, in metres."""
+    inside_3sigma: float
+    """Fraction of the positions inside their 99.7 % ellipse."""
+    closed: bool
+    """Whether landmarks of the first lap were seen again in the second."""
+
+
+def drive_by_landmarks(
+    world: WorldConfig,
+    policy: str | Policy,
+    seed: int,
+    known: bool = False,
+    fov: float | None = None,
+) -> LandmarkRun:
+    """Drive through a world; the camera sees what lies in the view that a policy chooses.
+
+    Args:
+        world: its scans see in all directions.
+        policy: see `Gazer`.
+        seed: of all noise, which is equal for all policies, and of what the policy draws.
+        known: whether the map is known, else it is made.
+        fov: of the camera in radians; `FIELD_OF_VIEW` by default.
+    """
+    log = simulate_world(world, seed)
+    assert log.truth is not None
+    slam = _robot(log, known)
+    width = FIELD_OF_VIEW if fov is None else fov
+    gazer = Gazer(slam, width, REACH, rate=RATE, period=PERIOD, policy=policy, seed=seed)
+    steps = steps_between(log.truth.pose)  # a robot that follows a path knows those to come
+    error, covariance = np.zeros((len(log.time), 2)), np.zeros((len(log.time), 2, 2))
+    pan, closed, first = 0.0, False, dict[int, int]()
+    scans = np.searchsorted(log.observation_pose, np.arange(len(log.time) + 1))
+    for i, time in enumerate(log.time.tolist()):
+        rows = np.arange(scans[i], scans[i + 1])
+        rows = rows[np.abs(wrap(log.observation[rows, 1] - pan)) <= width / 2]
+        names = log.landmark[rows]
+        moved = (log.control[i - 1], log.control_covariance[i - 1]) if i else (None, None)
+        scan = log.observation[rows], log.observation_covariance[rows], names
+        result = slam.step(time, *moved, *(scan if len(rows) else ()))
+        gazer.observed(pan, names)
+        for name in names.tolist():
+            closed |= i - first.setdefault(name, i) > len(log.time) / LAPS / 2
+        error[i] = result.pose[:2] - log.truth.pose[i, :2]
+        covariance[i] = result.covariance[:2, :2] + 1e-12 * np.eye(2)
+        pan = gazer.next(steps[i:] if i < len(steps) else None).pan
+    squared = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(1)
+    return LandmarkRun(
+        ate=float(np.sqrt(np.square(error).sum(1).mean())),
+        inside_3sigma=float((squared < chi_square_gate(2, 0.9973)).mean()),
+        closed=closed,
+    )
+
+
+def _robot(log: LandmarkLog, known: bool) -> Slam:
+    """At the start of a log, with all landmarks in its map if it is known."""
+    config = EkfConfig(association="known", recover=False)
+    slam = Slam(config, start=log.start, motion=compose, odometry_bias=log.odometry_bias)
+    if known:
+        assert log.landmark_truth is not None
+        z = observe(log.start, log.landmark_truth.xy)[0]
+        R = KNOWN_SIGMA**2 * np.stack([np.ones(len(z)), z[:, 0] ** -2.0], 1)[:, None] * np.eye(2)
+        slam.step(float(log.time[0]), z=z, R=R, names=log.landmark_truth.id)
+        slam.mode = "localize"
+    return slam

@@ -1,0 +1,154 @@
+"""The gazer against an update of the filter, and what each of its terms is for."""
+
+from math import pi, radians
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import saccade
+from saccade.errors import ConfigError
+from saccade.gaze import POLICIES, Gazer
+from saccade.gaze.gazer import BEARING_SIGMA, HORIZON, INHIBITION, RANGE_SIGMA
+from saccade.slam import EkfConfig, Slam
+from saccade.slam.models import compose, observe
+
+CONFIG = EkfConfig(filter="standard", association="known", huber=np.inf, recover=False)
+
+
+def robot(landmarks=(), names=None, motion_sigma=0.0, **options):
+    """At the origin, with landmarks known to a centimetre, and then a pose less certain."""
+    slam = Slam(CONFIG, motion=compose, **options)
+    xy = np.array(landmarks, float).reshape(-1, 2)
+    if len(xy):
+        R = np.tile(np.diag([1e-4, 1e-5]), (len(xy), 1, 1))
+        names = np.arange(len(xy)) if names is None else names
+        slam.step(0.0, z=observe(np.zeros(3), xy)[0], R=R, names=names)
+    slam.step(1.0, np.zeros(3), motion_sigma**2 * np.diag([1, 1, 0.1]) + 1e-9 * np.eye(3))
+    return slam
+
+
+def gazer(slam, policy="active", **options):
+    return Gazer(slam, radians(50), 8.0, policy=policy, **{"rate": 100.0, **options})
+
+
+def look_around(made):
+    """Nothing around is new any more."""
+    for pan in np.linspace(-pi, pi, 20):
+        made.observed(pan)
+    made.pan = 0.0
+
+
+def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose():
+    landmarks = np.array([[2.0, 0.1], [3.0, -0.4], [4.0, 0.5]])
+    slam = robot(landmarks, motion_sigma=0.3)
+    made = gazer(slam)
+    view = made._view()
+    ahead = int(np.argmin(np.abs(made.candidates)))
+    assert view.seen[ahead].tolist() == [1, 1, 1]
+    told = made._information(view)[ahead]
+    before = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
+    r = np.hypot(*landmarks.T)
+    R = np.stack([(RANGE_SIGMA * r) ** 2, np.full(3, BEARING_SIGMA**2)], 1)[:, None] * np.eye(2)
+    slam.step(2.0, z=observe(np.zeros(3), landmarks)[0], R=R, names=np.arange(3))
+    after = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
+    assert_allclose(told, (before - after) / 2, rtol=1e-3)
+
+
+def test_a_landmark_that_is_as_uncertain_as_the_pose_tells_nothing_of_it():
+    slam = Slam(CONFIG, motion=compose)
+    slam.step(1.0, np.zeros(3), np.diag([1.0, 1.0, 0.1]))
+    R = np.diag([1e-4, 1e-5])[None]
+    slam.step(2.0, z=np.array([[3.0, 0.0]]), R=R, names=np.array([0]))
+    made = gazer(slam)
+    assert abs(made._information(made._view())).max() < 0.01
+
+
+def test_an_uncertain_robot_looks_at_known_landmarks_and_a_certain_one_at_what_is_new():
+    behind = [[-1.5, 2.6], [-1.3, 2.4], [-1.6, 2.8]]
+    uncertain = gazer(robot(behind, motion_sigma=0.5))
+    look_around(uncertain)
+    look = uncertain.next()
+    assert look.pan == pytest.approx(radians(120), abs=radians(25))
+    assert look.reason == "to landmarks that tell most of the pose"
+    certain = gazer(robot(behind))
+    for pan in np.linspace(-0.5, 2.4, 20):
+        certain.observed(pan, [0, 1, 2])
+    look = certain.next()
+    assert look.pan < -1
+    assert look.reason == "to area that was never seen"
+
+
+def test_landmarks_that_were_looked_at_are_inhibited_until_they_are_forgotten():
+    made = gazer(robot([[0.0, 3.0], [0.0, -3.0]]), "salient")
+    assert made.next(salience={0: 0.9, 1: 0.6}).pan > 1
+    made.observed(1.5, [0])
+    assert made.next().pan < -1
+    made.observed(-1.5, [1])
+    made.time += 10 * INHIBITION
+    assert made.next().pan > 1
+
+
+def test_names_of_landmarks_may_be_text():
+    made = gazer(robot([[0.0, 3.0], [0.0, -3.0]], np.array(["door", "lamp"])), "salient")
+    assert made.next(salience={"door": 0.1}).pan < -1
+
+
+def test_landmarks_to_come_are_seen_where_the_plan_leads():
+    slam = robot([[6.0, 3.0]], motion_sigma=0.1)
+    made = gazer(slam, "salient")
+    stays = made.next().pan
+    goes_on = gazer(slam, "salient").next(np.tile([0.5, 0.0, 0.0], (20, 1))).pan
+    assert 0 < stays < goes_on
+
+
+def test_a_drift_across_the_motion_keeps_the_view_ahead():
+    slam = robot()
+    plan = np.tile([0.1, 0.0, 0.0], (20, 1))
+    made = gazer(slam, drift=lambda pan: 1 + 15 * np.sin(pan) ** 4)
+    look_around(made)
+    told = made._information(made._view())
+    made._plan = plan
+    assert np.ptp(told) == 0.0
+    told = made._information(made._view())
+    assert told[np.abs(made.candidates) > 1.2].max() < told.max() - 1
+    assert abs(made.next(plan).pan) < 0.5
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_a_camera_turns_within_its_limits_and_no_faster_than_its_rate(policy):
+    slam = robot(np.random.default_rng(0).uniform(-6, 6, (20, 2)), motion_sigma=0.1)
+    made, again = (
+        Gazer(slam, 0.9, 8.0, (-1.0, 0.7), 0.5, period=0.2, policy=policy, seed=3) for _ in range(2)
+    )
+    looks = [made.next(np.array([[0.1, 0.0, 0.01]])) for _ in range(30)]
+    assert looks == [again.next(np.array([[0.1, 0.0, 0.01]])) for _ in range(30)]
+    pan = np.array([0.0, *(look.pan for look in looks)])
+    assert pan.min() >= -1.0
+    assert pan.max() <= 0.7
+    assert np.abs(np.diff(pan)).max() <= 0.1 + 1e-12
+    x, y = looks[-1].target
+    assert_allclose([np.hypot(x, y), np.arctan2(y, x)], [4.0, pan[-1]], atol=1e-9)
+    assert policy == "fixed" or np.ptp(pan) > 0.2
+
+
+def test_a_policy_of_ones_own_is_a_function_of_the_gazer():
+    made = gazer(robot(), lambda gazer: gazer.limits[1] / 2)
+    assert made.next().pan == pytest.approx(1.2)
+    assert saccade.gaze.Gazer is Gazer
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"fov": 0.0},
+        {"reach": 0.0},
+        {"pan": (1.0, 0.0)},
+        {"rate": 0.0},
+        {"period": 2 * HORIZON},
+        {"policy": "clever"},
+    ],
+)
+def test_arguments_out_of_range_are_named(wrong):
+    with pytest.raises(ConfigError, match=next(iter(wrong))):
+        Gazer(robot(), **{"fov": 1.0, "reach": 8.0, **wrong})
