@@ -15,12 +15,12 @@ import numpy as np
 
 from saccade import visual
 from saccade.evaluation.gaze_drives import LAPS, PAN_DRIVE, SETTINGS
-from saccade.frames import Gaze, GazeLimits, steps_between
+from saccade.frames import steps_between
+from saccade.gaze import Gazer
 from saccade.simulation import PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName
 from saccade.types import FloatArray
-from saccade.visual.gaze import Belief, Candidates, SalientPlaces
-from saccade.visual.gaze_control import GazeControl, pan_candidates
+from saccade.visual.gaze_control import GazeControl
 
 FRAMES, STEPS = 200, 20
 PANS = [(0,), (20,), (40,), (-40,), (80,), (-80,), (140,), (0, 20), (0, 40)]
@@ -34,13 +34,10 @@ def drift(world: WorldName, pans: Sequence[int], seed: int) -> FloatArray:
     motor = PanCamera(seed=seed)
     drive = simulate_drive(config, seed, motor)
 
-    def look(
-        belief: Belief, places: SalientPlaces, candidates: Candidates, limits: GazeLimits
-    ) -> Gaze:
-        return Gaze(np.radians(pans[int(belief.time) % len(pans)]))
+    def look(gazer: Gazer) -> float:
+        return float(np.radians(pans[int(gazer.time) % len(pans)]))
 
-    candidates = pan_candidates(drive.camera, motor.limits)
-    control = GazeControl(look, candidates, motor.limits, motor.turn_to)
+    control = GazeControl(look, drive.camera, motor.limits, motor.turn_to)
     result = visual.run(drive, replace(SETTINGS, max_landmarks=1, new_per_frame=1), gaze=control)
     assert drive.truth is not None
     poses = result.trajectory.pose, drive.truth.pose

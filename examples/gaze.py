@@ -3,11 +3,10 @@
 from collections import Counter
 
 from saccade import visual
+from saccade.frames import Gaze
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.viewing import map_figure, save_figure
-from saccade.visual.gaze import Gaze
-from saccade.visual.gaze_control import GazeControl, pan_candidates
-from saccade.visual.gaze_policies import POLICIES
+from saccade.visual.gaze_control import GazeControl
 
 config = DriveConfig(world="rooms", frames=60, frames_per_lap=200, image_size=(160, 120))
 motor = PanCamera()  # on a robot: the driver of its pan-tilt unit
@@ -19,13 +18,12 @@ def turn(time: float, gaze: Gaze) -> None:
     motor.turn_to(time, gaze)
 
 
-candidates = pan_candidates(drive.camera, motor.limits)
-control = GazeControl(POLICIES["informative"](0), candidates, motor.limits, turn)
-run = visual.run(drive, gaze=control)
+control = GazeControl("active", drive.camera, motor.limits, turn)
+run = visual.run(drive, visual.VisualConfig(egomotion="wheels"), gaze=control)
 print(run)
 
 for reason, count in Counter(each.chosen.reason for each in control.decisions).most_common():
-    print(f"{reason:12} {count} decisions")
+    print(f"{reason}: {count} decisions")
 error = run.trajectory.pose[-1, :2] - drive.truth.pose[-1, :2]
 print(f"{(error @ error) ** 0.5:.3f} m off at the end")
 

@@ -43,7 +43,8 @@ COMMANDS = {
     "consistency": ("world", "evaluate consistency --config {0}/world.toml --runs 1 --json"),
     "gaze": (
         "gaze-run",
-        "evaluate gaze -o {0} --world rooms --policy fixed --seeds 1 --frames 8",
+        "evaluate gaze -o {0} --level images --egomotion camera --world rooms --policy fixed "
+        "--seeds 1 --frames 8",
     ),
     "selection": (
         "selection-run",

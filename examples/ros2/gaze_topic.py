@@ -1,40 +1,48 @@
-"""Publish the gaze of visual SLAM to a ROS 2 topic.
+"""Turn the camera of a ROS 2 robot to where its map tells most.
 
-    publisher = GazePublisher(node, "pan_tilt/command")
-    control = GazeControl(POLICIES["informative"](0), candidates, limits, publisher)
-    pipeline = Pipeline(drive, VisualConfig(), gaze=control)
+    gazer = Gazer(slam, fov=radians(50), reach=8.0, period=0.2)
+    turn = GazePublisher(node, "pan_tilt_controller/joint_trajectory")
+    turn(gazer.next(plan))
 
-Each decision is a `sensor_msgs/JointState` with the positions of the joints `pan` and `tilt` in
-radians: pan to the left, tilt up, from how the camera is mounted. `drive.load` gives each frame the
-turn of its own time, `Frame(..., turn=CameraTurn(pan, tilt, sigma))`, from the joint states that
-the driver of the unit publishes.
+The controller of the pan-tilt unit turns the joints `pan` and `tilt`: radians to the left and up,
+from how the camera is mounted. The pan of each image is that of the transform from the robot to
+the camera at its time, `pan_of`; an error of it adds its variance to that of all bearings.
+
+A head with an action server takes `point_head_goal`, a PTZ camera `ptz_goal`, and the gimbal of a
+vehicle with MAVLink `gimbal_pitch_yaw`.
 """
 
+from math import atan2
 from typing import Any
 
-from saccade.visual.gaze import Gaze
+from saccade.gaze import Look, joint_trajectory
 
 
 class GazePublisher:
-    """Publishes gazes; what `GazeControl` calls to turn the camera.
+    """Publishes looks as joint trajectories.
 
     Args:
         node: an `rclpy` node.
-        topic: of the commands.
+        topic: of the controller.
         joints: names of the joints of pan and tilt.
     """
 
     def __init__(self, node: Any, topic: str, joints: tuple[str, str] = ("pan", "tilt")) -> None:
-        from sensor_msgs.msg import JointState  # of a sourced ROS 2 environment
+        from rosidl_runtime_py import set_message_fields  # of a sourced ROS 2 environment
+        from trajectory_msgs.msg import JointTrajectory
 
-        self._message, self._joints = JointState, joints
-        self._publisher = node.create_publisher(JointState, topic, 10)
-        self._clock = node.get_clock()
+        self._message, self._fill, self._joints = JointTrajectory, set_message_fields, joints
+        self._publisher = node.create_publisher(JointTrajectory, topic, 10)
 
-    def __call__(self, time: float, gaze: Gaze) -> None:
-        """Publish where to look; `time` is that of the frame, in seconds."""
+    def __call__(self, look: Look) -> None:
+        """Turn to a look."""
         message = self._message()
-        message.header.stamp = self._clock.now().to_msg()
-        message.name = list(self._joints)
-        message.position = [float(gaze.pan), float(gaze.tilt)]
+        self._fill(message, joint_trajectory(look, self._joints))
         self._publisher.publish(message)
+
+
+def pan_of(buffer: Any, robot: str, camera: str, stamp: Any) -> float:
+    """Pan of an optical frame on the robot at a time, by a `tf2_ros` buffer, in radians."""
+    q = buffer.lookup_transform(robot, camera, stamp).transform.rotation
+    x, y = 2 * (q.x * q.z + q.w * q.y), 2 * (q.y * q.z - q.w * q.x)  # of the optical axis, z
+    return atan2(y, x)

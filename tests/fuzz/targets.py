@@ -405,15 +405,15 @@ def _runs(folder: Path) -> object:
 def _gaze_run() -> Any:
     from saccade.evaluation.gaze_runs import GazeRun
 
-    return GazeRun("rooms", "fixed", 0, 8)
+    return GazeRun("rooms", "fixed", 0, "images", egomotion="camera", frames=8)
 
 
 def _gaze(folder: Path) -> None:
-    from saccade.evaluation.gaze_runs import SCORES, TIMES
+    from saccade.evaluation.gaze_runs import SCORES
 
     path = _gaze_run().path(folder)
     path.parent.mkdir(parents=True)
-    row = _gaze_run().identity | dict.fromkeys(SCORES, 0.5) | {"entropy_over_time": [0.5] * TIMES}
+    row = _gaze_run().identity | dict.fromkeys(SCORES, 0.5)
     path.write_text(json.dumps(row))
 
 

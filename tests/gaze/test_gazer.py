@@ -108,7 +108,7 @@ def test_a_drift_across_the_motion_keeps_the_view_ahead():
     made = gazer(slam, drift=lambda pan: 1 + 15 * np.sin(pan) ** 4)
     look_around(made)
     told = made._information(made._view())
-    made._plan = plan
+    made.plan = plan
     assert np.ptp(told) == 0.0
     told = made._information(made._view())
     assert told[np.abs(made.candidates) > 1.2].max() < told.max() - 1

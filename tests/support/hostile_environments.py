@@ -46,7 +46,7 @@ COMMANDS = {
     "evaluate features": "--pairs {in}/pairs --points 20",
     "evaluate features --drive": "{in}/kitti --points 20",
     "evaluate places": "{in}/photos --lap 2",
-    "evaluate gaze": "--world rooms --policy sweep --seeds 1 --frames 8 -o out",
+    "evaluate gaze": "--world pond --policy sweep --seeds 1 -o out",
     "evaluate selection": "--budget 4 --criterion strength --seeds 1 --frames 8 -o out",
     "evaluate consistency": "--config {in}/world.toml --runs 1",
     "evaluate trajectory": "{in}/a.tum --truth {in}/a.tum --csv out/a.csv --report out/a.html",

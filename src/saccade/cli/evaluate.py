@@ -32,7 +32,7 @@ for command, meaning, options in (
     (features.features, features.MEANING, "features --pairs oxford --detector opencv"),
     (consistency.consistency, consistency.MEANING, "consistency --preset loop --runs 20"),
     (places.places, places.MEANING, "places hallway --lap 40"),
-    (gaze.gaze, gaze.MEANING, "gaze --world rooms --seeds 3"),
+    (gaze.gaze, gaze.MEANING, "gaze --map known --seeds 5"),
     (selection.selection, selection.MEANING, "selection --budget 2 --seeds 5"),
     (
         trajectory.trajectory,

@@ -26,7 +26,7 @@ def drive(
     ] = None,
     gaze: Annotated[
         str | None,
-        Option(help="Turn the camera while it maps: fixed, random, sweep, salient or informative."),
+        Option(help="Turn the camera while it maps: fixed, sweep, random, salient or active."),
     ] = None,
     egomotion: EgomotionName = "camera",
     color: Annotated[bool, Option("--color", help="Render in color.")] = False,
@@ -57,7 +57,7 @@ def drive(
     else:
         from saccade.errors import require
         from saccade.evaluation.gaze_drives import gaze_drive
-        from saccade.visual.gaze_policies import POLICIES
+        from saccade.gaze import POLICIES
 
         require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)
         with progress_bar("looking", settings.frames) as update:

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 from saccade import visual
 from saccade.frames import Drive
+from saccade.gaze import Policy
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName
 from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
 from saccade.visual.config import Egomotion
-from saccade.visual.gaze_control import GazeControl, pan_candidates
-from saccade.visual.gaze_policies import POLICIES
+from saccade.visual.gaze_control import GazeControl
 
 PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
 """A stereo camera that pans; the ring is smaller than by default."""
@@ -23,7 +23,7 @@ LAPS: dict[WorldName, int] = {"ring": 2, "crossing": 1, "rooms": 1}
 
 def gaze_drive(
     config: DriveConfig,
-    policy: str,
+    policy: str | Policy,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
     recorder: Recorder | None = None,
@@ -33,7 +33,7 @@ def gaze_drive(
 
     Args:
         config: of the drive.
-        policy: name of one of `POLICIES`.
+        policy: see `saccade.gaze.Gazer`.
         seed: of the world, of all noise, and of what the policy draws.
         progress: called with the number of frames done and of all frames.
         recorder: takes snapshots of the map while it grows.
@@ -44,14 +44,13 @@ def gaze_drive(
     """
     pan = PanCamera(seed=seed)
     drive = simulate_drive(config, seed, pan)
-    candidates = pan_candidates(drive.camera, pan.limits)
-    control = GazeControl(POLICIES[policy](seed), candidates, pan.limits, pan.turn_to)
+    control = GazeControl(policy, drive.camera, pan.limits, pan.turn_to, seed)
     settings = replace(SETTINGS, egomotion=egomotion)
     return drive, visual.run(drive, settings, progress, recorder=recorder, gaze=control), control
 
 
 def run_in_world(
-    world: WorldName, policy: str, seed: int, frames: int, egomotion: Egomotion = "camera"
+    world: WorldName, policy: str | Policy, seed: int, frames: int, egomotion: Egomotion = "camera"
 ) -> tuple[Drive, VisualResult]:
     """A drive of the study, which ends where it began, and its result; see `gaze_drive`."""
     lap = max(2, frames // LAPS[world])

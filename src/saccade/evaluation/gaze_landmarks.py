@@ -55,7 +55,7 @@ def landmark_world(name: str) -> WorldConfig:
 class LandmarkRun:
     """What a drive gave."""
 
-    ate: float
+    ate_m: float
     """Root mean squared error of the position, in metres."""
     inside_3sigma: float
     """Fraction of the positions inside their 99.7 % ellipse."""
@@ -103,7 +103,7 @@ def drive_by_landmarks(
         pan = gazer.next(steps[i:] if i < len(steps) else None).pan
     squared = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(1)
     return LandmarkRun(
-        ate=float(np.sqrt(np.square(error).sum(1).mean())),
+        ate_m=float(np.sqrt(np.square(error).sum(1).mean())),
         inside_3sigma=float((squared < chi_square_gate(2, 0.9973)).mean()),
         closed=closed,
     )

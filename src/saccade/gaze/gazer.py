@@ -117,9 +117,12 @@ class Gazer:
         self._reason = "as its own policy says" if callable(policy) else ""
         self._rng, self._goal = np.random.default_rng(seed), 0.0
         self._odometry, self._drift = odometry, drift
-        self._plan = np.zeros((0, 2))
-        self._salience: dict[object, float] = {}
-        self._last_seen: dict[object, float] = {}
+        self.plan = np.zeros((0, 2))
+        """(h, c) controls that come."""
+        self.salience: dict[object, float] = {}
+        """Of landmarks by name; 1 of those that are missing."""
+        self.last_seen: dict[object, float] = {}
+        """Time at which each landmark was last looked at, by name."""
         self._seen_cells: set[tuple[int, int]] = set()
         cells = np.arange(-ceil(reach), ceil(reach) + 1) + 0.0
         grid = np.stack(np.meshgrid(cells, cells), -1).reshape(-1, 2)
@@ -131,15 +134,15 @@ class Gazer:
         """The next look: as far towards where the policy wants as the camera turns in a period.
 
         Args:
-            plan: (h, c) controls of the next steps, as those of the motion model; by default
-                straight on as in the last plan.
+            plan: (h, c) controls of the next steps, as those of the motion model, and then always
+                the last of them; by default straight on as in the last plan.
             salience: of landmarks by name, from 0 to 1; remembered. It is 1 of all others.
         """
         if plan is not None:
-            self._plan = np.asarray(plan, np.float64)
-        elif len(self._plan):
-            self._plan = self._plan[:1] * (np.arange(self._plan.shape[1]) == 0)
-        self._salience.update(salience or {})
+            self.plan = np.asarray(plan, np.float64)
+        elif len(self.plan):
+            self.plan = self.plan[:1] * (np.arange(self.plan.shape[1]) == 0)
+        self.salience.update(salience or {})
         goal = float(np.clip(self._policy(self), *self.limits))
         most = self.rate * self.period
         pan = self.pan + float(np.clip(goal - self.pan, -most, most))
@@ -159,7 +162,7 @@ class Gazer:
         """
         self.pan = float(pan)
         for name in np.asarray(names).ravel().tolist():
-            self._last_seen[name] = self.time
+            self.last_seen[name] = self.time
         pose = self.slam.ekf.pose
         off = wrap(np.arctan2(*self._offsets.T[::-1]) - pose[2] - pan)
         cells = self._cells(pose)[np.abs(off) <= self.fov / 2]
@@ -210,9 +213,9 @@ class Gazer:
         ekf, motion = self.slam.ekf, self.slam.motion
         pose, r = ekf.pose, len(ekf.robot_state)
         steps = ceil(HORIZON / self.period)
-        rows = np.minimum(np.arange(steps), len(self._plan) - 1)
+        rows = np.minimum(np.arange(steps), len(self.plan) - 1)
         F, Q, poses, middle = np.eye(r), np.zeros((r, r)), [pose], None
-        for i, u in enumerate(self._plan[rows] if len(self._plan) else ()):
+        for i, u in enumerate(self.plan[rows] if len(self.plan) else ()):
             moved, Fx, Fu = motion(pose, u)
             A = np.eye(r)
             A[:3, :3], A[:3, 3:] = Fx, Fu @ control_bias(u, r)
@@ -284,8 +287,8 @@ class Gazer:
     def _memory(self, view: "View") -> FloatArray:
         """(c,) salience of the landmarks of each view, less where they were just looked at."""
         names = self.slam.landmark_names[view.landmarks].tolist()
-        salience = np.array([self._salience.get(name, 1.0) for name in names])
-        since = np.array([self.time - self._last_seen.get(name, -np.inf) for name in names])
+        salience = np.array([self.salience.get(name, 1.0) for name in names])
+        since = np.array([self.time - self.last_seen.get(name, -np.inf) for name in names])
         return np.asarray(view.seen @ (salience * -np.expm1(-since / INHIBITION)))
 
     def _cells(self, pose: FloatArray) -> IntArray:
