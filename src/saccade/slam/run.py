@@ -1,6 +1,6 @@
 """EKF-SLAM on a landmark log."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from saccade.slam.culling import numbers_of_kept
 from saccade.slam.filter.models import new_innovations
 from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
 from saccade.slam.online import Slam
+from saccade.slam.results import StepResult
 from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
@@ -145,12 +146,8 @@ def run(
     slam.num_steps = max(slam.num_steps - (done == 0), 0)  # at the first pose it is already
 
     names = slam.number(log.landmark, log.text_names)
-    ranges = slam.ekf.models.observes_ranges
-    for i, scan in enumerate(scans_of(log, config, names, observes_ranges=ranges)):
-        if i < done:
-            continue
-        result = slam.process(scan)
-        end = start + len(scan.z)
+    for i, result in _steps(slam, log, names, done):
+        end = start + len(result.association)
         pose[i], covariance[i], lost[i] = result.pose, result.covariance, result.lost
         if end > start:
             slam.renumber(association[:start], result)
@@ -188,6 +185,15 @@ def run(
         lost=lost,
         session=slam.landmark_sessions[kept],
     )
+
+
+def _steps(
+    slam: Slam, log: LandmarkLog, names: IntArray, done: int
+) -> Iterator[tuple[int, StepResult]]:
+    """Take the steps of a log from a pose on; gives their numbers and results."""
+    ranges = slam.ekf.models.observes_ranges
+    scans = scans_of(log, slam.config, names, observes_ranges=ranges)
+    return ((i, slam.process(scan)) for i, scan in enumerate(scans) if i >= done)
 
 
 def _doubt(association: IntArray, slam: Slam) -> str:
@@ -239,7 +245,7 @@ def dead_reckon(
         landmark=log.landmark[none],
     )
     slam = slam_for(blind, config, motion)
-    results = [slam.process(scan) for scan in scans_of(blind, config, blind.landmark)]
+    results = [result for _, result in _steps(slam, blind, blind.landmark, 0)]
     pose, covariance = (
         np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
     )
