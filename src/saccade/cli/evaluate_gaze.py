@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from saccade.evaluation.gaze import GazeScores
     from saccade.simulation.drive_config import WorldName
-    from saccade.visual.config import Egomotion
+    from saccade.visual.config import EgomotionSource
 
 MAIN = "ate_m", "end_m", "closed", "frames_to_close"
 """Scores of the first of two tables, which fit into 80 columns."""
@@ -100,7 +100,7 @@ def gaze(
         require(each in LAPS, "world", f"one of {', '.join(LAPS)}", each)
     require(egomotion in EGOMOTIONS, "egomotion", f"one of {', '.join(EGOMOTIONS)}", egomotion)
     runs = [
-        GazeRun(cast("WorldName", world), policy, seed, frames, cast("Egomotion", egomotion))
+        GazeRun(cast("WorldName", world), policy, seed, frames, cast("EgomotionSource", egomotion))
         for seed in range(first_seed, first_seed + seeds)
         for world in places
         for policy in chosen

@@ -9,7 +9,7 @@ from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName
 from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
-from saccade.visual.config import Egomotion
+from saccade.visual.config import EgomotionSource
 from saccade.visual.gaze_control import GazeControl, pan_candidates
 from saccade.visual.gaze_policies import POLICIES
 
@@ -27,7 +27,7 @@ def gaze_drive(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
     recorder: Recorder | None = None,
-    egomotion: Egomotion = "camera",
+    egomotion: EgomotionSource = "camera",
 ) -> tuple[Drive, VisualResult, GazeControl]:
     """Map a simulated drive whose camera is turned by a policy.
 
@@ -51,7 +51,7 @@ def gaze_drive(
 
 
 def run_in_world(
-    world: WorldName, policy: str, seed: int, frames: int, egomotion: Egomotion = "camera"
+    world: WorldName, policy: str, seed: int, frames: int, egomotion: EgomotionSource = "camera"
 ) -> tuple[Drive, VisualResult]:
     """A drive of the study, which ends where it began, and its result; see `gaze_drive`."""
     lap = max(2, frames // LAPS[world])

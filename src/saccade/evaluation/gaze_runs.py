@@ -16,7 +16,7 @@ from saccade.frames import Drive
 from saccade.simulation.drive_config import WorldName
 from saccade.types import FloatArray
 from saccade.visual import ObservationKind, VisualResult
-from saccade.visual.config import Egomotion
+from saccade.visual.config import EgomotionSource
 
 SCORES = (
     *("ate_m", "end_m", "closed", "frames_to_close", "entropy", "redetected"),
@@ -40,7 +40,7 @@ class GazeRun:
     """Of the world, of all noise, and of what the policy draws."""
     frames: int
     """Largest number of frames."""
-    egomotion: Egomotion = "camera"
+    egomotion: EgomotionSource = "camera"
     """What measures the motion."""
 
     def path(self, out: Path) -> Path:

@@ -25,7 +25,7 @@ from saccade.slam.consistency import chi_square_gate
 from saccade.slam.culling import Culling
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.state import scalars
-from saccade.slam.models import Motion, wrap
+from saccade.slam.models import MotionModel, wrap
 from saccade.slam.relocalization import Relocalizer
 from saccade.slam.results import PoseHypotheses
 from saccade.slam.scans import Scan
@@ -63,7 +63,7 @@ class PoseSearch:
         self,
         ekf: EkfSlam,
         landmarks: IntArray,
-        motion: Motion,
+        motion: MotionModel,
         *,
         anywhere: bool,
         min_matched: int = 3,
@@ -153,7 +153,7 @@ class Recovery:
         motion: the motion model.
     """
 
-    def __init__(self, enabled: bool, gate: float, motion: Motion) -> None:
+    def __init__(self, enabled: bool, gate: float, motion: MotionModel) -> None:
         self.rule = LostRule(enabled, LIMIT, chi_square_gate(2, gate))
         self.evidence = _new_evidence()
         self._motion = motion

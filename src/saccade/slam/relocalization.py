@@ -18,7 +18,7 @@ from saccade.slam._relocalization_kernels import Grid, add_support, select_disti
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
-from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
+from saccade.slam.models import RANGE_BEARING, MotionModel, compose, wrap
 from saccade.slam.results import PoseHypotheses, RelocalizationConfig
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -70,7 +70,7 @@ class Relocalizer:
         landmarks: FloatArray,
         covariance: FloatArray,
         config: RelocalizationConfig = RelocalizationConfig(),
-        motion: Motion = compose,
+        motion: MotionModel = compose,
     ) -> None:
         from scipy.spatial import cKDTree
 

@@ -14,7 +14,7 @@ from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.culling import numbers_of_kept
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
+from saccade.slam.models import MOTIONS, RANGE_BEARING, MotionModel, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.results import StepResult
 from saccade.slam.scans import scans_of
@@ -82,7 +82,7 @@ def run(
     config: EkfConfig = EkfConfig(),
     progress: Callable[[int, int], None] | None = None,
     *,
-    motion: Motion | None = None,
+    motion: MotionModel | None = None,
     sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
     recorder: Recorder | None = None,
@@ -213,7 +213,7 @@ def _doubt(association: IntArray, slam: Slam) -> str:
 def slam_for(
     log: LandmarkLog,
     config: EkfConfig = EkfConfig(),
-    motion: Motion | None = None,
+    motion: MotionModel | None = None,
     sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
 ) -> Slam:
@@ -233,7 +233,7 @@ def slam_for(
 
 
 def dead_reckon(
-    log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: Motion | None = None
+    log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: MotionModel | None = None
 ) -> Trajectory:
     """Dead reckoning: the trajectory by the controls alone, with its growing covariance."""
     none = slice(0)
@@ -252,7 +252,7 @@ def dead_reckon(
     return Trajectory(log.time, pose, covariance)
 
 
-def motion_of(log: LandmarkLog, custom: Motion | None) -> Motion:
+def motion_of(log: LandmarkLog, custom: MotionModel | None) -> MotionModel:
     """The motion model of a log.
 
     Raises:

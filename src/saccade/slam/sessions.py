@@ -14,7 +14,7 @@ from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.validation import check_covariance
 from saccade.slam.map_file import SavedMap, read_map, write_map
-from saccade.slam.models import MOTIONS, Motion, Sensor
+from saccade.slam.models import MOTIONS, MotionModel, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import FloatArray, LandmarkLog
@@ -52,7 +52,7 @@ def load(
     config: EkfConfig | None,
     start: FloatArray | tuple[float, float, float] | None,
     covariance: FloatArray | None,
-    motion: Motion | None,
+    motion: MotionModel | None,
     sensor: Sensor,
     association: Association | None,
     odometry_bias: tuple[float, float, float] | None,
@@ -176,7 +176,7 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
 
 
 def _moved(
-    motion: Motion, pose: FloatArray, P: FloatArray, u: FloatArray, U: FloatArray
+    motion: MotionModel, pose: FloatArray, P: FloatArray, u: FloatArray, U: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Dead reckoning by one control."""
     pose, Fx, Fu = motion(pose, u)

@@ -15,7 +15,7 @@ import numpy as np
 from saccade.errors import LogError, require
 from saccade.extras import import_optional
 from saccade.slam.filter.models import unbiased
-from saccade.slam.models import Motion, inverse_observe
+from saccade.slam.models import MotionModel, inverse_observe
 from saccade.slam.run import SlamResult, motion_of
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -97,7 +97,11 @@ class SmoothingProblem:
     """
 
     def __init__(
-        self, log: LandmarkLog, filtered: SlamResult, config: SmoothConfig, motion: Motion | None
+        self,
+        log: LandmarkLog,
+        filtered: SlamResult,
+        config: SmoothConfig,
+        motion: MotionModel | None,
     ) -> None:
         self.gtsam = import_optional("gtsam", "smooth")
         if filtered.odometry_bias is not None:
@@ -407,7 +411,7 @@ def smooth(
     log: LandmarkLog,
     filtered: SlamResult,
     config: SmoothConfig | None = None,
-    motion: Motion | None = None,
+    motion: MotionModel | None = None,
 ) -> SmoothResult:
     """Smooth a log over the filter's association.
 

@@ -15,7 +15,7 @@ from saccade.frames import Gaze as Gaze
 from saccade.frames import GazeLimits as GazeLimits
 from saccade.slam.models import compose
 from saccade.types import BoolArray, FloatArray
-from saccade.visual.config import Egomotion
+from saccade.visual.config import EgomotionSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Belief:
     """(2m, 2m) the same if the pose were known."""
     viewpoint: FloatArray
     """(m, 2) position of the robot from which each was first observed."""
-    egomotion: Egomotion = "camera"
+    egomotion: EgomotionSource = "camera"
     """What measures the motion."""
 
     def after(self, seconds: float) -> FloatArray:

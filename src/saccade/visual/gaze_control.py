@@ -10,7 +10,7 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.models import wrap
 from saccade.types import FloatArray, IntArray
 from saccade.visual.camera import from_pixels
-from saccade.visual.config import Egomotion
+from saccade.visual.config import EgomotionSource
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.gaze import Belief, Candidates, Gaze, GazeLimits, Policy, SalientPlaces
 from saccade.visual.selection import sample_saliency
@@ -91,7 +91,7 @@ class GazeControl:
         features: FrameFeatures,
         visual_map: VisualMap,
         tracked: TrackedPoints,
-        egomotion: Egomotion = "camera",
+        egomotion: EgomotionSource = "camera",
     ) -> None:
         """Update the memory by a frame; decide, and turn the camera if it is time to.
 
@@ -131,7 +131,7 @@ class GazeControl:
         gaze: Gaze,
         visual_map: VisualMap,
         tracked: TrackedPoints,
-        egomotion: Egomotion,
+        egomotion: EgomotionSource,
     ) -> Belief:
         ekf, landmarks = visual_map.ekf, visual_map.landmarks
         rows = self._nearby(time, visual_map)

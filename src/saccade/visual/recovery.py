@@ -9,7 +9,7 @@ from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Motion, Prior
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.lost import LandmarkCounts, LostTest
 from saccade.visual.motion_prior import camera_error_covariance
 from saccade.visual.optical_flow import PreparedFrame
@@ -74,7 +74,7 @@ class Recovery:
     def add_motion(
         self,
         frame: PreparedFrame,
-        motion: Motion | None,
+        motion: Egomotion | None,
         seconds: float,
         points: int,
         previous: FloatArray,
@@ -145,7 +145,7 @@ class Recovery:
             scans=FRAMES_IN_AGREEMENT,
         )
 
-    def _measured(self, motion: Motion | None, seconds: float) -> Prior | None:
+    def _measured(self, motion: Egomotion | None, seconds: float) -> MotionEstimate | None:
         """A motion by the camera with all its errors."""
         if motion is None:
             return None
