@@ -213,20 +213,20 @@ class SmoothingProblem:
 
     def _add_controls(self, steps: IntArray) -> None:
         start = self.gtsam.Pose2(*self.log.start)
-        spread = np.diag(np.square(self.config.start_sigma))
-        self.graph.add(self.gtsam.PriorFactorPose2(self.pose_key(0), start, self._noise(spread)))
+        Q = np.diag(np.square(self.config.start_sigma))
+        self.graph.add(self.gtsam.PriorFactorPose2(self.pose_key(0), start, self._noise(Q)))
         for step in steps.tolist():
             moved, _, Fu = self.motion(np.zeros(3), self.log.control[step])
             A = _rotation(-moved[2]) @ Fu  # GTSAM has errors in the frame of the later pose
-            spread = A @ self.log.control_covariance[step] @ A.T
-            along, left, turn = spread.diagonal()
-            spread += ISOTROPIC_NOISE**2 * np.diag([along + left, along + left, turn])
+            Q = A @ self.log.control_covariance[step] @ A.T
+            along, left, turn = Q.diagonal()
+            Q += ISOTROPIC_NOISE**2 * np.diag([along + left, along + left, turn])
             self.graph.add(
                 self.gtsam.BetweenFactorPose2(
                     self.pose_key(self.variable[step]),
                     self.pose_key(self.variable[step + 1]),
                     self.gtsam.Pose2(*moved),
-                    self._noise(spread * self.config.motion_noise_scale**2),
+                    self._noise(Q * self.config.motion_noise_scale**2),
                 )
             )
 

@@ -17,7 +17,8 @@ from saccade.slam.filter.state import (
     dense,
     flush,
     from_arrays,
-    is_spread_due,
+    inflate_heading_covariance,
+    is_inflation_due,
     landmark_blocks,
     like,
     marginal,
@@ -26,7 +27,6 @@ from saccade.slam.filter.state import (
     replace_pose,
     rescale,
     room_for_scan,
-    spread,
     state_size,
     symmetric,
     to_arrays,
@@ -89,7 +89,7 @@ class EkfSlam:
         """
         u = check_vector("control", u)
         U = check_covariance("covariance of the control", U, len(u))
-        self.spread()
+        self.inflate_heading_covariance()
         self.reserve()
         self.models.predict(self.filter_state, u, U)
 
@@ -259,10 +259,10 @@ class EkfSlam:
         """Make room for a motion and so many observations, each perhaps of a new landmark."""
         self.filter_state = room_for_scan(self.filter_state, observations)
 
-    def spread(self) -> None:
+    def inflate_heading_covariance(self) -> None:
         """Account for a heading that has become less certain where due, before a motion."""
-        if is_spread_due(self.robot):
-            spread(self.filter_state)
+        if is_inflation_due(self.robot):
+            inflate_heading_covariance(self.filter_state)
 
     def to_arrays(self, *, spare: bool = True) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a filter with the same models.
