@@ -12,7 +12,7 @@ from saccade.evaluation.fitting import FittingConfig, FittingData, Weights, fit,
 from saccade.evaluation.fixations import FixationScores, fixation_density, score
 from saccade.evaluation.prediction import Model, PredictionScores, other_fixations
 from saccade.pyramid import resize
-from saccade.types import Float32Array, FloatArray
+from saccade.types import Float32Array, FloatArray, IntArray
 
 STATIC, ORDERED, REST = "static", "with the order", "the other viewers"
 
@@ -132,16 +132,14 @@ def step_densities(data: FittingData, image: int, weights: Weights) -> Iterator[
         yield density / density.sum()
 
 
-def _step_scores(
-    densities: Iterator[FloatArray], cells: FloatArray, base: FloatArray
-) -> FloatArray:
+def _step_scores(densities: Iterator[FloatArray], cells: IntArray, base: FloatArray) -> FloatArray:
     """(2,) mean NSS and bits of the cells (n, 2) of fixations in their distributions."""
     rows = []
     for density, (row, column) in zip(densities, cells, strict=True):
         at = density[row, column]
         nss = (at - density.mean()) / (density.std() or 1.0)
         rows.append((nss, np.log2(at / base[row, column])))
-    return np.mean(rows, axis=0)
+    return np.asarray(np.mean(rows, axis=0), np.float64)
 
 
 def differences(results: Mapping[str, PredictionScores], first: str) -> dict[str, Difference]:
