@@ -52,7 +52,7 @@ def world(steps: int, trees: int, seed: int) -> LandmarkLog:
     control = sweep(steps, side)
     pose, truth = np.zeros(3), [np.zeros(3)]
     for u in control:
-        pose = slam.drive(pose, u)[0]
+        pose = slam.turn_then_translate(pose, u)[0]
         truth.append(pose)
     path = np.array(truth)
     low, high = path[:, :2].min(0) - REACH / 2, path[:, :2].max(0) + REACH / 2
@@ -81,7 +81,7 @@ def world(steps: int, trees: int, seed: int) -> LandmarkLog:
         name="sweep",
         start=path[0],
         time=time_,
-        motion="drive",
+        motion="turn_then_translate",
         control=control + rng.normal(size=control.shape) * ODOMETRY,
         control_covariance=np.tile(np.diag(np.square(ODOMETRY)), (steps, 1, 1)),
         observation_pose=np.array(poses),

@@ -53,7 +53,7 @@ class Textbook:
 
     def predict(self, u: np.ndarray, U: np.ndarray) -> None:
         """C.5-C.9."""
-        self.s[:3], F, G = slam.drive(self.s[:3], u)
+        self.s[:3], F, G = slam.turn_then_translate(self.s[:3], u)
         self.P[:3] = F @ self.P[:3]
         self.P[:, :3] = self.P[:, :3] @ F.T
         self.P[:3, :3] += G @ U @ G.T

@@ -311,8 +311,8 @@ class LandmarkLog:
     """(3,) initial pose."""
     time: FloatArray
     """(t + 1,) of each pose, in seconds; the number of the pose where the log has no clock."""
-    motion: Literal["drive", "compose", "custom"]
-    """Kind of the controls: "drive" (distance, turn), turn then translate as in C.5; "compose"
+    motion: Literal["turn_then_translate", "compose", "custom"]
+    """Kind of the controls: "turn_then_translate" (distance, turn) as in C.5; "compose"
     (forward, left, turn), the next pose in the frame of the last; "custom" for any other motion
     model."""
     control: FloatArray
@@ -341,7 +341,7 @@ class LandmarkLog:
         numbers = number_names(self.landmark, self.text_names, name=f"{self.name}: landmark")
         for field_name, value in zip(("landmark", "text_names"), numbers, strict=True):
             object.__setattr__(self, field_name, value)
-        sizes = {"drive": 2, "compose": 3, "custom": self.control.shape[-1]}
+        sizes = {"turn_then_translate": 2, "compose": 3, "custom": self.control.shape[-1]}
         if self.motion not in sizes:
             raise LogError(
                 f"{self.name}: motion: expected one of {', '.join(sizes)}, found {self.motion!r}"

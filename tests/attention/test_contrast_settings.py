@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from saccade.attention import ContrastConfig, contrast_saliency
-from saccade.attention.contrast import sharpen, smooth, weight_center
+from saccade.attention.contrast import sharpen, smooth
+from saccade.attention.models import bare_saliency
 from saccade.attention.normalize import NORMALIZATIONS, normalize
+from saccade.attention.position_prior import position_prior
 from saccade.errors import ImageError
 from saccade.pyramid import resize
 from support.pyramids import dyadic_pyramid
@@ -126,11 +128,15 @@ def test_sharpening_is_a_power_of_the_scaled_map(scene):
 def test_a_center_prior_is_a_fixed_gaussian_and_off_by_default(scene):
     assert DEFAULT.center_prior is None
     np.testing.assert_allclose(
-        weight_center(np.ones((1, 4)), 0.25)[0], np.exp([-1.125, -0.125, -0.125, -1.125])
+        position_prior((1, 4), 0.25)[0], np.exp([-1.125, -0.125, -0.125, -1.125])
     )
-    free = contrast_saliency(scene).saliency
-    held = contrast_saliency(scene, replace(DEFAULT, center_prior=0.3)).saliency
-    np.testing.assert_allclose(held, weight_center(free, 0.3), atol=1e-6)
+    free = contrast_saliency(scene)
+    held = contrast_saliency(scene, replace(DEFAULT, center_prior=0.3))
+    np.testing.assert_allclose(
+        held.saliency, free.saliency * position_prior(held.saliency.shape, 0.3), atol=1e-6
+    )
+    np.testing.assert_array_equal(held.bare, free.saliency)
+    assert bare_saliency(held) is held.bare
 
 
 @pytest.mark.parametrize("method", NORMALIZATIONS)

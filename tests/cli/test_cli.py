@@ -406,9 +406,9 @@ def test_a_model_is_fitted_and_looks(run, gazes, tmp_path):
     found = json.loads(out)
     names = ["fitted, by image", "fitted, by viewer", "unfitted", "center", "shuffled", "people"]
     assert list(found["scores"]) == names
-    assert found["learning_curve"][-1]["images"] == 2
-    assert {"symmetry", "center and border"} <= {each["group"] for each in found["groups"]}
-    assert "learning curve" in Path("m.html").read_text()
+    steps = ["static", "with the order", "the other viewers", "order"]
+    assert list(found["next_fixation"]) == steps
+    assert "each next fixation" in Path("m.html").read_text()
     model = saccade.load_model("m.toml")
     assert model.fitted_to == "4 images, viewers: 5"
     code, out, _ = run("look", ROCKET, "--model", "m.toml", "--json", "--out", "looked")

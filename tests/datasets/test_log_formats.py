@@ -13,7 +13,7 @@ from saccade.datasets import OdometryNoise, load, save
 from saccade.datasets.logs.mrclam import read_mrclam, write_mrclam
 from saccade.datasets.logs.pose_graph import write_pose_graph
 from saccade.errors import ConfigError, LogError, LogWarning
-from saccade.slam import compose, drive
+from saccade.slam import compose, turn_then_translate
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 from support.error_checks import result_or_refusal
 
@@ -51,7 +51,7 @@ def _fields(log):
 logs = st.builds(
     a_log,
     st.integers(0, 2**32),
-    st.sampled_from(["compose", "drive"]),
+    st.sampled_from(["compose", "turn_then_translate"]),
     st.integers(0, 9),
     st.integers(0, 20),
 )
@@ -73,7 +73,7 @@ def _as_relative_poses(log):
     """The same log with relative poses, by the models' own Jacobians."""
     if log.motion == "compose":
         return log.control, log.control_covariance
-    found = [drive(np.zeros(3), u) for u in log.control]
+    found = [turn_then_translate(np.zeros(3), u) for u in log.control]
     spread = [Fu @ U @ Fu.T for (_, _, Fu), U in zip(found, log.control_covariance, strict=True)]
     control = np.array([[*u[:2], c[1]] for (u, _, _), c in zip(found, log.control, strict=True)])
     return control.reshape(-1, 3), np.array(spread).reshape(-1, 3, 3)
@@ -195,7 +195,7 @@ def test_formats_that_do_not_exist_are_named(tmp_path):
         write_pose_graph(tmp_path / "a.txt", a_log(), "g3o")
 
 
-@pytest.mark.parametrize("motion", ["compose", "drive"])
+@pytest.mark.parametrize("motion", ["compose", "turn_then_translate"])
 def test_mrclam_drives_the_same_way(tmp_path, motion):
     log = a_log(motion=motion, steps=20)
     truth = Trajectory(log.time, np.random.default_rng(2).normal(size=(21, 3)))

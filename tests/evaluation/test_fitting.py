@@ -1,22 +1,22 @@
 """Fitting finds the weights of a simulated density, and never scores what it was fitted to."""
 
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 
 import numpy as np
 import pytest
+from scipy.optimize import approx_fprime
 
 from saccade.attention import AttentionConfig
-from saccade.attention.features import GEOMETRY
+from saccade.attention._saccade_basis_kernels import add_likelihood
+from saccade.attention.features import GEOMETRY, feature_maps
+from saccade.attention.saccade_basis import FUNCTIONS, LAGS, path_terms, saccade_tables
 from saccade.evaluation.comparison import fixation_rows, paired_difference
-from saccade.evaluation.fitted_scores import group_scores, learning_curve
+from saccade.evaluation.fitted_scores import REST, score_steps, step_densities
 from saccade.evaluation.fitting import (
-    KINDS,
-    Choice,
     FittingConfig,
     FittingData,
+    Weights,
     as_model,
-    cell_scores,
-    choose,
     cross_validate_images,
     fit,
     log_density,
@@ -27,72 +27,125 @@ from saccade.evaluation.fixations import FixationScores, auc, fixation_density, 
 from saccade.evaluation.prediction import PredictionScores, score_model, score_models
 from saccade.types import FixationTable
 
-SHAPE = (12, 16)
-CONFIG = FittingConfig(folds=3, random_cells=192)
+SHAPE, SIZE = (12, 16), (120, 160)
+CONFIG = FittingConfig(folds=3)
 TRUE = {"symmetry": 0.9, "boolean": 0.4, "center x": -6.0}
 
 
-def simulated(rng, images=24, per_viewer=12, viewers=4):
-    """Fixations drawn from a density that is log-linear in three of the features."""
-    names = ["symmetry", "boolean", "contrast", "color", "symmetry around 3", "symmetry * boolean"]
-    names += ["symmetry * skin", *GEOMETRY]
-    weights = np.array([TRUE.get(name, 0.0) for name in names])
-    values, fixations, persons = [], [], []
-    for _ in range(images):
-        of_image = rng.normal(size=(len(names), *SHAPE)).astype(np.float32)
-        of_image[names.index("center x")] = ((np.arange(16) + 0.5) / 16 - 0.5) ** 2
-        p = np.exp(np.tensordot(weights, of_image, 1)).ravel()
-        cells = rng.choice(p.size, per_viewer * viewers, p=p / p.sum())
-        rows, columns = np.divmod(cells, SHAPE[1])
-        fixations.append(np.stack([(columns + 0.5) / 16, (rows + 0.5) / 12], axis=1))
-        values.append(of_image)
-        persons.append(np.repeat(np.arange(viewers), per_viewer))
+def simulated(rng, images=24, viewers=4, per_viewer=12, near=0.0):
+    """Paths by three of the features, and by nearness to the last fixation."""
+    names = ["symmetry", "boolean", "contrast", "color", *GEOMETRY]
+    features = np.array([TRUE.get(name, 0.0) for name in names])
+    saccade = np.zeros(FUNCTIONS)
+    saccade[3] = near
+    values = rng.normal(size=(images, len(names), *SHAPE)).astype(np.float32)
+    values[:, names.index("center x")] = ((np.arange(16) + 0.5) / 16 - 0.5) ** 2
+    tables = saccade_tables(SHAPE, SIZE)[0] @ saccade
+    fixations = []
+    for of_image in values:
+        static = np.tensordot(features, of_image, 1)
+        paths = []
+        for _ in range(viewers):
+            row, column = 6, 8
+            for _ in range(per_viewer):
+                logits = static + tables[11 - row : 23 - row, 15 - column : 31 - column]
+                p = np.exp(logits).ravel()
+                row, column = divmod(int(rng.choice(p.size, p=p / p.sum())), 16)
+                paths.append((column * 10 + 4.5, row * 10 + 4.5))
+        fixations.append(np.array(paths))
     labels = [f"{i}.png" for i in range(images)]
-    return FittingData(labels, names, values, fixations, persons, AttentionConfig()), weights
+    persons = [np.repeat(np.arange(viewers), per_viewer)] * images
+    sizes = [SIZE] * images
+    return FittingData(labels, names, values, sizes, fixations, persons, AttentionConfig())
 
 
 def test_the_weights_of_a_simulated_density_are_found(rng):
-    data, weights = simulated(rng, images=60)
-    columns = np.array([data.names.index(name) for name in (*TRUE, "contrast")])
-    found = fit(data, np.arange(60), Choice(columns, 1.0), CONFIG)
+    data = simulated(rng, images=60)
+    found = fit(data, np.arange(60), replace(CONFIG, penalty=1e-5), ordered=False)
     for name, value in TRUE.items():
-        assert found[data.names.index(name)] == pytest.approx(value, abs=0.12 * abs(value) + 0.05)
-    assert abs(found[data.names.index("contrast")]) < 0.08
-    assert not found[np.setdiff1d(np.arange(len(weights)), columns)].any()
-    model = as_model(data, found)
-    assert set(model.features) == {*TRUE, "contrast"}
+        at = found.features[data.names.index(name)]
+        assert at == pytest.approx(value, abs=0.12 * abs(value) + 0.05)
+    assert abs(found.features[data.names.index("contrast")]) < 0.08
+    assert not found.early.any()
+    assert not found.saccade.any()
+    assert as_model(data, found.features).features == tuple(data.names)
 
 
-def test_the_nested_choice_takes_what_it_may(rng):
-    data, _ = simulated(rng)
-    choice = choose(data, np.arange(24), CONFIG)
-    assert set(data.columns(KINDS[0])) <= set(choice.columns)
-    without = np.array([name not in TRUE for name in data.names])
-    assert not np.isin(
-        choose(data, np.arange(24), CONFIG, without).columns, np.flatnonzero(~without)
-    ).any()
-    assert set(data.columns(KINDS[0])) < set(data.columns(KINDS[1])) < set(data.columns(KINDS[2]))
+def test_the_order_is_found_where_there_is_one(rng):
+    for near, low, high in ((3.0, 0.15, 1.5), (0.0, -0.1, 0.03)):
+        data = simulated(rng, near=near)
+        fitted = {
+            name: cross_validate_images(data, CONFIG, ordered=name == "ordered")
+            for name in ("static", "ordered")
+        }
+        points = dict(zip(data.images, data.fixations, strict=True))
+        scores = score_steps(data, fitted, points, 10.0)
+        gain = (scores["ordered"] - scores["static"])[:, 1].mean()
+        assert low < gain < high
+        assert scores[REST].shape == (24, 2)
+
+
+def test_the_gradient_is_that_of_differences(rng):
+    shape, count = (4, 5), len(LAGS)
+    fields, tables = rng.normal(size=(2, *shape)), rng.normal(size=(count, 7, 9))
+    anchors = rng.integers(0, shape, (3, count, 2))
+    factors, cells = rng.normal(size=(3, count)), rng.integers(0, shape, (3, 2))
+    slopes = np.zeros_like(fields), np.zeros_like(tables)
+    add_likelihood(fields, tables, anchors, factors, cells, *slopes)
+
+    def value(x):
+        split_at = fields.size
+        given = x[:split_at].reshape(fields.shape), x[split_at:].reshape(tables.shape)
+        rest = np.zeros_like(fields), np.zeros_like(tables)
+        return add_likelihood(*given, anchors, factors, cells, *rest)
+
+    numeric = approx_fprime(np.concatenate([fields.ravel(), tables.ravel()]), value, 1e-6)
+    np.testing.assert_allclose(np.concatenate([s.ravel() for s in slopes]), numeric, atol=1e-5)
+
+
+def test_the_saved_model_predicts_as_the_fit_does(rng):
+    """Both come to the same distribution over the cells; the weights are rounded."""
+    names = ("attention", "contrast", *GEOMETRY)
+    image = rng.random((120, 160, 3)).astype(np.float32)
+    values = feature_maps(image, names)
+    path = np.array([[79.5, 59.5], [20.0, 30.0], [100.0, 90.0], [21.0, 33.0]])
+    viewers = np.zeros(3, np.int64)
+    data = FittingData(["a"], names, [values], [SIZE], [path[1:]], [viewers], AttentionConfig())
+    k, e = len(names), len(data.early)
+    weights = Weights(rng.normal(size=k), rng.normal(size=e), 0.1 * rng.normal(size=FUNCTIONS))
+    model = as_model(data, weights.features, weights)
+    for n, expected in enumerate(step_densities(data, 0, weights), start=1):
+        found = model.next_fixation_density(image, path[:n])
+        np.testing.assert_allclose(found, expected, rtol=1e-3)
+        assert found.sum() == pytest.approx(1)
+    anchors, factors = path_terms(path[:1], SHAPE, SIZE)
+    assert set(map(tuple, anchors)) == {(5, 7)} or set(map(tuple, anchors)) == {(6, 8)}
+    np.testing.assert_array_equal(factors[8:], 0)
 
 
 def test_no_image_is_scored_by_weights_that_were_fitted_to_it(rng):
     """Whatever the fixations of an image become, its own weights stay."""
-    data, _ = simulated(rng, images=9)
-    before, _ = cross_validate_images(data, CONFIG)
-    data.fixations[4][:] = 0.01
-    vars(data).pop("cells")
-    after, _ = cross_validate_images(data, CONFIG)
-    np.testing.assert_array_equal(after[4], before[4])
-    assert sum(np.array_equal(a, b) for a, b in zip(after, before, strict=True)) < 9
+    data = simulated(rng, images=9)
+    before = cross_validate_images(data, CONFIG)
+    data.fixations[4][:] = 1.0
+    vars(data).pop("steps")
+    after = cross_validate_images(data, CONFIG)
+    np.testing.assert_array_equal(after[4].features, before[4].features)
+    same = [np.array_equal(a.saccade, b.saccade) for a, b in zip(after, before, strict=True)]
+    assert same[4]
+    assert sum(same) < 9
 
 
 def test_viewers_that_are_left_out_do_not_count(rng):
-    data, _ = simulated(rng, images=6)
-    choice = Choice(data.columns(KINDS[0]), 0.1)
-    first = fit(data, np.arange(6), choice, CONFIG, np.array([0, 1]))
+    data = simulated(rng, images=6)
+    kept = {"viewers": np.array([0, 1])}
+    first = fit(data, np.arange(6), CONFIG, **kept)
     for xy, viewers in zip(data.fixations, data.viewers, strict=True):
-        xy[viewers > 1] = 0.99
-    vars(data).pop("cells")
-    np.testing.assert_array_equal(fit(data, np.arange(6), choice, CONFIG, np.array([0, 1])), first)
+        xy[viewers > 1] = 150.0, 110.0
+    vars(data).pop("steps")
+    second = fit(data, np.arange(6), CONFIG, **kept)
+    np.testing.assert_array_equal(second.features, first.features)
+    np.testing.assert_array_equal(second.saccade, first.saccade)
 
 
 def test_the_parts_are_a_partition():
@@ -102,26 +155,10 @@ def test_the_parts_are_a_partition():
         assert max(map(len, parts)) - min(map(len, parts)) <= 1
 
 
-def test_more_images_and_the_right_features_are_better(rng):
-    data, weights = simulated(rng)
-    curve = list(learning_curve(data, CONFIG))
-    assert [size for size, _ in curve] == [5, 10, 16]
-    assert curve[-1][1].information_gain > curve[0][1].information_gain
-    choice = Choice(data.columns(KINDS[0]), 0.1)
-    groups = {group.group: group for group, _ in group_scores(data, choice, CONFIG)}
-    full = next(full for _, full in group_scores(data, choice, CONFIG))
-    assert groups["symmetry"].without.nss < groups["boolean"].without.nss < full.nss
-    assert groups["symmetry"].alone.information_gain > groups["contrast"].alone.information_gain
-    geometry = np.where(weights < 0, weights, 0)
-    true = cell_scores(data, range(24), [weights] * 24, geometry)
-    assert true.information_gain > full.information_gain
-    p = np.exp(log_density(data, 0, weights))
-    assert p.sum() == pytest.approx(1)
-    one = cell_scores(data, [0], [weights], weights)
-    places = data.fixations[0] * (16, 12) - 0.5
-    assert one.information_gain == 0
-    assert one.nss == pytest.approx(nss(p.reshape(SHAPE), places), rel=1e-6)
-    assert one.auc == pytest.approx(auc(p.reshape(SHAPE), places))
+def test_the_static_density_sums_to_one(rng):
+    data = simulated(rng, images=4)
+    log_p = log_density(data, 0, np.linspace(-1, 1, len(data.names)))
+    assert np.exp(log_p).sum() == pytest.approx(1)
 
 
 @pytest.fixture

@@ -90,7 +90,7 @@ def _log(name: str, motion: str = "compose") -> Target:
 
 
 def _mrclam(file: str) -> Target:
-    timed = replace(a_log("drive"), landmark=np.arange(8) % 3 + 6)
+    timed = replace(a_log("turn_then_translate"), landmark=np.arange(8) % 3 + 6)
     return Target(
         lambda folder: save(folder / "robot", timed, "mrclam"),
         f"robot/{file}",
@@ -555,7 +555,7 @@ def _exchanged(name: str, write, read) -> Target:
 _TUM = "\n".join(f"{i} {i} 0 0 0 0 0 1" for i in range(4))
 TARGETS = {
     "log-csv": _log("log.csv"),
-    "log-csv-drive": _log("log.csv", "drive"),
+    "log-csv-drive": _log("log.csv", "turn_then_translate"),
     "g2o": _log("log.g2o"),
     "isam": _log("log.isam"),
     "toro": _log("log.graph"),

@@ -12,9 +12,9 @@ from saccade.slam import (
     EkfSlam,
     compose,
     difference,
-    drive,
     inverse_observe,
     observe,
+    turn_then_translate,
 )
 from saccade.slam.filter._state_kernels import read_block, write_block
 from saccade.slam.local_map import LargeMapSlam
@@ -30,7 +30,7 @@ def _avenue(rng, steps=240):
     control[steps // 2 : steps // 2 + 10, 1] = np.pi / 10  # and back again
     pose, seen = np.zeros(3), []
     for step, each in enumerate(control):
-        pose = drive(pose, each)[0]
+        pose = turn_then_translate(pose, each)[0]
         z = observe(pose, world)[0]
         near = rng.permutation(np.flatnonzero(z[:, 0] < 6))[:3].tolist()
         seen += [(step, z[name] + rng.normal(size=2) * [0.1, 0.02], name) for name in near]
@@ -53,7 +53,7 @@ def test_a_local_map_is_the_whole_filter(retraction, rng):
         place = small.enter(inside)
         for _ in range(25):
             u = np.array([0.25, 0.05])
-            pose = drive(pose, u)[0]
+            pose = turn_then_translate(pose, u)[0]
             u = u + rng.normal(size=2) * np.sqrt(U.diagonal())
             whole.predict(u, U)
             small.reserve()
@@ -118,7 +118,9 @@ def _numbered(seen):
 
 
 @every
-@pytest.mark.parametrize("model", [drive, lambda pose, control: drive(pose, control)])
+@pytest.mark.parametrize(
+    "model", [turn_then_translate, lambda pose, control: turn_then_translate(pose, control)]
+)
 def test_a_scan_is_its_observations(retraction, model, rng):
     """In compiled code, and with a model that cannot be; those of no landmark are left out."""
     control, seen = _avenue(rng)

@@ -14,8 +14,8 @@ from saccade.slam import (
     STANDARD,
     EkfSlam,
     compose,
-    drive,
     observe,
+    turn_then_translate,
 )
 from saccade.slam.filter.state import RANK, add_rows, dense, landmark_blocks, state_size
 from support.oracles_slam import (
@@ -314,7 +314,9 @@ def test_rows_that_are_added_are_in_the_covariance_of_all_and_of_each(rng, count
 
 
 @every
-@pytest.mark.parametrize("motion", [drive, lambda pose, control: drive(pose, control)])
+@pytest.mark.parametrize(
+    "motion", [turn_then_translate, lambda pose, control: turn_then_translate(pose, control)]
+)
 def test_an_outlier_has_a_covariance_that_is_as_many_times_larger(retraction, motion):
     start = np.zeros(3), np.diag([0.04, 0.04, 0.01]), motion, RANGE_BEARING, retraction
     for shift, factor in ((0.3, 1.0), (5.0, None)):

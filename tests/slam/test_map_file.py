@@ -208,6 +208,6 @@ def test_settings_that_do_not_suit_a_map_are_named(small, rng):
     localized = slam.Slam.load(small, "localize", start=(0.0, 0.0, 0.0))
     with pytest.raises(ConfigError, match=r"mode: expected continue .* found localize"):
         localized.save(small)
-    log, _, _ = simulate(rng, motion="drive", steps=5)
-    with pytest.raises(LogError, match=r"motion: expected .*, found drive"):
+    log, _, _ = simulate(rng, motion="turn_then_translate", steps=5)
+    with pytest.raises(LogError, match=r"motion: expected .*, found turn_then_translate"):
         slam.run(log, initial=slam.Slam.load(small))

@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from saccade.errors import LogError
-from saccade.slam.models import compose, difference, drive, inverse_observe, observe, wrap
+from saccade.slam.models import (
+    compose,
+    difference,
+    inverse_observe,
+    observe,
+    turn_then_translate,
+    wrap,
+)
 from support.oracles_slam import numerical_jacobian
 
 angles = st.floats(-1e4, 1e4)
@@ -24,13 +31,13 @@ def _less(reference):
 
 
 def _drive_by_pose(pose, landmark, u, z):
-    moved, Fx, _ = drive(pose, u[:2])
-    return Fx, numerical_jacobian(lambda p: _less(moved)(drive(p, u[:2])[0]), pose)
+    moved, Fx, _ = turn_then_translate(pose, u[:2])
+    return Fx, numerical_jacobian(lambda p: _less(moved)(turn_then_translate(p, u[:2])[0]), pose)
 
 
 def _drive_by_control(pose, landmark, u, z):
-    moved, _, Fu = drive(pose, u[:2])
-    return Fu, numerical_jacobian(lambda c: _less(moved)(drive(pose, c)[0]), u[:2])
+    moved, _, Fu = turn_then_translate(pose, u[:2])
+    return Fu, numerical_jacobian(lambda c: _less(moved)(turn_then_translate(pose, c)[0]), u[:2])
 
 
 def _compose_by_pose(pose, landmark, u, z):
@@ -81,16 +88,19 @@ def test_jacobian_is_the_slope(jacobian, rng):
 
 
 def test_turn_comes_before_the_drive():
-    moved, _, _ = drive(np.array([1.0, 2.0, 0.0]), np.array([3.0, np.pi / 2]))
+    moved, _, _ = turn_then_translate(np.array([1.0, 2.0, 0.0]), np.array([3.0, np.pi / 2]))
     np.testing.assert_allclose(moved, [1, 5, np.pi / 2], atol=1e-15)
-    for same in (drive((1, 2, 0), [3, np.pi / 2])[0], compose((1, 2, np.pi / 2), [3, 0, 0])[0]):
+    for same in (
+        turn_then_translate((1, 2, 0), [3, np.pi / 2])[0],
+        compose((1, 2, np.pi / 2), [3, 0, 0])[0],
+    ):
         np.testing.assert_array_equal(same, moved)
 
 
 @pytest.mark.parametrize("control", [[1.0], [1.0, np.nan], "ahead", None, [[1.0], [2.0, 3.0]]])
 def test_a_control_of_other_numbers_is_refused(control):
     with pytest.raises(LogError, match="control: expected"):
-        drive([0.0, 0.0, 0.0], control)
+        turn_then_translate([0.0, 0.0, 0.0], control)
 
 
 def test_compose_goes_in_the_frame_of_the_last_pose():

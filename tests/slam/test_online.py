@@ -12,7 +12,7 @@ from saccade import slam
 from saccade.datasets import load
 from saccade.errors import LogError
 from saccade.simulation import WorldConfig, simulate_world
-from saccade.slam import EkfConfig, drive, observe, online
+from saccade.slam import EkfConfig, observe, online, turn_then_translate
 from saccade.slam.run import slam_for
 from support.circular_log import simulate
 
@@ -137,7 +137,9 @@ def test_state_that_is_saved_goes_on_to_the_same_bits(rng):
         ({"z": [[1.0], [1.0, 2.0]]}, "observations: expected numbers, found"),
     ],
 )
-@pytest.mark.parametrize("motion", [drive, lambda pose, control: drive(pose, control)])
+@pytest.mark.parametrize(
+    "motion", [turn_then_translate, lambda pose, control: turn_then_translate(pose, control)]
+)
 def test_a_step_that_is_none_is_refused_and_changes_nothing(change, message, motion):
     step = {
         "time": 1.0,
@@ -148,7 +150,7 @@ def test_a_step_that_is_none_is_refused_and_changes_nothing(change, message, mot
         "names": [4],
     }
     live = slam.Slam(EkfConfig(association="known"), motion=motion)
-    if motion is not drive and "found (1,)" in message.replace("\\", ""):
+    if motion is not turn_then_translate and "found (1,)" in message.replace("\\", ""):
         message = "covariance of the control"  # a custom model has as many numbers as are given
     live.step(**step)
     before = copy.deepcopy(live.to_arrays())

@@ -45,7 +45,7 @@ def page(tmp_path_factory):
     park = (files("saccade") / "data" / "victoria_park.txt").read_text().splitlines()[:2000]
     (folder / "victoria_park.txt").write_text("\n".join(park))
     rng = np.random.default_rng(3)
-    log, truth, _ = simulate(rng, "drive", noise=0.0)
+    log, truth, _ = simulate(rng, "turn_then_translate", noise=0.0)
     seen = log.observation + rng.normal(size=log.observation.shape) * [0.1, 0.02]
     seen[:, 0] = np.abs(seen[:, 0])
     bearings = np.stack([log.observation[:, 0], seen[:, 1]], 1)
@@ -118,7 +118,7 @@ def test_the_sensor_of_the_page_has_twenty_lines():
 
 
 def test_a_motion_that_is_not_given_is_named(rng):
-    log, _, _ = simulate(rng, "drive", steps=3)
+    log, _, _ = simulate(rng, "turn_then_translate", steps=3)
     with pytest.raises(LogError, match="motion: expected the model of custom controls"):
         slam.run(dataclasses.replace(log, motion="custom"))
 
@@ -128,6 +128,6 @@ def test_the_header_of_a_csv_is_on_the_page():
 
     text = (ROOT / "docs/slam.md").read_text()
     named = set(re.findall(r"`(\w+)`", text))
-    for motion in ("compose", "drive"):
+    for motion in ("compose", "turn_then_translate"):
         missing = {name for name in columns_of(motion) if name not in named}
         assert all(name.startswith("cov_") for name in missing), missing

@@ -25,7 +25,7 @@ def recorded(steps, named):
         name="a thousand times a second",
         start=np.zeros(3),
         time=np.array([step.time for step in steps]),
-        motion="drive",
+        motion="turn_then_translate",
         control=np.array([step.control for step in steps[1:]]),
         control_covariance=np.array([step.U for step in steps[1:]]),
         observation_pose=np.concatenate([np.full(len(step.z), i) for i, step in scans]),

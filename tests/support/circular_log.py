@@ -2,16 +2,18 @@
 
 import numpy as np
 
-from saccade.slam import compose, drive, observe
+from saccade.slam import compose, observe, turn_then_translate
 from saccade.types import LandmarkLog
 
 
 def simulate(rng, motion="compose", steps=300, noise=1.0, reach=8.0):
     """A robot on a circle of 6 m among twenty landmarks; its log and the truth."""
     world = rng.uniform(-10, 10, (20, 2))
-    move, size = (drive, 2) if motion == "drive" else (compose, 3)
-    control = np.array([0.25, 0.04]) if motion == "drive" else np.array([0.25, 0.01, 0.04])
-    U = np.diag([0.02, 0.01] if motion == "drive" else [0.02, 0.01, 0.01]) ** 2
+    move, size = (turn_then_translate, 2) if motion == "turn_then_translate" else (compose, 3)
+    control = (
+        np.array([0.25, 0.04]) if motion == "turn_then_translate" else np.array([0.25, 0.01, 0.04])
+    )
+    U = np.diag([0.02, 0.01] if motion == "turn_then_translate" else [0.02, 0.01, 0.01]) ** 2
     R = np.diag([0.1, 0.02]) ** 2
     truth = [np.array([6.0, 0.0, np.pi / 2])]
     controls, seen = [], []

@@ -138,7 +138,7 @@ def test_ekf_slam_on_a_simulated_log(rng):
         name="ring",
         start=np.zeros(3),
         time=np.arange(steps + 1.0),
-        motion="drive",
+        motion="turn_then_translate",
         control=np.array([ahead, turns]) + rng.normal(0, 0.02, (steps, 2)),
         control_covariance=np.broadcast_to(np.diag([4e-4, 4e-4]), (steps, 2, 2)),
         observation_pose=seen,
@@ -155,5 +155,7 @@ def test_ekf_slam_on_a_recorded_log(shared):
     assert any(log.odometry_bias)  # which the preset does not estimate
     d = np.hypot(*log.control[:, :2].T)
     U = log.control_covariance[:, ::2, ::2]
-    log = replace(log, motion="drive", control=np.c_[d, log.control[:, 2]], control_covariance=U)
+    log = replace(
+        log, motion="turn_then_translate", control=np.c_[d, log.control[:, 2]], control_covariance=U
+    )
     assert_same_as_printed(log, 1e-9)

@@ -11,7 +11,7 @@ from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual import FeatureCache, VisualConfig
 from saccade.visual.depth import measure_depth
 from saccade.visual.egomotion import (
-    Motion,
+    Egomotion,
     agree_with_motion,
     camera_motion,
     correspondences_of,
@@ -100,7 +100,7 @@ def test_a_point_beside_the_egomotion_agrees_with_the_true_motion_alone():
         xy = xyz[:, :2] / xyz[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
         return xy.astype(np.float32)
 
-    motion = Motion(control, np.zeros(3), np.eye(3), np.ones(0, np.bool_), R, t, False)
+    motion = Egomotion(control, np.zeros(3), np.eye(3), np.ones(0, np.bool_), R, t, False)
     moved = pixels(after)
     along = moved - pixels(before @ R.T)  # where a point may be whose depth is unknown
     across = along[:, ::-1] * (-1, 1) / np.hypot(*along.T)[:, None]

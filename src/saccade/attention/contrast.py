@@ -17,6 +17,7 @@ from saccade.attention.kootstra2010 import Kootstra2010Arithmetic
 from saccade.attention.mirrored import MirroredArithmetic
 from saccade.attention.models import SaliencyMaps
 from saccade.attention.normalize import sharpen, smooth
+from saccade.attention.position_prior import position_prior
 from saccade.attention.saliencytoolbox2 import SaliencyToolbox2Arithmetic
 from saccade.errors import ImageError
 from saccade.image import check_image
@@ -74,6 +75,8 @@ class ContrastMaps(SaliencyMaps):
 
     saliency: FloatMap
     """(h, w), not negative; in [0, 1] for the normalizations by local maxima (A.14)."""
+    bare: FloatMap
+    """The same without the center prior: equal unless the settings have one."""
     intensity: FloatMap
     """(h, w) conspicuity (A.11), from 0 to the number of scales: 6 with `kootstra2010`."""
     color: FloatMap
@@ -139,8 +142,11 @@ def contrast_saliency(
     color = arithmetic.conspicuity(opponents)  # A.12
     orientation = arithmetic.conspicuity(oriented or [zeros])  # A.13
     saliency = arithmetic.saliency(intensity, color, orientation)  # A.14
+    bare = sharpen(saliency, config.sharpening)
+    prior = position_prior(bare.shape, config.center_prior)
     return ContrastMaps(
-        saliency=weight_center(sharpen(saliency, config.sharpening), config.center_prior),
+        saliency=bare * prior.astype(bare.dtype),
+        bare=bare,
         intensity=intensity,
         color=color,
         orientation=orientation,
@@ -244,12 +250,3 @@ def channel_pyramids(
             level: response[i] for level, response in responses.items()
         }  # A.6
     return pyramids
-
-
-def weight_center(saliency: FloatMap, sigma: float | None) -> FloatMap:
-    """Center prior: the map times a central Gaussian, its width a fraction of each side."""
-    if sigma is None:
-        return saliency
-    y, x = (np.exp(-((((np.arange(n) + 0.5) / n - 0.5) / sigma) ** 2) / 2) for n in saliency.shape)
-    weighted: FloatMap = saliency * np.outer(y, x).astype(saliency.dtype)
-    return weighted

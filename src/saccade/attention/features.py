@@ -2,8 +2,8 @@
 
 A feature map is the logarithm of a map of `attention_saliency`, relative to its mean over the
 image, so that their weighted sum is the logarithm of a product of powers. "NAME around 8" is the
-same of the map smoothed by 8 cells: what surrounds a position. "NAME * NAME" is a product. The
-geometry of the image (center, height, border) and faces are features as they are.
+same of the map smoothed by 8 cells: what surrounds a position. The geometry of the image (center,
+height, border) and faces are features as they are.
 """
 
 from collections.abc import Collection
@@ -23,7 +23,7 @@ FLOOR = 0.1
 """Added to a map of mean 1 before its logarithm."""
 SURROUNDINGS = (3, 8)
 """Standard deviations in cells of the smoothed maps."""
-AROUND, TIMES = " around ", " * "
+AROUND = " around "
 """Between the parts of a feature's name."""
 GEOMETRY = ("center x", "center y", "height", "border", "edge")
 """Squared distance from the center along each axis, downward position, distance from the border as
@@ -33,11 +33,8 @@ EDGE = 0.05
 FACES = "faces"
 SKIN = ((15.0, 12.0), (18.0, 12.0))
 """Mean and standard deviation of a* and b* of skin in CIE L*a*b*."""
-MULTIPLIED = (
-    *("symmetry", "boolean", "contrast", "symmetry 0", "symmetry 2", "symmetry 4"),
-    *("color", "intensity", "skin", "color distance"),
-)
-"""Maps whose products are features."""
+EARLY = ("attention", "attention around 3", "center x", "center y", "height", "border")
+"""Features whose weight differs for the first fixations of a scanpath."""
 
 
 def map_names(config: AttentionConfig) -> list[str]:
@@ -52,22 +49,11 @@ def map_names(config: AttentionConfig) -> list[str]:
     return names
 
 
-def feature_names(config: AttentionConfig, kinds: Collection[str], *, faces: bool) -> list[str]:
-    """The names of all features.
-
-    Args:
-        config: of the maps.
-        kinds: any of "maps", "surroundings" and "products".
-        faces: whether there is a detector of faces.
-    """
+def feature_names(config: AttentionConfig, *, faces: bool) -> list[str]:
+    """The names of all features; of faces only with a detector of faces."""
     maps = map_names(config)
-    names = maps if "maps" in kinds else ["attention"]
-    if "surroundings" in kinds:
-        names = names + [f"{name}{AROUND}{cells}" for cells in SURROUNDINGS for name in maps]
-    if "products" in kinds:
-        pairs = [(a, b) for i, a in enumerate(MULTIPLIED) for b in MULTIPLIED[i:]]
-        names = names + [f"{a}{TIMES}{b}" for a, b in pairs]
-    return [*names, *GEOMETRY, *([FACES] if faces else [])]
+    around = [f"{name}{AROUND}{cells}" for cells in SURROUNDINGS for name in maps]
+    return [*maps, *around, *GEOMETRY, *([FACES] if faces else [])]
 
 
 def feature_maps(
@@ -93,19 +79,10 @@ def feature_maps(
     maps = base_maps(image, config or AttentionConfig(), faces)
     shape = maps["attention"].shape
     fixed = geometry(shape) | {FACES: maps.pop(FACES)}
-    cache: dict[str, FloatArray] = {}
 
     def feature(name: str) -> FloatArray:
-        if name not in cache:
-            cache[name] = compute(name)
-        return cache[name]
-
-    def compute(name: str) -> FloatArray:
         if name in fixed:
             return fixed[name]
-        first, times, second = name.partition(TIMES)
-        if times:
-            return feature(first) * feature(second)
         source, _, cells = name.partition(AROUND)
         return relative_log(maps[source], float(cells or 0))
 

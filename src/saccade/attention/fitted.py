@@ -3,14 +3,17 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
+from saccade.attention._saccade_basis_kernels import fill_logits
 from saccade.attention.combined import AttentionConfig
 from saccade.attention.faces import FaceDetector
-from saccade.attention.features import AROUND, FACES, GEOMETRY, TIMES, feature_maps, map_names
+from saccade.attention.features import AROUND, EARLY, FACES, GEOMETRY, feature_maps, map_names
 from saccade.attention.models import SaliencyMaps
+from saccade.attention.saccade_basis import FUNCTIONS, path_terms, saccade_tables
 from saccade.errors import require, require_types
 from saccade.pyramid import FloatMap
-from saccade.types import Image
+from saccade.types import FloatArray, Image
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,21 +49,30 @@ class FittedModel:
     """What it was fitted to, for the reader."""
     attention: AttentionConfig = field(default_factory=AttentionConfig)
     """Settings of the maps."""
+    scanpath_weights: tuple[float, ...] = ()
+    """Weights of `next_fixation_density`: of the features; of those in `features.EARLY`, over the
+    number of the fixation; of the functions of `saccade_basis`. None for a static model."""
+
+    @property
+    def _early(self) -> list[int]:
+        return [i for i, name in enumerate(self.features) if name in EARLY]
 
     def __post_init__(self) -> None:
         require_types(self)
         known = {*map_names(self.attention), *GEOMETRY, FACES}
         for name in self.features:
-            text = isinstance(name, str)
-            parts = [part.partition(AROUND) for part in name.split(TIMES)] if text else []
-            holds = 0 < len(parts) < 3 and all(
-                base in known and (not around or _is_size(cells)) for base, around, cells in parts
-            )
+            base, around, cells = str(name).partition(AROUND)
+            holds = base in known and (not around or _is_size(cells))
             require(holds, "features", "names of features of its attention settings", name)
         finite = all(isinstance(w, float) and np.isfinite(w) for w in self.weights)
         matching = len(self.weights) == len(self.features) > 0
         expected = f"a finite number for each of the {len(self.features)} features"
         require(finite and matching, "weights", expected, len(self.weights))
+        count = len(self.features) + len(self._early) + FUNCTIONS
+        finite = all(isinstance(w, float) and np.isfinite(w) for w in self.scanpath_weights)
+        matching = len(self.scanpath_weights) in (0, count)
+        expected = f"{count} finite numbers, or none"
+        require(finite and matching, "scanpath_weights", expected, len(self.scanpath_weights))
 
     def maps(self, image: Image, faces: FaceDetector | None = None) -> FittedMaps:
         """The saliency of an image.
@@ -77,6 +89,43 @@ class FittedModel:
         saliency = np.exp(log_density - log_density.max()).astype(np.float32)
         height, width = np.shape(image)[:2]
         return FittedMaps(saliency, (height, width))
+
+    def next_fixation_density(
+        self, image: Image, xy: npt.ArrayLike, faces: FaceDetector | None = None
+    ) -> FloatArray:
+        """The probability of each cell of the map to hold the next fixation.
+
+        Args:
+            image: as for `maps`.
+            xy: (n, 2) fixations so far in pixels; the first is the center, or where it began.
+            faces: as for `maps`.
+
+        Returns:
+            (h, w), of sum 1.
+
+        Raises:
+            ConfigError: the model is static.
+            ImageError: as `attention_saliency`.
+        """
+        require(len(self.scanpath_weights) > 0, "scanpath_weights", "a model of scanpaths", "none")
+        values = feature_maps(image, self.features, self.attention, faces)  # (k, h, w)
+        height, width = np.shape(image)[:2]
+        weights = np.array(self.scanpath_weights)
+        splits = np.cumsum([len(self.features), len(self._early)])
+        of_features, of_early, of_saccade = np.split(weights, splits)
+        fields = np.stack(
+            [
+                np.tensordot(of_features, values, 1),
+                np.tensordot(of_early, values[self._early], 1),
+            ]
+        )
+        tables = saccade_tables(values.shape[1:], (height, width)) @ of_saccade
+        path = np.asarray(xy, np.float64).reshape(-1, 2)
+        anchors, factors = path_terms(path, values.shape[1:], (height, width))
+        density = np.empty(values.shape[1:])
+        fill_logits(fields, tables, anchors, factors, density)
+        density = np.exp(density - density.max())
+        return np.asarray(density / density.sum())
 
 
 def _is_size(cells: str) -> bool:

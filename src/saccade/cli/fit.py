@@ -57,22 +57,20 @@ def fit(
 ) -> None:
     """Fit a saliency model to your own photographs and fixations.
 
-    A logistic regression over feature maps: contrast, symmetry and Boolean
-    maps at several scales, their surroundings and products, color, the center,
-    the border, and faces with --faces. It is cross-validated by image and by
-    viewer; features and penalty are chosen by nested cross-validation. --out
-    is used by --model of look, evaluate fixations and extract.
+    One convex fit over the cells of the map: contrast, symmetry and Boolean
+    maps at several scales and their surroundings, color, the center, the
+    border, faces with --faces, and functions of the saccade from earlier
+    fixations. It is cross-validated by image and by viewer. --out is used by
+    --model of look, evaluate fixations and extract.
     """
     from saccade.cli.fit_run import LEAD, run
     from saccade.cli.fixation_tables import fixation_format
     from saccade.cli.output import print_json, print_table, write_text
     from saccade.evaluation.fitting import FittingConfig
-    from saccade.extras import import_optional
     from saccade.files import results_in
     from saccade.settings import as_toml, load_settings
     from saccade.viewing.report import write_tables
 
-    import_optional("sklearn", "fit")
     found = run(
         images,
         fixations,

@@ -1,9 +1,11 @@
 """The tables of `saccade fit`."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from saccade.attention.combined import AttentionConfig
 from saccade.cli.attention_models import face_detector
@@ -11,21 +13,26 @@ from saccade.cli.fixation_tables import load_fixations
 from saccade.cli.output import print_message, tracked
 from saccade.datasets.fixations import FixationFormat
 from saccade.evaluation.fit_study import FITTED, FitStudy, study
-from saccade.evaluation.fitted_scores import differences
-from saccade.evaluation.fitting import CellScores, FittingConfig
+from saccade.evaluation.fitted_scores import ORDERED, STATIC, differences
+from saccade.evaluation.fitting import FittingConfig
+from saccade.evaluation.intervals import mean_interval
+from saccade.evaluation.prediction import PredictionScores
 from saccade.viewing.report import Table
 
 LEAD = "A model of fixations, fitted to photographs and people, and its cross-validated scores."
 COLUMNS = ["", "sAUC", "AUC", "NSS", "CC", "IG (bit)"]
 KEYS = ("shuffled_auc", "auc", "nss", "cc", "information_gain")
-CELLS = ["AUC", "NSS", "IG (bit)"]
 MEANING = (
     "By image: on images that the model was not fitted to; by viewer: on viewers that it was not "
     "fitted to. IG: information gain over the center, the density of all other images' fixations, "
     "in bits per fixation. People: each viewer against the fixations of the others. With few "
     "viewers at a time, as by viewer and of people, CC is lower: their density is coarser."
 )
-CURVE = "On images left out, on the cells of the map; IG is over the geometry of the image alone."
+STEPS = (
+    "Each fixation, on images that the model was not fitted to, on the cells of the map; order: "
+    "what those before it tell beyond the image. The other viewers, without order, are the "
+    "ceiling of static models. IG is over the fixations on other images, in bits per fixation."
+)
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,7 @@ class Fitted:
         return self.study.model
 
     def tables(self) -> list[Table]:
-        """Scores, differences, learning curve and groups."""
+        """Scores, differences, and those of each next fixation."""
         results = self.study.results
         scores = [
             [name, *_cells(result.mean(), *result.interval())] for name, result in results.items()
@@ -49,18 +56,29 @@ class Fitted:
             [f"{FITTED} - {name}", *_cells(*difference)]
             for name, difference in differences(results, FITTED).items()
         ]
-        curve = [[str(count), *_plain(cell)] for count, cell in self.study.curve]
-        full = _plain(self.study.full)
-        without = [["all features", *full]]
-        without += [[f"without {each.group}", *_plain(each.without)] for each in self.study.groups]
-        alone = [[each.group, *_plain(each.alone)] for each in self.study.groups]
         images = len(results[FITTED].name)
         return [
             Table(f"{images} images: mean, half of the 95 % interval", COLUMNS, scores, MEANING),
             Table("paired differences", COLUMNS, paired, first="models"),
-            Table("learning curve", ["images fitted to", *CELLS], curve, CURVE),
-            Table("features left out", ["", *CELLS], without, CURVE, "features"),
-            Table("features with center and border alone", ["", *CELLS], alone, CURVE, "features"),
+            Table("each next fixation", ["", "NSS", "IG (bit)"], self._steps(), STEPS, "models"),
+        ]
+
+    def _means(self) -> list[tuple[str, list[float], list[float]]]:
+        """Mean NSS and bits, and half of the interval, by model; the order is a difference."""
+        steps = self.study.steps
+        rows = {**steps, "order": steps[ORDERED] - steps[STATIC]}
+        found = []
+        for name, values in rows.items():
+            known = values[np.isfinite(values).all(axis=1)]
+            if len(known):
+                low, high = mean_interval(known, 0.95, PredictionScores.seed)
+                found.append((name, known.mean(axis=0).tolist(), ((high - low) / 2).tolist()))
+        return found
+
+    def _steps(self) -> list[list[str]]:
+        return [
+            [name, *(f"{m:.3f} ±{h:.3f}" for m, h in zip(mean, half, strict=True))]
+            for name, mean, half in self._means()
         ]
 
     def as_json(self) -> dict[str, Any]:
@@ -69,9 +87,10 @@ class Fitted:
         return {
             "scores": {n: _ends(r.mean(), *r.interval()) for n, r in results.items()},
             "differences": {n: _ends(*d) for n, d in differences(results, FITTED).items()},
-            "learning_curve": [{"images": n, **asdict(cell)} for n, cell in self.study.curve],
-            "all_features": asdict(self.study.full),
-            "groups": [asdict(each) for each in self.study.groups],
+            "next_fixation": {
+                name: {"nss": mean[0], "information_gain": mean[1]}
+                for name, mean, _ in self._means()
+            },
         }
 
 
@@ -115,10 +134,6 @@ def _cells(mean: Any, low: Any, high: Any) -> list[str]:
         f"{getattr(mean, key):.3f} ±{(getattr(high, key) - getattr(low, key)) / 2:.3f}"
         for key in KEYS
     ]
-
-
-def _plain(cell: CellScores) -> list[str]:
-    return [f"{value:.3f}" for value in astuple(cell)]
 
 
 def _ends(mean: Any, low: Any, high: Any) -> dict[str, Any]:

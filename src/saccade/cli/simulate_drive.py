@@ -9,7 +9,7 @@ from typer import Option
 from saccade.cli.options import Config, EgomotionName, Json, Out, Seed
 
 if TYPE_CHECKING:
-    from saccade.visual.config import Egomotion
+    from saccade.visual.config import EgomotionSource
 
 
 def drive(
@@ -62,7 +62,7 @@ def drive(
         require(gaze in POLICIES, "gaze", f"one of {', '.join(POLICIES)}", gaze)
         with progress_bar("looking", settings.frames) as update:
             simulated, _, _ = gaze_drive(
-                settings, gaze, seed, update, egomotion=cast("Egomotion", egomotion)
+                settings, gaze, seed, update, egomotion=cast("EgomotionSource", egomotion)
             )
     with progress_bar("rendering", len(simulated)) as update:
         save_drive(out, simulated, update)

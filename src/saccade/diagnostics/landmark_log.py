@@ -14,7 +14,7 @@ import numpy as np
 from saccade.diagnostics.findings import Finding, counted
 from saccade.errors import LogError
 from saccade.landmark_names import name_texts
-from saccade.slam.models import drive
+from saccade.slam.models import turn_then_translate
 from saccade.types import FloatArray, IntArray, LandmarkLog
 
 MAX_BEARING = 2 * np.pi
@@ -309,8 +309,8 @@ def _filled(log: Readings) -> Readings:
 def _readings_of(log: LandmarkLog) -> Readings:
     """The numbers of a log, with controls as relative poses."""
     control, covariance = log.control, log.control_covariance
-    if log.motion == "drive":
-        steps = [drive(np.zeros(3), u) for u in control]
+    if log.motion == "turn_then_translate":
+        steps = [turn_then_translate(np.zeros(3), u) for u in control]
         control = np.array([moved for moved, _, _ in steps]).reshape(-1, 3)
         B = np.array([Fu for _, _, Fu in steps]).reshape(-1, 3, 2)
         covariance = B @ covariance @ B.transpose(0, 2, 1)

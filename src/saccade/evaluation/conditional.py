@@ -73,9 +73,9 @@ def score_fixations(
     still = replace(model, amplitude_exponent=0.0, horizontal=0.0, persistence=0.0, inhibition=0.0)
     static = next_fixation_density(saliency, shape, center, still)
     everywhere = np.ones_like(saliency)
-    baseline = _density(_elsewhere(name, people), shape, saliency.shape, sigma)
+    baseline = cell_density(_elsewhere(name, people), shape, saliency.shape, sigma)
     rest = {
-        viewer: _density(
+        viewer: cell_density(
             np.vstack([xy for other, xy in paths.items() if other != viewer]),
             *(shape, saliency.shape, sigma),
         )
@@ -128,7 +128,7 @@ def _elsewhere(name: str, people: Mapping[str, Viewing]) -> FloatArray:
     return np.vstack(scaled)
 
 
-def _density(
+def cell_density(
     xy: FloatArray, shape: tuple[int, int], cells: tuple[int, ...], sigma: float
 ) -> FloatArray:
     """(h, w) distribution of fixations (n, 2), of sum 1."""

@@ -1,6 +1,6 @@
-"""The whole study of `saccade fit`: the model, how good it is, and on how many images."""
+"""The whole study of `saccade fit`: the model, and how good it is."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,21 +13,18 @@ from saccade.attention.faces import FaceDetector
 from saccade.attention.fitted import FittedModel
 from saccade.errors import LogError
 from saccade.evaluation.fitted_scores import (
-    GroupScores,
-    group_scores,
+    ORDERED,
+    STATIC,
     image_model,
-    learning_curve,
+    score_steps,
     score_viewers,
 )
 from saccade.evaluation.fitting import (
-    CellScores,
-    Choice,
     FittingConfig,
-    FittingData,
-    choose,
+    as_model,
     collect,
     cross_validate_images,
-    fit_all,
+    fit,
     merge,
 )
 from saccade.evaluation.fixation_references import center_model, score_people, shuffled_model
@@ -40,7 +37,7 @@ from saccade.evaluation.prediction import (
 )
 from saccade.image import read_image
 from saccade.pyramid import resize
-from saccade.types import FixationTable, Float32Array
+from saccade.types import FixationTable, Float32Array, FloatArray, IntArray
 
 FITTED, BY_VIEWER, UNFITTED = "fitted, by image", "fitted, by viewer", "unfitted"
 CENTER, SHUFFLED, PEOPLE = "center", "shuffled", "people"
@@ -58,12 +55,8 @@ class FitStudy:
     results: dict[str, PredictionScores]
     """By name: the model on images that it was not fitted to, then on viewers that it was not
     fitted to, and what it is compared with."""
-    curve: Sequence[tuple[int, CellScores]]
-    """Learning curve: number of images, and the scores on others."""
-    groups: Sequence[GroupScores]
-    """What each group of features contributes."""
-    full: CellScores
-    """The scores with all groups."""
+    steps: dict[str, FloatArray]
+    """By name, (n, 2) NSS and bits of each next fixation, of the n images; see `score_steps`."""
     outside: int
     """Fixations outside their images, which are left out."""
 
@@ -94,7 +87,6 @@ def study(
         progress: shows how far it is.
 
     Raises:
-        ConfigError: scikit-learn is not installed.
         LogError: there are too few images.
         ImageError: an image cannot be read or used.
     """
@@ -103,13 +95,16 @@ def study(
         raise LogError(f"fixations: expected at least four images, found {len(points)}")
     names = list(points)
     read = partial(_read, images)
-    viewers = [_viewers(table, name, sizes[name], skip) for name in names]
-    parts = collect(names, read, [*points.values()], viewers, attention, faces)
+    looked = [_paths(table, name, sizes[name], skip) for name in names]
+    paths, viewers = zip(*looked, strict=True)
+    parts = collect(names, read, paths, viewers, attention, faces)
     data = merge([*progress(parts, "features", len(names))])
-    weights, _ = cross_validate_images(data, config)
-    choice = choose(data, np.arange(len(names)), config)
+    static, ordered = (
+        [*progress(cross_validate_images(data, config, ordered=each), "fitting", len(names))]
+        for each in (False, True)
+    )
     models: dict[str, Model] = {
-        FITTED: image_model(data, weights, sizes),
+        FITTED: image_model(data, [each.features for each in static], sizes),
         UNFITTED: partial(_unfitted, read, attention, faces),
         CENTER: center_model(sizes),
         SHUFFLED: shuffled_model(points, sizes, sigma),
@@ -119,19 +114,22 @@ def study(
         name: PredictionScores([i for i, _ in scored], [of[name] for _, of in scored])
         for name in models
     }
-    by_viewer = score_viewers(data, choice, config, points, sizes, sigma)
+    by_viewer = score_viewers(data, config, points, sizes, sigma)
     results |= _scores(BY_VIEWER, progress(by_viewer, "viewers", len(names)))
     if people:
         ceiling = score_people(table, points, sizes, skip, sigma)
         results |= _scores(PEOPLE, progress(ceiling, "people", len(names)))
     order = (FITTED, BY_VIEWER, UNFITTED, CENTER, SHUFFLED, PEOPLE)
-    groups, full = _groups(data, choice, config)
+    everything = np.arange(len(names))
+    final = [fit(data, everything, config, ordered=each) for each in (False, True)]
+    people_count = len(np.unique(np.concatenate(viewers)))
     return FitStudy(
-        fit_all(data, choice, config),
+        as_model(
+            *(data, final[0].features, final[1]),
+            f"{len(names)} images, viewers: {people_count}",
+        ),
         {name: results[name] for name in order if name in results},
-        [*learning_curve(data, config)],
-        groups,
-        full,
+        score_steps(data, {STATIC: static, ORDERED: ordered}, points, sigma),
         outside,
     )
 
@@ -140,12 +138,14 @@ def _read(images: Path, name: str) -> Float32Array:
     return read_image(images / name)
 
 
-def _viewers(table: FixationTable, name: str, size: tuple[int, int], skip: int) -> Any:
-    """(n,) the viewers of the fixations that `fixations_by_image` keeps."""
-    own = (table.index >= skip) & (table.image == name)
-    numbers = np.flatnonzero(own)
-    kept = [i for i in numbers if len(inside(table.xy[i : i + 1], size))]
-    return table.viewer[kept]
+def _paths(
+    table: FixationTable, name: str, size: tuple[int, int], skip: int
+) -> tuple[FloatArray, IntArray]:
+    """(n, 2) the fixations that `fixations_by_image` keeps, in order, and (n,) their viewers."""
+    here = np.flatnonzero((table.index >= skip) & (table.image == name))
+    here = here[np.lexsort((table.index[here], table.viewer[here]))]
+    kept = [i for i in here if len(inside(table.xy[i : i + 1], size))]
+    return table.xy[kept], table.viewer[kept]
 
 
 def _unfitted(
@@ -161,10 +161,3 @@ def _unfitted(
 def _scores(name: str, pairs: Iterable[Any]) -> dict[str, PredictionScores]:
     found = [*pairs]
     return {name: PredictionScores(*zip(*found, strict=True))} if found else {}
-
-
-def _groups(
-    data: FittingData, choice: Choice, config: FittingConfig
-) -> tuple[list[GroupScores], CellScores]:
-    pairs = [*group_scores(data, choice, config)]
-    return [group for group, _ in pairs], pairs[0][1]

@@ -1,49 +1,24 @@
-"""How good a fitted model is: cross-validated scores, the learning curve, and its features."""
+"""How good a fitted model is: cross-validated scores of its maps, and of each next fixation."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
+from saccade.attention._saccade_basis_kernels import fill_logits
 from saccade.evaluation.comparison import Difference, paired_difference
-from saccade.evaluation.fitting import (
-    CellScores,
-    Choice,
-    FittingConfig,
-    FittingData,
-    cell_scores,
-    choose,
-    fit,
-    group_of,
-    log_density,
-    split,
-)
+from saccade.evaluation.conditional import cell_density
+from saccade.evaluation.fitting import FittingConfig, FittingData, Weights, fit, log_density, split
 from saccade.evaluation.fixations import FixationScores, fixation_density, score
 from saccade.evaluation.prediction import Model, PredictionScores, other_fixations
 from saccade.pyramid import resize
 from saccade.types import Float32Array, FloatArray, IntArray
 
-SMALLEST = 5
-"""Images to which the first point of the learning curve is fitted."""
-
-
-@dataclass(frozen=True)
-class GroupScores:
-    """What a group of features contributes."""
-
-    group: str
-    """Its name."""
-    count: int
-    """Its number of features."""
-    without: CellScores
-    """All others alone."""
-    alone: CellScores
-    """It and the geometry alone."""
+STATIC, ORDERED, REST = "static", "with the order", "the other viewers"
 
 
 def image_model(
-    data: FittingData, weights: list[FloatArray], sizes: Mapping[str, tuple[int, int]]
+    data: FittingData, weights: Sequence[FloatArray], sizes: Mapping[str, tuple[int, int]]
 ) -> Model:
     """The saliency of each image by its own weights."""
     number = {name: i for i, name in enumerate(data.images)}
@@ -65,7 +40,6 @@ def saliency_of(
 
 def score_viewers(
     data: FittingData,
-    choice: Choice,
     config: FittingConfig,
     fixations: Mapping[str, FloatArray],
     sizes: Mapping[str, tuple[int, int]],
@@ -79,18 +53,18 @@ def score_viewers(
     people = np.unique(np.concatenate(list(data.viewers)))
     everything = np.arange(len(data.images))
     parts = [people[held] for held in split(len(people), config.folds, config.seed)]
-    fitted = (
-        [fit(data, everything, choice, config, np.setdiff1d(people, part)) for part in parts]
+    fitted = [
+        fit(data, everything, config, ordered=False, viewers=np.setdiff1d(people, part)).features
+        for part in parts
         if len(parts) > 1
-        else []
-    )
+    ]
     for i, name in enumerate(data.images):
         others = other_fixations(name, fixations, sizes)
         baseline = fixation_density(others, sizes[name], sigma)
         scored = partial(score, others=others, sigma=sigma, baseline=baseline)
         rows = []
         for part, weights in zip(parts, fitted, strict=False):
-            own = fixations[name][np.isin(data.viewers[i], part)]
+            own = data.fixations[i][np.isin(data.viewers[i], part)]
             if len(own):
                 rows.append(scored(saliency_of(data, i, weights, sizes[name]), own))
         if rows:
@@ -102,53 +76,70 @@ def _mean(rows: list[FixationScores]) -> FixationScores:
     return FixationScores(*(float(np.mean([getattr(row, key) for row in rows])) for key in keys))
 
 
-def learning_curve(data: FittingData, config: FittingConfig) -> Iterator[tuple[int, CellScores]]:
-    """Scores of images left out, by the number of images that are fitted to.
+def score_steps(
+    data: FittingData,
+    weights: Mapping[str, Sequence[Weights]],
+    fixations: Mapping[str, FloatArray],
+    sigma: float,
+) -> dict[str, FloatArray]:
+    """How each next fixation is predicted, as `saccade.evaluation.conditional` scores it.
 
-    Features and penalty are chosen anew for each number, on the images of the first part.
+    Args:
+        data: features and fixations.
+        weights: by name of a model, those for each image; of a static one, with 0 for the order.
+        fixations: by image, (n, 2).
+        sigma: of the density of people's fixations, in pixels.
+
+    Returns:
+        By model, and of the other viewers of the image, the ceiling: (n, 2) NSS and information
+        gain in bits over the fixations on other images, means over the fixations of each image;
+        NaN of the other viewers of an image with one.
     """
-    count = len(data.images)
-    parts = split(count, min(config.folds, 5), config.seed)
-    largest = count - max(len(part) for part in parts)
-    sizes = [*_doubling(SMALLEST, largest), largest]
-    for size in sizes:
-        rng = np.random.default_rng([config.seed, size])
-        weights: dict[int, FloatArray] = {}
-        choice = None
-        for held in parts:
-            others = np.sort(rng.permutation(np.delete(np.arange(count), held))[:size])
-            choice = choice or choose(data, others, config)
-            fitted = fit(data, others, choice, config)
-            weights |= dict.fromkeys(held.tolist(), fitted)
-        yield size, cell_scores(data, [*weights], [*weights.values()], _center(data, config))
+    found: dict[str, list[FloatArray]] = {name: [] for name in (*weights, REST)}
+    sizes = dict(zip(data.images, data.sizes, strict=True))
+    for i, name in enumerate(data.images):
+        shape, steps, size = data.values[i].shape[1:], data.steps[i], data.sizes[i]
+        others = other_fixations(name, fixations, sizes)
+        baseline = cell_density(others, size, shape, sigma)
+        for model, of_images in weights.items():
+            densities = step_densities(data, i, of_images[i])
+            found[model].append(_step_scores(densities, steps.cells, baseline))
+        viewers = data.viewers[i]
+        if len(np.unique(viewers)) < 2:
+            found[REST].append(np.full(2, np.nan))
+            continue
+        rest = {v: data.fixations[i][viewers != v] for v in np.unique(viewers)}
+        seen = {v: cell_density(xy, size, shape, sigma) for v, xy in rest.items()}
+        found[REST].append(_step_scores((seen[v] for v in viewers), steps.cells, baseline))
+    return {name: np.array(rows) for name, rows in found.items()}
 
 
-def group_scores(
-    data: FittingData, choice: Choice, config: FittingConfig
-) -> Iterator[tuple[GroupScores, CellScores]]:
-    """What each group of features contributes, and the scores with all, cross-validated.
+def step_densities(data: FittingData, image: int, weights: Weights) -> Iterator[FloatArray]:
+    """(h, w) the distribution of each fixation of an image, given those before."""
+    values, steps = data.values[image], data.steps[image]
+    shape = values.shape[1:]
+    tables = data.tables[(*shape, *data.sizes[image])] @ weights.saccade
+    fields = np.stack(
+        [
+            np.tensordot(weights.features, values, 1),
+            np.tensordot(weights.early, values[data.early], 1),
+        ]
+    )
+    for anchors, factors in zip(steps.anchors, steps.factors, strict=True):
+        density = np.empty(shape)
+        fill_logits(fields, tables, anchors, factors, density)
+        density = np.exp(density - density.max())
+        yield density / density.sum()
 
-    A product or a surrounding belongs to its own group, not to that of its maps.
-    """
-    groups = np.array([group_of(name) for name in data.names])
-    chosen = np.isin(np.arange(len(groups)), choice.columns)
-    geometry = chosen & (groups == group_of("border"))
-    center = _center(data, config)
 
-    def scored(kept: IntArray) -> CellScores:
-        parts = split(len(data.images), min(config.folds, 5), config.seed)
-        weights: dict[int, FloatArray] = {}
-        for held in parts:
-            others = np.delete(np.arange(len(data.images)), held)
-            fitted = fit(data, others, Choice(kept, choice.strength), config)
-            weights |= dict.fromkeys(held.tolist(), fitted)
-        return cell_scores(data, [*weights], [*weights.values()], center)
-
-    full = scored(np.flatnonzero(chosen))
-    for group in dict.fromkeys(groups[chosen].tolist()):
-        own = chosen & (groups == group)
-        without, alone = (scored(np.flatnonzero(kept)) for kept in (chosen & ~own, own | geometry))
-        yield GroupScores(group, int(own.sum()), without, alone), full
+def _step_scores(densities: Iterator[FloatArray], cells: IntArray, base: FloatArray) -> FloatArray:
+    """(2,) mean NSS and bits of the cells (n, 2) of fixations in their distributions."""
+    rows = []
+    for density, (row, column) in zip(densities, cells, strict=True):
+        at = density[row, column]
+        nss = (at - density.mean()) / (density.std() or 1.0)
+        rows.append((nss, np.log2(at / base[row, column])))
+    return np.asarray(np.mean(rows, axis=0), np.float64)
 
 
 def differences(results: Mapping[str, PredictionScores], first: str) -> dict[str, Difference]:
@@ -158,16 +149,3 @@ def differences(results: Mapping[str, PredictionScores], first: str) -> dict[str
         for name, result in results.items()
         if name != first
     }
-
-
-def _center(data: FittingData, config: FittingConfig) -> FloatArray:
-    """Weights of the geometry alone: the center that sees nothing of an image."""
-    groups = np.array([group_of(name) for name in data.names])
-    columns = np.flatnonzero(groups == group_of("border"))
-    return fit(data, np.arange(len(data.images)), Choice(columns, 1.0), config)
-
-
-def _doubling(first: int, limit: int) -> Iterator[int]:
-    while first < limit:
-        yield first
-        first *= 2

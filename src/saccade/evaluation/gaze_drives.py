@@ -10,7 +10,7 @@ from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.simulation.drive_config import WorldName
 from saccade.slam import Recorder
 from saccade.visual import VisualConfig, VisualResult
-from saccade.visual.config import Egomotion
+from saccade.visual.config import EgomotionSource
 from saccade.visual.gaze_control import GazeControl
 
 PAN_DRIVE = DriveConfig(size=(7.0, 5.5), image_size=(240, 180), field_of_view=50.0)
@@ -27,7 +27,7 @@ def gaze_drive(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
     recorder: Recorder | None = None,
-    egomotion: Egomotion = "camera",
+    egomotion: EgomotionSource = "camera",
 ) -> tuple[Drive, VisualResult, GazeControl]:
     """Map a simulated drive whose camera is turned by a policy.
 
@@ -50,7 +50,11 @@ def gaze_drive(
 
 
 def run_in_world(
-    world: WorldName, policy: str | Policy, seed: int, frames: int, egomotion: Egomotion = "camera"
+    world: WorldName,
+    policy: str | Policy,
+    seed: int,
+    frames: int,
+    egomotion: EgomotionSource = "camera",
 ) -> tuple[Drive, VisualResult]:
     """A drive of the study, which ends where it began, and its result; see `gaze_drive`."""
     lap = max(2, frames // LAPS[world])

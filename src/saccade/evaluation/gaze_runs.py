@@ -18,7 +18,7 @@ from saccade.evaluation.stored_runs import map_in_processes, read_run, write_run
 from saccade.gaze import POLICIES, Gazer
 from saccade.simulation.drive_config import WorldName
 from saccade.visual import ObservationKind, VisualResult
-from saccade.visual.config import EGOMOTIONS, Egomotion
+from saccade.visual.config import EGOMOTIONS, EgomotionSource
 
 Level = Literal["landmarks", "images"]
 LEVELS: dict[str, tuple[str, ...]] = {"landmarks": tuple(COURSES), "images": tuple(LAPS)}
@@ -49,7 +49,7 @@ class GazeRun:
     level: Level = "landmarks"
     map: Literal["new", "known"] = "new"
     """Whether the map is made, or known before."""
-    egomotion: Egomotion = "wheels"
+    egomotion: EgomotionSource = "wheels"
     """What measures the motion."""
     frames: int = 200
     """Of a drive with images, at most."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from saccade.errors import require, require_ranges
-from saccade.slam.models import drive, wrap
+from saccade.slam.models import turn_then_translate, wrap
 from saccade.types import FloatArray, IntArray
 
 MAX_LANDMARKS = 60
@@ -89,7 +89,7 @@ class World:
         """Carry out a command (2,), distance and turn, and measure; None stands still."""
         control, U = None, None
         if command is not None:
-            self.pose, _, _ = drive(self.pose, command)
+            self.pose, _, _ = turn_then_translate(self.pose, command)
             distance = noise.distance_percent / 100 * abs(command[0])
             sigma = np.array([distance, np.deg2rad(noise.turn_sigma)])
             control = command + sigma * self._rng.standard_normal(2)

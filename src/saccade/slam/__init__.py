@@ -12,13 +12,13 @@ from saccade.slam.filter.error_state import INVARIANT, STANDARD, Retraction
 from saccade.slam.merging import MergeConfig, MergedMaps, merge_maps
 from saccade.slam.models import (
     RANGE_BEARING,
-    Motion,
+    MotionModel,
     Sensor,
     compose,
     difference,
-    drive,
     inverse_observe,
     observe,
+    turn_then_translate,
     wrap,
 )
 from saccade.slam.online import Slam
@@ -45,7 +45,7 @@ __all__ = [
     "KnownIdentity",
     "MergeConfig",
     "MergedMaps",
-    "Motion",
+    "MotionModel",
     "NearestNeighbor",
     "PoseHypotheses",
     "Recorder",
@@ -61,7 +61,6 @@ __all__ = [
     "compose",
     "dead_reckon",
     "difference",
-    "drive",
     "find_start",
     "inverse_observe",
     "merge_maps",
@@ -69,5 +68,6 @@ __all__ = [
     "run",
     "slam_for",
     "smooth",
+    "turn_then_translate",
     "wrap",
 ]

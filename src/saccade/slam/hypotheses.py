@@ -250,7 +250,7 @@ class Hypotheses:
         """Move the robots of all but the first, which has been moved (C.5-C.9)."""
         for each in self.alive[1:]:
             if scan.control is not None:
-                each.ekf.spread()
+                each.ekf.inflate_heading_covariance()
                 each.ekf.reserve()
                 each.ekf.models.predict(each.ekf.view, *scan.control)
 

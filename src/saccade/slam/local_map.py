@@ -339,7 +339,7 @@ class LocalMapChoice:
             named: (k,) landmarks that the scan names, -1 for none.
             expects: whether landmarks are expected in view, whatever is observed.
         """
-        ekf.spread()
+        ekf.inflate_heading_covariance()
         if not isinstance(ekf, LargeMapSlam):
             ekf.reserve(len(scan.z))
             culling.reserve(len(ekf) + len(scan.z))

@@ -57,7 +57,7 @@ def read_map(path: str | Path) -> SavedMap:
     """Read a map file.
 
     Raises:
-        LogError: it cannot be read, is damaged, no map, or of a later version.
+        LogError: it cannot be read, is damaged, no map, or of another version.
     """
     path = Path(path)
     try:
@@ -69,6 +69,11 @@ def read_map(path: str | Path) -> SavedMap:
     if str(arrays.get("kind")) != KIND:
         raise LogError(f"{path}: expected a {KIND}, found another .npz")
     check_format("slam_map", int(arrays["format"]), path, LogError)
+    if int(arrays["format"]) < FORMATS["slam_map"]:
+        raise LogError(
+            f"{path}: expected a {KIND} of format {FORMATS['slam_map']}, found that of a version "
+            "before the first release that saves maps; run the log again"
+        )
     if str(arrays.pop("checksum", "")) != checksum(arrays):  # kernels trust the shapes of arrays
         raise LogError(f"{path}: expected a {KIND}, found a damaged one")
     settings = json.loads(str(arrays["config"]))

@@ -242,8 +242,8 @@ def _grown(maps: _Maps, pairs: IntArray, transform: FloatArray) -> _Fused:
         new = np.column_stack([i, nearest])[mutual]
         if len(new) == 0:
             return fused
-        spread = np.trace(S[new[:, 0], new[:, 1]], axis1=1, axis2=2)
-        best = np.argsort(spread, kind="stable")[: max(1, len(new) // 2)]
+        variance = np.trace(S[new[:, 0], new[:, 1]], axis1=1, axis2=2)
+        best = np.argsort(variance, kind="stable")[: max(1, len(new) // 2)]
         fused = _fuse(maps, np.concatenate([fused.pairs, new[best]]), fused.transform)
 
 

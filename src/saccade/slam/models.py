@@ -16,7 +16,9 @@ from saccade.slam.filter._range_bearing_kernels import MIN_RANGE
 from saccade.slam.filter.validation import as_numbers, check_vector
 from saccade.types import FloatArray
 
-Motion: TypeAlias = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+MotionModel: TypeAlias = Callable[
+    [FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray]
+]
 """(pose (3,), control (c,)) -> next pose (3,), Jacobians by pose (3, 3) and control (3, c)."""
 
 
@@ -50,7 +52,9 @@ def wrap(angle: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.where((a > -np.pi) & (a <= np.pi), a, inside))
 
 
-def drive(pose: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def turn_then_translate(
+    pose: FloatArray, control: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Turn-then-translate motion model (C.5-C.9).
 
     Args:
@@ -158,7 +162,7 @@ def difference(z: FloatArray, expected: FloatArray) -> FloatArray:
     return innovation
 
 
-MOTIONS: dict[str, Motion] = {"drive": drive, "compose": compose}
+MOTIONS: dict[str, MotionModel] = {"turn_then_translate": turn_then_translate, "compose": compose}
 """The motion model of each kind of control of a log."""
 
 

@@ -20,7 +20,14 @@ from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import new_innovations, update_in_parts
 from saccade.slam.hypotheses import Hypotheses
 from saccade.slam.local_map import LargeMapSlam, LocalMapChoice
-from saccade.slam.models import RANGE_BEARING, Motion, RangeBearing, Sensor, compose, drive
+from saccade.slam.models import (
+    RANGE_BEARING,
+    MotionModel,
+    RangeBearing,
+    Sensor,
+    compose,
+    turn_then_translate,
+)
 from saccade.slam.recovery import Recovery
 from saccade.slam.results import PoseHypotheses, StepResult, check_diverged
 from saccade.slam.scans import Scan, validated_scan
@@ -42,7 +49,8 @@ class Slam:
     Args:
         config: filter, association and noise.
         start: (3,) first pose.
-        motion: the motion model; by default `drive`, with controls of distance and turn.
+        motion: the motion model; by default `turn_then_translate`, of distance and
+            turn.
         sensor: the sensor model; by default range and bearing.
         association: a custom association rule instead of the one in `config`.
         odometry_bias: standard deviations of systematic odometry errors, see `LandmarkLog`.
@@ -71,14 +79,14 @@ class Slam:
         config: EkfConfig = EkfConfig(),
         *,
         start: FloatArray | tuple[float, float, float] = (0.0, 0.0, 0.0),
-        motion: Motion = drive,
+        motion: MotionModel = turn_then_translate,
         sensor: Sensor = RANGE_BEARING,
         association: Association | None = None,
         odometry_bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
         mode: Literal["continue", "localize"] = "continue",
     ) -> None:
         require(mode in MODES, "mode", " or ".join(MODES), mode)
-        built_in = motion in (drive, compose) and sensor is RANGE_BEARING
+        built_in = motion in (turn_then_translate, compose) and sensor is RANGE_BEARING
         estimated = config.estimate_odometry_bias and any(odometry_bias) and built_in
         bias = odometry_bias if estimated else ()
         self.config = config
@@ -124,7 +132,9 @@ class Slam:
         self.arguments = {"odometry_bias": odometry_bias}
         self.motion = motion
         """The motion model."""
-        self._control_size = 2 if motion is drive else 3 if motion is compose else None
+        self._control_size = (
+            2 if motion is turn_then_translate else 3 if motion is compose else None
+        )
 
     def step(
         self,
@@ -382,7 +392,7 @@ class Slam:
         *,
         start: FloatArray | tuple[float, float, float] | None = None,
         covariance: FloatArray | None = None,
-        motion: Motion | None = None,
+        motion: MotionModel | None = None,
         sensor: Sensor = RANGE_BEARING,
         association: Association | None = None,
         odometry_bias: tuple[float, float, float] | None = None,

@@ -18,7 +18,7 @@ from saccade.slam._relocalization_kernels import Grid, add_support, select_disti
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.consistency import chi_square_gate, normalized_squared
 from saccade.slam.filter.validation import check_all
-from saccade.slam.models import RANGE_BEARING, Motion, compose, wrap
+from saccade.slam.models import RANGE_BEARING, MotionModel, compose, wrap
 from saccade.slam.results import PoseHypotheses, RelocalizationConfig
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -70,7 +70,7 @@ class Relocalizer:
         landmarks: FloatArray,
         covariance: FloatArray,
         config: RelocalizationConfig = RelocalizationConfig(),
-        motion: Motion = compose,
+        motion: MotionModel = compose,
     ) -> None:
         from scipy.spatial import cKDTree
 
@@ -81,7 +81,7 @@ class Relocalizer:
         self._landmarks, self._config, self._motion = landmarks, config, motion
         self._tree = cKDTree(landmarks)
         self._errors = _local_errors(self._tree, landmarks, covariance)
-        self._points, self._spread = np.empty((0, 2)), np.empty((0, 2, 2))
+        self._points, self._covariances = np.empty((0, 2)), np.empty((0, 2, 2))
         self._named, self._age = np.empty(0, np.int64), np.empty(0, np.int64)
         self._tracked, self._total = np.empty((0, 3)), 0.0
         self._pairs: _LandmarkPairs | None = None
@@ -101,7 +101,7 @@ class Relocalizer:
         self._points = (self._points - moved[:2]) @ rotation.T
         J = _pose_jacobians(self._points)
         J[:, :, :2] = rotation
-        self._spread = rotation @ self._spread @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
+        self._covariances = rotation @ self._covariances @ rotation.T + J @ Q @ J.transpose(0, 2, 1)
         poses = [self._motion(pose, u)[0] for pose in self._tracked]
         self._tracked = np.array(poses).reshape(-1, 3)
 
@@ -142,13 +142,13 @@ class Relocalizer:
         """The k points observed in the last scans: (k, 2) range, bearing; (k, 2, 2) covariances."""
         z, H = RANGE_BEARING.observe(np.zeros(3), self._points)
         J = H[..., 3:]
-        return z, J @ self._spread @ J.swapaxes(-1, -2)
+        return z, J @ self._covariances @ J.swapaxes(-1, -2)
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a search with the same map."""
         return {
             "points": self._points,
-            "spread": self._spread,
+            "covariances": self._covariances,
             "named": self._named,
             "age": self._age,
             "tracked": self._tracked,
@@ -157,30 +157,30 @@ class Relocalizer:
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        self._points, self._spread = arrays["points"], arrays["spread"]
+        self._points, self._covariances = arrays["points"], arrays["covariances"]
         self._named, self._age = arrays["named"], arrays["age"]
         self._tracked, self._total = arrays["tracked"], float(arrays["total"])
 
     def _remember(self, z: FloatArray, R: FloatArray, named: IntArray) -> None:
         """Merge the points of a scan with those of earlier ones; drop points not seen for long."""
         kept = self._age < self._config.memory
-        points, spread = self._points[kept], self._spread[kept]
+        points, covariances = self._points[kept], self._covariances[kept]
         old, age = self._named[kept], self._age[kept] + 1
         xy, _, Gz = RANGE_BEARING.inverse_observe(np.zeros(3), z)
         C = Gz @ R @ Gz.transpose(0, 2, 1)
         differ = (named[:, None] != old) & (named[:, None] >= 0) & (old >= 0)
-        same = _same_points(points, spread, xy, C, differ)
+        same = _same_points(points, covariances, xy, C, differ)
         new = same < 0
         for m in np.flatnonzero(~new):
             k = same[m]
-            K = spread[k] @ np.linalg.inv(spread[k] + C[m])
+            K = covariances[k] @ np.linalg.inv(covariances[k] + C[m])
             points[k] += K @ (xy[m] - points[k])
-            spread[k] -= K @ spread[k]
+            covariances[k] -= K @ covariances[k]
             age[k], old[k] = 0, max(named[m], old[k])
         self.latest = np.where(new, len(points) + np.cumsum(new) - 1, same)
-        self._points, self._spread = (
+        self._points, self._covariances = (
             np.concatenate([points, xy[new]]),
-            np.concatenate([spread, C[new]]),
+            np.concatenate([covariances, C[new]]),
         )
         self._named = np.concatenate([old, named[new]])
         self._age = np.concatenate([age, np.zeros(new.sum(), np.int64)])
@@ -194,8 +194,8 @@ class Relocalizer:
         variance = np.trace(self._errors, axis1=1, axis2=2).mean()
         known = self._landmark_pairs(float(separation.max()) * 1.1 + 3 * variance**0.5)
         along = (p[pairs[:, 1]] - p[pairs[:, 0]]) / separation[:, None]
-        spread = self._spread[pairs].sum(1)
-        sigma = np.sqrt(np.einsum("mi,mij,mj->m", along, spread, along) + variance)
+        covariances = self._covariances[pairs].sum(1)
+        sigma = np.sqrt(np.einsum("mi,mij,mj->m", along, covariances, along) + variance)
         first = np.searchsorted(known.distance, separation - 3 * sigma)
         last = np.searchsorted(known.distance, separation + 3 * sigma)
         poses, total = [], 0
@@ -250,7 +250,7 @@ class Relocalizer:
 
     def _support(self, poses: FloatArray) -> FloatArray:
         """(h,) sum over the points of a truncated quadratic of the distance to a landmark."""
-        variance = np.trace(self._spread, axis1=1, axis2=2) / 2  # (k,)
+        variance = np.trace(self._covariances, axis1=1, axis2=2) / 2  # (k,)
         variance = variance + np.trace(self._errors, axis1=1, axis2=2).mean() / 2
         # Twice the variance: the proposed pose has errors of the same size.
         scale, support = 2 * variance * GATE, np.empty(len(poses))
@@ -284,7 +284,7 @@ class Relocalizer:
         at = (rotation @ self._points[..., None])[..., 0]  # (h, k, 2)
         near = self._nearest(poses[:, None, :2] + at)
         v = self._landmarks[near] - poses[:, None, :2] - at
-        S = rotation @ self._spread @ rotation.swapaxes(-1, -2) + self._errors[near]
+        S = rotation @ self._covariances @ rotation.swapaxes(-1, -2) + self._errors[near]
         return v, S, _pose_jacobians(at), near
 
     def _nearest(self, xy: FloatArray) -> IntArray:

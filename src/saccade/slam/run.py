@@ -1,6 +1,6 @@
 """EKF-SLAM on a landmark log."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +14,9 @@ from saccade.slam.config import EkfConfig
 from saccade.slam.consistency import Consistency, summarize
 from saccade.slam.culling import numbers_of_kept
 from saccade.slam.filter.models import new_innovations
-from saccade.slam.models import MOTIONS, RANGE_BEARING, Motion, Sensor
+from saccade.slam.models import MOTIONS, RANGE_BEARING, MotionModel, Sensor
 from saccade.slam.online import Slam
+from saccade.slam.results import StepResult
 from saccade.slam.scans import scans_of
 from saccade.slam.snapshots import Recorder
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
@@ -81,7 +82,7 @@ def run(
     config: EkfConfig = EkfConfig(),
     progress: Callable[[int, int], None] | None = None,
     *,
-    motion: Motion | None = None,
+    motion: MotionModel | None = None,
     sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
     recorder: Recorder | None = None,
@@ -145,12 +146,8 @@ def run(
     slam.num_steps = max(slam.num_steps - (done == 0), 0)  # at the first pose it is already
 
     names = slam.number(log.landmark, log.text_names)
-    ranges = slam.ekf.models.observes_ranges
-    for i, scan in enumerate(scans_of(log, config, names, observes_ranges=ranges)):
-        if i < done:
-            continue
-        result = slam.process(scan)
-        end = start + len(scan.z)
+    for i, result in _steps(slam, log, names, done):
+        end = start + len(result.association)
         pose[i], covariance[i], lost[i] = result.pose, result.covariance, result.lost
         if end > start:
             slam.renumber(association[:start], result)
@@ -190,6 +187,15 @@ def run(
     )
 
 
+def _steps(
+    slam: Slam, log: LandmarkLog, names: IntArray, done: int
+) -> Iterator[tuple[int, StepResult]]:
+    """Take the steps of a log from a pose on; gives their numbers and results."""
+    ranges = slam.ekf.models.observes_ranges
+    scans = scans_of(log, slam.config, names, observes_ranges=ranges)
+    return ((i, slam.process(scan)) for i, scan in enumerate(scans) if i >= done)
+
+
 def _doubt(association: IntArray, slam: Slam) -> str:
     """Why the map is in doubt, if it is: how much was not used, and what else it may be."""
     unused = float((association < 0).mean()) if len(association) else 0.0
@@ -207,7 +213,7 @@ def _doubt(association: IntArray, slam: Slam) -> str:
 def slam_for(
     log: LandmarkLog,
     config: EkfConfig = EkfConfig(),
-    motion: Motion | None = None,
+    motion: MotionModel | None = None,
     sensor: Sensor = RANGE_BEARING,
     associate: Association | None = None,
 ) -> Slam:
@@ -227,7 +233,7 @@ def slam_for(
 
 
 def dead_reckon(
-    log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: Motion | None = None
+    log: LandmarkLog, config: EkfConfig = EkfConfig(), motion: MotionModel | None = None
 ) -> Trajectory:
     """Dead reckoning: the trajectory by the controls alone, with its growing covariance."""
     none = slice(0)
@@ -239,14 +245,14 @@ def dead_reckon(
         landmark=log.landmark[none],
     )
     slam = slam_for(blind, config, motion)
-    results = [slam.process(scan) for scan in scans_of(blind, config, blind.landmark)]
+    results = [result for _, result in _steps(slam, blind, blind.landmark, 0)]
     pose, covariance = (
         np.array([getattr(r, name) for r in results]) for name in ("pose", "covariance")
     )
     return Trajectory(log.time, pose, covariance)
 
 
-def motion_of(log: LandmarkLog, custom: Motion | None) -> Motion:
+def motion_of(log: LandmarkLog, custom: MotionModel | None) -> MotionModel:
     """The motion model of a log.
 
     Raises:

@@ -14,7 +14,7 @@ from saccade.slam.config import RETRACTIONS, EkfConfig
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.validation import check_covariance
 from saccade.slam.map_file import SavedMap, read_map, write_map
-from saccade.slam.models import MOTIONS, Motion, Sensor
+from saccade.slam.models import MOTIONS, MotionModel, Sensor
 from saccade.slam.online import Slam
 from saccade.slam.relocalization import Relocalizer
 from saccade.types import FloatArray, LandmarkLog
@@ -52,7 +52,7 @@ def load(
     config: EkfConfig | None,
     start: FloatArray | tuple[float, float, float] | None,
     covariance: FloatArray | None,
-    motion: Motion | None,
+    motion: MotionModel | None,
     sensor: Sensor,
     association: Association | None,
     odometry_bias: tuple[float, float, float] | None,
@@ -150,12 +150,12 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
     ekf = slam.ekf
     r = len(ekf.robot_state)
     search = Relocalizer(ekf.landmarks, ekf.covariance[r:, r:], motion=slam.motion)
-    moved, spread, scans, best = np.zeros(3), np.zeros((3, 3)), 0, 0.0
+    moved, moved_covariance, scans, best = np.zeros(3), np.zeros((3, 3)), 0, 0.0
     for step in range(len(log.time)):
         if step > 0:
             u, U = log.control[step - 1], log.control_covariance[step - 1]
             search.predict(u, U)
-            moved, spread = _moved(slam.motion, moved, spread, u, U)
+            moved, moved_covariance = _moved(slam.motion, moved, moved_covariance, u, U)
         scan = log.observation_pose == step
         if not scan.any() or scans == MAX_SCANS:
             continue
@@ -168,7 +168,7 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
         if best > FOUND and len(matched) >= MIN_MATCHED:
             covariance = found.covariance[0].copy()
             covariance[:2, :2] += ekf.landmark_covariances[matched].mean(0)
-            return _before(found.pose[0], covariance, moved, spread)
+            return _before(found.pose[0], covariance, moved, moved_covariance)
     raise LogError(
         f"start: expected a pose in the map that is certain, found a probability of {best:.2f} "
         f"after {scans} scans; give the start"
@@ -176,7 +176,7 @@ def find_start(slam: Slam, log: LandmarkLog) -> tuple[FloatArray, FloatArray]:
 
 
 def _moved(
-    motion: Motion, pose: FloatArray, P: FloatArray, u: FloatArray, U: FloatArray
+    motion: MotionModel, pose: FloatArray, P: FloatArray, u: FloatArray, U: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Dead reckoning by one control."""
     pose, Fx, Fu = motion(pose, u)
@@ -184,7 +184,7 @@ def _moved(
 
 
 def _before(
-    pose: FloatArray, C: FloatArray, moved: FloatArray, spread: FloatArray
+    pose: FloatArray, C: FloatArray, moved: FloatArray, moved_covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """The pose from which a motion (3,) with its covariance leads to a pose."""
     heading = pose[2] - moved[2]
@@ -194,4 +194,4 @@ def _before(
     J, K = np.eye(3), np.zeros((3, 3))
     J[:2, 2] = arm[1], -arm[0]
     K[:2, :2], K[:2, 2], K[2, 2] = -R, [-arm[1], arm[0]], -1.0
-    return np.append(pose[:2] - arm, heading), J @ C @ J.T + K @ spread @ K.T
+    return np.append(pose[:2] - arm, heading), J @ C @ J.T + K @ moved_covariance @ K.T

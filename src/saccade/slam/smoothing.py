@@ -15,7 +15,7 @@ import numpy as np
 from saccade.errors import LogError, require
 from saccade.extras import import_optional
 from saccade.slam.filter.models import unbiased
-from saccade.slam.models import Motion, inverse_observe
+from saccade.slam.models import MotionModel, inverse_observe
 from saccade.slam.run import SlamResult, motion_of
 from saccade.types import FloatArray, IntArray, LandmarkLog, LandmarkMap, Trajectory
 
@@ -97,7 +97,11 @@ class SmoothingProblem:
     """
 
     def __init__(
-        self, log: LandmarkLog, filtered: SlamResult, config: SmoothConfig, motion: Motion | None
+        self,
+        log: LandmarkLog,
+        filtered: SlamResult,
+        config: SmoothConfig,
+        motion: MotionModel | None,
     ) -> None:
         self.gtsam = import_optional("gtsam", "smooth")
         if filtered.odometry_bias is not None:
@@ -209,20 +213,20 @@ class SmoothingProblem:
 
     def _add_controls(self, steps: IntArray) -> None:
         start = self.gtsam.Pose2(*self.log.start)
-        spread = np.diag(np.square(self.config.start_sigma))
-        self.graph.add(self.gtsam.PriorFactorPose2(self.pose_key(0), start, self._noise(spread)))
+        Q = np.diag(np.square(self.config.start_sigma))
+        self.graph.add(self.gtsam.PriorFactorPose2(self.pose_key(0), start, self._noise(Q)))
         for step in steps.tolist():
             moved, _, Fu = self.motion(np.zeros(3), self.log.control[step])
             A = _rotation(-moved[2]) @ Fu  # GTSAM has errors in the frame of the later pose
-            spread = A @ self.log.control_covariance[step] @ A.T
-            along, left, turn = spread.diagonal()
-            spread += ISOTROPIC_NOISE**2 * np.diag([along + left, along + left, turn])
+            Q = A @ self.log.control_covariance[step] @ A.T
+            along, left, turn = Q.diagonal()
+            Q += ISOTROPIC_NOISE**2 * np.diag([along + left, along + left, turn])
             self.graph.add(
                 self.gtsam.BetweenFactorPose2(
                     self.pose_key(self.variable[step]),
                     self.pose_key(self.variable[step + 1]),
                     self.gtsam.Pose2(*moved),
-                    self._noise(spread * self.config.motion_noise_scale**2),
+                    self._noise(Q * self.config.motion_noise_scale**2),
                 )
             )
 
@@ -407,7 +411,7 @@ def smooth(
     log: LandmarkLog,
     filtered: SlamResult,
     config: SmoothConfig | None = None,
-    motion: Motion | None = None,
+    motion: MotionModel | None = None,
 ) -> SmoothResult:
     """Smooth a log over the filter's association.
 

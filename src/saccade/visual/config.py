@@ -17,9 +17,9 @@ Selection: TypeAlias = Literal[
 ]
 """Criteria by which points become landmarks."""
 SELECTIONS = get_args(Selection)
-Egomotion: TypeAlias = Literal["camera", "wheels"]
+EgomotionSource: TypeAlias = Literal["camera", "wheels"]
 """What measures the motion of the robot."""
-EGOMOTIONS = get_args(Egomotion)
+EGOMOTIONS = get_args(EgomotionSource)
 DetectorName: TypeAlias = Literal["sift", "must", "symroid"]
 """Interest point detectors."""
 
@@ -69,7 +69,7 @@ class VisualConfig:
     max_tracks: int = 200
     """Maximum number of points tracked at a time: landmarks, and others for the egomotion; of each
     where they are not shared."""
-    egomotion: Egomotion = "camera"
+    egomotion: EgomotionSource = "camera"
     """What measures the motion: the camera, with odometry ("camera"), so that only re-identified
     landmarks correct the pose, since the pixels of the others have been used; or odometry alone
     ("wheels"), whose systematic errors the filter estimates, and every observation of a landmark

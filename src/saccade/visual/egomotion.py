@@ -10,7 +10,7 @@ from saccade.types import BoolArray, Float32Array, FloatArray
 from saccade.visual._kernels import Correspondences, accumulate_normal_equations
 from saccade.visual.camera import Intrinsics, directions
 
-Prior: TypeAlias = tuple[FloatArray, FloatArray]
+MotionEstimate: TypeAlias = tuple[FloatArray, FloatArray]
 """Expected control (3,), and its covariance (3, 3)."""
 CameraPose: TypeAlias = tuple[FloatArray, FloatArray]
 """R (3, 3) and t (3,) in metres: points X of the first camera frame become R X + t."""
@@ -44,7 +44,7 @@ class Mounting(NamedTuple):
     """(3,) in the robot's frame, in metres."""
 
 
-class Motion(NamedTuple):
+class Egomotion(NamedTuple):
     """The motion from one frame to the next, estimated from the images."""
 
     control: FloatArray
@@ -89,9 +89,9 @@ def estimate_motion(
     camera: Camera,
     points: Correspondences,
     pixel_sigma: float | FloatArray,
-    prior: Prior | None,
+    prior: MotionEstimate | None,
     before: Camera | None = None,
-) -> Motion | None:
+) -> Egomotion | None:
     """Maximum-likelihood motion of k correspondences: RANSAC, then robust Gauss-Newton.
 
     Args:
@@ -137,11 +137,11 @@ def estimate_motion(
     J = robot_motion_jacobian(camera, R, t, before)[:3]
     covariance = J @ np.linalg.inv(information) @ J.T
     covariance = (covariance + covariance.T) / 2
-    return Motion(control, off_plane, covariance, inliers, R, t, prior is not None)
+    return Egomotion(control, off_plane, covariance, inliers, R, t, prior is not None)
 
 
 def agree_with_motion(
-    camera: Camera, points: Correspondences, pixel_sigma: float | FloatArray, motion: Motion
+    camera: Camera, points: Correspondences, pixel_sigma: float | FloatArray, motion: Egomotion
 ) -> BoolArray:
     """(k,) whether correspondences from which a motion was not estimated are inliers of it."""
     inverse_depth, squared = points.inverse_depth.copy(), np.empty(len(points.previous))

@@ -25,8 +25,8 @@ from saccade.visual.camera import is_inside, move_pixels
 from saccade.visual.config import DetectorName, VisualConfig
 from saccade.visual.depth import depth_of, depth_sigma, measure_depth, measures_depth
 from saccade.visual.egomotion import (
-    Motion,
-    Prior,
+    Egomotion,
+    MotionEstimate,
     agree_with_motion,
     camera_motion,
     correspondences_of,
@@ -277,9 +277,9 @@ def track(
     previous: PreparedFrame,
     current: PreparedFrame,
     tracked: TrackedPoints,
-    prior: Prior,
+    prior: MotionEstimate,
     config: VisualConfig,
-) -> tuple[TrackedPoints, Motion | None]:
+) -> tuple[TrackedPoints, Egomotion | None]:
     """Track points into a frame, and estimate the egomotion from them.
 
     Args:

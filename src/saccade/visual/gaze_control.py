@@ -9,7 +9,7 @@ import numpy as np
 from saccade.frames import Camera, Gaze, GazeLimits, steps_between
 from saccade.gaze import Gazer, Policy
 from saccade.types import FloatArray
-from saccade.visual.config import Egomotion
+from saccade.visual.config import EgomotionSource
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.selection import sample_saliency
 from saccade.visual.tables import TrackedPoints
@@ -20,7 +20,10 @@ LEAVING = 0.15
 SIDEWAYS = 15.0
 """Variance of the motion where the camera that measures it looks across, over that where it looks
 along it, less 1."""
-ODOMETRY: dict[Egomotion, tuple[float, float]] = {"wheels": (0.05, 0.015), "camera": (0.005, 0.002)}
+ODOMETRY: dict[EgomotionSource, tuple[float, float]] = {
+    "wheels": (0.05, 0.015),
+    "camera": (0.005, 0.002),
+}
 """Standard deviations of distance and turn after a metre, by what measures the motion."""
 
 
@@ -78,7 +81,7 @@ class GazeControl:
         features: FrameFeatures,
         visual_map: VisualMap,
         tracked: TrackedPoints,
-        egomotion: Egomotion = "camera",
+        egomotion: EgomotionSource = "camera",
     ) -> None:
         """Tell the gazer what a frame shows; decide, and turn the camera if it is time to.
 
@@ -109,7 +112,7 @@ class GazeControl:
         self.decisions.append(Decision(time, present, chosen))
         self._turn(time, chosen)
 
-    def _make(self, visual_map: VisualMap, egomotion: Egomotion) -> Gazer:
+    def _make(self, visual_map: VisualMap, egomotion: EgomotionSource) -> Gazer:
         camera, limits = self._camera, self._limits
         return Gazer(
             visual_map.slam,

@@ -11,7 +11,7 @@ from saccade.frames import Camera
 from saccade.types import FloatArray, IntArray
 from saccade.visual._kernels import warp_ground
 from saccade.visual.camera import Intrinsics, directions
-from saccade.visual.egomotion import Motion
+from saccade.visual.egomotion import Egomotion
 from saccade.visual.optical_flow import ByteArray, ImageGradients, image_gradients
 
 NEAR, FAR, HALF_WIDTH = 6.0, 16.0, 1.3
@@ -49,7 +49,7 @@ class GroundTracker:
         self.rays = directions(camera, self._pixels.astype(np.float64))
         """(m, 3) rays of the sampled pixels in the camera's frame."""
 
-    def distance(self, previous: ByteArray, current: ByteArray, motion: Motion) -> float | None:
+    def distance(self, previous: ByteArray, current: ByteArray, motion: Egomotion) -> float | None:
         """Length of the camera's translation between two gray images (H, W), in metres.
 
         Distance, tilt of the plane, gain and offset of the intensity minimize the photometric
@@ -71,7 +71,11 @@ class GroundTracker:
         return float(state[0]) * height
 
     def _align(
-        self, intensity: FloatArray, image: ImageGradients, intrinsics: Intrinsics, motion: Motion
+        self,
+        intensity: FloatArray,
+        image: ImageGradients,
+        intrinsics: Intrinsics,
+        motion: Egomotion,
     ) -> FloatArray | None:
         """(3,) distance in camera heights and two tilts in radians; None if not converged."""
         length = float(np.linalg.norm(motion.translation))

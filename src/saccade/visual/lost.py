@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from saccade.types import Float32Array, FloatArray
-from saccade.visual.egomotion import Prior
+from saccade.visual.egomotion import MotionEstimate
 from saccade.visual.optical_flow import PreparedFrame
 
 LIMIT = 4.0
@@ -125,8 +125,8 @@ class LostTest:
     def add_motion(
         self,
         frame: PreparedFrame,
-        odometry: Prior,
-        motion: Prior | None,
+        odometry: MotionEstimate,
+        motion: MotionEstimate | None,
         seconds: float,
         points: int,
         inliers: int,
@@ -196,7 +196,9 @@ class LostTest:
         added = min(evidence, MAX_MISSED - self.missed)
         self.evidence, self.missed = self.evidence + added, self.missed + added
 
-    def _evidence_of_motion(self, odometry: Prior, motion: Prior | None, seconds: float) -> float:
+    def _evidence_of_motion(
+        self, odometry: MotionEstimate, motion: MotionEstimate | None, seconds: float
+    ) -> float:
         """Evidence of a motion that contradicts both odometry and the last motion.
 
         A camera that does not move was not carried: the wheels slip, or the frame is a copy.
@@ -242,7 +244,7 @@ def _travel(control: FloatArray) -> float:
     return float(np.hypot(control[0], control[1])) + RADIUS * abs(float(control[2]))
 
 
-def _nis(first: Prior, second: Prior) -> float:
+def _nis(first: MotionEstimate, second: MotionEstimate) -> float:
     """Normalized squared difference of two controls (3,) with covariances (3, 3)."""
     v = first[0] - second[0]
     return float(v @ np.linalg.solve(first[1] + second[1] + 1e-9 * np.eye(3), v))

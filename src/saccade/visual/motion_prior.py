@@ -7,7 +7,7 @@ import numpy as np
 from saccade.slam.consistency import chi_square_gate
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Motion, Prior
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE
 
 FUSION_GATE = 0.9999
@@ -25,7 +25,7 @@ MAX_TILT_RATIO, MAX_HEIGHT = 3.0, 0.3
 """Tilt over the assumed one, and standard deviation of the height in metres, that are reported."""
 
 
-def fuse(first: Prior, second: Prior) -> Prior:
+def fuse(first: MotionEstimate, second: MotionEstimate) -> MotionEstimate:
     """Fuse two independent estimates of a control by their information.
 
     Where they differ by more than the gate allows, the first alone.
@@ -49,7 +49,9 @@ class MotionPrior:
     _velocity: FloatArray | None = field(default=None, init=False)
     _covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)), init=False)
 
-    def predict(self, control: FloatArray, covariance: FloatArray, seconds: float) -> Prior:
+    def predict(
+        self, control: FloatArray, covariance: FloatArray, seconds: float
+    ) -> MotionEstimate:
         """Odometry (3,) with its covariance (3, 3), fused with the last motion.
 
         Where they disagree, odometry alone: the robot may have stopped, or been lifted or turned.
@@ -208,7 +210,7 @@ def correlation_factor(seconds: float, config: VisualConfig) -> float:
 
 
 def camera_error_covariance(
-    motion: Motion, seconds: float, config: VisualConfig, tilt: float
+    motion: Egomotion, seconds: float, config: VisualConfig, tilt: float
 ) -> FloatArray:
     """(3, 3) covariance of a motion by the camera, inflated for errors correlated in time.
 

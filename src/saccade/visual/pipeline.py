@@ -23,7 +23,7 @@ from saccade.slam.snapshots import Recorder
 from saccade.types import FloatArray, IntArray
 from saccade.visual.config import VisualConfig
 from saccade.visual.depth import CameraTrajectory, first_frame, measures_depth
-from saccade.visual.egomotion import Motion, Prior, camera_motion
+from saccade.visual.egomotion import Egomotion, MotionEstimate, camera_motion
 from saccade.visual.frontend import (
     FeatureCache,
     FeatureExtractor,
@@ -272,7 +272,7 @@ class Pipeline:
         with self.log.timed("detect"):
             return self._extract.detect(features, number)
 
-    def _track(self, frame: PreparedFrame, expected: Prior) -> Motion | None:
+    def _track(self, frame: PreparedFrame, expected: MotionEstimate) -> Egomotion | None:
         """Track points into the frame, and estimate the egomotion."""
         camera, config, before = self.drive.camera, self.config, self.tracked
         with self.log.timed("track"):
@@ -295,8 +295,8 @@ class Pipeline:
         return motion
 
     def _adjust(
-        self, number: int, before: TrackedPoints, expected: Prior, motion: Motion | None
-    ) -> Prior | None:
+        self, number: int, before: TrackedPoints, expected: MotionEstimate, motion: Egomotion | None
+    ) -> MotionEstimate | None:
         """Adjust the window with the points of a frame, some of them tracked from `before`."""
         if self._window is None:
             return None
@@ -311,7 +311,11 @@ class Pipeline:
             return self._window.add(*points, pose, odometry, seconds, self._cameras)
 
     def _predict(
-        self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None
+        self,
+        number: int,
+        expected: MotionEstimate,
+        motion: Egomotion | None,
+        adjusted: MotionEstimate | None,
     ) -> None:
         """Predict the pose; with a single camera, also triangulate the tracked points."""
         (earlier, camera), trajectory = self._cameras, self._camera_trajectory

@@ -5,12 +5,11 @@ import numpy as np
 from saccade.frames import steps_between
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
-from saccade.slam.recovery import prior_of, search_among
-from saccade.slam.relocalization import Relocalizer
+from saccade.slam.recovery import PoseSearch
 from saccade.slam.results import PoseHypotheses
 from saccade.types import FloatArray
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Motion, Prior
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.lost import LandmarkCounts, LostTest
 from saccade.visual.motion_prior import camera_error_covariance
 from saccade.visual.optical_flow import PreparedFrame
@@ -25,9 +24,9 @@ MIN_DOUBT = 1.0
 CARRYING_SPEED = 1.0, 1.0
 """Standard deviations of speed (m/s) and turn rate (rad/s) of a robot that sees nothing and that
 odometry believes to stand: it may be carried."""
-FOUND, MIN_MATCHED, SCANS_IN_AGREEMENT = 0.999, 5, 2
-"""Probability of a hypothesis from which it is right, landmarks that must agree with it, and frames
-with detections in a row in which both must hold."""
+MIN_MATCHED, FRAMES_IN_AGREEMENT = 5, 2
+"""Landmarks that must agree with a hypothesis for the robot to be found, and frames with detections
+in a row in which they must."""
 
 
 class Recovery:
@@ -41,10 +40,9 @@ class Recovery:
     def __init__(self, visual_map: VisualMap, config: VisualConfig) -> None:
         self._map, self._config = visual_map, config
         self.test = LostTest(config.acceleration_sigma)
-        self._search: Relocalizer | None = None
+        self._search: PoseSearch | None = None
         self._hypotheses: PoseHypotheses | None = None  # of a frame with detections
         self._blind = 0.0  # seconds without sight and motion
-        self._agreeing = 0
         self._first_doubtful = 0  # id of the first landmark initialized since there is evidence
         self._extent = 0.0  # metres, of the map of a lost robot
 
@@ -76,7 +74,7 @@ class Recovery:
     def add_motion(
         self,
         frame: PreparedFrame,
-        motion: Motion | None,
+        motion: Egomotion | None,
         seconds: float,
         points: int,
         previous: FloatArray,
@@ -130,11 +128,24 @@ class Recovery:
         index, rows = pairs.T
         keep = usable[index] & has_same_height(observations[index], landmarks.height[rows])
         index, rows = index[keep], rows[keep]
-        found = self._search.add(observations.z[index], observations.covariance[index], rows)
-        self._hypotheses = found
-        return self._resume_if_found(found)
+        z, R = observations.z[index], observations.covariance[index]
+        self._hypotheses = self._search.add(z, R, rows)
+        if not self._search.is_found:
+            return False
+        self._search.reset_pose()
+        self._end()
+        return True
 
-    def _measured(self, motion: Motion | None, seconds: float) -> Prior | None:
+    def _new_search(self) -> PoseSearch:
+        ekf = self._map.ekf
+        return PoseSearch(
+            *(ekf, np.arange(len(ekf)), compose),
+            anywhere=False,
+            min_matched=MIN_MATCHED,
+            scans=FRAMES_IN_AGREEMENT,
+        )
+
+    def _measured(self, motion: Egomotion | None, seconds: float) -> MotionEstimate | None:
         """A motion by the camera with all its errors."""
         if motion is None:
             return None
@@ -153,29 +164,12 @@ class Recovery:
         ekf = self._map.ekf
         places = np.vstack([ekf.landmarks, ekf.pose[:2]])
         self._extent = float(np.ptp(places, axis=0).max()) / 2
-        self._search, self._agreeing = search_among(ekf, np.arange(len(ekf)), compose), 0
-        self._search.propose(ekf.pose)
+        self._search = self._new_search()
 
     def _end(self) -> None:
         self._search = self._hypotheses = None
         self._blind = 0.0
         self.test.reset()
-
-    def _resume_if_found(self, found: PoseHypotheses) -> bool:
-        """Reset the pose and end the search if one hypothesis is left."""
-        assert self._search is not None
-        association = found.association[0] if len(found) else np.empty(0, np.int64)
-        sure = len(found) > 0 and found.probability[0] >= FOUND
-        sure = sure and np.count_nonzero(association >= 0) >= MIN_MATCHED
-        self._agreeing = self._agreeing + 1 if sure else 0
-        if self._agreeing < SCANS_IN_AGREEMENT:
-            return False
-        ekf, known = self._map.ekf, association >= 0
-        z, R = self._search.observations
-        ekf.reset_pose(found.pose[0], prior_of(ekf, found.covariance[0], association))
-        self._map.correct(association[known], z[known], R[known])
-        self._end()
-        return True
 
     def to_arrays(self) -> Arrays:
         """The state as named arrays, for a checkpoint."""
@@ -189,9 +183,7 @@ class Recovery:
         own = {name: array for name, array in arrays.items() if "." not in name}
         restore_attributes(self, own)
         restore_attributes(self.test, select(arrays, "test"))
-        search = select(arrays, "search")
         self._search, self._hypotheses = None, None
-        if search:
-            ekf = self._map.ekf
-            self._search = search_among(ekf, np.arange(len(ekf)), compose)
+        if search := select(arrays, "search"):
+            self._search = self._new_search()
             self._search.from_arrays(search)

@@ -13,7 +13,7 @@ from saccade.notebook import NotebookTable
 from saccade.slam.checkpoint import Arrays, attribute_arrays, merge, restore_attributes, select
 from saccade.slam.models import compose
 from saccade.types import BoolArray, FloatArray, IntArray, LandmarkMap, Trajectory
-from saccade.visual.egomotion import Motion
+from saccade.visual.egomotion import Egomotion
 from saccade.visual.frontend import FrameFeatures
 from saccade.visual.optical_flow import ByteArray
 from saccade.visual.tables import RangeBearings, Table, TrackedPoints, column
@@ -165,7 +165,7 @@ class RunLog:
         if len(self._observations) == MAX_TABLES:
             self._observations = [LandmarkObservations.concatenate(self._observations)]
 
-    def add_motion(self, expected: FloatArray, motion: Motion | None) -> None:
+    def add_motion(self, expected: FloatArray, motion: Egomotion | None) -> None:
         """Log the motion from the last frame; the expected control (3,) where there is none."""
         control = expected if motion is None else motion.control
         self._visual_pose.append(compose(self._visual_pose[-1], control)[0])

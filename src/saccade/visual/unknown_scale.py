@@ -4,7 +4,7 @@ import numpy as np
 
 from saccade.frames import Camera
 from saccade.visual.camera import directions
-from saccade.visual.egomotion import Motion, robot_motion
+from saccade.visual.egomotion import Egomotion, robot_motion
 from saccade.visual.tables import TrackedPoints
 
 MIN_POINTS = 8
@@ -19,9 +19,9 @@ def keep_scale(
     camera: Camera,
     before: TrackedPoints,
     after: TrackedPoints,
-    motion: Motion,
+    motion: Egomotion,
     camera_before: Camera | None = None,
-) -> Motion:
+) -> Egomotion:
     """The motion with the length that fits the depths of the points in the frame before.
 
     Every point gives a length of the translation from its depth and its two pixels; the weighted

@@ -14,7 +14,7 @@ from saccade.slam.scans import NO_SCAN, Scan
 from saccade.types import BoolArray, FloatArray, IntArray
 from saccade.visual.camera import observe, observe_bearings
 from saccade.visual.config import VisualConfig
-from saccade.visual.egomotion import Motion, Prior
+from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import (
     MotionPrior,
@@ -75,7 +75,7 @@ class VisualMap:
         self._turn_bias = TurnRateBias(
             variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
         )
-        self._odometry: Prior = np.zeros(3), np.zeros((3, 3))
+        self._odometry: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         self._step_seconds = 0.0
         speed_sigma, turn_rate_sigma = config.acceleration_sigma
         self._motion_prior = MotionPrior(np.array([speed_sigma, speed_sigma / 4, turn_rate_sigma]))
@@ -113,7 +113,7 @@ class VisualMap:
         """Id of the next landmark."""
         return self._next_id
 
-    def predict_motion(self, number: int) -> Prior:
+    def predict_motion(self, number: int) -> MotionEstimate:
         """The control expected to lead to a frame after the first.
 
         It gives the steps of a single camera their length, so there the last steps are not fused
@@ -132,7 +132,7 @@ class VisualMap:
         return self._motion_prior.predict(*self._odometry, seconds)
 
     @property
-    def odometry(self) -> Prior:
+    def odometry(self) -> MotionEstimate:
         """The last step by odometry; its covariance includes the systematic errors that remain."""
         control, covariance = self._odometry
         scale_sigma = self.scale.sigma if self.has_depth else 0.0
@@ -142,7 +142,11 @@ class VisualMap:
         return control, covariance + systematic
 
     def predict(
-        self, number: int, expected: Prior, motion: Motion | None, adjusted: Prior | None = None
+        self,
+        number: int,
+        expected: MotionEstimate,
+        motion: Egomotion | None,
+        adjusted: MotionEstimate | None = None,
     ) -> None:
         """Predict the pose of a frame after the first.
 
@@ -183,11 +187,11 @@ class VisualMap:
         drive = self._drive
         self._move(number, (drive.control[number - 1], drive.control_covariance[number - 1]))
 
-    def _move(self, number: int, control: Prior) -> None:
+    def _move(self, number: int, control: MotionEstimate) -> None:
         """Move the robot to the pose of a frame by a control (3,) with covariance (3, 3)."""
         self.slam.process(Scan(float(self._drive.time[number]), control, *NO_SCAN))
 
-    def apply_ground_distance(self, motion: Motion, distance: float) -> Motion:
+    def apply_ground_distance(self, motion: Egomotion, distance: float) -> Egomotion:
         """Update the scale of odometry by a distance over the ground in metres.
 
         Rescales the map, and returns the motion with a length from odometry and the ground.

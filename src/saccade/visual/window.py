@@ -25,8 +25,8 @@ from saccade.visual.egomotion import (
     DEFAULT_DEPTH,
     OFF_PLANE_SIGMA,
     CameraPose,
+    MotionEstimate,
     Mounting,
-    Prior,
     robot_motion,
     robot_motion_jacobian,
 )
@@ -78,10 +78,10 @@ class SlidingWindow:
         previous: TrackedPoints,
         current: TrackedPoints,
         motion: CameraPose,
-        odometry: Prior,
+        odometry: MotionEstimate,
         seconds: float,
         cameras: tuple[Camera, Camera],
-    ) -> Prior:
+    ) -> MotionEstimate:
         """Add a frame, and adjust the window.
 
         Args:
@@ -143,7 +143,7 @@ class SlidingWindow:
         return Mounting(self._mount[j], self._camera.position)
 
     def _append(
-        self, motion: CameraPose, odometry: Prior, seconds: float, mount: FloatArray
+        self, motion: CameraPose, odometry: MotionEstimate, seconds: float, mount: FloatArray
     ) -> None:
         """Append a frame, and drop the first one of a full window."""
         R, t = motion

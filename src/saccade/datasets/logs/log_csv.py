@@ -50,11 +50,11 @@ LOG_FILE = "log.csv"
 """Name of the log in a folder."""
 _START = ("x", "y", "heading")
 _OBSERVATION = ("range", "bearing")
-_CONTROLS = {"compose": ("forward", "left", "turn"), "drive": ("distance", "turn")}
+_CONTROLS = {"compose": ("forward", "left", "turn"), "turn_then_translate": ("distance", "turn")}
 
 
 def columns_of(motion: str) -> list[str]:
-    """The header of a log whose controls are "compose" or "drive"."""
+    """The header of a log whose controls are "compose" or "turn_then_translate"."""
     control = _CONTROLS[motion]
     return [
         *("time", *_START, *control, *covariance_names(control)),
@@ -109,7 +109,9 @@ def read_log_csv(path: str | Path) -> LandmarkLog:
         path = path / LOG_FILE
     rows = read_rows(path, delimiter=",")
     header = next(rows, Row(path, 1, []))
-    motion: Literal["drive", "compose"] = "drive" if "distance" in header.cells else "compose"
+    motion: Literal["turn_then_translate", "compose"] = (
+        "turn_then_translate" if "distance" in header.cells else "compose"
+    )
     control = _CONTROLS[motion]
     _check_header(header, motion)
     records = [row.require_cells(len(header.cells)) for row in rows]

@@ -1,4 +1,4 @@
-"""EKF steps with the models of this package: `drive` and `compose`, range and bearing."""
+"""EKF steps with the models of this package: its two of motion, and range and bearing."""
 
 from math import atan2, cos, hypot, sin
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class Innovations(NamedTuple):
 
 @kernel()
 def predict_by_control(f: FilterState, u: FloatArray, U: FloatArray, D: FloatArray) -> None:
-    """`predict` by `models.drive`, u (2,), or by `models.compose`, u (3,).
+    """`predict` by `models.turn_then_translate`, u (2,), or by `models.compose`, u (3,).
 
     D (c, r - 3) is the Jacobian of the control by the robot's states beyond the pose.
     """

@@ -8,7 +8,7 @@ from saccade.types import FloatArray, IntArray
 STANDARD, INVARIANT = 0, 1
 """The error parametrizations, see `error_state.Retraction`."""
 MAX_HEADING_GROWTH = 0.0025
-"""Square radians by which the heading variance may grow before the covariance is spread."""
+"""Square radians by which the heading variance may grow before the covariance is inflated."""
 
 
 class Scalars(Structure):
@@ -22,7 +22,10 @@ class Scalars(Structure):
         ("mergeable_variance", c_double),  # heading's, of the last row of `updates` while no lever
         # has changed, else 0
         ("heading_variance", c_double),  # after the last observation
-        ("lowest_heading_variance", c_double),  # the same since the covariance was `spread`
+        (
+            "lowest_heading_variance",
+            c_double,
+        ),  # the lowest since the last inflation
         ("nonlinearity", c_double),  # sum over the updates of the fraction of the innovation's
         # variance that is of second order
         ("nonlinear_updates", c_int64),  # their number

@@ -17,7 +17,8 @@ from saccade.slam.filter.state import (
     dense,
     flush,
     from_arrays,
-    is_spread_due,
+    inflate_heading_covariance,
+    is_inflation_due,
     landmark_blocks,
     like,
     marginal,
@@ -26,13 +27,12 @@ from saccade.slam.filter.state import (
     replace_pose,
     rescale,
     room_for_scan,
-    spread,
     state_size,
     symmetric,
     to_arrays,
 )
 from saccade.slam.filter.validation import check_all, check_covariance, check_landmark, check_vector
-from saccade.slam.models import RANGE_BEARING, Motion, Sensor, drive, wrap
+from saccade.slam.models import RANGE_BEARING, MotionModel, Sensor, turn_then_translate, wrap
 from saccade.slam.results import Innovation
 from saccade.types import BoolArray, FloatArray, IntArray
 
@@ -48,7 +48,7 @@ class EkfSlam:
             robot: the biases of its odometry (see `odometry_bias`) for the models of this
             package, or whatever custom motion and sensor models use.
         covariance: (3, 3) of the pose; zero where the pose defines the frame.
-        motion: the motion model; by default `drive` (C.5-C.9).
+        motion: the motion model; by default `turn_then_translate` (C.5-C.9).
         sensor: the sensor model; by default range and bearing (C.14-C.18).
         retraction: the error parametrization; by default `STANDARD`, the source's.
         huber: root of the normalized innovation squared beyond which an observation has less
@@ -63,7 +63,7 @@ class EkfSlam:
         self,
         pose: FloatArray,
         covariance: FloatArray,
-        motion: Motion = drive,
+        motion: MotionModel = turn_then_translate,
         sensor: Sensor = RANGE_BEARING,
         retraction: Retraction = STANDARD,
         huber: float = inf,
@@ -84,12 +84,12 @@ class EkfSlam:
         """Move the robot (C.5-C.9).
 
         Args:
-            u: (c,) control of the motion model; (distance, turn) for `drive`.
+            u: (c,) control of the motion model; (distance, turn) for `turn_then_translate`.
             U: (c, c) its covariance.
         """
         u = check_vector("control", u)
         U = check_covariance("covariance of the control", U, len(u))
-        self.spread()
+        self.inflate_heading_covariance()
         self.reserve()
         self.models.predict(self.filter_state, u, U)
 
@@ -259,10 +259,10 @@ class EkfSlam:
         """Make room for a motion and so many observations, each perhaps of a new landmark."""
         self.filter_state = room_for_scan(self.filter_state, observations)
 
-    def spread(self) -> None:
+    def inflate_heading_covariance(self) -> None:
         """Account for a heading that has become less certain where due, before a motion."""
-        if is_spread_due(self.robot):
-            spread(self.filter_state)
+        if is_inflation_due(self.robot):
+            inflate_heading_covariance(self.filter_state)
 
     def to_arrays(self, *, spare: bool = True) -> Arrays:
         """Its state as named arrays, for `from_arrays` of a filter with the same models.

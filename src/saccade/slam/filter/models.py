@@ -21,7 +21,7 @@ from saccade.slam.filter._range_bearing_kernels import (
 from saccade.slam.filter._state_kernels import FilterState
 from saccade.slam.filter.error_state import linearize
 from saccade.slam.filter.state import landmark_blocks, robot_rows, state_rows
-from saccade.slam.models import Motion, RangeBearing, Sensor, compose, drive
+from saccade.slam.models import MotionModel, RangeBearing, Sensor, compose, turn_then_translate
 from saccade.types import FloatArray, IntArray
 
 BIASES = 3
@@ -66,7 +66,7 @@ class Models:
     compiled = True
     """Whether both models are those of this package."""
 
-    def __init__(self, motion: Motion, sensor: Sensor) -> None:
+    def __init__(self, motion: MotionModel, sensor: Sensor) -> None:
         self.motion, self.sensor = motion, sensor
         self.observes_ranges = type(sensor) is RangeBearing
 
@@ -161,11 +161,11 @@ class CustomSensor(CustomMotion):
         return PredictedObservations(z, robot + cross + cross.transpose(0, 2, 1) + own)
 
 
-def models_of(motion: Motion, sensor: Sensor, robot_size: int) -> Models:
+def models_of(motion: MotionModel, sensor: Sensor, robot_size: int) -> Models:
     """The models as the filter applies them, for a robot of so many numbers."""
     if type(sensor) is not RangeBearing:
         return CustomSensor(motion, sensor)
-    compiled = motion in (drive, compose) and robot_size in (3, 3 + BIASES)
+    compiled = motion in (turn_then_translate, compose) and robot_size in (3, 3 + BIASES)
     return (Models if compiled else CustomMotion)(motion, sensor)
 
 

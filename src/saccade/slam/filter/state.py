@@ -39,8 +39,8 @@ ARRAYS = (
 """Fields of a `FilterState` that are arrays."""
 FIRST_CAPACITY = 32
 """Landmarks for which there is room at first; doubled whenever it runs out."""
-SPREAD_ROWS = 512
-"""Rows of the covariance that `spread` changes at once; even."""
+INFLATED_ROWS = 512
+"""Rows of the covariance that `inflate_heading_covariance` changes at once; even."""
 RANK = 64
 """Rows of `downdates` and of `updates` that are kept before they are added to P."""
 
@@ -172,8 +172,8 @@ def room_for_scan(f: FilterState, observations: int) -> FilterState:
     return with_capacity(f, observations, 2 * observations + 1)
 
 
-def is_spread_due(f: FilterState) -> bool:
-    """Whether the heading has become so uncertain that the covariance is to be `spread`."""
+def is_inflation_due(f: FilterState) -> bool:
+    """Whether the heading has become so uncertain that `inflate_heading_covariance` is due."""
     growth = f.now.heading_variance - f.now.lowest_heading_variance
     return f.error_state == INVARIANT and growth > MAX_HEADING_GROWTH
 
@@ -270,7 +270,7 @@ def flush(f: FilterState) -> None:
     now.mergeable_variance = 0.0
 
 
-def spread(f: FilterState) -> None:
+def inflate_heading_covariance(f: FilterState) -> None:
     """Add to the covariance what a heading that has become less certain does to the errors xi.
 
     Noise of the heading moves no point. In the exponential coordinates of SE(2), a point's error e
@@ -285,8 +285,8 @@ def spread(f: FilterState) -> None:
     quarter = (f.now.heading_variance - f.now.lowest_heading_variance) / 4
     i = np.arange(r, n, 2)
     P[i + 1, i] = P[i, i + 1]
-    for start in range(r, n, SPREAD_ROWS):
-        _add_turned(P[start : min(start + SPREAD_ROWS, n), start:n], quarter)
+    for start in range(r, n, INFLATED_ROWS):
+        _add_turned(P[start : min(start + INFLATED_ROWS, n), start:n], quarter)
     for columns in (slice(2), slice(r, n)):
         _add_turned(P[:2, columns], quarter)
     f.blocks[: len(i)] = np.stack([P[i, i], P[i, i + 1], P[i + 1, i + 1]], 1)

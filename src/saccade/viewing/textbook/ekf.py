@@ -124,7 +124,7 @@ def simulated_log() -> LandmarkLog:
         name="small world",
         start=np.zeros(3),
         time=np.arange(len(poses), dtype=float),
-        motion="drive",
+        motion="turn_then_translate",
         control=u + rng.multivariate_normal(np.zeros(2), U, len(u)),
         control_covariance=np.tile(U, (len(u), 1, 1)),
         observation_pose=pose_of.astype(np.int64),
@@ -160,7 +160,7 @@ def _controls(log: LandmarkLog, step: int) -> Iterator[tuple[FloatArray, FloatAr
     A control that translates before it turns becomes two, without its lateral uncertainty.
     """
     u, U = log.control[step], log.control_covariance[step]
-    if log.motion == "drive":
+    if log.motion == "turn_then_translate":
         yield u, U
         return
     forward, left, turn = u
