@@ -21,7 +21,7 @@ from saccade.visual.egomotion import (
     robot_motion,
     robot_motion_jacobian,
 )
-from saccade.visual.gaze import Gaze, GazeLimits
+from saccade.frames import Gaze, GazeLimits
 
 CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), AHEAD)
 CONTROL = np.array([0.2, 0.03, 0.1])
