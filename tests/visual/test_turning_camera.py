@@ -11,7 +11,7 @@ from saccade import visual
 from saccade.datasets import load_drive, save_drive
 from saccade.errors import ConfigError, DriveError
 from saccade.evaluation.drives import summarize_drive
-from saccade.frames import AHEAD, Camera, CameraTurn
+from saccade.frames import AHEAD, Camera, CameraTurn, Gaze, GazeLimits
 from saccade.simulation import DriveConfig, PanCamera, simulate_drive
 from saccade.visual.camera import directions, from_pixels, move_pixels, to_pixels
 from saccade.visual.egomotion import (
@@ -21,7 +21,6 @@ from saccade.visual.egomotion import (
     robot_motion,
     robot_motion_jacobian,
 )
-from saccade.frames import Gaze, GazeLimits
 
 CAMERA = Camera(320, 240, 340, 340, 160, 120, 0.1, np.array([0.2, 0.05, 0.7]), AHEAD)
 CONTROL = np.array([0.2, 0.03, 0.1])
