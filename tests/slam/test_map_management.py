@@ -74,7 +74,7 @@ def test_a_landmark_that_is_no_longer_there_is_culled_and_one_out_of_view_is_not
 def test_counts_are_those_of_a_list(seed):
     rng = np.random.default_rng(seed)
     culling = Culling(True, int(rng.integers(1, 4)), 5, 0.6, 0.5, interval=2)
-    listed, ekf = ListedLandmarks(culling.rule), EkfSlam(np.zeros(3), np.zeros((3, 3)))
+    listed, ekf = ListedLandmarks(culling), EkfSlam(np.zeros(3), np.zeros((3, 3)))
     for _ in range(80):
         mapped = len(ekf)
         predicted = np.stack([rng.uniform(4, 5, mapped), rng.uniform(-3.1, -2.9, mapped)], 1)
@@ -85,11 +85,9 @@ def test_counts_are_those_of_a_list(seed):
             ekf.augment(np.array([1.0, 0.0]), R)
         candidates = mapped + int(rng.integers(0, added + 1))
         is_check, none = culling.is_due(), np.empty(0, np.int64)
-        culling.reserve(len(ekf))
-        culling.add_reach(5.0)
-        if is_check:
-            culling.in_view.predicted[:mapped] = predicted
-        culling.update(is_check, candidates, len(ekf), np.array(found, np.int64))
+        culling.reach = 5.0
+        view = np.arange(mapped if is_check else 0)
+        culling.update(view, predicted[view], len(ekf), candidates, np.array(found, np.int64))
         removed = culling.remove_culled(none)
         assert removed.tolist() == listed.update(predicted, candidates, found)
         ekf.remove(removed)
@@ -141,7 +139,7 @@ def test_no_observations_and_only_culled_landmarks_are_warnings(rng):
     )
     assert "there are no observations" in slam.run(blind).warning
     culling = Culling(True, 3, 5, 0.4)
-    culling.counts.totals.culled = 7
+    culling.removed = 7
     assert "all of 7 landmarks were culled" in culling.warning(np.full(9, -1))
     assert culling.warning(np.array([-1, 0])) == ""
 

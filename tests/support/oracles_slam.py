@@ -134,10 +134,12 @@ class ListedLandmarks:
                 mark["confirmed"] |= mark["times"] >= self.rule.confirm_after
         if self.scan % self.rule.interval > 0:
             return []
+        known = {place: list(counts) for place, counts in self.bins.items()}
         for mark, (distance, bearing) in zip(self.landmarks[:before], predicted, strict=True):
             sector = int(np.floor((bearing + np.pi) / (2 * np.pi / 24))) % 24
-            place = self.bins.setdefault((int(np.floor(4 * np.log2(distance))), sector), [0, 0])
-            mark["expected"] += place[0] / (place[1] + 4)
+            cell = int(np.floor(4 * np.log2(distance))), sector
+            place, (hits, checks) = self.bins.setdefault(cell, [0, 0]), known.get(cell, (0, 0))
+            mark["expected"] += hits / (checks + 4)
             mark["seen"] += mark["last"] == self.scan
             if mark["confirmed"]:
                 place[0] += mark["last"] == self.scan

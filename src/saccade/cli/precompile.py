@@ -67,24 +67,21 @@ def _compiled_ahead(kernel: Callable[..., Any], *tasks: str) -> Iterator[Callabl
 
 
 def compile_filter() -> None:
-    """Compile what a step calls beside the filter: association, recovery and culling."""
+    """Compile what a step calls beside the filter: association and recovery."""
     import numpy as np
 
     from saccade._jit import compile_for
     from saccade.slam import NearestNeighbor, Slam
-    from saccade.slam._culling_kernels import check_visibility, predict_visible
     from saccade.slam._recovery_kernels import contradicts
     from saccade.slam.association._kernels import associate_nearest, compare_identities
 
     slam, z, R = Slam(), np.zeros((1, 2)), np.zeros((1, 2, 2))
-    f, counts, names = slam.ekf.view, slam.culling.in_view, np.zeros(1, np.int64)
-    recovery, rule, gates = slam.recovery, slam.culling.rule, NearestNeighbor().gates
-    evidence, confirmed = (recovery.evidence, recovery.rule), counts.confirmed
+    f, names, confirmed = slam.ekf.view, np.zeros(1, np.int64), np.zeros(1, np.bool_)
+    recovery, gates = slam.recovery, NearestNeighbor().gates
+    evidence = recovery.evidence, recovery.rule
     compile_for(contradicts, f, *evidence, z, R, confirmed, names, 0)
     compile_for(associate_nearest, f, z, R, gates, names, confirmed, names)
     compile_for(compare_identities, f, z, R, names, z[:, 0].copy(), z[:, 1].copy())
-    compile_for(check_visibility, counts, rule, True, 0, 0, names)
-    compile_for(predict_visible, f, counts.predicted)
 
 
 def _compile_updates() -> None:

@@ -111,7 +111,7 @@ def contradicts(
     """Add the evidence of a scan to the cumulative sum (Page 1954); whether to leave it out.
 
     Of a scan that is not left out, the landmarks that were expected and observed are counted.
-    Only `confirmed` and named landmarks are expected; of none, all. The association (k,) has the
+    Only `confirmed` and named landmarks are expected. The association (k,) has the
     landmarks of named observations; others are negative. The map has `others` that are not in f.
     """
     N, now = f.now.landmarks, evidence.now
@@ -233,7 +233,7 @@ def _landmarks_in_view(
         is_named = False
         for k in association:
             is_named = is_named or k == i
-        if len(confirmed) > 0 and not confirmed[i] and not is_named:
+        if not confirmed[i] and not is_named:
             continue
         dx, dy = s[r + 2 * i] - s[0], s[r + 2 * i + 1] - s[1]
         if max(abs(dx), abs(dy)) > reach and not is_named:

@@ -2,30 +2,24 @@
 
 import numpy as np
 
-from saccade._jit import share
-from saccade.slam._culling_kernels import (
-    BEARING_BINS,
-    RANGE_BINS,
-    CullingRule,
-    Totals,
-    VisibilityCounts,
-    bind_counts,
-    check_visibility,
-    predict_visible,
-)
+from saccade.slam.association._kernels import DROPPED
 from saccade.slam.checkpoint import Arrays
 from saccade.slam.filter.ekf import EkfSlam
-from saccade.slam.filter.state import scalars
 from saccade.types import BoolArray, FloatArray, IntArray
 
 MAX_AMBIGUOUS = 0.5
 """Fraction of the observations that may be ambiguous without a warning."""
-PER_LANDMARK = (
-    *("observed", "last_observed", "confirmed", "detected", "expected", "predicted", "culled"),
-)
-"""Fields of `VisibilityCounts` with a row for each landmark."""
-BINS = ("bin_detected", "bin_expected")
-TOTALS = tuple(name for name, _ in Totals._fields_)
+RANGE_BINS, BEARING_BINS = 96, 24
+"""Of the detection probability: quarters of an octave of the range from 0.24 mm to 4 km, and
+sectors of the bearing."""
+CHECKS = 4
+"""Checks from one removal of landmarks to the next: a removal costs more than a step."""
+UNKNOWN = 4.0
+"""Expectations that are added to those of a bin: of a new bin no detection is expected."""
+PER_LANDMARK = ("observed", "last_observed", "is_confirmed", "detected", "expected", "culled")
+"""Attributes of `Culling` with a row for each landmark."""
+NUMBERS = ("scans", "ambiguous", "forgotten", "removed", "reach")
+"""Attributes of `Culling` that are numbers."""
 
 
 class Culling:
@@ -54,58 +48,34 @@ class Culling:
         max_missed: float = 5.0,
         interval: int = 4,
     ) -> None:
-        self.rule = CullingRule(
-            enabled, confirm_after, candidate_scans, min_ratio or 0.0, max_missed, interval
-        )
-        self._whole = _new_counts(0, Totals(reach=-np.inf))
-        self._local: VisibilityCounts | None = None
-        self._numbers = np.empty(0, np.int64)  # in the map, of the rows of the local counts
-
-    @property
-    def counts(self) -> VisibilityCounts:
-        """The counts of the whole map, up to date."""
-        if self._local is not None:
-            for name in PER_LANDMARK:
-                getattr(self._whole, name)[self._numbers] = getattr(self._local, name)
-            self._local = None
-        return self._whole
-
-    @property
-    def in_view(self) -> VisibilityCounts:
-        """The counts of the part of the map in which the filter works."""
-        return self._whole if self._local is None else self._local
-
-    def enter(self, numbers: IntArray) -> None:
-        """Work on the counts of these landmarks (k,), with their numbers there, until `counts`."""
-        whole = self.counts
-        self._numbers = numbers
-        arrays = (getattr(whole, name)[numbers] for name in PER_LANDMARK)
-        bins = whole.bin_detected, whole.bin_expected
-        self._local = share(bind_counts, *arrays, *bins, whole.totals)
-
-    def has_local_room(self, landmarks: int) -> bool:
-        """Whether it works on the counts of a part of the map, with room for so many landmarks."""
-        return self._local is not None and landmarks <= len(self._local.culled)
-
-    @property
-    def removed(self) -> int:
-        """Landmarks that were culled."""
-        return int(self._whole.totals.culled)
-
-    @property
-    def forgotten(self) -> int:
-        """Candidates that were dropped."""
-        return int(self._whole.totals.dropped)
-
-    @property
-    def reach(self) -> float:
-        """Largest range that was observed so far; minus infinity without any."""
-        return float(self._whole.totals.reach)
-
-    @property
-    def ambiguous(self) -> int:
+        self.enabled, self.confirm_after, self.interval = enabled, confirm_after, interval
+        self.candidate_scans = candidate_scans
+        self.min_ratio, self.max_missed = min_ratio or 0.0, max_missed
+        self.observed = np.zeros(0, np.int64)
+        """(c,) observations; 0 until the scan in which it was added has been counted."""
+        self.last_observed = np.zeros(0, np.int64)
+        """(c,) number of the scan of the last one."""
+        self.is_confirmed = np.zeros(0, np.bool_)
+        """(c,) whether it is a landmark; else a candidate."""
+        self.detected = np.zeros(0)
+        """(c,) checks in which it was observed, without the scan in which it was added."""
+        self.expected = np.zeros(0)
+        """(c,) detections that were expected in all checks."""
+        self.culled = np.zeros(0, np.bool_)
+        """(c,) whether it is to be removed."""
+        self.bins = np.zeros((2, RANGE_BINS, BEARING_BINS))
+        """Detections and checks of confirmed landmarks, by range and bearing."""
+        self.scans = 0
+        """Scans so far."""
+        self.ambiguous = 0
         """Observations that were dropped because they may be of several landmarks."""
-        return int(self._whole.totals.ambiguous)
+        self.forgotten = 0
+        """Candidates that were dropped."""
+        self.removed = 0
+        """Landmarks that were culled."""
+        self.reach = -np.inf
+        """Largest range that was observed so far."""
+        self._predicted = np.zeros((0, 2))  # of the landmarks in view, in the present scan
 
     def warning(self, association: IntArray) -> str:
         """Why nothing was mapped, or most observations were not used; empty if neither is so.
@@ -113,10 +83,10 @@ class Culling:
         Args:
             association: (k,) landmark of the map for each observation, negative for none.
         """
-        observations, rule = len(association), self.rule
+        observations = len(association)
         if observations == 0:
             return "nothing is mapped: there are no observations"
-        if not rule.enabled:
+        if not self.enabled:
             return "" if (association >= 0).any() else "no observation names a landmark"
         if self.ambiguous > MAX_AMBIGUOUS * observations:
             return (
@@ -131,25 +101,25 @@ class Culling:
                 "often not observed where landmarks usually are; see culling_ratio"
             )
         return (
-            f"nothing is mapped: no candidate was observed {rule.confirm_after} times with at "
-            f"most {rule.candidate_scans} scans in between; see confirm_after and candidate_scans"
+            f"nothing is mapped: no candidate was observed {self.confirm_after} times with at "
+            f"most {self.candidate_scans} scans in between; see confirm_after and candidate_scans"
         )
 
     def confirmed(self, landmarks: int) -> BoolArray:
         """Which of so many landmarks are confirmed (n,); the others are candidates."""
-        if not self.rule.enabled:
+        if not self.enabled:
             return np.ones(landmarks, np.bool_)
         self.reserve(landmarks)
-        return self.counts.confirmed[:landmarks].copy()
+        return self.is_confirmed[:landmarks].copy()
+
+    def confirmed_in_view(self, ekf: EkfSlam) -> BoolArray:
+        """(n,) landmarks of `EkfSlam.view` that were counted as confirmed."""
+        self.reserve(len(ekf))
+        return self.is_confirmed[ekf.from_view(np.arange(ekf.view.now.landmarks))]
 
     def is_due(self) -> bool:
         """Whether the whole map is checked in the next scan."""
-        return self.rule.enabled and (self._whole.totals.scans + 1) % self.rule.interval == 0
-
-    def add_reach(self, reach: float) -> None:
-        """Note the largest range of a scan."""
-        totals = self._whole.totals
-        totals.reach = max(totals.reach, reach)
+        return self.enabled and (self.scans + 1) % self.interval == 0
 
     def predict_visible(self, ekf: EkfSlam, z: FloatArray, *, may_cull: bool) -> bool:
         """Predict the observations of all landmarks in view if missed ones are counted in a scan.
@@ -162,13 +132,12 @@ class Culling:
         Returns:
             Whether missed landmarks are counted.
         """
-        self.add_reach(max(z[:, 0].tolist()))
+        self.reach = max(self.reach, *z[:, 0].tolist())
         if not (self.is_due() and may_cull):
             return False
-        if ekf.models.observes_ranges:
-            predict_visible(ekf.view, self.in_view.predicted)
-        else:
-            self.in_view.predicted[: len(ekf)] = ekf.predict_observations().z
+        f = ekf.view
+        points = f.state[f.robot_size :][: 2 * f.now.landmarks].reshape(-1, 2)
+        self._predicted = ekf.sensor.observe(f.state[: f.robot_size], points)[0]
         return True
 
     def count_scan(
@@ -179,56 +148,97 @@ class Culling:
         Args:
             ekf: the filter, after the scan.
             check: whether those missed are counted, by their predicted observations.
-            candidates: number of the first landmark that was added as a candidate.
+            candidates: number of the first landmark that was added as a candidate; others that
+                are new were added by a rule that does not wait for more observations.
             association: (m,) landmark of each observation, negative for none.
 
         Returns:
             (g,) landmarks that are to be culled.
         """
-        landmarks = ekf.view.now.landmarks
-        outside = len(ekf) - landmarks
-        self.update(check, candidates - outside, landmarks, ekf.to_view(association))
-        return ekf.from_view(np.flatnonzero(self.in_view.culled)) if check else association[:0]
+        if not self.enabled:
+            return association[:0]
+        view = ekf.from_view(np.arange(len(self._predicted))) if check else association[:0]
+        self.update(view, self._predicted, len(ekf), candidates, association)
+        return np.flatnonzero(self.culled) if check else association[:0]
 
-    def update(self, check: bool, candidates: int, landmarks: int, association: IntArray) -> None:
-        """See `count_scan`; with numbers of the landmarks in view."""
-        if self.rule.enabled:
-            counts = self.in_view
-            check_visibility(counts, self.rule, check, candidates, landmarks, association)
+    def update(
+        self,
+        view: IntArray,
+        predicted: FloatArray,
+        landmarks: int,
+        candidates: int,
+        association: IntArray,
+    ) -> None:
+        """See `count_scan`; `view` (n,) has the landmarks that are checked, by `predicted` (n, 2).
+
+        Without any of them, nothing is checked.
+        """
+        self.reserve(landmarks)
+        self.scans += 1
+        added = int(self.observed[:landmarks].nonzero()[0].max(initial=-1)) + 1
+        self.is_confirmed[added:candidates] = True
+        used = association[association >= 0]
+        np.add.at(self.observed, used, 1)
+        self.last_observed[used] = self.scans
+        self.is_confirmed[used] |= self.observed[used] >= self.confirm_after
+        self.ambiguous += int((association == DROPPED).sum())
+        if len(view) == 0:
+            return
+        inside = predicted[:, 0] <= self.reach
+        self._count_detections(view[inside], predicted[inside])
+        if self.scans % (CHECKS * self.interval) == 0:
+            few = self.detected < self.min_ratio * self.expected
+            missed = few & (self.expected - self.detected > self.max_missed)
+            late = self.scans - self.last_observed > self.candidate_scans
+            self.culled = np.where(self.is_confirmed, missed, late)
+            self.culled[landmarks:] = False
+
+    def _count_detections(self, landmarks: IntArray, predicted: FloatArray) -> None:
+        """Count whether landmarks (n,) in view (n, 2) were detected, and whether it was expected.
+
+        A detection is expected with the probability with which the confirmed landmarks of the map
+        were detected, so far, at the same range and bearing.
+        """
+        octaves = 4 * np.log2(np.maximum(predicted[:, 0], 1e-6))
+        row = (octaves + RANGE_BINS / 2).astype(np.int64).clip(0, RANGE_BINS - 1)
+        column = ((predicted[:, 1] / (2 * np.pi) + 0.5) * BEARING_BINS).astype(np.int64)
+        hits, checks = self.bins[:, row, column % BEARING_BINS]
+        detected = self.last_observed[landmarks] == self.scans
+        self.expected[landmarks] += hits / (checks + UNKNOWN)
+        self.detected[landmarks] += detected
+        known = self.is_confirmed[landmarks]
+        place = row[known], column[known] % BEARING_BINS
+        np.add.at(self.bins[0], place, detected[known])
+        np.add.at(self.bins[1], place, 1.0)
 
     def keep(self, landmarks: IntArray) -> None:
         """Do not cull these landmarks (k,)."""
-        self.counts.culled[landmarks] = False
+        self.culled[landmarks] = False
 
     def reserve(self, landmarks: int) -> None:
         """Make room for a map of so many landmarks."""
-        old = self.counts
-        if landmarks > len(old.culled):
-            new = _new_counts(max(landmarks, 2 * len(old.culled)), old.totals)
+        missing = landmarks - len(self.observed)
+        if missing > 0:
             for name in PER_LANDMARK:
-                getattr(new, name)[: len(old.culled)] = getattr(old, name)
-            new.bin_detected[:], new.bin_expected[:] = old.bin_detected, old.bin_expected
-            self._whole = new
+                setattr(self, name, np.pad(getattr(self, name), (0, missing + landmarks // 2)))
 
     def add_confirmed(self, first: int, count: int) -> None:
         """Count landmarks from number `first` on as confirmed, as those of another map are."""
         self.reserve(first + count)
-        counts, rows = self.counts, slice(first, first + count)
-        counts.confirmed[rows] = True
-        counts.observed[rows] = self.rule.confirm_after
-        counts.last_observed[rows] = counts.totals.scans
+        rows = slice(first, first + count)
+        self.is_confirmed[rows] = True
+        self.observed[rows] = self.confirm_after
+        self.last_observed[rows] = self.scans
 
     def join(self, kept: int, removed: int) -> None:
         """Count the observations of two landmarks as those of the first; the second is not removed.
 
         A check in which one of them was observed expected one detection, not two.
         """
-        counts = self.counts
-        counts.observed[kept] += counts.observed[removed]
-        counts.confirmed[kept] |= counts.confirmed[removed]
-        counts.detected[kept] += counts.detected[removed]
-        both = counts.last_observed, counts.expected
-        for each in both:
+        self.observed[kept] += self.observed[removed]
+        self.detected[kept] += self.detected[removed]
+        for name in ("last_observed", "expected", "is_confirmed"):
+            each = getattr(self, name)
             each[kept] = max(each[kept], each[removed])
 
     def remove_culled(self, others: IntArray) -> IntArray:
@@ -240,34 +250,24 @@ class Culling:
         Returns:
             (k,) all of them.
         """
-        counts = self.counts
-        if len(others) == 0 and not counts.culled.any():
-            return others
-        culled = np.union1d(np.flatnonzero(counts.culled), others)
-        if len(culled) > 0 and len(counts.culled) > 0:
-            confirmed = int(counts.confirmed[culled].sum())
-            kept = np.delete(np.arange(len(counts.culled)), culled)
-            counts.totals.culled += confirmed
-            counts.totals.dropped += len(culled) - confirmed
+        culled = np.union1d(np.flatnonzero(self.culled), others)
+        if len(culled) > 0:
+            self.reserve(int(culled[-1]) + 1)
+            confirmed = int(self.is_confirmed[culled].sum())
+            self.removed += confirmed
+            self.forgotten += len(culled) - confirmed
             for name in PER_LANDMARK:
-                array = getattr(counts, name)
-                array[: len(kept)] = array[kept]
-                array[len(kept) :] = 0
+                setattr(self, name, np.delete(getattr(self, name), culled))
         return culled
 
     def to_arrays(self) -> Arrays:
         """Its state as named arrays."""
-        arrays = {name: getattr(self.counts, name) for name in (*PER_LANDMARK, *BINS)}
-        return {
-            **arrays,
-            "totals": np.array([getattr(self.counts.totals, name) for name in TOTALS]),
-        }
+        return {name: np.array(getattr(self, name)) for name in (*PER_LANDMARK, *NUMBERS, "bins")}
 
     def from_arrays(self, arrays: Arrays) -> None:
         """Restore what `to_arrays` gave."""
-        fields = (arrays[name] for name in (*PER_LANDMARK, *BINS))
-        self._whole = share(bind_counts, *fields, scalars(Totals, arrays["totals"]))
-        self._local = None
+        for name, array in arrays.items():
+            setattr(self, name, array.item() if name in NUMBERS else array)
 
 
 def numbers_of_kept(kept: BoolArray) -> IntArray:
@@ -276,19 +276,3 @@ def numbers_of_kept(kept: BoolArray) -> IntArray:
     The last one is -1, so that an association of none, -1, stays none.
     """
     return np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
-
-
-def _new_counts(capacity: int, totals: Totals) -> VisibilityCounts:
-    return share(
-        bind_counts,
-        np.zeros(capacity, np.int64),
-        np.zeros(capacity, np.int64),
-        np.zeros(capacity, np.bool_),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros((capacity, 2)),
-        np.zeros(capacity, np.bool_),
-        np.zeros((RANGE_BINS, BEARING_BINS)),
-        np.zeros((RANGE_BINS, BEARING_BINS)),
-        totals,
-    )

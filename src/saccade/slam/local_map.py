@@ -23,7 +23,6 @@ from math import hypot, isfinite, sqrt
 
 import numpy as np
 
-from saccade.slam.culling import Culling
 from saccade.slam.filter._state_kernels import STANDARD, FilterState, read_block, write_block
 from saccade.slam.filter.ekf import EkfSlam
 from saccade.slam.filter.models import control_bias
@@ -327,33 +326,19 @@ class LocalMapChoice:
         self._position = self._heading = self._position_bias = self._heading_bias = 0.0
         self._bias = self._bias_sigma = np.zeros(0)
 
-    def choose_view(
-        self, ekf: EkfSlam, culling: Culling, scan: Scan, named: IntArray, *, expects: bool
-    ) -> None:
+    def choose_view(self, ekf: EkfSlam, scan: Scan, named: IntArray, reach: float) -> None:
         """Choose the part of the map in which a step works, and make room for the step.
 
         Args:
             ekf: the filter, before the motion.
-            culling: the counts of its landmarks.
             scan: the step.
             named: (k,) landmarks that the scan names, -1 for none.
-            expects: whether landmarks are expected in view, whatever is observed.
+            reach: metres within which landmarks are expected in view, whatever is observed.
         """
         ekf.inflate_heading_covariance()
-        if not isinstance(ekf, LargeMapSlam):
-            ekf.reserve(len(scan.z))
-            culling.reserve(len(ekf) + len(scan.z))
-            return
-        before, reach = ekf.local_map, max(culling.reach, 0.0) if expects else 0.0
-        self._choose(ekf, scan.control, scan.z, scan.R, named, reach)
+        if isinstance(ekf, LargeMapSlam):
+            self._choose(ekf, scan.control, scan.z, scan.R, named, reach)
         ekf.reserve(len(scan.z))
-        rows = ekf.view.now.landmarks + len(scan.z)
-        if ekf.local_map is None:
-            culling.reserve(rows)
-        elif ekf.local_map is not before or not culling.has_local_room(rows):
-            capacity = len(ekf.view.blocks)
-            culling.reserve(len(ekf.local_map.number) + capacity)
-            culling.enter(ekf.local_map.numbers(capacity))
 
     def _choose(
         self,

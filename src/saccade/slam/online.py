@@ -184,8 +184,9 @@ class Slam:
         """
         named = self.known_landmarks(scan.names)
         self._choose_hypotheses(scan)
-        expects = self.recovery.rule.enabled or (self.culling.rule.enabled and self._may_cull)
-        self._choice.choose_view(self.ekf, self.culling, scan, named, expects=expects)
+        expects = self.recovery.rule.enabled or (self.culling.enabled and self._may_cull)
+        reach = max(self.culling.reach, 0.0) if expects else 0.0
+        self._choice.choose_view(self.ekf, scan, named, reach)
         self._predict(scan)  # C.5-C.9
         if self.recovery.lost:
             return self._result(scan, self.recovery.follow(self.ekf, self.culling, scan, named))
@@ -210,7 +211,7 @@ class Slam:
             return
         if self.several.alive and self.several.is_large:
             self.several.settle()
-        elif len(self.ekf) == 0 and self.culling.counts.totals.scans == 0:
+        elif len(self.ekf) == 0 and self.culling.scans == 0:
             self.several.begin(self.ekf, self.culling)
 
     def _observe_several(self, scan: Scan) -> StepResult:
@@ -228,8 +229,8 @@ class Slam:
 
     def _associate(self, scan: Scan) -> IntArray:
         """(k,) landmark of each observation, `NEW` or `DROPPED`."""
-        if self.culling.rule.enabled:
-            self.ekf.confirmed_in_view = self.culling.in_view.confirmed
+        if self.culling.enabled:
+            self.ekf.confirmed_in_view = self.culling.confirmed_in_view(self.ekf)
         association = np.array(self.associate(self.ekf, scan.z, scan.R, scan.names), np.int64)
         if self.mode == "localize":
             association[(association == NEW) | (association >= len(self.ekf))] = DROPPED

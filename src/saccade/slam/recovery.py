@@ -181,7 +181,7 @@ class Recovery:
         """
         if not self.rule.enabled:
             return False
-        f, confirmed = ekf.view, culling.in_view.confirmed
+        f, confirmed = ekf.view, culling.confirmed_in_view(ekf)
         others, known = len(ekf) - f.now.landmarks, ekf.to_view(named)
         return contradicts(f, self.evidence, self.rule, scan.z, scan.R, confirmed, known, others)
 

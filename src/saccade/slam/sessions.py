@@ -113,7 +113,7 @@ def _place(slam: Slam, arrays: Arrays, covariance: FloatArray | None) -> None:
 
 def drop_candidates(slam: Slam) -> None:
     """Remove the landmarks that are not in the map yet."""
-    landmarks, confirmed = len(slam.ekf), slam.culling.counts.confirmed
+    landmarks, confirmed = len(slam.ekf), slam.culling.is_confirmed
     if isinstance(slam.associate, KnownIdentity) or len(confirmed) < landmarks:
         return
     candidates = np.flatnonzero(~confirmed[:landmarks] & (slam.identities < 0))

@@ -159,15 +159,6 @@ def _add_second_order(
     noise[1, 0] -= both
 
 
-@kernel(inline=True)
-def expected_observation(f: FilterState, landmark: int) -> tuple[float, float]:
-    """Range and bearing of a landmark (C.14); zero within `MIN_RANGE`."""
-    m, s = f.robot_size + 2 * landmark, f.state
-    dx, dy = s[m] - s[0], s[m + 1] - s[1]
-    q = hypot(dx, dy)
-    return q, wrapped(atan2(dy, dx) - s[2]) if q > MIN_RANGE else 0.0
-
-
 @kernel()
 def expected_observations(f: FilterState, landmark: IntArray, z: FloatArray, S: FloatArray) -> None:
     """Fill range and bearing z (c, 2) of landmarks (c,), and S = H P H^T (c, 2, 2)."""
