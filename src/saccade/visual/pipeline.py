@@ -308,7 +308,8 @@ class Pipeline:
         with self.log.timed("adjust"):
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
             points, odometry = (before.for_motion, current.for_motion), self.map.odometry
-            return self._window.add(*points, pose, odometry, seconds, self._cameras)
+            acceleration = self.map.acceleration_sigma
+            return self._window.add(*points, pose, odometry, acceleration, seconds, self._cameras)
 
     def _predict(
         self,
