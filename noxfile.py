@@ -32,6 +32,7 @@ def fuzz(session: nox.Session) -> None:
     """Break files for ten minutes, at random and as coverage guides."""
     session.install(".", "--group", "dev")
     names = ("test_fuzz", "cli/test_invalid_arguments", "test_restricted_machines")
+    names += ("datasets/test_log_formats",)
     tests = [f"tests/{name}.py" for name in names]
     at_random = ("--hypothesis-profile", "random")
     session.run("pytest", "-q", *at_random, *tests, env={"FUZZ_EXAMPLES": "200"})
@@ -43,6 +44,14 @@ def nightly(session: nox.Session) -> None:
     """Tests that freeze a tuning: every rejected option is still worse."""
     session.install(".", "--group", "dev")
     session.run("pytest", "-q", "-m", "nightly", *session.posargs)
+
+
+@nox.session
+def interpreted(session: nox.Session) -> None:
+    """Kernels against their plain twins, without the compiler."""
+    session.install(".", "--group", "dev")
+    env = {"NUMBA_DISABLE_JIT": "1"}
+    session.run("pytest", "-q", "-m", "kernel", *session.posargs, env=env)
 
 
 @nox.session
@@ -95,7 +104,8 @@ def jit(session: nox.Session, numba: str) -> None:
     """The cache of compiled kernels, on each supported version of Numba."""
     session.install(".", *TESTING)
     session.install(f"numba=={numba}.*")
-    session.run("pytest", "-q", "tests/test_jit.py", "tests/cli/test_precompile.py")
+    every = ("-m", "nightly or not nightly")
+    session.run("pytest", "-q", *every, "tests/test_jit.py", "tests/cli/test_precompile.py")
 
 
 @nox.session(python=PYTHONS[1])

@@ -27,8 +27,8 @@ from saccade import Sift, read_image
 from saccade.batch import Job, extract, open_source, shards, tables
 from saccade.batch.dataset import read_points
 from saccade.batch.engines import InProcess, Processes
-from saccade.batch.forkserver import worker_context
 from saccade.batch.index import Found, Index, build_index
+from saccade.batch.workers import worker_context
 from saccade.keypoints.sift_config import SiftConfig
 
 JOB = Job("sift", SiftConfig())

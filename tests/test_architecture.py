@@ -264,6 +264,7 @@ def test_no_file_outgrows_its_subject():
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 600, path
 
 
+@pytest.mark.nightly
 def test_kernels_run_where_no_cache_can_be_written(tmp_path):
     installed = tmp_path / "saccade"
     shutil.copytree(SOURCE, installed, ignore=shutil.ignore_patterns("__pycache__"))
@@ -296,21 +297,6 @@ print(saccade.__file__, len(saccade.Sift()(image)) > 0)
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(installed / "__init__.py"), "True"]
-
-
-def test_kernels_mean_the_same_without_the_compiler():
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-m", "kernel", "-p", "no:cacheprovider"],
-        cwd=Path(__file__).parents[1],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert " passed" in done.stdout
 
 
 def test_files_are_opened_in_one_place():

@@ -100,9 +100,10 @@ def test_a_command_ends_well_or_in_one_line(run, seeds, name, chance):
     assert "Traceback" not in err
 
 
+@pytest.mark.nightly
 def test_files_broken_as_coverage_guides():
     pytest.importorskip("atheris")
-    words = ["--seconds", TIMEOUT, "--runs", 20 * EXAMPLES, "--seed", 1]
+    words = ["--seconds", TIMEOUT, "--runs", 240, "--seed", 1]
     done = subprocess.run(
         [sys.executable, RUN, "npz", "camera-toml", *map(str, words)],
         capture_output=True,

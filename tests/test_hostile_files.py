@@ -27,7 +27,7 @@ from support.error_checks import refuses
 from support.limits import TIMEOUT, limited
 from support.privileges import without_privileges
 
-NAMES = ("with space", "no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
+NAMES = ("no\udcff text", "\"quo'te\n[b]Ünï-漢字-العربية[i]%s{0}<script>")
 HUGE = 65_000
 
 
@@ -43,7 +43,7 @@ def chunk(name, content):
 
 def png(side, rows):
     """A square one that says how large it is, and has so many rows."""
-    pixels = zlib.compress((b"\0" * (side + 1)) * rows, 9)
+    pixels = zlib.compress((b"\0" * (side + 1)) * rows, 1)
     header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
     start = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header)
     return start + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
@@ -96,7 +96,7 @@ def test_the_workers_for_images_that_say_they_are_huge(tmp_path, monkeypatch):
 
 
 def test_an_image_that_is_huge_is_not_unpacked(tmp_path):
-    """289 million pixels in 280 kB: OpenCV alone would unpack them to find out."""
+    """289 million pixels in 1.3 MB: OpenCV alone would unpack them to find out."""
     (tmp_path / "bomb.png").write_bytes(png(17_000, 17_000))
     done = subprocess.run(
         [sys.executable, "-c", "from saccade.cli import main; main()", "look", "bomb.png"],
@@ -248,13 +248,10 @@ def test_a_link_to_itself_is_refused(run, tmp_path, photo, words):
 
 
 SLAM = ["slam", "log.csv", "-o", "out"]
-LOOK = ["look", "photos/a.png", "-o", "out"]
 EXTRACT = ["extract", "photos", "--what", "sift", "--out", "out", "--workers", "1"]
 
 
-@pytest.mark.parametrize(
-    ("what", "words"), [("full", LOOK), ("full", EXTRACT), ("closed", SLAM)], ids=str
-)
+@pytest.mark.parametrize(("what", "words"), [("full", EXTRACT), ("closed", SLAM)], ids=str)
 def test_a_disk_that_takes_nothing(tmp_path, photo, what, words):
     (tmp_path / "photos").mkdir()
     cv2.imwrite(str(tmp_path / "photos" / "a.png"), photo)

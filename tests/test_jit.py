@@ -92,6 +92,7 @@ def test_only_a_changed_kernel_file_makes_the_cache_stale(probe):
     assert run(probe) == (True, 10.0)
 
 
+@pytest.mark.nightly
 def test_a_kernel_at_the_top_level_makes_the_cache_stale(probe):
     run(probe)
     (probe.parent / "_shared_kernels.py").write_text("")

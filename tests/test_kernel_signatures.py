@@ -74,7 +74,8 @@ for path in home.rglob("_*kernels.py"):
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-@pytest.mark.parametrize("cache", ["warm", pytest.param("cold", marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("cache", ["warm", "cold"])
 def test_kernels_have_one_signature_after_all_commands(cache, tmp_path):
     """From a warm cache only the kernels that Python calls are seen, from an empty one all."""
     environment = os.environ | {"OMP_NUM_THREADS": "1"}

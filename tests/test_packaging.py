@@ -124,6 +124,7 @@ def test_the_sdist_holds_what_it_takes_to_test(built):
     assert not [name for name in names if re.search(r"__pycache__|\.py[co]$|\.nb[ic]$", name)]
 
 
+@pytest.mark.nightly
 def test_the_wheel_runs_where_nothing_of_the_repository_is(built, tmp_path):
     """The libraries are those of this environment; the package is that of the wheel."""
     with zipfile.ZipFile(built[0]) as wheel:

@@ -12,7 +12,7 @@ import pytest
 
 from saccade import Sift
 from saccade.batch import open_source
-from saccade.batch.items import read_content
+from saccade.batch.sources import read_content
 from saccade.errors import ImageError
 from saccade.video import read_video, video_writer
 from support.extraction import check_complete, check_whole, extract_here, photographs

@@ -15,7 +15,7 @@ import saccade
 from saccade import exchange
 from saccade.batch import Job, MatchConfig, match_images
 from saccade.batch.engines import Processes
-from saccade.batch.pairs import read_pairs, write_pairs
+from saccade.batch.matching import read_pairs, write_pairs
 from saccade.errors import ConfigError
 from saccade.exchange.colmap import import_pycolmap
 from saccade.exchange.hloc import group_of

@@ -16,6 +16,7 @@ from saccade.errors import ConfigError, LogError, LogWarning
 from saccade.slam import compose, turn_then_translate
 from saccade.types import LandmarkLog, LandmarkMap, Trajectory
 from support.error_checks import result_or_refusal
+from support.fuzz_examples import EXAMPLES
 
 SUFFIX = {"g2o": "g2o", "isam": "isam", "toro": "graph", "gtsam": "txt", "csv": "csv"}
 
@@ -58,7 +59,7 @@ logs = st.builds(
 
 
 @given(logs, st.booleans())
-@settings(max_examples=40)
+@settings(max_examples=15)
 def test_csv_keeps_every_digit(tmp_path_factory, log, named):
     if not named:
         log = dataclasses.replace(log, landmark=np.full(len(log.landmark), -1))
@@ -81,7 +82,7 @@ def _as_relative_poses(log):
 
 @pytest.mark.parametrize("dialect", ["g2o", "isam", "toro", "gtsam"])
 @given(log=logs.filter(lambda log: len(log.control) > 0))
-@settings(max_examples=25)
+@settings(max_examples=10)
 def test_text_is_read_back(tmp_path_factory, dialect, log):
     path = tmp_path_factory.mktemp(dialect) / f"any.{SUFFIX[dialect]}"
     write_pose_graph(path, log, dialect)
@@ -342,6 +343,7 @@ def _runs_or_refuses(log):
 
 
 @pytest.mark.parametrize(("name", "text"), list(_texts()), ids=[name for name, _ in _texts()])
+@settings(max_examples=5 * EXAMPLES)
 @given(data=st.data())
 def test_any_broken_text_is_one_line_or_a_log_that_runs(tmp_path_factory, name, text, data):
     path = tmp_path_factory.mktemp("fuzz") / name
@@ -372,6 +374,7 @@ def test_a_subject_that_is_no_number_of_one_is_one_line(tmp_path, subject):
 
 
 @pytest.mark.parametrize("name", MRCLAM)
+@settings(max_examples=5 * EXAMPLES)
 @given(data=st.data())
 def test_any_broken_mrclam_is_one_line_or_a_log_that_runs(tmp_path_factory, name, data):
     folder = tmp_path_factory.mktemp("fuzz")
@@ -385,6 +388,7 @@ def test_any_broken_mrclam_is_one_line_or_a_log_that_runs(tmp_path_factory, name
     _runs_or_refuses(log)
 
 
+@settings(max_examples=5 * EXAMPLES)
 @given(st.binary(max_size=300))
 @pytest.mark.parametrize("name", ["log.csv", "log.g2o", "log.txt"])
 def test_any_bytes_are_one_line_or_a_log(tmp_path_factory, name, data):

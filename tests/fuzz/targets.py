@@ -369,7 +369,7 @@ def _list(folder: Path) -> None:
 
 def _listed(folder: Path) -> object:
     from saccade.batch import open_source
-    from saccade.batch.items import read_content
+    from saccade.batch.sources import read_content
 
     source = open_source(str(folder / "photos.txt"))
     return [read_content(source[i]) for i in range(len(source))]
@@ -516,7 +516,7 @@ def _tar(folder: Path) -> None:
 
 def _untar(folder: Path) -> object:
     from saccade.batch import open_source
-    from saccade.batch.items import decode, read_content
+    from saccade.batch.sources import decode, read_content
 
     source = open_source(str(folder / "photos.tar"))
     return [decode(read_content(source[i]), "a.png") for i in range(len(source))]
@@ -535,7 +535,7 @@ def _matched(folder: Path) -> None:
 
 
 def _rematched(folder: Path) -> object:
-    from saccade.batch.match_shards import read_keys, read_matches
+    from saccade.batch.matching import read_keys, read_matches
     from saccade.batch.store import LocalStore
 
     store = LocalStore(str(folder / "out"))
@@ -543,7 +543,7 @@ def _rematched(folder: Path) -> object:
 
 
 def _pairs(folder: Path) -> object:
-    from saccade.batch.pairs import read_pairs
+    from saccade.batch.matching import read_pairs
 
     return read_pairs(folder / "pairs.txt")
 

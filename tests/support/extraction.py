@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from saccade import Sift, SiftConfig
 from saccade.batch import Job, extract, open_source
 from saccade.batch.engines import InProcess
-from saccade.batch.items import content_hash
+from saccade.batch.sources import content_hash
 from saccade.image import decode_image
 
 SIFT = Job("sift", SiftConfig())

@@ -228,7 +228,7 @@ def run_all(folder, cases):
         }
         os.chdir(folder)
         Path(f"in{ODD}").symlink_to("in")
-        for name in COMMANDS:  # here first, where thereby everything is loaded
+        for name in sorted({command for _, command in cases}):  # loads everything, here first
             with redirect_stdout(io.StringIO()):
                 code = ended(words[name])
             shutil.rmtree("out", ignore_errors=True)

@@ -18,14 +18,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from saccade.batch.extraction import Extraction, extract
     from saccade.batch.job import Job
-    from saccade.batch.match_shards import MatchConfig
-    from saccade.batch.matching import MatchRun, match_images
+    from saccade.batch.matching import MatchConfig, MatchRun, match_images
     from saccade.batch.sources import open_source
 
 _HOME_OF = {
     "Extraction": "extraction",
     "Job": "job",
-    "MatchConfig": "match_shards",
+    "MatchConfig": "matching",
     "MatchRun": "matching",
     "extract": "extraction",
     "match_images": "matching",

@@ -13,8 +13,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from typing import Any, Protocol, TypeAlias, TypeVar
 
-from saccade.batch.forkserver import initialize_worker, worker_context
 from saccade.batch.shards import ShardReport
+from saccade.batch.workers import initialize_worker, worker_context
 from saccade.errors import ConfigError
 from saccade.extras import import_optional
 

@@ -1,26 +1,43 @@
 """Extracts features from all images of a source into a data set, and writes its manifest."""
 
+import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
+from itertools import chain, takewhile
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from saccade.batch.dataset import MANIFEST, read_manifest, read_records
+from saccade.batch.dataset import (
+    MANIFEST,
+    RECORDS,
+    name_generation,
+    read_manifest,
+    read_record,
+    read_records,
+    read_table,
+    record_files,
+    split_generation,
+)
 from saccade.batch.engines import Engine
-from saccade.batch.job import Job
-from saccade.batch.planning import plan_shards, remove_orphans
+from saccade.batch.job import MAPS, Job
 from saccade.batch.shards import Shard, ShardReport, extract_shard
-from saccade.batch.sources import Source
+from saccade.batch.sources import Item, Source
 from saccade.batch.store import Store, open_store
-from saccade.batch.tables import ERROR_SCHEMA, parquet_options, record_batch
+from saccade.batch.tables import ERROR_SCHEMA, MAP_SCHEMA, parquet_options, record_batch
 from saccade.errors import ConfigError, OutputError
 from saccade.formats import FORMATS
 
 ERROR_FILE = "errors.parquet"
+MAX_SHARD_SIZE = 256
+"""Images in a shard: minutes of work, and a file of about 30 MB."""
+MIN_SHARD_SIZE = 4
+"""Images in a shard of a small job: a file costs as much as a tenth of an image."""
+MIN_SHARDS = 32
+"""Into which a small job is cut if it has enough images, so that all workers have work."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +117,7 @@ def extract(
         shards = plan_shards(source, store, shard_size)
         _write_manifest(store, job, source_name, _last_totals(store), complete=False)
         work = partial(extract_shard, job, out, redo=redo)
-        for report in engine.run(work, _until(should_stop, shards)):
+        for report in engine.run(work, takewhile(lambda _: not should_stop(), shards)):
             done += report.done - report.failed_now
             unchanged += report.unchanged - (report.failed - report.failed_now)
             failed += report.failed
@@ -116,11 +133,66 @@ def extract(
     return Extraction(done, unchanged, failed + len(lost), totals, complete, error)
 
 
-def _until(should_stop: Callable[[], bool], shards: Iterator[Shard]) -> Iterator[Shard]:
-    for shard in shards:
-        if should_stop():
-            return
-        yield shard
+def plan_shards(source: Source, store: Store, shard_size: int | None = None) -> Iterator[Shard]:
+    """First the recorded shards, whose images may have changed, then the new ones.
+
+    A new shard is a block of the source without the images that are done, so that after any
+    interruption the same images make the same shard.
+
+    Args:
+        source: the images.
+        store: of the results.
+        shard_size: images in a shard; None to choose it.
+    """
+    if shard_size is None:
+        shard_size = min(max(len(source) // MIN_SHARDS, MIN_SHARD_SIZE), MAX_SHARD_SIZE)
+    number_of = {item.name: number for number, item in enumerate(source)}
+    recorded = {
+        file: read_record(store, file, ["image"])["image"].to_pylist()
+        for file in record_files(store)
+    }
+    done = {name for names in recorded.values() for name in names}
+    return chain(
+        _recorded_shards(source, number_of, recorded), _new_shards(source, done, shard_size)
+    )
+
+
+def _recorded_shards(
+    source: Source, number_of: Mapping[str, int], recorded: Mapping[str, Sequence[str]]
+) -> Iterator[Shard]:
+    """The next generation of every recorded shard, with its images that the source still has."""
+    for file, names in recorded.items():
+        shard, generation = split_generation(file)
+        items = [source[number_of[name]] for name in names if name in number_of]
+        yield Shard(name_generation(shard, generation + 1), items, previous=file)
+
+
+def _new_shards(source: Source, done: Collection[str], shard_size: int) -> Iterator[Shard]:
+    for first in range(0, len(source), shard_size):
+        items = [item for item in source[first : first + shard_size] if item.name not in done]
+        if items:
+            yield Shard(_name_shard(first, items), items)
+
+
+def remove_orphans(store: Store, job: Job) -> None:
+    """Remove tables that an interrupted run left without a record, and older generations."""
+    recorded = set(record_files(store))
+    for file in store.list_files(RECORDS):
+        if file not in recorded:
+            store.remove(f"{RECORDS}/{file}")
+    for file in store.list_files(job.what):
+        if file not in recorded:
+            name = f"{job.what}/{file}"
+            if job.what in MAPS:
+                for map_file in read_table(store, name, MAP_SCHEMA, ["file"])["file"].unique():
+                    store.remove(str(map_file))
+            store.remove(name)
+
+
+def _name_shard(first: int, items: list[Item]) -> str:
+    """The number of the first image, and a hash of the names of all."""
+    names = "\n".join(item.name for item in items)
+    return f"{first:09d}-{hashlib.blake2b(names.encode(), digest_size=4).hexdigest()}"
 
 
 def _check_manifest(store: Store, job: Job) -> None:

@@ -9,40 +9,133 @@ The folder that it writes:
     features.h5, matches.h5    in hloc's layout; database.db for COLMAP
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import csv
+import hashlib
+import json
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import islice
+from itertools import combinations, islice, takewhile
 from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
-from saccade.batch.dataset import read_record, record_files
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from saccade.batch.dataset import (
+    SUFFIX,
+    read_points,
+    read_record,
+    read_shard,
+    read_table,
+    record_files,
+    shard_file,
+)
 from saccade.batch.engines import Engine, InProcess
 from saccade.batch.extraction import Extraction, extract
 from saccade.batch.job import POINTS, Job
-from saccade.batch.match_files import Format, require_libraries, write_files
-from saccade.batch.match_shards import (
-    Key,
-    MatchConfig,
-    MatchedPair,
-    MatchShard,
-    PairItem,
-    match_shard,
-    read_keys,
-    read_matches,
-)
-from saccade.batch.pairs import Pair, images_and_pairs
 from saccade.batch.shards import ShardReport
-from saccade.batch.sources import Source
+from saccade.batch.sources import Source, image_files, open_source
 from saccade.batch.store import Store, open_store
-from saccade.errors import OutputError, require
+from saccade.batch.tables import parquet_options, record_batch
+from saccade.errors import ConfigError, KeypointsError, OutputError, require
+from saccade.exchange import write_colmap, write_hdf5, write_hloc_matches
+from saccade.exchange.colmap import import_pycolmap
+from saccade.exchange.fields import check_name
+from saccade.extras import import_optional
+from saccade.files import atomic_write, is_file, read_text, reason_of
+from saccade.keypoints.matching import match
 from saccade.keypoints.sift_config import SiftConfig
+from saccade.keypoints.verification import SAMPLE_SIZE, Geometry, Verification, verify
+from saccade.types import Float32Array, IntArray, Keypoints
 
+Pair: TypeAlias = tuple[str, str]
+"""The names of two images."""
+Format: TypeAlias = Literal["hdf5", "colmap"]
+Key: TypeAlias = tuple[str, ...]
+"""Of a row: names and contents of the images, and the fingerprint of the configuration."""
+FOLDER = "matches"
+_KEYS = ("first", "second", "first_content", "second_content", "configuration")
+SCHEMA = pa.schema(
+    [
+        *((name, pa.string()) for name in (*_KEYS, "geometry")),
+        *((name, pa.binary()) for name in ("pairs", "similarity", "inliers", "matrix")),
+    ]
+)
+"""A row for every pair of images: their names, the hashes of their contents, the fingerprint of the
+settings; (m, 2) int32 indices of the matched points, (m,) float32 similarities, (m,) which matches
+are inliers, and the (3, 3) float64 matrix of the geometry, empty where there is none."""
 FEATURES = "features"
 """Folder of the data set of keypoints."""
 MIN_IMAGES, MAX_IMAGES, SHARDS = 4, 32, 32
 """Images in a shard of features, of which a worker has two in memory; shards of a small job."""
 MAX_PAIRS = 256
 """Pairs in a shard of matches."""
+
+
+@dataclass(frozen=True)
+class MatchConfig:
+    """How the keypoints of two images are matched, and the matches verified."""
+
+    ratio: float | None = 0.8
+    """See `saccade.match`."""
+    mutual: bool = True
+    """See `saccade.match`."""
+    geometry: Geometry | None = "fundamental"
+    """See `saccade.verify`; None for no verification."""
+    tolerance: float = 2.0
+    """Inlier threshold in pixels."""
+
+    def __post_init__(self) -> None:
+        ratio = self.ratio is None or 0 < self.ratio <= 1
+        require(ratio, "ratio", "over 0 and at most 1, or None", self.ratio)
+        known = self.geometry is None or self.geometry in SAMPLE_SIZE
+        require(known, "geometry", "fundamental, homography or None", self.geometry)
+        require(0 < self.tolerance < np.inf, "tolerance", "pixels over 0", self.tolerance)
+
+    def fingerprint(self, job: Job) -> str:
+        """Hash of these settings and those of the features, as 16 hexadecimal digits."""
+        text = json.dumps([asdict(self), job.fingerprint], sort_keys=True)
+        return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+
+
+class PairItem(NamedTuple):
+    """A pair of images, and the hashes of their contents."""
+
+    pair: Pair
+    contents: Pair
+
+    @property
+    def name(self) -> str:
+        """Of the pair, for reports."""
+        return " ".join(self.pair)
+
+
+class MatchShard(NamedTuple):
+    """Pairs of images whose features are in the same two files."""
+
+    items: Sequence[PairItem]
+    files: tuple[str, str]
+    """Records of the shards of features that hold the first and the second images."""
+
+    @property
+    def name(self) -> str:
+        """Made of the pairs and the contents of their images."""
+        text = json.dumps(self.items)
+        return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
+
+
+class MatchedPair(NamedTuple):
+    """The matches of two images."""
+
+    pair: Pair
+    indices: IntArray
+    """(m, 2) indices of keypoints, as `saccade.match` returns them."""
+    similarity: Float32Array
+    """(m,) cosine of the angle between the two descriptors, moved from [-1, 1] to [0, 1]."""
+    verification: Verification | None
+    """None where it was not asked for."""
 
 
 @dataclass(frozen=True)
@@ -126,9 +219,10 @@ def match_images(
         keys: set[Key] = {(*item.pair, *item.contents, fingerprint) for item in items}
         present = set() if redo else keys & {key for _, row in read_keys(store) for key in row}
         todo = [i for i in items if (*i.pair, *i.contents, fingerprint) not in present]
+        shards = _shards(todo, file_of)
         work = partial(match_shard, config, job, features, str(out))
         done = 0
-        for report in run_on.run(work, _until(should_stop, _shards(todo, file_of))):
+        for report in run_on.run(work, takewhile(lambda _: not should_stop(), shards)):
             if report.lost:
                 raise OutputError(report.lost[0][1])
             done += report.done
@@ -168,13 +262,6 @@ def _shards(items: Sequence[PairItem], file_of: Mapping[str, str]) -> Iterator[M
             yield MatchShard(part, files)
 
 
-def _until(should_stop: Callable[[], bool], shards: Iterator[MatchShard]) -> Iterator[MatchShard]:
-    for shard in shards:
-        if should_stop():
-            return
-        yield shard
-
-
 def _current(store: Store, keys: set[Key]) -> dict[Pair, MatchedPair]:
     """The matches of these keys."""
     return {
@@ -184,3 +271,242 @@ def _current(store: Store, keys: set[Key]) -> dict[Pair, MatchedPair]:
         for key, found in read_matches(store, file)
         if key in keys
     }
+
+
+def read_pairs(path: Path) -> list[Pair]:
+    """The pairs in a list, as hloc and COLMAP have it; each once, in the first of its orders.
+
+    Args:
+        path: two names to a line, separated by blanks, or by a tab where names have blanks;
+            empty lines and those that begin with # are skipped.
+
+    Raises:
+        ConfigError: the list cannot be read or is empty, or a line is no pair; tells which.
+    """
+    try:
+        lines = read_text(path).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {reason_of(error)}") from error
+    pairs: dict[Pair, None] = {}
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        names = line.split("\t") if "\t" in line else line.split()
+        if len(names) != 2 or names[0] == names[1] or not all(names):
+            raise ConfigError(f"{path}, line {number}: expected two images, found {line[:80]!r}")
+        if (names[1], names[0]) not in pairs:
+            pairs[names[0], names[1]] = None
+    if not pairs:
+        raise ConfigError(f"{path}: expected pairs of images, found none")
+    return list(pairs)
+
+
+def write_pairs(path: Path, pairs: Sequence[Pair]) -> None:
+    """Write a list that `read_pairs` and hloc read."""
+    lines = (("\t" if " " in "".join(pair) else " ").join(pair) for pair in pairs)
+    with atomic_write(path) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def images_and_pairs(source: str, listed: Path | None) -> tuple[Source, list[Pair]]:
+    """The images of a source, and their pairs.
+
+    Args:
+        source: as for `saccade extract`; with a list also a folder whose subfolders it names.
+        listed: a list of pairs; None for all pairs.
+
+    Raises:
+        ImageError: the source does not exist, or holds no image.
+        ConfigError: the list is broken, or names an image that is not in the source; or the
+            source has only one image.
+        KeypointsError: a name that the formats cannot hold, such as an absolute path.
+    """
+    if listed is None:
+        images = open_source(source)
+        pairs = list(combinations([image.name for image in images], 2))
+        if not pairs:
+            raise ConfigError(f"{source}: expected two images or more, found one")
+        return images, pairs
+    pairs = read_pairs(listed)
+    names = sorted({check_name(name) for pair in pairs for name in pair})
+    if Path(source).is_dir():
+        root = f"{source.rstrip('/')}/"
+        _check_names(listed, names, [name for name in names if is_file(Path(root, name))], source)
+        return image_files(root, names), pairs
+    images = open_source(source)
+    items = {image.name: image for image in images}
+    _check_names(listed, names, items, source)
+    return [items[name] for name in names], pairs
+
+
+def _check_names(listed: Path, names: Sequence[str], known: Collection[str], source: str) -> None:
+    absent = [name for name in names if name not in known]
+    if absent:
+        raise ConfigError(
+            f"{listed}: expected images of {source}, found {absent[0][:80]!r}, which is not there"
+            + (f", and {len(absent) - 1} more" if absent[1:] else "")
+        )
+
+
+def match_shard(
+    config: MatchConfig, job: Job, features: str, out: str, shard: MatchShard
+) -> ShardReport:
+    """Match the pairs of a shard; runs in any process on any machine.
+
+    Args:
+        config: how they are matched.
+        job: that extracted the features.
+        features: location of the data set of keypoints.
+        out: location of the store of matches.
+        shard: the pairs.
+    """
+    store, fingerprint = open_store(features), config.fingerprint(job)
+    points = {
+        image.image: image.points
+        for file in dict.fromkeys(shard.files)
+        for image in read_shard(store, job.what, file)
+    }
+    rows = [
+        {
+            **dict(zip(_KEYS, (*item.pair, *item.contents, fingerprint), strict=True)),
+            **_match(config, *(points[name] for name in item.pair)),
+        }
+        for item in shard.items
+    ]
+    table = pa.Table.from_batches([record_batch(rows, SCHEMA)])
+    target = open_store(out)
+    try:
+        with (
+            target.writing(f"{FOLDER}/{shard_file(f'{shard.name}-{fingerprint}')}") as path,
+            path.open("wb") as file,
+        ):
+            pq.write_table(table, file, **parquet_options(SCHEMA))
+    except OutputError as error:
+        return ShardReport(lost=[(item.name, str(error)) for item in shard.items])
+    return ShardReport(len(rows), rows=sum(len(row["pairs"]) // 8 for row in rows))
+
+
+def read_keys(store: Store) -> Iterator[tuple[str, set[Key]]]:
+    """Each file of matches, and the keys of its rows: names, contents, configuration."""
+    for file in store.list_files(FOLDER):
+        if not file.endswith(SUFFIX):
+            continue
+        columns = read_table(store, f"{FOLDER}/{file}", SCHEMA, _KEYS)
+        yield file, set(zip(*(columns[name].to_pylist() for name in _KEYS), strict=True))
+
+
+def read_matches(store: Store, file: str) -> Iterator[tuple[Key, MatchedPair]]:
+    """Each row of a file: its key, and the matches.
+
+    Raises:
+        KeypointsError: the file is broken.
+    """
+    for row in read_table(store, f"{FOLDER}/{file}", SCHEMA).to_pylist():
+        try:
+            yield tuple(row[name] for name in _KEYS), _matched_pair(row)
+        except ValueError as error:
+            place = f"{store.location}/{FOLDER}/{file}"
+            raise KeypointsError(f"{place}: expected matches: {error}; remove it") from error
+
+
+def _match(config: MatchConfig, first: Keypoints, second: Keypoints) -> dict[str, Any]:
+    """The cells of the matches of two images."""
+    indices = match(first, second, config.ratio, config.mutual)
+    units = [
+        _unit(points.descriptors[column])
+        for points, column in zip((first, second), indices.T, strict=True)
+        if points.descriptors is not None
+    ]
+    cells: dict[str, Any] = {
+        "geometry": config.geometry or "",
+        "pairs": indices.astype("<i4").tobytes(),
+        "similarity": ((1 + np.einsum("ij,ij->i", *units)) / 2).astype("<f4").tobytes(),
+    }
+    if config.geometry is not None:
+        found = verify(first, second, indices, config.geometry, config.tolerance)
+        cells["inliers"] = found.inliers.astype(np.uint8).tobytes()
+        if found.matrix is not None:
+            cells["matrix"] = found.matrix.astype("<f8").tobytes()
+    return cells
+
+
+def _unit(descriptors: Any) -> Float32Array:
+    rows = descriptors.astype(np.float32)
+    units: Float32Array = rows / np.maximum(np.linalg.norm(rows, axis=1), 1e-12)[:, None]
+    return units
+
+
+def _matched_pair(row: dict[str, Any]) -> MatchedPair:
+    verification = None
+    if row["geometry"]:
+        matrix = np.frombuffer(row["matrix"], "<f8").reshape(-1, 3, 3)
+        verification = Verification(
+            cast("Geometry", row["geometry"]),
+            matrix[0] if len(matrix) else None,
+            np.frombuffer(row["inliers"], np.uint8) != 0,
+        )
+    return MatchedPair(
+        (row["first"], row["second"]),
+        np.frombuffer(row["pairs"], "<i4").reshape(-1, 2).astype(np.int64),
+        np.frombuffer(row["similarity"], "<f4").astype(np.float32),
+        verification,
+    )
+
+
+def require_libraries(formats: Sequence[str]) -> None:
+    """Import the libraries of the formats, to fail before any work is done.
+
+    Raises:
+        ConfigError: one is not installed.
+    """
+    if "colmap" in formats:
+        import_pycolmap()
+    if "hdf5" in formats:
+        import_optional("h5py", "hdf5")
+
+
+def write_files(
+    out: Path, features: str, matched: Sequence[MatchedPair], formats: Sequence[Format]
+) -> dict[str, Path]:
+    """Write pairs.txt, pairs.csv and the files of the formats; returns them by name.
+
+    Args:
+        out: folder.
+        features: location of the data set of keypoints.
+        matched: the matches.
+        formats: hdf5 (features.h5 and matches.h5, as hloc reads them) or colmap (database.db).
+    """
+    names = {name for each in matched for name in each.pair}
+    images = {image.image: image for image in read_points(features) if image.image in names}
+    points = {name: image.points for name, image in images.items()}
+    shapes = {name: image.shape for name, image in images.items()}
+    matches = {each.pair: each.indices for each in matched}
+    files = {"pairs": out / "pairs.txt", "table": out / "pairs.csv"}
+    write_pairs(files["pairs"], list(matches))
+    _write_table(files["table"], matched)
+    if "hdf5" in formats:
+        files |= {"features": out / "features.h5", "matches": out / "matches.h5"}
+        write_hdf5(files["features"], points, shapes)
+        counts = {name: len(each) for name, each in points.items()}
+        similarities = {each.pair: each.similarity for each in matched}
+        write_hloc_matches(files["matches"], matches, counts, similarities)
+    if "colmap" in formats:
+        files["database"] = out / "database.db"
+        verified = {each.pair: each.verification for each in matched}
+        geometries = {pair: each for pair, each in verified.items() if each is not None}
+        write_colmap(files["database"], points, shapes, matches, geometries)
+    return files
+
+
+def _write_table(path: Path, matched: Sequence[MatchedPair]) -> None:
+    """Write the numbers of matches and inliers of each pair."""
+    with (
+        atomic_write(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["first", "second", "matches", "inliers"])
+        for each in matched:
+            verified = each.verification
+            inliers = "" if verified is None else int(verified.inliers.sum())
+            writer.writerow([*each.pair, len(each.indices), inliers])

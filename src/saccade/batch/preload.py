@@ -6,7 +6,7 @@ Most of the time goes into what Numba loads at the first call of a kernel.
 import signal
 from contextlib import suppress
 
-from saccade.batch.forkserver import limit_blas_threads
+from saccade.batch.workers import limit_blas_threads
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process
 limit_blas_threads()
@@ -15,9 +15,8 @@ with suppress(Exception):  # the same error is raised, and reported, in the main
     import cv2
     import numpy as np
 
-    import saccade.batch.shards  # noqa: F401
-    from saccade.batch.analysis import analyzer
     from saccade.batch.job import Job
+    from saccade.batch.shards import analyzer
     from saccade.keypoints.sift_config import SiftConfig
 
     cv2.setNumThreads(1)  # a fork must not find the threads of a pool gone

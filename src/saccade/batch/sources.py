@@ -1,61 +1,54 @@
 """Sources of images: folders, patterns, lists, tars, videos and object stores."""
 
+import hashlib
 import os
 import tarfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import threading
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, NamedTuple, TypeAlias
 
-from saccade.batch.items import Item, is_url, open_location, remote_filesystem
 from saccade.errors import ImageError
-from saccade.files import IMAGE_SUFFIXES, VIDEO_SUFFIXES, as_text, read_text, reason_of
+from saccade.extras import import_optional
+from saccade.files import (
+    IMAGE_SUFFIXES,
+    VIDEO_SUFFIXES,
+    as_text,
+    open_file,
+    read_bytes,
+    read_text,
+    reason_of,
+)
+from saccade.types import Image
 
 LIST_SUFFIXES = (".txt", ".lst")
 TAR_SUFFIX = ".tar"
 WILDCARDS = "*?["
 
+Content: TypeAlias = "bytes | Image"
+"""The bytes of an image file, or the (H, W, 3) uint8 frame of a video."""
 
-class Source(Protocol):
-    """A numbered sequence of images."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, number: int, /) -> Item: ...
+_thread = threading.local()
+"""Keeps the video that a thread read from last: its frames are read in order."""
 
 
-@dataclass(frozen=True)
-class ImageFiles:
-    """Image files below a root, sorted by name; about 100 bytes of memory each."""
+class Item(NamedTuple):
+    """One image: its name, and the location of its bytes."""
 
-    root: str
-    """Prefix of every path."""
-    names: Sequence[str]
-    """Sorted."""
-    raw_paths: Mapping[str, str]
-    """By name, the paths that are not UTF-8."""
+    name: str
+    """In the data set: its path below the source."""
+    location: str
+    """Path, or a URL that fsspec understands, of the file that holds it."""
+    offset: int | None = None
+    """First byte in a tar; None for a file of its own and for a video frame."""
+    size: int | None = None
+    """Bytes in a tar."""
+    frame: int | None = None
+    """Number of the frame in a video."""
 
-    @classmethod
-    def below(cls, root: str, paths: Sequence[str]) -> "ImageFiles":
-        """The images at paths below a root.
 
-        Raises:
-            ImageError: two would have the same name.
-        """
-        raw_paths = {name: path for path in paths if (name := as_text(path)) != path}
-        if shared := raw_paths.keys() & set(paths) if raw_paths else ():
-            raise ImageError(
-                f"{as_text(root)}{min(shared)}: expected one file of this name, and "
-                f"another whose name is no UTF-8 would share it; rename one"
-            )
-        return cls(root, sorted(map(as_text, paths)), raw_paths)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def __getitem__(self, number: int, /) -> Item:
-        name = self.names[number]
-        return Item(name, self.root + self.raw_paths.get(name, name))
+Source: TypeAlias = Sequence[Item]
+"""Numbered images."""
 
 
 def open_source(source: str, every: int = 1) -> Source:
@@ -84,6 +77,98 @@ def open_source(source: str, every: int = 1) -> Source:
     return images
 
 
+def image_files(root: str, paths: Sequence[str]) -> list[Item]:
+    """Image files at paths below a root, sorted by name.
+
+    Args:
+        root: prefix of every path.
+        paths: of the files; a byte that is not UTF-8 is escaped in the name.
+
+    Raises:
+        ImageError: two would have the same name.
+    """
+    path_of: dict[str, str] = {}
+    for path in paths:
+        name = as_text(path)
+        if path_of.setdefault(name, path) != path:
+            raise ImageError(
+                f"{as_text(root)}{name}: expected one file of this name, and another whose name "
+                "is no UTF-8 would share it; rename one"
+            )
+    return [Item(name, root + path_of[name]) for name in sorted(path_of)]
+
+
+def read_content(item: Item) -> Content:
+    """The bytes of an image file, or the frame of a video.
+
+    Raises:
+        ImageError: it cannot be read.
+    """
+    try:
+        if is_url(item.location):
+            return _read_remote(item)
+        if item.frame is not None:
+            return _read_frame(item.location, item.frame)
+        if item.offset is None or item.size is None:
+            return read_bytes(Path(item.location))
+        with open_file(Path(item.location)) as file:
+            file.seek(item.offset)
+            return file.read(item.size)
+    except ImageError:
+        raise
+    except Exception as error:  # every object store raises its own
+        known = isinstance(error, OSError | ValueError)  # ValueError: a null in the name
+        if not known and not is_url(item.location):
+            raise
+        raise ImageError(f"{item.location}: cannot be read: {reason_of(error)}") from error
+
+
+def content_hash(content: Content) -> str:
+    """BLAKE2b of a content, 128 bits as 32 hexadecimal digits."""
+    buffer: Any = content
+    return hashlib.blake2b(buffer, digest_size=16).hexdigest()
+
+
+def decode(content: Content, name: str) -> Image:
+    """The image of a content.
+
+    Raises:
+        ImageError: the bytes are no image.
+    """
+    from saccade.image import decode_image
+
+    return decode_image(content, name) if isinstance(content, bytes) else content
+
+
+def is_url(location: str) -> bool:
+    """Whether a location is a URL for fsspec, such as s3://bucket/photos, and not a path."""
+    return "://" in location
+
+
+def open_location(location: str) -> Any:
+    """A file or an object behind a URL, open for reading bytes."""
+    if not is_url(location):
+        return open_file(Path(location))
+    system, path = remote_filesystem(location)
+    return system.open(path, "rb")
+
+
+def remote_filesystem(url: str) -> tuple[Any, str]:
+    """The fsspec file system of a URL, and the path in it.
+
+    Raises:
+        ConfigError: fsspec is not installed.
+        ImageError: the scheme is unknown, or its library is not installed.
+    """
+    fsspec = import_optional("fsspec", "remote")
+    import_optional("fsspec.core", "remote")
+    try:
+        system, path = fsspec.core.url_to_fs(url)
+    except (ImportError, ValueError) as error:
+        raise ImageError(f"{url}: cannot be opened: {error}") from error
+    return system, path
+
+
 def _open_local(source: str, every: int) -> Source:
     path = Path(source)
     if path.is_dir():
@@ -93,7 +178,7 @@ def _open_local(source: str, every: int) -> Source:
 
         warn_of_unread(found, source)
         names = [name for name in found if _is_image(name)]
-        return ImageFiles.below(f"{source.rstrip('/')}/", names)
+        return image_files(f"{source.rstrip('/')}/", names)
     if not path.exists() and _is_pattern(source):
         root = _root_of_pattern(source)
         matches = Path(root).glob(source.removeprefix(root))
@@ -139,10 +224,7 @@ def _open_files(names: Sequence[str], root: str, every: int | None) -> Source:
             contained += _video_frames(root + name, every)
         else:
             images.append(name)
-    files = ImageFiles.below(root, images)
-    if not contained:
-        return files
-    return [files[number] for number in range(len(files))] + contained
+    return image_files(root, images) + contained
 
 
 def _tar_members(location: str) -> list[Item]:
@@ -214,3 +296,20 @@ def _root_of_pattern(pattern: str) -> str:
     """The folders before the first wildcard, with their last slash."""
     first = min(pattern.find(wildcard) for wildcard in WILDCARDS if wildcard in pattern)
     return pattern[: pattern.rfind("/", 0, first) + 1]
+
+
+def _read_remote(item: Item) -> bytes:
+    system, path = remote_filesystem(item.location)
+    start = item.offset or 0
+    end = None if item.size is None else start + item.size
+    data: Any = system.cat_file(path, start=start or None, end=end)
+    return bytes(data)
+
+
+def _read_frame(location: str, number: int) -> Image:
+    from saccade.video import VideoFrames
+
+    if getattr(_thread, "location", None) != location:
+        _thread.video, _thread.location = VideoFrames(location), location
+    video: VideoFrames = _thread.video
+    return video[number]

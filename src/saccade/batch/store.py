@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from saccade.batch.items import is_url, remote_filesystem
+from saccade.batch.sources import is_url, remote_filesystem
 from saccade.errors import OutputError
 from saccade.files import PARTIAL, atomic_write, open_file, results_in
 

@@ -15,8 +15,7 @@ from saccade.cli.output import print_json, print_message, print_table
 
 if TYPE_CHECKING:
     from saccade.batch.job import Job
-    from saccade.batch.match_files import Format
-    from saccade.batch.match_shards import MatchConfig
+    from saccade.batch.matching import Format, MatchConfig
     from saccade.batch.shards import ShardReport
 
 
