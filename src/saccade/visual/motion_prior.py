@@ -18,13 +18,6 @@ MAX_OUTAGE = 5.0
 """Seconds without camera for which the covariance of odometry allows for its systematic errors."""
 MAX_NIS = 9.0
 """Normalized innovation squared (one dimension, 3 sigma) beyond which a measurement is ignored."""
-BLOCK_SECONDS, NOISE_SECONDS, PRIOR_BLOCKS, MAX_RATIO = 2.0, 60.0, 4.0, 100.0
-"""Of the noise of odometry: seconds whose errors are summed, seconds in which they are forgotten,
-number of blocks as which the declared noise counts, and the largest ratio of a block."""
-SLIP_ANGLE, SLIP_PER_ACCELERATION, SLIP_SECONDS = 0.01, 0.006, 2.0
-"""Side-slip: standard deviation of its angle in radians, on a straight road and per m/s^2 of
-lateral acceleration, and the seconds over which it is constant. By the true poses of KITTI's drives
-00 to 09 angles are 0.003 to 0.015 on straights and 0.003 to 0.008 per m/s^2."""
 INTEGRATION_TIME, AVERAGING_TIME = 2.0, 10.0
 """Seconds over which tilt and height are integrated, before their drift dominates; and over which
 their variances are averaged."""
@@ -146,37 +139,6 @@ class TurnRateBias:
 
 
 @dataclass
-class OdometryNoise:
-    """How much larger the errors of odometry are than it declares, learnt on the drive.
-
-    Errors that last, such as side-slip in a turn, add up over blocks of `BLOCK_SECONDS`, where
-    independent ones average out. Blocks are forgotten within `NOISE_SECONDS`.
-    """
-
-    def __post_init__(self) -> None:
-        self._ratio, self._weight = np.full(3, PRIOR_BLOCKS), np.full(3, PRIOR_BLOCKS)
-        self._sum, self._variance, self._seconds = np.zeros(3), np.zeros(3), 0.0
-
-    @property
-    def factor(self) -> FloatArray:
-        """(3,) factors of the standard deviations ahead, to the left and of the turn, from 1."""
-        return np.asarray(np.sqrt(np.maximum(self._ratio / self._weight, 1.0)))
-
-    def update(self, difference: FloatArray, variance: FloatArray, seconds: float) -> None:
-        """Add a control of odometry less that of the camera (3,), and its declared variance."""
-        self._sum, self._variance = self._sum + difference, self._variance + variance
-        self._seconds += seconds
-        if self._seconds < BLOCK_SECONDS:
-            return
-        squared = np.square(self._sum) / np.maximum(self._variance, 1e-12)
-        decay = np.exp(-self._seconds / NOISE_SECONDS)
-        self._ratio = PRIOR_BLOCKS + decay * (self._ratio - PRIOR_BLOCKS)
-        self._weight = PRIOR_BLOCKS + decay * (self._weight - PRIOR_BLOCKS)
-        self._ratio, self._weight = self._ratio + squared.clip(0, MAX_RATIO), self._weight + 1
-        self._sum, self._variance, self._seconds = np.zeros(3), np.zeros(3), 0.0
-
-
-@dataclass
 class Planarity:
     """Standard deviations of roll, pitch and height, from the motion of the camera."""
 
@@ -224,20 +186,17 @@ class Planarity:
 def odometry_error_covariance(
     control: FloatArray, seconds: float, scale_sigma: float, bias: TurnRateBias
 ) -> FloatArray:
-    """(3, 3) covariance of a control (3,) by the systematic errors that remain, and by side-slip.
+    """(3, 3) covariance of a control (3,) by the systematic errors that remain.
 
     Taken as independent from step to step, they accumulate to those of constant errors over
-    `CONSTANT_DISTANCE`, `MAX_OUTAGE` and `SLIP_SECONDS`.
+    `CONSTANT_DISTANCE` and `MAX_OUTAGE`.
     """
-    x, y, turn = control
+    x, y, _ = control
     length = max(float(np.hypot(x, y)), 1e-9)
     by_scale, by_turn = np.array([x, y, 0.0]), np.array([-y / 2, x / 2, 1.0])
-    acceleration = length * turn / max(seconds, 1e-3) ** 2
-    slip = np.hypot(SLIP_ANGLE, SLIP_PER_ACCELERATION * acceleration) * length
     return np.asarray(
         scale_sigma**2 * max(CONSTANT_DISTANCE / length, 1.0) * np.outer(by_scale, by_scale)
         + bias.variance * seconds * max(MAX_OUTAGE, seconds) * np.outer(by_turn, by_turn)
-        + np.diag([0.0, slip**2 * max(SLIP_SECONDS / max(seconds, 1e-3), 1.0), 0.0])
     )
 
 

@@ -308,8 +308,7 @@ class Pipeline:
         with self.log.timed("adjust"):
             seconds = float(self.drive.time[number] - self.drive.time[number - 1])
             points, odometry = (before.for_motion, current.for_motion), self.map.odometry
-            acceleration = self.map.acceleration_sigma
-            return self._window.add(*points, pose, odometry, acceleration, seconds, self._cameras)
+            return self._window.add(*points, pose, odometry, seconds, self._cameras)
 
     def _predict(
         self,

@@ -3,26 +3,17 @@
 Over a window of frames a point is seen at many places of the image and at many depths; an error of
 the calibration leaves residuals there that no motion explains. The focal length is no part of it:
 over a small window it can hardly be told from the distortion.
-
-Two halves of the frames estimate the errors apart, and each is judged by the residuals of the other
-half: an error is corrected only if that makes the residuals of frames smaller that did not
-estimate it, and only as far.
 """
-
-from itertools import product
 
 import numpy as np
 
 from saccade.frames import Camera
 from saccade.types import FloatArray
 
-NAMES = ("distortion", "disparity slope", "disparity offset")
-SIGMA = (0.02, 0.3, 0.5)
+SIGMA = (0.02, 0.3)
 """Standard deviations before the first frame: of the distortion at the radius of a focal length,
-as a fraction of that; of the disparity there, in pixels: by how much the focal lengths of the two
-cameras differ; and of all disparities, in pixels."""
-MIN_GAIN = 4.0
-"""Least gain of the log likelihood of held-out residuals by which an error is corrected."""
+as a fraction of that; and of the disparity there, in pixels: by how much the focal lengths of the
+two cameras differ."""
 
 
 class SelfCalibration:
@@ -30,25 +21,24 @@ class SelfCalibration:
 
     Args:
         camera: the calibration.
-        block: number of windows after which the other half of the frames follows.
     """
 
-    def __init__(self, camera: Camera, block: int) -> None:
-        self._camera, self._block = camera, block
-        self._information = np.zeros((2, len(SIGMA), len(SIGMA)))  # of the two halves
-        self._vector = np.zeros((2, len(SIGMA)))
-        self._count = 0
-        self.error = np.zeros(len(SIGMA))
-        """(3,) errors that are corrected."""
-        self.covariance = np.diag(np.square(SIGMA))
-        """(3, 3) of what remains of the errors."""
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._information = np.diag(1 / np.square(SIGMA))
+        self._vector = np.zeros(len(SIGMA))
+
+    @property
+    def error(self) -> FloatArray:
+        """(2,) estimated errors."""
+        return np.asarray(np.linalg.solve(self._information, self._vector))
 
     def correct(self, observed: FloatArray) -> FloatArray:
         """Observations (..., 3) of pixels and inverse depths, without the estimated errors."""
         return np.asarray(observed + self.jacobian(observed) @ self.error)
 
     def jacobian(self, observed: FloatArray) -> FloatArray:
-        """(..., 3, 3) derivatives of corrected observations (..., 3) by the parameters."""
+        """(..., 3, 2) derivatives of corrected observations (..., 3) by the parameters."""
         camera = self._camera
         center = np.array([camera.cx, camera.cy])
         offset = observed[..., :2] - center
@@ -59,37 +49,9 @@ class SelfCalibration:
         if camera.baseline > 0:
             J[..., 2, 0] = observed[..., 2] * (3 * squared[..., 0] + squared[..., 1])
             J[..., 2, 1] = ray[..., 0] / (camera.fx * camera.baseline)
-            J[..., 2, 2] = 1 / (camera.fx * camera.baseline)
         return J
 
     def update(self, information: FloatArray, gradient: FloatArray) -> None:
-        """Add the normal equations (3, 3), (3,) of corrections, about the current estimate."""
-        half = self._count // self._block % 2
-        self._vector[half] += information @ self.error + gradient
-        self._information[half] += information
-        self._count += 1
-        if self._count % self._block == 0:
-            self._select()
-
-    def _select(self) -> None:
-        """Choose which errors are corrected, and how far, by the residuals of the other half."""
-        prior = np.diag(1 / np.square(SIGMA))
-        total, vector = self._information.sum(0) + prior, self._vector.sum(0)
-        best, self.error = MIN_GAIN, np.zeros(len(SIGMA))
-        for chosen in product([False, True], repeat=len(SIGMA)):
-            used = np.flatnonzero(chosen)
-            if len(used) == 0:
-                continue
-            rows = np.ix_(used, used)
-            slope = curvature = 0.0  # of the log likelihood of the other half
-            for mine in (0, 1):
-                information = self._information[mine][rows] + prior[rows]
-                error = np.linalg.solve(information, self._vector[mine][used])
-                slope += float(self._vector[1 - mine][used] @ error)
-                curvature += float(error @ self._information[1 - mine][rows] @ error)
-            fraction = min(max(slope / max(curvature, 1e-12), 0.0), 1.0)
-            gain = fraction * slope - fraction**2 * curvature / 2 - MIN_GAIN * (len(used) - 1)
-            if gain > best:
-                best, self.error = gain, np.zeros(len(SIGMA))
-                self.error[used] = fraction * np.linalg.solve(total[rows], vector[used])
-        self.covariance = np.linalg.inv(total)
+        """Add the normal equations (2, 2), (2,) of corrections, about the current estimate."""
+        self._vector = self._vector + information @ self.error + gradient
+        self._information = self._information + information

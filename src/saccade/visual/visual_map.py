@@ -18,7 +18,6 @@ from saccade.visual.egomotion import Egomotion, MotionEstimate
 from saccade.visual.ground_scale import DISTANCE_NOISE
 from saccade.visual.motion_prior import (
     MotionPrior,
-    OdometryNoise,
     OdometryScale,
     Planarity,
     TurnRateBias,
@@ -76,7 +75,6 @@ class VisualMap:
         self._turn_bias = TurnRateBias(
             variance=MIN_TURN_BIAS_SIGMA**2 + (turn_per_metre * mean_speed) ** 2
         )
-        self._noise = OdometryNoise()
         self._odometry: MotionEstimate = np.zeros(3), np.zeros((3, 3))
         self._step_seconds = 0.0
         speed_sigma, turn_rate_sigma = config.acceleration_sigma
@@ -98,8 +96,7 @@ class VisualMap:
 
     def _parts(self) -> dict[str, object]:
         learned = {"odometry_scale": self.scale, "turn_rate_bias": self._turn_bias}
-        noise = {"odometry_noise": self._noise}
-        return {"tilt": self.planarity, "prior": self._motion_prior, **learned, **noise}
+        return {"tilt": self.planarity, "prior": self._motion_prior, **learned}
 
     def turn_camera(self, turn: CameraTurn | None) -> None:
         """Set how the camera is turned in the frames from now on."""
@@ -126,8 +123,7 @@ class VisualMap:
         control = drive.control[number - 1] * (self.scale.factor, self.scale.factor, 1.0)
         control = self._turn_bias.corrected(control, seconds)
         self._step_seconds = seconds
-        factor = self._noise.factor
-        covariance = drive.control_covariance[number - 1] * np.outer(factor, factor)
+        covariance = drive.control_covariance[number - 1]
         if self._turn_sigma:  # of both frames: the camera's turn is compared with odometry's
             covariance = covariance + np.diag([0.0, 0.0, 2 * self._turn_sigma**2])
         self._odometry = control, covariance
@@ -167,36 +163,24 @@ class VisualMap:
         control = expected[0], expected[1] + systematic
         if motion is not None:
             self.planarity.update(motion.off_plane, seconds)
-            measured = motion.control, self.camera_covariance(motion, seconds)
-            self._learn_odometry(number, measured, seconds)
-            control = measured
+            tilt = self.planarity.tilt
             if adjusted is not None:
                 motion = motion._replace(control=adjusted[0], covariance=adjusted[1])
-                control = motion.control, self.camera_covariance(motion, seconds)
-            elif self.has_depth:
-                control = fuse(measured, (self._odometry[0], self._odometry[1] + systematic))
+            covariance = camera_error_covariance(motion, seconds, self._config, tilt)
+            control = motion.control, covariance
+            difference = float(self._drive.control[number - 1, 2] - motion.control[2])
+            variance = self._odometry[1][2, 2] + control[1][2, 2]
+            self._turn_bias.update(difference, seconds, float(variance))
+            if self.has_depth:
+                distance = float(np.hypot(*self._odometry[0][:2]))
+                if distance > MIN_STEP:
+                    self.scale.update(float(np.hypot(*motion.control[:2])) / distance)
+                if adjusted is None:
+                    odometry = self._odometry[0], self._odometry[1] + systematic
+                    control = fuse(control, odometry)
         elif adjusted is not None:
             control = adjusted[0], adjusted[1] + systematic
         self._move(number, control)
-
-    def camera_covariance(self, motion: Egomotion, seconds: float) -> FloatArray:
-        """(3, 3) covariance of an egomotion, with calibration errors and tilt."""
-        return camera_error_covariance(motion, seconds, self._config, self.planarity.tilt)
-
-    def _learn_odometry(self, number: int, measured: MotionEstimate, seconds: float) -> None:
-        """Update noise, turn bias and scale of odometry by a motion that does not include it."""
-        control, covariance = self._odometry
-        variance = float(covariance[2, 2] + measured[1][2, 2])
-        difference = float(self._drive.control[number - 1, 2] - measured[0][2])
-        self._turn_bias.update(difference, seconds, variance)
-        if not self.has_depth:
-            return
-        systematic = odometry_error_covariance(control, seconds, 0.0, self._turn_bias)
-        declared = self._drive.control_covariance[number - 1] + systematic + measured[1]
-        self._noise.update(control - measured[0], np.diag(declared), seconds)
-        distance = float(np.hypot(*control[:2]))
-        if distance > MIN_STEP:
-            self.scale.update(float(np.hypot(*measured[0][:2])) / distance)
 
     def predict_by_odometry(self, number: int) -> None:
         """Predict the pose of a frame after the first by odometry; its biases are estimated."""
@@ -243,12 +227,6 @@ class VisualMap:
         step = steps_between(np.stack([previous, self.ekf.pose]))[0]
         covariance = self._drive.control_covariance[number - 1] / (1 + observations) ** 2
         self._motion_prior.update(step, covariance, self._seconds(number))
-
-    @property
-    def acceleration_sigma(self) -> FloatArray:
-        """(3,) standard deviations of the change of speed, ahead and to the left, and of the turn
-        rate in a second."""
-        return self._motion_prior.acceleration_sigma
 
     @property
     def pose_covariance(self) -> FloatArray:

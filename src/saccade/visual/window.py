@@ -58,9 +58,9 @@ class SlidingWindow:
 
     def __init__(self, camera: Camera, config: VisualConfig) -> None:
         self._camera, self._config = camera, config
-        self.calibration = SelfCalibration(camera, 2 * config.window)
-        self.sensitivity = np.zeros((3, len(SIGMA)))
-        """(3, 3) derivative of the last control by the errors of the calibration."""
+        speed, turn_rate = config.acceleration_sigma
+        self._acceleration = np.array([speed, speed / 4, turn_rate, *OFF_PLANE_ACCELERATION_SIGMA])
+        self.calibration = SelfCalibration(camera)
         self.restart()
 
     def restart(self) -> None:
@@ -72,7 +72,6 @@ class SlidingWindow:
         self._observed, self._sigma = np.zeros((0, 1, 3)), np.zeros((0, 1, 3))
         self._odometry, self._seconds = np.zeros((0, 3)), np.zeros(0)
         self._information = np.zeros((0, 6, 6))
-        self._acceleration = np.ones(6)
 
     def add(
         self,
@@ -80,7 +79,6 @@ class SlidingWindow:
         current: TrackedPoints,
         motion: CameraPose,
         odometry: MotionEstimate,
-        acceleration: FloatArray,
         seconds: float,
         cameras: tuple[Camera, Camera],
     ) -> MotionEstimate:
@@ -91,7 +89,6 @@ class SlidingWindow:
             current: those of them that were tracked into this frame.
             motion: initial motion between the two.
             odometry: control and covariance of odometry.
-            acceleration: (3,) standard deviations of the change of speed and turn rate in a second.
             seconds: between the two.
             cameras: as they were turned in the two.
 
@@ -99,7 +96,6 @@ class SlidingWindow:
             The control from the last estimate of the last pose to the first of this one, so that
             it includes what this frame corrects of the past; and the covariance of the step.
         """
-        self._acceleration = np.append(acceleration, OFF_PLANE_ACCELERATION_SIGMA)
         self._observe(previous)
         last = self._rotation[-1], self._translation[-1]
         self._mount[-1] = cameras[0].rotation
@@ -204,8 +200,6 @@ class SlidingWindow:
         total = information[errors, errors] - information[errors, free] @ cross
         share = 1 / self._config.window  # an observation is in so many windows
         self.calibration.update(share * total, share * (gradient[errors] - gradient[free] @ cross))
-        J = self._step(len(self._seconds) - 1)[1][:3, -min(len(cross), 12) :]
-        self.sensitivity = J @ cross[-J.shape[1] :]
         return information[free, free]
 
     def _move(self, change: FloatArray) -> None:
