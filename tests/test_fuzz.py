@@ -38,17 +38,11 @@ COMMANDS = {
     "fixations": ("fixations", "evaluate fixations --images {0} --fixations {0}/fixations.csv"),
     "scanpaths": ("fixations", "evaluate scanpaths --images {0} --fixations {0}/fixations.csv"),
     "features": ("homography", "evaluate features --pairs {0} --detector opencv"),
-    "places": ("png", "evaluate places {0}/a.png --lap 2"),
     "trajectory": ("tum-poses", "evaluate trajectory {0}/poses.txt --truth {0}/poses.txt"),
-    "consistency": ("world", "evaluate consistency --config {0}/world.toml --runs 1 --json"),
     "gaze": (
         "gaze-run",
         "evaluate gaze -o {0} --level images --egomotion camera --world rooms --policy fixed "
         "--seeds 1 --frames 8",
-    ),
-    "selection": (
-        "selection-run",
-        "evaluate selection -o {0} --budget 4 --criterion strength --seeds 1 --frames 8",
     ),
     "world": ("world", "simulate world --config {0}/world.toml"),
     "simulate": ("drive-settings", "simulate drive --config {0}/drive.toml --frames 2"),

@@ -46,9 +46,6 @@ READS = {
     "evaluate scanpaths --images . --fixations {}": ("csv", "mat"),
     "evaluate scanpaths --images . --fixations fixations.csv --paths-config {}": ("toml",),
     "evaluate features --pairs {}": ("png",),
-    "evaluate places {} --lap 2": ("png",),
-    "evaluate selection {} --no-simulator": ("bag", "npz"),
-    "evaluate consistency --config {}": ("toml",),
     "evaluate trajectory {0} --truth {0}": ("tum",),
     "simulate world --config {}": ("toml",),
     "simulate drive --config {}": ("toml",),
@@ -57,7 +54,7 @@ READS = {
 KINDS = ("endless", "nothing", "pipe", "folder", "empty", "holes")
 WRITES = (
     *("detect a.png -o", "match a.png a.png -o", "slam log.csv -o", "convert log.csv", "demo -o"),
-    *("evaluate selection -o", "simulate world -o", "simulate drive --frames 2 -o"),
+    *("simulate world -o", "simulate drive --frames 2 -o"),
 )
 """Commands that lack what is to be made."""
 
@@ -138,8 +135,6 @@ GOOD = {
 ENDS = {
     ("serve",): ["--max-upload", "0"],
     ("demo",): ["--out", "a.png"],
-    ("evaluate", "consistency"): ["--config", "absent.toml"],
-    ("evaluate", "selection"): ["--criterion", "absent"],
     ("simulate", "world"): ["--config", "absent.toml"],
     ("simulate", "drive"): ["--config", "absent.toml"],
 }

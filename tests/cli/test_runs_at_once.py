@@ -56,7 +56,6 @@ def busy(tmp_path_factory):
         ("slam", DATA / "victoria_park.txt"),
         ("drive", "frames"),
         ("simulate", "world"),
-        ("evaluate", "selection", "--seeds", 1),
         ("evaluate", "gaze", "--seeds", 1),
         ("demo",),
     ],

@@ -381,27 +381,6 @@ def _own_map(folder: Path) -> object:
     return read_saliency_array(folder / "a.npy")
 
 
-def _one_run() -> Any:
-    from saccade.evaluation.selection_runs import RunSeries
-
-    return RunSeries("ring", 0, 8, (4,), ("strength",))
-
-
-def _run(folder: Path) -> None:
-    from saccade.evaluation.selection_runs import SCORES
-
-    path = _one_run().path(folder, 4, "strength")
-    path.parent.mkdir(parents=True)
-    row = {"drive": "simulated ring", "budget": 4, "criterion": "strength", "seed": 0}
-    path.write_text(json.dumps(row | dict.fromkeys(SCORES, 0.5)))
-
-
-def _runs(folder: Path) -> object:
-    from saccade.evaluation.selection_runs import run_series
-
-    return run_series(_one_run(), folder)
-
-
 def _gaze_run() -> Any:
     from saccade.evaluation.gaze_runs import GazeRun
 
@@ -650,7 +629,6 @@ TARGETS = {
         "gaze.csv",
         _turns,
     ),
-    "selection-run": Target(_run, str(_one_run().path(Path(), 4, "strength")), _runs),
     "served-photo": Target(_image("a.jpg", a_picture((64, 64, 3))).make, "a.jpg", _served),
     "served-wishes": _requested("/look", WISHES),
     "served-features": _requested("/features", {"photo": "", "contrast": {"map_level": 3}}),

@@ -155,20 +155,3 @@ def test_a_world_from_the_command_line_is_read_by_slam(run, tmp_path):
     truth = np.loadtxt(tmp_path / "made" / "truth.tum")
     np.testing.assert_allclose(truth[:, 1:3], made.truth.pose[:, :2], atol=1e-6)
     assert len((tmp_path / "made" / "landmarks.csv").read_text().splitlines()) == 21
-
-
-def test_consistency_from_the_command_line(run):
-    code, out, _ = run("evaluate", "consistency", "-p", "loop", "--runs", 3, "--json")
-    assert code == 0
-    found = json.loads(out)["worlds"]["loop"]
-    assert set(found) == {"invariant", "standard"}
-    assert found["invariant"]["anees"] == pytest.approx(
-        _trials(WorldConfig.loop(), "invariant", 3).anees
-    )
-    code, out, _ = run(
-        "evaluate", "consistency", "-p", "loop", "--runs", 2, "--filter", "invariant"
-    )
-    assert code == 0
-    assert "loop, invariant" in out
-    assert run("evaluate", "consistency", "-p", "moon")[0] == 2
-    assert run("evaluate", "consistency", "--filter", "unscented", "--runs", 1)[0] == 2

@@ -1,7 +1,5 @@
-"""Which points become landmarks, and how choices are compared."""
+"""Which points become landmarks."""
 
-import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from saccade import __version__, visual
-from saccade.evaluation.selection import mean_ranks, means, ratios
+from saccade import visual
 from saccade.simulation import DriveConfig, simulate_drive
 from saccade.visual import FeatureCache, VisualConfig
 from saccade.visual.config import SELECTIONS
@@ -99,57 +96,3 @@ def test_symmetry_ranks_points_at_their_own_scale():
         saliency = saliency_at(image, replace(places, size=size), config)
         assert saliency.argmax() == best
     assert not saliency_at(None, places, config).any()
-
-
-def test_choices_are_ranked_and_compared_drive_by_drive():
-    rng = np.random.default_rng(0)
-    usual = rng.uniform(1, 2, (2, 3, 1, 5))
-    table = np.concatenate([usual, 0.8 * usual, 3 * usual], 2)
-    assert mean_ranks(table, larger_is_better=False) == pytest.approx([2, 1, 3])
-    assert mean_ranks(table, larger_is_better=True) == pytest.approx([2, 3, 1])
-    assert ratios(table, 0)[:, 0] == pytest.approx([1, 0.8, 3])
-    assert ratios(table, 0)[:, 1:] == pytest.approx(np.array([[1, 1], [0.8, 0.8], [3, 3]]))
-    mean, low, high = np.moveaxis(means(table), -1, 0)
-    assert mean == pytest.approx(table.mean(3))
-    assert (low < mean).all()
-    assert (mean < high).all()
-
-
-def test_what_was_never_looked_for_comes_last_and_is_not_compared():
-    table = np.ones((1, 1, 2, 3))
-    table[0, 0, 1] = np.nan
-    assert mean_ranks(table, larger_is_better=False).tolist() == [1, 2]
-    assert np.isnan(ratios(table, 0)).all()
-    assert np.isnan(means(table)[0, 0, 1]).all()
-
-
-def test_an_evaluation_of_choices_goes_on_where_it_was(run, tmp_path):
-    words = ("evaluate", "selection", "--budget", 4, "--seeds", 1, "--frames", 8, "--out", "kept")
-    code, out, err = run(*words, "--criterion", "random", "--json")
-    assert code == 0
-    assert "wrote kept/selection.png" in err
-    kept = min((tmp_path / "kept" / "runs" / __version__).iterdir())
-    before = kept.stat().st_mtime_ns
-    code, again, _ = run(*words, "--criterion", "random", "--criterion", "strength", "--json")
-    assert kept.stat().st_mtime_ns == before
-    rows = json.loads(again)["rows"]
-    assert rows[0] == json.loads(out)["rows"][0]
-    assert [row["criterion"] for row in rows] == 2 * ["random", "strength"]
-    compared = ("--criterion", "random", "--criterion", "strength", "--reference", "random")
-    code, table, _ = run(*words, *compared, "--report", "kept/report.html")
-    assert "All drives and budgets, relative to random" in table
-    page = (tmp_path / "kept" / "report.html").read_text()
-    overall, every = (
-        json.loads(each)
-        for each in re.findall(r'<script type="application/json">(.*?)</script>', page)
-    )
-    assert {row[0] for row in overall["rows"]} == {"random", "strength"}
-    assert [row[:3] for row in every["rows"]] == [
-        [name, f"simulated {world}", "4"]
-        for world in ("ring", "room")
-        for name in ("random", "strength")
-    ]
-    for row in every["rows"]:  # the page says what the terminal does
-        assert all(cell in table for cell in row[3:])
-    assert 'src="data:image/png;base64,' in page
-    assert run(*words, "--no-simulator")[0] == 2

@@ -4,13 +4,10 @@ from inspect import getdoc
 
 import typer
 
-from saccade.cli import evaluate_consistency as consistency
 from saccade.cli import evaluate_features as features
 from saccade.cli import evaluate_fixations as fixations
 from saccade.cli import evaluate_gaze as gaze
-from saccade.cli import evaluate_places as places
 from saccade.cli import evaluate_scanpaths as scanpaths
-from saccade.cli import evaluate_selection as selection
 from saccade.cli import evaluate_trajectory as trajectory
 from saccade.cli.options import Command
 
@@ -30,10 +27,7 @@ for command, meaning, options in (
         "scanpaths --images photos --fixations fixations.csv",
     ),
     (features.features, features.MEANING, "features --pairs oxford --detector opencv"),
-    (consistency.consistency, consistency.MEANING, "consistency --preset loop --runs 20"),
-    (places.places, places.MEANING, "places hallway --lap 40"),
     (gaze.gaze, gaze.MEANING, "gaze --map known --seeds 5"),
-    (selection.selection, selection.MEANING, "selection --budget 2 --seeds 5"),
     (
         trajectory.trajectory,
         trajectory.MEANING,
