@@ -43,16 +43,16 @@ def test_the_information_is_the_entropy_that_an_update_takes_from_the_pose():
     landmarks = np.array([[2.0, 0.1], [3.0, -0.4], [4.0, 0.5]])
     slam = robot(landmarks, motion_sigma=0.3)
     made = gazer(slam)
-    view = made._view()
+    view = made._roll_out()
     ahead = int(np.argmin(np.abs(made.candidates)))
     assert view.seen[ahead].tolist() == [1, 1, 1]
-    told = made._information(view)[ahead]
+    information = made._information(view)[ahead]
     before = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
     r = np.hypot(*landmarks.T)
     R = np.stack([(RANGE_SIGMA * r) ** 2, np.full(3, BEARING_SIGMA**2)], 1)[:, None] * np.eye(2)
     slam.step(2.0, z=observe(np.zeros(3), landmarks)[0], R=R, names=np.arange(3))
     after = np.linalg.slogdet(slam.ekf.pose_covariance)[1]
-    assert_allclose(told, (before - after) / 2, rtol=1e-3)
+    assert_allclose(information, (before - after) / 2, rtol=1e-3)
 
 
 def test_a_landmark_that_is_as_uncertain_as_the_pose_tells_nothing_of_it():
@@ -61,7 +61,7 @@ def test_a_landmark_that_is_as_uncertain_as_the_pose_tells_nothing_of_it():
     R = np.diag([1e-4, 1e-5])[None]
     slam.step(2.0, z=np.array([[3.0, 0.0]]), R=R, names=np.array([0]))
     made = gazer(slam)
-    assert abs(made._information(made._view())).max() < 0.01
+    assert abs(made._information(made._roll_out())).max() < 0.01
 
 
 def test_an_uncertain_robot_looks_at_known_landmarks_and_a_certain_one_at_what_is_new():
@@ -70,13 +70,13 @@ def test_an_uncertain_robot_looks_at_known_landmarks_and_a_certain_one_at_what_i
     look_around(uncertain)
     look = uncertain.next()
     assert look.pan == pytest.approx(radians(120), abs=radians(25))
-    assert look.reason == "to landmarks that tell most of the pose"
+    assert look.reason == "informative landmarks"
     certain = gazer(robot(behind))
     for pan in np.linspace(-0.5, 2.4, 20):
         certain.observed(pan, [0, 1, 2])
     look = certain.next()
     assert look.pan < -1
-    assert look.reason == "to area that was never seen"
+    assert look.reason == "new area"
 
 
 def test_landmarks_that_were_looked_at_are_inhibited_until_they_are_forgotten():
@@ -107,11 +107,11 @@ def test_a_drift_across_the_motion_keeps_the_view_ahead():
     plan = np.tile([0.1, 0.0, 0.0], (20, 1))
     made = gazer(slam, drift=lambda pan: 1 + 15 * np.sin(pan) ** 4)
     look_around(made)
-    told = made._information(made._view())
+    information = made._information(made._roll_out())
     made.plan = plan
-    assert np.ptp(told) == 0.0
-    told = made._information(made._view())
-    assert told[np.abs(made.candidates) > 1.2].max() < told.max() - 1
+    assert np.ptp(information) == 0.0
+    information = made._information(made._roll_out())
+    assert information[np.abs(made.candidates) > 1.2].max() < information.max() - 1
     assert abs(made.next(plan).pan) < 0.5
 
 

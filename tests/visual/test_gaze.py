@@ -65,7 +65,7 @@ def test_the_next_frame_is_seen_where_the_policy_looked(tmp_path):
     turns = [frame.turn.pan for frame in seen]
     assert_allclose(turns[:2], 0, atol=0.01)
     assert_allclose(turns[-3:], 0.4, atol=0.01)
-    assert control.decisions[0].chosen.reason == "as its own policy says"
+    assert control.decisions[0].chosen.reason == "a custom policy"
     assert control.is_leaving is False
 
 
