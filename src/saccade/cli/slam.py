@@ -33,7 +33,7 @@ def slam(
         str | None,
         Option(
             help="Data association: known (identities of the log, believed), nearest, mutual, "
-            "joint (JCBB), multiple (several hypotheses), or auto: identities that agree with the "
+            "multiple (several hypotheses), or auto: identities that agree with the "
             "map, else mutual."
         ),
     ] = None,
