@@ -4,7 +4,7 @@
 
 A robot with a narrow field of view drives between six groups of two or three landmarks, with
 stretches in which it observes nothing. Rows are single runs: with the identities of the landmarks,
-and without them by a single filter and by the default, several hypotheses.
+and without them by nearest neighbors ("mutual") and by the default, "auto".
 
 - position: RMSE in metres, map: landmarks, found: different true ones, wrong: associations that are
   not of the landmark's most frequent identity, used: observations that were associated
