@@ -31,8 +31,10 @@ def sbom(session: nox.Session) -> None:
 def fuzz(session: nox.Session) -> None:
     """Break files for ten minutes, at random and as coverage guides."""
     session.install(".", "--group", "dev")
-    names = ("test_fuzz", "cli/test_invalid_arguments", "test_restricted_machines")
-    names += ("datasets/test_log_formats",)
+    names = (
+        *("test_fuzz", "cli/test_invalid_arguments"),
+        *("test_restricted_machines", "datasets/test_log_formats"),
+    )
     tests = [f"tests/{name}.py" for name in names]
     at_random = ("--hypothesis-profile", "random")
     session.run("pytest", "-q", *at_random, *tests, env={"FUZZ_EXAMPLES": "200"})

@@ -25,9 +25,11 @@ import numpy as np
 from saccade import datasets, visual
 from saccade.datasets.drives.sidecar_files import camera_truth, read_kitti_poses
 from saccade.evaluation.drives import score_drive
-from saccade.frames import Drive
+from saccade.evaluation.pose_errors import path_length
+from saccade.frames import Drive, relative_poses
 from saccade.simulation.stereo_tracks import TrackConfig, simulate_tracks
-from saccade.slam.consistency import chi_square_band
+from saccade.slam.consistency import chi_square_band, normalized_squared
+from saccade.slam.models import wrap
 from saccade.types import FloatArray, Trajectory
 
 FRAME_SECONDS = 0.1037
@@ -38,23 +40,17 @@ SEGMENTS = (25.0, 50.0, 100.0)
 
 def relative_errors(estimate: Trajectory, truth: FloatArray) -> tuple[float, float]:
     """Translation in % and rotation in degrees per 100 m, over segments of true length."""
-    travelled = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))])
+    travelled = path_length(truth[:, :2])
     values = []
     for length in SEGMENTS:
         first = np.arange(0, len(truth), 5)
         last = np.searchsorted(travelled, travelled[first] + length)
         first, last = first[last < len(truth)], last[last < len(truth)]
-        moved, true = (_between(pose[first], pose[last]) for pose in (estimate.pose, truth))
-        turn = np.angle(np.exp(1j * (moved[:, 2] - true[:, 2])))
+        moved, true = (relative_poses(pose[first], pose[last]) for pose in (estimate.pose, truth))
         distance = np.hypot(*(moved - true)[:, :2].T)
-        values.append(np.stack([100 * distance, 100 * np.degrees(np.abs(turn))], 1) / length)
+        turn = np.degrees(np.abs(wrap(moved[:, 2] - true[:, 2])))
+        values.append(100 * np.stack([distance, turn], 1) / length)
     return tuple(np.concatenate(values).mean(0))
-
-
-def _between(first: FloatArray, last: FloatArray) -> FloatArray:
-    """(k, 3) poses `last` in the frames of `first`."""
-    d, (c, s) = last - first, (np.cos(first[:, 2]), np.sin(first[:, 2]))
-    return np.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], d[:, 2]], 1)
 
 
 def variant(number: int, rng: np.random.Generator) -> TrackConfig:
@@ -130,8 +126,8 @@ def end_nees(estimate: Trajectory, truth: FloatArray) -> float:
     if estimate.covariance is None:
         return float("nan")
     error = estimate.pose[-1] - truth
-    error[2] = np.angle(np.exp(1j * error[2]))
-    return float(error @ np.linalg.solve(estimate.covariance[-1], error))
+    error[2] = wrap(error[2])
+    return float(normalized_squared(error, estimate.covariance[-1]))
 
 
 def report(rows: list[dict[str, Any]]) -> None:

@@ -15,7 +15,7 @@ import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import combinations, islice, takewhile
+from itertools import combinations, takewhile
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias, cast
 
@@ -257,9 +257,8 @@ def _shards(items: Sequence[PairItem], file_of: Mapping[str, str]) -> Iterator[M
         first, second = (file_of[name] for name in item.pair)
         blocks.setdefault((first, second), []).append(item)
     for files, block in blocks.items():
-        rest = iter(block)
-        while part := list(islice(rest, MAX_PAIRS)):
-            yield MatchShard(part, files)
+        for start in range(0, len(block), MAX_PAIRS):
+            yield MatchShard(block[start : start + MAX_PAIRS], files)
 
 
 def _current(store: Store, keys: set[Key]) -> dict[Pair, MatchedPair]:

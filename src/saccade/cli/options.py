@@ -70,9 +70,6 @@ DetectorOption = Annotated[
     Detector,
     Option("--detector", help="SIFT, points of symmetry (must), or regions of symmetry (symroid)."),
 ]
-Images = Annotated[
-    list[str], Argument(metavar="IMAGE", help="Images, folders of images, or quoted patterns.")
-]
 LogPath = Annotated[Path, Argument(metavar="LOG", help="Landmark log: a file, folder or ROS bag.")]
 SequencePath = Annotated[
     Path, Argument(metavar="SEQUENCE", help="Camera drive: a folder, video, bag or track file.")

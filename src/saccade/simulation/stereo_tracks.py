@@ -6,6 +6,7 @@ default the sizes measured on KITTI's drive 07.
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from saccade.errors import require_ranges
@@ -95,7 +96,7 @@ def simulate_tracks(
     def load(number: int) -> Frame:
         return Frame(float(truth.time[number]), tracks=frames[number])
 
-    R = _rotation(np.radians(config.rotation))
+    R = cv2.Rodrigues(np.radians(config.rotation))[0]
     return Drive(
         name=name,
         camera=replace(camera, rotation=R.T @ camera.rotation),
@@ -170,10 +171,3 @@ def _odometry(
     lever[:, 1, 2] = d / 2
     control = np.stack([d * np.cos(phi / 2), d * np.sin(phi / 2), phi], 1)
     return control, lever @ covariance @ lever.transpose(0, 2, 1)
-
-
-def _rotation(vector: FloatArray) -> FloatArray:
-    """(3, 3) rotation matrix of a small rotation vector, to second order, orthonormal."""
-    x, y, z = vector
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.linalg.solve(np.eye(3) - K / 2, np.eye(3) + K / 2))  # Cayley

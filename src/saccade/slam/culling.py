@@ -201,13 +201,14 @@ class Culling:
         """
         octaves = 4 * np.log2(np.maximum(predicted[:, 0], 1e-6))
         row = (octaves + RANGE_BINS / 2).astype(np.int64).clip(0, RANGE_BINS - 1)
-        column = ((predicted[:, 1] / (2 * np.pi) + 0.5) * BEARING_BINS).astype(np.int64)
-        hits, checks = self.bins[:, row, column % BEARING_BINS]
+        sector = ((predicted[:, 1] / (2 * np.pi) + 0.5) * BEARING_BINS).astype(np.int64)
+        column = sector % BEARING_BINS
+        hits, checks = self.bins[:, row, column]
         detected = self.last_observed[landmarks] == self.scans
         self.expected[landmarks] += hits / (checks + UNKNOWN)
         self.detected[landmarks] += detected
         known = self.is_confirmed[landmarks]
-        place = row[known], column[known] % BEARING_BINS
+        place = row[known], column[known]
         np.add.at(self.bins[0], place, detected[known])
         np.add.at(self.bins[1], place, 1.0)
 
